@@ -14,13 +14,19 @@ if TYPE_CHECKING:
 
     from lagrange import cli as cli
     from lagrange import methods as methods
+    from lagrange.dynamical import basins, bifurcation, energy_exchange, first_passage, phase_portrait, poincare
+    from lagrange.ensembles import ensemble
     from lagrange.errors import LagrangeError, RunError, SceneError, StatementError
     from lagrange.evidence.trust import TrustHorizon, trust_horizon
     from lagrange.export.registry import targets
     from lagrange.loading import load
+    from lagrange.members.varied import grid, sample
     from lagrange.racing import race
     from lagrange.recipes.model import Model
     from lagrange.run import flow, integrate
+    from lagrange.show.ensemble import Ensemble
+    from lagrange.show.figures.empty_figure import figure
+    from lagrange.show.plotting import plot
     from lagrange.show.race import Race
     from lagrange.show.solution import Solution
     from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
@@ -35,6 +41,12 @@ if TYPE_CHECKING:
 __version__ = "0.1.0"
 
 _HOMES = {
+    "lagrange.members.varied": ("grid", "sample"),
+    "lagrange.ensembles": ("ensemble",),
+    "lagrange.dynamical": (
+        *("basins", "bifurcation", "energy_exchange", "first_passage"),
+        *("phase_portrait", "poincare"),
+    ),
     "lagrange.errors": ("LagrangeError", "RunError", "SceneError", "StatementError"),
     "lagrange.evidence.trust": ("TrustHorizon", "trust_horizon"),
     "lagrange.export.registry": ("targets",),
@@ -42,6 +54,9 @@ _HOMES = {
     "lagrange.racing": ("race",),
     "lagrange.recipes.model": ("Model",),
     "lagrange.run": ("flow", "integrate"),
+    "lagrange.show.ensemble": ("Ensemble",),
+    "lagrange.show.figures.empty_figure": ("figure",),
+    "lagrange.show.plotting": ("plot",),
     "lagrange.show.race": ("Race",),
     "lagrange.show.solution": ("Solution",),
     "lagrange.statement.coordinate": ("coordinate", "coordinates", "parameters", "t"),
@@ -60,6 +75,7 @@ _HOME = {name: home for home, names in _HOMES.items() for name in names}
 
 __all__ = [
     "Claims",
+    "Ensemble",
     "Event",
     "Integrator",
     "LagrangeError",
@@ -75,20 +91,31 @@ __all__ = [
     "Trajectory",
     "TrustHorizon",
     "__version__",
+    "basins",
+    "bifurcation",
     "coordinate",
     "coordinates",
+    "energy_exchange",
+    "ensemble",
     "event",
+    "figure",
+    "first_passage",
     "flow",
     "given",
     "gravity",
+    "grid",
     "integrate",
     "kinetic_energy",
     "load",
     "methods",
     "multiplier",
     "parameters",
+    "phase_portrait",
+    "plot",
+    "poincare",
     "race",
     "rotational_energy",
+    "sample",
     "scene",
     "scenes",
     "spring",

@@ -18,7 +18,7 @@ from lagrange.mechanics.hamilton import Hamiltonian, hamiltonian
 from lagrange.mechanics.ignored import ignored
 from lagrange.mechanics.linearization import Linearization, linearized_at
 from lagrange.mechanics.linearization_check import check as check_linearization
-from lagrange.mechanics.modes import Modes, modes
+from lagrange.mechanics.modes import modes
 from lagrange.mechanics.noether import noether_quantity
 from lagrange.mechanics.point import stated_point, with_inputs_as_parameters
 from lagrange.mechanics.reduction import reduced
@@ -27,7 +27,9 @@ from lagrange.mechanics.small import small
 from lagrange.mechanics.student_equations import equations_of_text, read_equations
 from lagrange.mechanics.substitution import substituted
 from lagrange.mechanics.transformation import transformed
-from lagrange.show.eigenvalue_plot import plot_eigenvalues
+from lagrange.show.dynamics import ShownModes, shown_as
+from lagrange.show.figures.eigenvalue_figure import plot_eigenvalues
+from lagrange.show.notebook.shown_lists import ConservedList, EquilibriumList
 from lagrange.statement.given import require_values, with_values
 from lagrange.statement.statement import Statement
 
@@ -108,7 +110,7 @@ class Analysis(ABC):
     def compare_text(self, text: str) -> EquationsComparison:
         """Compare equations of motion in a text, one a line, as `compare` does; # begins a comment.
 
-        A refusal names the line and the column.
+        Raises StatementError, with the line and the column, for what cannot be read.
         """
         return compare_equations(self._known, self._known_derivation, equations_of_text(text, self._known))
 
@@ -119,14 +121,14 @@ class Analysis(ABC):
         and the Runge-Lenz vector. Each is proven as an identity and tested along the compiled motion. What is not in
         the list was not found; nothing is said of it.
         """
-        return conserved_quantities(self.compile("numpy", check=False))
+        return ConservedList(conserved_quantities(self.compile("numpy", check=False)))
 
     def noether(self, generator: Mapping[Any, Any]) -> Any:
         """Return the conserved quantity of a symmetry that moves coordinates so: {x: -y, y: x}.
 
         Keys are coordinates, their names, or t for a shift in time; values depend on coordinates, parameters and t. The
         Lagrangian may change by a total derivative. Raises StatementError, with the rate of the quantity, for what is
-        no symmetry, and where no proof is found.
+        no symmetry, and where no proof is found. Goldstein, Poole, Safko, 3rd ed., section 13.7.
         """
         return noether_quantity(self.compile("numpy", check=False), generator)
 
@@ -134,6 +136,7 @@ class Analysis(ABC):
         """Return Hamilton's form: H in momenta, Hamilton's equations, Poisson brackets, and a System that runs.
 
         Raises StatementError where momenta do not determine the velocities, and for systems with constraints.
+        Goldstein, Poole, Safko, 3rd ed., sections 8.1 and 9.5.
         """
         return hamiltonian(self._known, self.compile("numpy", check=False), self.from_statement)
 
@@ -142,6 +145,7 @@ class Analysis(ABC):
 
         Its value is that of the initial state. The `potential` is the effective one. Points that an ignored coordinate
         places are left out. Raises StatementError, with the rate of its momentum, for one that is not ignorable.
+        Goldstein, Poole, Safko, 3rd ed., section 8.3.
         """
         return self.from_statement(routhian(self._known, coordinates, self.compile("numpy", check=False)))
 
@@ -149,6 +153,7 @@ class Analysis(ABC):
         """Return the ignored coordinates and their velocities along a run of the Routhian, {symbol: (N,)}.
 
         They are integrated over the path of the run, to 1e-12 of what they go through, from the initial values here.
+        Raises StatementError for a solution of another system, and where the outputs are too far apart for 1e-12.
         """
         return ignored(self.statement, solution)
 
@@ -176,7 +181,8 @@ class Analysis(ABC):
         `at` has values of coordinates, of velocities of steady motions and of inputs, numbers or expressions in
         parameters; what it does not name is zero. `inputs` are parameters or given functions of time. With constraints
         the equations are those of independent coordinates. Away from equilibrium the matrices hold at that instant, and
-        `.note` says so. Tested against the Jacobian of the compiled model.
+        `.note` says so. Tested against the Jacobian of the compiled model. Raises StatementError for a point that is
+        off the constraints or has no derivatives. Goldstein, Poole, Safko, 3rd ed., section 6.1.
         """
         statement, at, inputs = with_inputs_as_parameters(self.statement, at, inputs)
         system = self if statement is self.statement else self.from_statement(statement)
@@ -185,13 +191,14 @@ class Analysis(ABC):
         check_linearization(found, point, model)
         return found
 
-    def modes(self, at: Mapping[Any, Any] | None = None) -> Modes:
-        """Return frequencies, shapes and stability of small oscillations about an equilibrium.
+    def modes(self, at: Mapping[Any, Any] | None = None) -> ShownModes:
+        """Return frequencies, shapes and stability of small oscillations about an equilibrium; `plot()` draws them.
 
-        They are symbolic while roots of degree two give them, else numbers at the values of the parameters. Raises
-        StatementError away from equilibrium.
+        They are symbolic while roots of degree two give them, else numbers at the values of the parameters, in radians
+        per unit of time. Raises StatementError away from equilibrium. Goldstein, Poole, Safko, 3rd ed., section 6.2.
         """
-        return modes(self.linearize(at), stated_point(self._known, at))
+        found = modes(self.linearize(at), stated_point(self._known, at))
+        return shown_as(ShownModes, found)
 
     def equilibria(self, rates: Mapping[Any, Any] | None = None) -> list[Equilibrium]:
         """Return the equilibria, each with `.coordinates`, `.stable`, `.energy` and the `.condition` for it to exist.
@@ -200,7 +207,7 @@ class Analysis(ABC):
         of the parameters. `rates` gives ignorable coordinates steady velocities, as {phi: w}: the others rest then.
         Raises StatementError where none is found, with what was tried.
         """
-        return equilibria(self._known, rates, self.compile("numpy", check=False))
+        return EquilibriumList(equilibria(self._known, rates, self.compile("numpy", check=False)))
 
     def eigenvalues(self, parameter: Any, values: ArrayLike, at: Mapping[Any, Any] | None = None) -> EigenvaluePath:
         """Return the eigenvalues about an equilibrium at values (k,) of a parameter: `.eigenvalues`, (k, 2n).
@@ -210,6 +217,11 @@ class Analysis(ABC):
         """
         return eigenvalue_path(self._known, parameter, values, at, self.compile("numpy", check=False))
 
-    def plot_eigenvalues(self, parameter: Any, values: ArrayLike, at: Mapping[Any, Any] | None = None) -> Figure:
-        """Return a figure of the eigenvalues about an equilibrium along a parameter; see `eigenvalues`."""
-        return plot_eigenvalues(self.eigenvalues(parameter, values, at))
+    def plot_eigenvalues(
+        self, parameter: Any, values: ArrayLike, at: Mapping[Any, Any] | None = None, *, style: str = "light"
+    ) -> Figure:
+        """Return a Matplotlib figure of the eigenvalues about an equilibrium along a parameter.
+
+        The arguments, and what is raised, are those of `System.eigenvalues`; `style` is "light" or "dark".
+        """
+        return plot_eigenvalues(self.eigenvalues(parameter, values, at), style)

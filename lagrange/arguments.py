@@ -5,15 +5,17 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import lagrange as lg
-from lagrange.errors import StatementError
-from lagrange.show.atomic_folder import recover
+from lagrange.errors import StatementError, suggestion
+from lagrange.show.files.atomic_folder import recover
+from lagrange.show.terminal.fitting import fitted
 
 if TYPE_CHECKING:
     from lagrange.system import System
@@ -33,12 +35,38 @@ class Answer:
     data: Any = None
 
 
+class Help(argparse.HelpFormatter):
+    """Help whose column of commands is as wide as the longest: argparse forgets that they are indented."""
+
+    def add_argument(self, action: argparse.Action) -> None:
+        """Add an argument, and with commands their indent."""
+        super().add_argument(action)
+        if action.nargs == argparse.PARSER:
+            self._action_max_length += self._indent_increment
+
+
+class Parser(argparse.ArgumentParser):
+    """A parser whose refusals suggest the word that was meant, and fit the terminal."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print how the command is used and what was wrong, and end with the code of a wrong request."""
+        self.print_usage(sys.stderr)
+        self.exit(WRONG, fitted(f"{self.prog}: error: {message.rstrip('.')}.{self._hint(message)}", sys.stderr) + "\n")
+
+    def _hint(self, message: str) -> str:
+        if match := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
+            return suggestion(match[1], re.findall(r"[\w-]+", match[2]))
+        if match := re.search(r"unrecognized arguments: (--[^\s=]+)", message):
+            return suggestion(match[1], self._option_string_actions)
+        return ""
+
+
 def add_command(commands: Any, name: str, function: Any, summary: str, *, takes_scene: bool = True) -> Any:
     """Add a command with the options that all have, and return its parser."""
     command = commands.add_parser(
-        name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False
+        name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False, formatter_class=Help
     )
-    command.set_defaults(command=function)
+    command.set_defaults(command=function, parser=command)
     if takes_scene:
         command.add_argument("scene", metavar="SCENE", help="a scene file, or a name that `lagrange scenes` lists")
     return command
@@ -51,9 +79,20 @@ def add_json(command: Any) -> None:
 
 def add_start(command: Any) -> None:
     """Add the options that say what is run: parameters, initial state and end."""
+    add_parameters(command)
+    add_initial(command)
+    command.add_argument("--t-end", metavar="T", help="time at which the run ends")
+
+
+def add_parameters(command: Any) -> None:
+    """Add the option for values of parameters, `request.set`."""
     command.add_argument(
         "--set", metavar="NAME=VALUE", action="append", default=[], help="value of a parameter, such as m=2"
     )
+
+
+def add_initial(command: Any) -> None:
+    """Add the option for initial values, `request.initial`."""
     command.add_argument(
         "--initial",
         metavar="NAME=VALUE",
@@ -61,7 +100,6 @@ def add_start(command: Any) -> None:
         default=[],
         help="initial value, such as theta=30deg or theta_dot=1",
     )
-    command.add_argument("--t-end", metavar="T", help="time at which the run ends")
 
 
 def start(request: argparse.Namespace) -> dict[str, Any]:
@@ -110,6 +148,21 @@ def assignments(option: str, given: Sequence[str]) -> dict[str, float]:
             raise StatementError(f"{option} gives {name.strip()[:80]} twice: give it once.")
         values[name.strip()] = number(f"{option} {name.strip()}", value.strip())
     return values
+
+
+def bounds(option: str, given: Sequence[str]) -> dict[str, tuple[float, float]]:
+    """Return the bounds of an option that was given as NAME=LOW:HIGH, any number of times."""
+    found: dict[str, tuple[float, float]] = {}
+    for text in given:
+        name, equals, pair = text.partition("=")
+        low, colon, high = pair.partition(":")
+        if not (name.strip() and equals and colon):
+            raise StatementError(f"{option} {text[:80]}: write NAME=LOW:HIGH, such as {option} l=0.5:2.")
+        if name.strip() in found:
+            raise StatementError(f"{option} gives {name.strip()[:80]} twice: give it once.")
+        least, most = (number(f"{option} {name.strip()}", one.strip()) for one in (low, high))
+        found[name.strip()] = (least, most)
+    return found
 
 
 def given_number(option: str, text: str | None) -> float | None:

@@ -12,9 +12,6 @@ import re
 import sys
 from collections.abc import Sequence
 from contextlib import redirect_stdout
-from pathlib import Path
-from tomllib import loads
-from typing import Any
 
 import lagrange as lg
 from lagrange.arguments import (
@@ -23,27 +20,28 @@ from lagrange.arguments import (
     INTERRUPTED,
     WRONG,
     Answer,
+    Help,
+    Parser,
     add_command,
     add_json,
-    add_start,
-    count,
     folder,
-    given_number,
     load_scene,
-    start,
 )
-from lagrange.errors import LagrangeError, StatementError, listing
+from lagrange.completion_command import add_completion
+from lagrange.ensemble_command import add_ensemble
+from lagrange.errors import LagrangeError, StatementError
 from lagrange.export_command import add_export
 from lagrange.grade_command import add_grade
 from lagrange.interruption import SENTENCE, Signalled
+from lagrange.page_command import add_page
+from lagrange.picture_command import add_pictures
 from lagrange.race_command import add_race
-from lagrange.show.atomic_file import write_atomically
-from lagrange.show.names import plain_text
-from lagrange.show.styles import FORMATS
-from lagrange.show.table import text_table
+from lagrange.run_command import add_run
+from lagrange.scenes_command import add_scenes
+from lagrange.show.files.atomic_file import write_atomically
+from lagrange.show.terminal.fitting import fitted
+from lagrange.show.terminal.languages import FORMATS
 from lagrange.streams import complain, output
-
-SCENES = Path(__file__).resolve().parent / "scenes"
 
 STARTER = """\
 # A scene: one mechanical system, stated by its energies. Run it with:  lagrange run {file}
@@ -104,7 +102,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         with redirect_stdout(io.StringIO()) as page:
             try:
-                request = parser().parse_args(argv)
+                request, unknown = parser().parse_known_args(argv)
+                if unknown:
+                    request.parser.error(f"unrecognized arguments: {' '.join(unknown)}")
             except SystemExit as stop:
                 request = None
                 code = int(stop.code or 0)
@@ -129,16 +129,18 @@ def _answer(request: argparse.Namespace) -> Answer:
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    top = argparse.ArgumentParser(
+    top = Parser(
         "lagrange",
         description="State kinetic and potential energy, get checked, compiled equations of motion and trajectories.",
         epilog="Exit codes: 0 done, 1 the run or the check failed, 2 the request was wrong, 130 "
         "interrupted, 143 terminated, 141 nobody read the output.",
         allow_abbrev=False,
+        formatter_class=Help,
     )
     top.add_argument("--version", action="version", version=f"lagrange {lg.__version__}")
     commands = top.add_subparsers(title="commands", metavar="COMMAND", required=True)
-    _add_run(commands)
+    add_run(commands)
+    add_pictures(commands)
     derive_ = add_command(
         commands, "derive", derive, "print Lagrangian, momenta, equations of motion and accelerations"
     )
@@ -152,55 +154,14 @@ def parser() -> argparse.ArgumentParser:
     add_race(commands)
     add_grade(commands)
     add_export(commands)
-    list_ = add_command(commands, "scenes", scenes, "list the library of scenes", takes_scene=False)
-    add_json(list_)
+    add_ensemble(commands)
+    add_page(commands)
+    add_scenes(commands)
     new_ = add_command(commands, "new", new, "write a commented scene file to start from", takes_scene=False)
     new_.add_argument("name", metavar="NAME", help="name of the scene; the file is NAME.toml")
     new_.add_argument("--out", metavar="DIR", default=".", help="folder to write it to (default: this one)")
+    add_completion(commands)
     return top
-
-
-def _add_run(commands: Any) -> None:
-    run_ = add_command(commands, "run", run, "compile a scene, run it and print how it went")
-    add_start(run_)
-    run_.add_argument("--method", metavar="NAME", help="integrator, such as dop853 or rk4 (default: taylor)")
-    run_.add_argument("--rtol", metavar="X", help="relative tolerance of an adaptive method")
-    run_.add_argument(
-        "--atol",
-        metavar="X",
-        help="absolute tolerance of an adaptive method; by default it follows the size of each entry",
-    )
-    run_.add_argument("--step", metavar="H", help="step of a method with fixed steps")
-    run_.add_argument("--points", metavar="N", help="output at N equally spaced times instead of at every step")
-    run_.add_argument(
-        "--out", metavar="DIR", help="folder for trajectory.csv, trajectory.png and card.json; made if need be"
-    )
-    run_.add_argument("--no-check", action="store_true", help="skip the check of the compiled equations before the run")
-    add_json(run_)
-
-
-def run(request: argparse.Namespace) -> Answer:
-    """Run a scene, write what came of it, and return its status card."""
-    begun = start(request)
-    rtol, atol, step = (given_number(f"--{key}", getattr(request, key)) for key in ("rtol", "atol", "step"))
-    points = count("--points", request.points)
-    system = load_scene(request.scene)
-    target = folder(request.out) if request.out is not None else None
-    t_end = system.statement.run.t_end if begun["t_end"] is None else begun["t_end"]
-    solution = system.run(
-        **begun,
-        method=request.method,
-        rtol=rtol,
-        atol=atol,
-        step=step,
-        t_eval=None if points is None else _times(t_end, points),
-        progress=not request.json,
-        check=not request.no_check,
-    )
-    files = solution.to_folder(target) if target is not None else []
-    code = INTERRUPTED if solution.status is lg.Status.INTERRUPTED else DONE if solution.status.complete else FAILED
-    written = f"\nwritten to {target}: {listing(path.name for path in files)}" if target is not None else ""
-    return Answer(code, repr(solution) + written, {**solution.card(), "files": [str(path) for path in files]})
 
 
 def derive(request: argparse.Namespace) -> Answer:
@@ -213,16 +174,6 @@ def check(request: argparse.Namespace) -> Answer:
     """Check a scene's compiled equations and return the report."""
     report = load_scene(request.scene).check()
     return Answer(DONE if report else FAILED, str(report), report.to_dict())
-
-
-def scenes(_: argparse.Namespace) -> Answer:
-    """Return the scenes of the library. Only the titles are read, which takes no time."""
-    found = []
-    for path in sorted(SCENES.glob("*.toml")):
-        scene = loads(path.read_text("utf-8"))
-        found.append({"name": path.stem, "about": scene.get("about", ""), "source": scene.get("source", "")})
-    table = text_table(("scene", "what it shows"), [(scene["name"], plain_text(scene["about"])) for scene in found])
-    return Answer(DONE, table, found)
 
 
 def new(request: argparse.Namespace) -> Answer:
@@ -239,12 +190,6 @@ def new(request: argparse.Namespace) -> Answer:
     return Answer(DONE, f"{path} is a pendulum for now: change it, then  lagrange run {path}")
 
 
-def _times(t_end: float, points: int) -> Any:
-    import numpy as np
-
-    return np.linspace(0.0, t_end, points)
-
-
 def _refusal(code: int, message: str) -> Answer:
     return Answer(code, message, {"error": message, "exit_code": code})
 
@@ -255,7 +200,7 @@ def _print(answer: Answer, *, as_json: bool) -> int:
             stream.reconfigure(errors="backslashreplace")
     refused = isinstance(answer.data, dict) and "error" in answer.data
     if refused:
-        complain(answer.text)
+        complain(fitted(f"lagrange: {answer.text}", sys.stderr).removeprefix("lagrange: "))
     if as_json:
         return output(json.dumps(answer.data, indent=2, allow_nan=False), answer.code)
-    return answer.code if refused else output(answer.text, answer.code)
+    return answer.code if refused else output(fitted(answer.text, sys.stdout), answer.code)

@@ -6,6 +6,8 @@
     machine     Program                      -> Kernel       numpy or machine code, behind one protocol
     model       all of these                 -> Model        numbers in, numbers out; kernels made when asked for
     evidence    Model, Statement             -> report       compiled against numerical differentiation of T and V
+    export      Model, a target              -> files        source text for other solvers, each with a self-test
+    page        Model, Derivation            -> file         a web page that computes with exported JavaScript
 
 A stage knows nothing of the stages behind it. A run goes on from here: `lagrange.run` takes a Model to a
 Solution.
@@ -17,7 +19,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.errors import StatementError
@@ -35,8 +38,17 @@ from lagrange.statement.declare import declare
 from lagrange.statement.given import require_values, with_values
 from lagrange.statement.statement import REFUSE, Statement
 
+if TYPE_CHECKING:
+    from lagrange.export.write import Exported
+
 MACHINES = {"llvm": "lagrange.machine.llvm_machine:LlvmMachine", "numpy": "lagrange.machine.numpy_machine:NumpyMachine"}
 """Every target by name. A machine is imported when it is first asked for: numpy runs where llvmlite is missing."""
+
+PAGE = "lagrange.page.write:write_page"
+"""What writes a web page, with the language that it computes in: imported when it is first asked for."""
+
+EXPORT = "lagrange.export.write:export"
+"""What writes a model for other solvers, with all languages: imported when it is first asked for."""
 
 
 @dataclass(frozen=True)
@@ -123,11 +135,28 @@ def compile_model(statement: Statement, equations: Equations, target: str = "llv
 def machine(target: str) -> Machine:
     """Return the machine of a target. Raises StatementError for an unknown one, or one that is not installed."""
     one_of(target, MACHINES, "there is no target {given}; the targets are {known}.")
-    module, _, name = MACHINES[target].partition(":")
     try:
-        made: Machine = getattr(import_module(module), name)()
+        made: Machine = _loaded(MACHINES[target])()
     except ImportError as error:
         raise StatementError(
             f"target {target!r} needs a package that is missing ({error}): use target='numpy'."
         ) from error
     return made
+
+
+def export(model: Model, *given: Any) -> Exported:
+    """Write a model as source files of a target; what is given is that of `lagrange.export.write.export`."""
+    written: Exported = _loaded(EXPORT)(model, *given)
+    return written
+
+
+def page(model: Model, *given: Any) -> Path:
+    """Write the web page of a model; what is given is that of `lagrange.page.write.write_page`."""
+    written: Path = _loaded(PAGE)(model, *given)
+    return written
+
+
+def _loaded(place: str) -> Any:
+    """Return what a module has under a name, from "module:name"."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)

@@ -10,8 +10,8 @@ from numpy.typing import ArrayLike
 
 from lagrange.evidence.stiffness import with_stiff_end
 from lagrange.machine.model import Model
-from lagrange.show.progress import progress_bar
 from lagrange.show.solution import Solution
+from lagrange.show.terminal.progress import progress_bar
 from lagrange.statement.number import flag
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate as trajectory_of

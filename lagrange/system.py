@@ -8,29 +8,36 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
 from lagrange.analysis import Analysis
-from lagrange.compiler import compile_model, equations_of, machine, model_of, state
+from lagrange.compiler import compile_model, equations_of, export, machine, model_of, page, state
 from lagrange.errors import StatementError, listing, shown
 from lagrange.evidence.check import check
 from lagrange.evidence.independent import solved_statement
 from lagrange.evidence.report import Report
-from lagrange.export.write import Exported, export
 from lagrange.recipes.model import Model
 from lagrange.run import integrate_since
-from lagrange.show.derivation import ShownDerivation, equations_latex, render, written_derivation
-from lagrange.show.progress import compiling
+from lagrange.show.notation.sections import ShownQuantity
+from lagrange.show.notebook.explore_widgets import explore
+from lagrange.show.notebook.shown_derivation import ShownDerivation, ShownPage, shown_page, written_derivation
+from lagrange.show.notebook.shown_lists import EquationList, ExpressionDict, SceneList
+from lagrange.show.notebook.slider_ranges import slider_ranges
+from lagrange.show.notebook.system_page import system_page
 from lagrange.show.solution import Solution
-from lagrange.show.styles import terminal_style
+from lagrange.show.terminal.progress import compiling
 from lagrange.statement import scene as scene_files
+from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.number import flag, real_number
 from lagrange.statement.statement import RunSettings, Statement
 from lagrange.trajectory.constraints.consistent import Consistent, consistent
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import RunOptions
+
+if TYPE_CHECKING:
+    from lagrange.export.write import Exported
 
 
 class System(Analysis):
@@ -66,7 +73,8 @@ class System(Analysis):
         `constraints` are expressions that stay zero, or Eq, in a list or by name; those free of velocities are
         holonomic. With `redundant="allow"` some may follow from others, and share their forces.
         `parameters` maps symbols or names to default values, `initial` coordinates and velocities to numbers; what is
-        not named starts at 0. `positions` names points (x, y) or (x, y, z) to draw, `links` pairs of them.
+        not named starts at 0. `positions` names points (x, y) or (x, y, z) to draw, `links` pairs of them, or
+        triples such as ("origin", "bob", "spring").
         `dimensions` maps symbols or names to dimensions or units, {m: "mass", l: "m"}: every term is then checked, and
         axes have units where units were given.
         """
@@ -96,7 +104,7 @@ class System(Analysis):
 
     @classmethod
     def from_statement(cls, statement: Statement) -> System:
-        """Return the system of a checked statement."""
+        """Return the system of a checked statement, the `.statement` of another; else StatementError is raised."""
         if not isinstance(statement, Statement):
             raise StatementError(f"{shown(statement)} is no statement: give the .statement of a system.")
         system = cls.__new__(cls)
@@ -114,8 +122,8 @@ class System(Analysis):
     def __repr__(self) -> str:
         return f"<System {self.statement.name}: {', '.join(self.statement.names)}>"
 
-    def _repr_latex_(self) -> str:
-        return equations_latex(self.derivation())
+    def _repr_markdown_(self) -> str:
+        return system_page(self.derivation(), self.structure)
 
     @property
     def name(self) -> str:
@@ -148,25 +156,32 @@ class System(Analysis):
     def _derivation(self) -> ShownDerivation:
         return written_derivation(self.statement)
 
-    def page(self, style: str | None = None) -> str:
+    def page(self, style: str | None = None) -> ShownPage:
         """Return the derivation as `lagrange derive` prints it: "text", "unicode", "latex", "markdown" or "html".
 
         Without a style it is Unicode where standard output is a terminal that has it, else text, plain ASCII in the
-        spelling of scene files.
+        spelling of scene files. A notebook sets its formulas; a text or LaTeX that was asked for it shows as it is.
+        Raises StatementError for another style.
         """
-        return render(self.derivation(), terminal_style() if style is None else style, self.structure)
+        return shown_page(self.derivation(), style, self.structure)
 
     def equations(self) -> list[Any]:
-        """Return the Euler-Lagrange equations, a list of SymPy Eq, one per coordinate, as in a textbook.
+        """Return the Euler-Lagrange equations, a list of n SymPy Eq, one per coordinate, as in a textbook.
 
+        Goldstein, Poole, Safko, Classical Mechanics, 3rd ed., sections 1.4 and 1.5, with constraints section 2.4.
         The forces of constraints stand on the right, with their multipliers `lagrange.multiplier(name)`. The
         constraints themselves are `derivation().constraints`.
         """
-        return list(self._derivation.equations)
+        return EquationList(self._derivation.equations, self.statement)
 
     def accelerations(self) -> dict[Any, Any]:
-        """Return the accelerations, {coordinate: SymPy expression}; the multipliers are solved for and gone."""
-        return dict(self._derivation.accelerations)
+        """Return the accelerations, {coordinate: SymPy expression}; the multipliers are solved for and gone.
+
+        Raises StatementError for a singular mass matrix, and where the formulas would be too long to print; the
+        compiled model has no such bound.
+        """
+        second = {q: acceleration_of(q) for q in self.coordinates}
+        return ExpressionDict(self._derivation.accelerations, self.statement, second)
 
     @property
     def constraint_forces(self) -> dict[str, dict[Any, Any]]:
@@ -185,7 +200,8 @@ class System(Analysis):
     @property
     def momenta(self) -> dict[Any, Any]:
         """The conjugate momenta dL/dv, {coordinate: SymPy expression}."""
-        return dict(self._derivation.momenta)
+        letters = {q: ShownQuantity("p", (name_of(q),)) for q in self.coordinates}
+        return ExpressionDict(self._derivation.momenta, self.statement, letters)
 
     @property
     def mass_matrix(self) -> Any:
@@ -201,7 +217,7 @@ class System(Analysis):
         """Compile for a target, "llvm" or "numpy"; the model is kept for the next call.
 
         A quick check of the compiled accelerations against numerical differentiation of T and V runs unless `check`
-        is false. Raises RunError if it fails.
+        is false. Raises RunError if it fails, StatementError for another target and one whose package is missing.
         """
         if not isinstance(target, str) or target not in self._models:
             self._models[target] = compile_model(self.statement, self.laws, target, check=flag(check, "check"))
@@ -229,7 +245,8 @@ class System(Analysis):
     ) -> Solution:
         """Compile, run from `t_start` to `t_end`, and return the Solution; see `lagrange.integrate` for the options.
 
-        What is not given comes from the scene, where there is one.
+        Times are in the units of the statement. What is not given comes from the scene, where there is one. Raises
+        StatementError for a request that cannot be meant; what happens along the way is in the Solution.
         """
         began, scene = time.perf_counter(), self.statement.run
         end = scene.t_end if t_end is None else real_number(t_end, "t_end, the time at which the run ends,")
@@ -250,6 +267,27 @@ class System(Analysis):
             progress=progress,
         )
 
+    def explore(
+        self,
+        ranges: Mapping[Any, Any] | None = None,
+        *,
+        t_end: float | None = None,
+        method: Any = None,
+        play: bool = True,
+        style: str = "light",
+        **sliders: Any,
+    ) -> Any:
+        """Return sliders for parameters and initial values in a notebook, over a picture that follows them.
+
+        `explore(l=(0.1, 2), theta=(0, 3))` has a slider for the parameter l and one for the value of theta at t = 0;
+        `ranges` are those by symbol, {theta.dot: (-1, 1)}. The picture has the named positions, or the coordinates
+        where none are stated, beside the energy, from t = 0 to `t_end`; `play` moves through it. A run that fails, or
+        takes longer than a second, says so below. Needs ipywidgets, which the extra `notebook` has.
+        Raises StatementError for a slider of what is no parameter, coordinate or velocity, and without ipywidgets.
+        """
+        chosen = slider_ranges(self.statement, ranges, sliders)
+        return explore(self.statement, chosen, self.run, t_end=t_end, method=method, play=play, style=style)
+
     def export(
         self,
         target: str,
@@ -261,14 +299,32 @@ class System(Analysis):
     ) -> Exported:
         """Write the model as source files of a target into a folder, with a self-test; `lagrange.targets()` lists them.
 
-        `contents` are names of quantities ("rhs", "accelerations", "energy", "jacobian", "mass_matrix", "momenta",
-        "multipliers", "events"), of explicit methods ("rk4": a step, "dop853": a run with error control), "main" (a
-        program that runs the initial state and writes CSV) and, for some targets, "taylor"; the default is rhs and
-        energy. `events` are expressions as for a run. `parameters` overlay the default values, which stand in the file.
+        `contents` are names of quantities ("rhs", "accelerations", "energy", "energies", "jacobian", "mass_matrix",
+        "momenta", "multipliers", "positions", "events"), of explicit methods ("rk4": a step, "dop853": a run with error
+        control), "main" (a program that runs the initial state and writes CSV) and, for some targets, "taylor"; the
+        default is rhs and energy. `events` are expressions as for a run. `parameters` overlay the default values, which
+        stand in the file.
         The result has `.files`, and `.commands` that build and run the self-test in that folder. All files are written
         or none. Raises StatementError for what a target cannot express, and for a parameter without a value.
         """
         return export(self.compile("numpy", check=False), target, path, contents, events, parameters)
+
+    def to_page(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        parameters: Mapping[Any, Any] | None = None,
+        initial: Mapping[Any, Any] | None = None,
+        sliders: Mapping[Any, Any] | None = None,
+    ) -> Path:
+        """Write a web page on which the system moves: one HTML file that needs nothing else. Returns its path.
+
+        It computes in JavaScript, with the exported right-hand side and dop853. `parameters` and `initial` overlay the
+        stated values. Every parameter and initial value has a slider; `sliders` maps those that shall stand first to
+        their bounds, {l: (0.5, 2), theta.dot: (-3, 3)}. Raises StatementError for what has no slider, for functions
+        that JavaScript has not, and for a path that cannot be written.
+        """
+        return page(self.compile("numpy", check=False), self.derivation(), path, parameters, initial, sliders)
 
     def consistent(
         self,
@@ -290,7 +346,8 @@ class System(Analysis):
         """Compare everything compiled with numerical differentiation of the stated energies, and return a report.
 
         It also compares with the textbook derivation and with the other machine. The report prints as a table and is
-        truthy when everything holds.
+        truthy when everything holds. `points` is the number of random states, which follow from `seed`. Raises
+        StatementError for numbers that are none and for another target.
         """
         model = self.compile(target, check=False)
         statement = solved_statement(model)
@@ -319,13 +376,17 @@ def _is_name(method: Any) -> bool:
 
 
 def scene(name: str) -> System:
-    """Return a system of the scene library; `lagrange.scenes()` lists the names."""
+    """Return a system of the scene library; `lagrange.scenes()` lists the names.
+
+    Raises StatementError for a name that is not there, with those that are.
+    """
     return System.from_statement(scene_files.load(name))
 
 
 def scenes() -> list[str]:
     """Return the names of the scene library."""
-    return [entry.name for entry in scene_files.library()]
+    entries = scene_files.library()
+    return SceneList((entry.name for entry in entries), (entry.about for entry in entries))
 
 
 __all__ = ["RunSettings", "System", "scene", "scenes"]

@@ -32,6 +32,7 @@ def test_right_and_wrong_equations(tmp_path: Path, capsys: pytest.CaptureFixture
     ("text", "message"),
     [
         ("theta_ddot + c\n", "line 1 contains 'c', which this system does not have"),
+        ("# nothing\n", "there is no equation: write one a line"),
         (b"\xff\xfe", "the file is no text in UTF-8."),
         ("x" * 1_000_001, "the file has more than 1000000 bytes, the most for equations."),
     ],
@@ -40,9 +41,14 @@ def test_what_cannot_be_read_is_a_wrong_request(
     text: str | bytes, message: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert graded(tmp_path, text) == 2
-    assert message in capsys.readouterr().err
+    assert f"{tmp_path / 'answer.txt'}: {message}" in " ".join(capsys.readouterr().err.split())
 
 
 def test_a_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["grade", "pendulum", "nowhere.txt"]) == 2
     assert "nowhere.txt: there is no such file. Give a text file" in capsys.readouterr().err
+
+
+def test_a_folder_of_answers_is_no_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["grade", "pendulum", str(tmp_path)]) == 2
+    assert f"{tmp_path}: this is a folder. Give one of its files" in capsys.readouterr().err

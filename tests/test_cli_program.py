@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 import lagrange as lg
-from lagrange import cli
+from lagrange import scenes_command
 
 SCENE = """\
 name = "drop"
@@ -147,4 +147,4 @@ def test_a_signal_keeps_the_partial_result(tmp_path: Path, number: signal.Signal
 
 
 def test_the_library_is_where_it_is_read_from() -> None:
-    assert cli.SCENES.is_dir()
+    assert scenes_command.SCENES.is_dir()

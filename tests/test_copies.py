@@ -54,6 +54,7 @@ EXAMPLES: dict[str, Callable[[], Any]] = {
     "Claims": lambda: lg.Claims(order=3, adaptive=True),
     "Event": bounce,
     "LagrangeError": lambda: lg.LagrangeError("what happened"),
+    "Ensemble": lambda: lg.ensemble(pendulum(), 0.1, {theta: [1.0, 2.0]}),
     "Model": lambda: pendulum().compile(),
     "Problem": problem,
     "Race": a_race,

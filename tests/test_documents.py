@@ -5,17 +5,24 @@ from __future__ import annotations
 import ast
 import re
 import runpy
+import shlex
+import tomllib
 from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 
+import lagrange as lg
+from lagrange import cli
 from lagrange.trajectory.methods import registry
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 FENCE = re.compile(r"^```(\w+)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-LINK = re.compile(r"!?\[[^\]]*\]\(([^)#\s]+)[^)]*\)")
+LINK = re.compile(r"!?\[[^\]]*\]\(([^)\s]+)\)")
+CODE = re.compile(r"^```.*?^```$|`[^`\n]*`", re.MULTILINE | re.DOTALL)
+HEADING = re.compile(r"^#+ (.*)$", re.MULTILINE)
+ADDRESS = re.compile(r"https?://[a-z0-9.-]+\.[a-z]{2,}(/\S*)?")
 NAMED = re.compile(r"`((?:lagrange|tests|examples|docs)/[\w./-]+)`")
 
 
@@ -24,12 +31,42 @@ OPTIONAL = (*RECIPES, "fmpy")
 """Packages that a page may import and that need not be installed; each of the first has a page of its own."""
 
 
+def blocks(page: Path, language: str) -> list[str]:
+    """The blocks of code in a language on a page."""
+    return [body for kind, body in FENCE.findall(page.read_text("utf-8")) if kind == language]
+
+
 def snippets() -> list[tuple[str, str]]:
-    """The Python blocks that stand alone, because they import what they use."""
-    blocks = (
-        (page, body) for page in PAGES for kind, body in FENCE.findall(page.read_text("utf-8")) if kind == "python"
-    )
-    return [(page.relative_to(ROOT).as_posix(), body) for page, body in blocks if "import lagrange" in body]
+    """The Python of all pages: a block that imports the package, with those behind it that go on from it."""
+    found: list[tuple[str, str]] = []
+    for page in PAGES:
+        name = page.relative_to(ROOT).as_posix()
+        for body in blocks(page, "python"):
+            if re.search(r"^(import|from) lagrange", body, re.MULTILINE) or not found or found[-1][0] != name:
+                found.append((name, body))
+            else:
+                found[-1] = name, f"{found[-1][1]}\n{body}"
+    return found
+
+
+def anchors(page: Path) -> list[str]:
+    """What the headings of a page can be linked by, on the site and where the file is shown."""
+    titles = HEADING.findall(re.sub(r"^```.*?^```$", "", page.read_text("utf-8"), flags=re.MULTILINE | re.DOTALL))
+    return [re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles]
+
+
+def nowhere(page: Path, text: str) -> list[str]:
+    """Return the links in the text of a page that lead nowhere; an address on the web needs a good form only."""
+    wrong = []
+    for target in LINK.findall(CODE.sub("", text)):
+        path, _, anchor = target.partition("#")
+        there = page.parent / path if path else page
+        if "://" in target:
+            good = bool(ADDRESS.fullmatch(target))
+        else:
+            good = there.exists() and (not anchor or (there.suffix == ".md" and anchor in anchors(there)))
+        wrong += [] if good else [target]
+    return wrong
 
 
 def missing(body: str) -> list[str]:
@@ -61,16 +98,38 @@ def test_the_python_on_the_page_runs(body: str, tmp_path: Path, monkeypatch: pyt
     if lacking := missing(body):
         pytest.skip(f"not installed: {', '.join(lacking)}")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path / "model")  # where pages export to, and import from
     monkeypatch.setattr(registry, "_registered", {})  # what a page registers is not there for the next
     script = tmp_path / "snippet.py"
     script.write_text(body, encoding="utf-8")
     runpy.run_path(str(script))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CHANGELOG.md"], ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_every_link_leads_somewhere(page: Path) -> None:
-    targets = [target for target in LINK.findall(page.read_text("utf-8")) if "://" not in target]
-    assert [target for target in targets if not (page.parent / target).exists()] == []
+    assert nowhere(page, page.read_text("utf-8")) == []
+
+
+def test_a_link_that_leads_nowhere_is_seen() -> None:
+    page = ROOT / "docs" / "tour.md"
+    good = "[a](theory.md) [b](theory.md#2-the-laws) [c](#read) [d](https://www.sympy.org/en/)"
+    bad = ["no.md", "theory.md#no", "#no", "https://nothing", "http:/www.sympy.org"]
+    assert nowhere(page, good + "`[e](no.md)`") == []
+    assert nowhere(page, good + " ".join(f"[x]({target})" for target in bad)) == bad
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_the_files_and_commands_on_the_page_are_read(page: Path, tmp_path: Path) -> None:
+    for body in blocks(page, "toml"):
+        if "kinetic" in tomllib.loads(body):
+            scene = tmp_path / "scene.toml"
+            scene.write_text(body, encoding="utf-8")
+            assert lg.System.from_scene(scene).coordinates
+    lines = [line.strip() for body in blocks(page, "sh") for line in body.splitlines()]
+    for line in lines:
+        if line.startswith("lagrange ") and "$" not in line:
+            words = shlex.split(line.partition(" > ")[0].partition(" && ")[0], comments=True)
+            assert callable(cli.parser().parse_args(words[1:]).command)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
@@ -78,7 +137,27 @@ def test_every_file_that_is_named_exists(page: Path) -> None:
     assert [name for name in NAMED.findall(page.read_text("utf-8")) if not (ROOT / name).exists()] == []
 
 
+def test_the_numbers_in_the_readme_are_those_of_the_benchmarks() -> None:
+    rows = [line for line in (ROOT / "README.md").read_text("utf-8").splitlines() if "](docs/benchmarks/" in line[:200]]
+    compared = [row.split("|")[2:4] for row in rows if row.startswith("| ")]
+    assert len(compared) >= 6
+    for ours, others in compared:
+        (page,) = LINK.findall(others)
+        measured = set(re.findall(r"[\d.]+(?:e-\d+)?", (ROOT / page).read_text("utf-8")))
+        said = re.findall(
+            r"\d[\d.]*(?:e-\d+)?(?= |,|$)", f"{ours.strip()} {others.partition('; [')[0]}".replace(":", "")
+        )
+        assert set(said) - measured == set(), page
+
+
 @pytest.mark.parametrize("words", ["-m pytest", "lagrange run"])
 def test_the_readme_has_each_command_once(words: str) -> None:
     lines = (ROOT / "README.md").read_text("utf-8").splitlines()
     assert len([line for line in lines if line.startswith("python3 -m venv ") and words in line]) == 1
+
+
+def test_the_readme_names_all_commands(capsys: pytest.CaptureFixture[str]) -> None:
+    assert cli.main(["--help"]) == 0
+    offered = re.findall(r"^    ([a-z]+)  ", capsys.readouterr().out, re.MULTILINE)
+    sentence = next(part for part in (ROOT / "README.md").read_text("utf-8").split("\n\n") if "other commands" in part)
+    assert sorted(offered) == sorted(["run", *re.findall(r"`(?:lagrange )?([a-z]+)`", sentence)])

@@ -124,11 +124,11 @@ def test_orbits_of_the_section_are_those_of_another_solver() -> None:
     def passing(_: float, s: NDArray[np.float64]) -> float:
         return float(s[0])
 
-    start = [0.0, y, poincare_section.speed_through(y, y_dot), y_dot]
+    start = [0.0, y, math.sqrt(2 * poincare_section.ENERGY - y**2 + 2 * y**3 / 3 - y_dot**2), y_dot]
     solved = solve_ivp(rhs, (0.0, 80.0), start, "DOP853", events=passing, rtol=1e-12, atol=1e-14)
     assert solved.y_events is not None
     theirs = np.array([state for state in solved.y_events[0][1:] if state[2] > 0])
-    ours = poincare_section.section(poincare_section.star().compile(), y, y_dot, len(theirs))
+    ours = poincare_section.section(poincare_section.star(), [(y, y_dot)], len(theirs)).points
     assert len(theirs) >= 10
     # SciPy's dense output is of order 7: its states between steps are good to 1e-9 or so.
     assert ours == pytest.approx(theirs, abs=1e-8)

@@ -137,6 +137,23 @@ def speaks_of_its_making(file: str, source: str) -> Iterator[str]:
             yield f"{file}:{number} {line.strip()[:70]}"
 
 
+# --- figures --------------------------------------------------------------------------------------------------
+
+MAKES_FIGURES = "lagrange/show/figures/shown_figure.py"
+"""The one file that makes Matplotlib's figures: of a class that notebooks show by itself."""
+
+
+def makes_figures(file: str, source: str) -> Iterator[str]:
+    """Figures of Matplotlib's own class, which a notebook shows as a text unless a backend is set."""
+    for function in functions(parsed(source)) if file != MAKES_FIGURES and "matplotlib" in source else ():
+        for node in nodes(function):
+            match node:
+                case ast.ImportFrom(module="matplotlib.figure" | "matplotlib.pyplot" as module):
+                    yield f"{file}:{node.lineno} imports {module}: call new_figure() of {MAKES_FIGURES}"
+                case ast.Import(names=[ast.alias(name="matplotlib.figure" | "matplotlib.pyplot" as module)]):
+                    yield f"{file}:{node.lineno} imports {module}: call new_figure() of {MAKES_FIGURES}"
+
+
 # --- determinism ----------------------------------------------------------------------------------------------
 
 GENERATORS = ("lagrange/graph/", "lagrange/equations/", "lagrange/program/", "lagrange/machine/")
@@ -246,7 +263,9 @@ def test_there_is_something_to_look_at() -> None:
     assert "README.md" in PAGES
 
 
-@pytest.mark.parametrize("rule", [too_long, runs_text, silences, undocumented], ids=lambda rule: rule.__name__)
+@pytest.mark.parametrize(
+    "rule", [too_long, runs_text, silences, undocumented, makes_figures], ids=lambda rule: rule.__name__
+)
 def test_the_package_keeps(rule: Rule) -> None:
     assert complaints(rule, PACKAGE) == []
 
@@ -302,6 +321,8 @@ BROKEN: list[tuple[Rule, str]] = [
     (undocumented, '"""Text."""\ndef f(): return 1'),
     (undocumented, '"""Text."""\nclass Node: pass'),
     (undocumented, '"""Text."""\nclass ButcherTableau:\n    """Butcher tableau."""'),
+    (makes_figures, "def f():\n    from matplotlib.figure import Figure"),
+    (makes_figures, "def f():\n    import matplotlib.pyplot as plt"),
     (speaks_of_its_making, "see issue " + "#12"),
     (speaks_of_its_making, "in .." + "/shared/design.md"),
     (iterates_sets, "for x in {1, 2}: f(x)"),
@@ -326,6 +347,8 @@ SOUND: list[tuple[Rule, str]] = [
     (silences, "x = 'type: ignore'  # why it is so\n"),
     (silences, "try:\n    f()\nexcept ValueError as error:\n    g(error)\n"),
     (undocumented, '"""Text."""\ndef _f(): return 1'),
+    (makes_figures, "if TYPE_CHECKING:\n    from matplotlib.figure import Figure"),
+    (makes_figures, "def f():\n    from matplotlib.ticker import Formatter"),
     (speaks_of_its_making, "the tissue of a session"),
     (iterates_sets, "for x in sorted({2, 1}): f(x)"),
     (iterates_sets, "s = {1}\nif x in s: f(x)"),

@@ -135,7 +135,7 @@ except KeyboardInterrupt:
 
 def test_a_second_signal_waits_for_files_that_are_being_exchanged(tmp_path: Path) -> None:
     source = """
-from lagrange.show.temporary import uninterrupted
+from lagrange.show.files.temporary import uninterrupted
 try:
     with uninterrupted():
         print("ready", flush=True)

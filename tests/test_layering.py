@@ -24,8 +24,11 @@ STAGES = (
     "trajectory",
     "evidence",
     "mechanics",
+    "members",
+    "dynamics",
     "show",
     "export",
+    "page",
     "recipes",
 )
 TOP = len(STAGES)

@@ -30,6 +30,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "machine records": (),
     "machine/llvm": ("machine records",),
     "machine/kernel": ("machine records", "machine/llvm"),
+    "machine/members": ("machine/llvm",),
     "machine/dense": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/events": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/steps": ("machine records", "machine/llvm", "machine/kernel"),

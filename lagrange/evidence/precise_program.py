@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Sequence
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
-from mpmath import MPContext
-
+from lagrange.graph.evaluate import FUNCTIONS, precise
 from lagrange.program.program import Instruction, Program
 
 Numbers = list[Any]
@@ -20,12 +20,7 @@ class NoValue(ArithmeticError):
 VANISHING = 1e-16
 """A pivot below this part of the largest entry is eliminated with pivoting: of 40 digits, 24 are left at least."""
 
-
-@cache
-def _context(digits: int) -> Any:
-    context = MPContext()
-    context.dps = digits
-    return context
+_context = cache(precise)
 
 
 def evaluate(program: Program, t: float, y: Sequence[float], parameters: Sequence[float], digits: int = 40) -> Numbers:
@@ -113,24 +108,20 @@ class _Evaluation:
 
 @cache
 def _operations(context: Any) -> dict[str, Callable[..., Any]]:
-    """Return every operation of a program on numbers of a context."""
-    named = "sqrt sin cos tan asin acos atan exp log sinh cosh tanh asinh acosh atanh erf sign atan2 power"
+    """Return every operation of a program on numbers of a context.
+
+    The functions are those of the graph, which are mpmath's. Evidence that is independent of graph and program is in
+    `lagrange.evidence.precise`, which evaluates what was stated.
+    """
     return {
-        **{name: getattr(context, name) for name in named.split()},
-        "neg": lambda a: -a,
-        "add": lambda a, b: a + b,
-        "sub": lambda a, b: a - b,
-        "mul": lambda a, b: a * b,
-        "div": lambda a, b: a / b,
+        **{name: partial(function, context) for name, function in FUNCTIONS.items()},
+        "sqrt": context.sqrt,
+        "power": context.power,
+        "neg": operator.neg,
+        "add": operator.add,
+        "sub": operator.sub,
+        "mul": operator.mul,
+        "div": operator.truediv,
         "fma": lambda a, b, c: a * b + c,
-        "abs": abs,
-        "min": min,
-        "max": max,
-        "less": lambda a, b: a < b,
-        "less_equal": lambda a, b: a <= b,
-        "equal": lambda a, b: a == b,
-        "and": lambda a, b: a and b,
-        "or": lambda a, b: a or b,
-        "not": lambda a: not a,
         "select": lambda c, a, b: a if c else b,
     }

@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from lagrange.statement.notebook_page import ShownAsPage
+
 
 @dataclass(frozen=True)
 class ReportRow:
@@ -35,8 +37,8 @@ class ReportRow:
 HEADINGS = ("quantity", "worst error", "entry", "at point", "points", "verdict")
 
 
-@dataclass(frozen=True)
-class Report:
+@dataclass(frozen=True, repr=False)
+class Report(ShownAsPage):
     """The result of `system.check()`: true when everything holds.
 
     `rows` has one row per quantity; `points` describes the points used; `outside` counts, by reason, the points that
@@ -87,22 +89,27 @@ class Report:
         padded = [[cell.ljust(width) for cell, width in zip(line, widths, strict=True)] for line in table]
         lines = ["  ".join(line).rstrip() for line in padded]
         lines.insert(1, "-" * len(max(lines, key=len)))
-        return "\n".join([self._title(), "", *lines, "", *self._remarks()])
+        return "\n".join([self.title(), "", *lines, "", *self.remarks()])
+
+    def __repr__(self) -> str:
+        return str(self)
 
     def __rich__(self) -> Any:
         from rich.console import Group
         from rich.table import Table
 
-        table = Table(*HEADINGS, title=self._title(), title_justify="left")
+        table = Table(*HEADINGS, title=self.title(), title_justify="left")
         for row in self.rows:
             table.add_row(*row.cells(), style=None if row.holds else "bold red")
-        return Group(table, *self._remarks())
+        return Group(table, *self.remarks())
 
-    def _title(self) -> str:
+    def title(self) -> str:
+        """Return what was checked, on which machine, at how many points."""
         used = f"{len(self.points)} point" + "s" * (len(self.points) != 1)
         return f"check of {self.system} ({self.target}): {used}"
 
-    def _remarks(self) -> Sequence[str]:
+    def remarks(self) -> Sequence[str]:
+        """Return the verdict, and behind it what failed, what was put aside, and the notes."""
         verdict = "Everything holds." if self else f"{len(self.failures)} found wrong:"
         aside = f"Points put aside, being outside the domain: {self._reasons()}."
         put_aside = [aside] if self.outside and self.points else []

@@ -45,6 +45,9 @@ class Stability:
     real: float
     imaginary: float
 
+    def __repr__(self) -> str:
+        return f"<Stability: to {self.real:.6g} on the negative real, {self.imaginary:.6g} on the imaginary axis>"
+
 
 class _Map:
     """The vectors of a step as linear maps of its initial state: arrays (Z, n, m) for Z systems at once.
@@ -152,7 +155,10 @@ def growth(method: Any, z: ArrayLike) -> FloatArray:
 
 
 def stability(method: Any) -> Stability:
-    """Return how far along the negative real and the imaginary axis the step of a method is stable; see `growth`."""
+    """Return how far along the negative real and the imaginary axis the step of a method is stable; see `growth`.
+
+    Raises StatementError for a method without a step of its own, such as SciPy's.
+    """
     step = method if isinstance(method, StepProgram) else step_of(method)
     real = np.nan if step.law == "accelerations" else _extent(step, -1.0 + 0.0j)
     return Stability(real, _extent(step, 1.0j))

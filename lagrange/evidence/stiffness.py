@@ -81,6 +81,9 @@ class Stiffness:
     limit: float
     slower: float
 
+    def __repr__(self) -> str:
+        return f"<Stiffness: {self.sentence()}>"
+
     def sentence(self) -> str:
         """Return the finding and the remedy as a sentence."""
         where = "near" if self.product < MOST_OVERSHOOT * self.limit else "beyond"

@@ -97,6 +97,10 @@ class Entry:
     status: str = REFUSED
     message: str = ""
 
+    def __repr__(self) -> str:
+        how = f"error {self.error:.1e} in {self.time:.3g} s" if self.complete else self.status
+        return f"<{self.method} at {'tol' if self.adaptive else 'h'} = {self.setting:.3g}: {how}, {self.steps} steps>"
+
     @property
     def complete(self) -> bool:
         """Whether the run reached its end."""

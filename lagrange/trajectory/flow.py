@@ -77,6 +77,9 @@ class Flow:
         # Equal steps are not shortened towards a crossing of motions, and runs do not look for one either.
         self._rtol = 0.0 if plan is None or not self._constrained else plan.tolerances.rtol
 
+    def __repr__(self) -> str:
+        return f"<Flow of {self._model.statement.name} by {self._integrator.name}: a function of (y0, t0, t1)>"
+
     def __reduce__(self) -> tuple[Any, ...]:
         return Flow, (self._model, self._options)
 

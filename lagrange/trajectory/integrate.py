@@ -62,7 +62,7 @@ def integrate(
         t0=t0,
         t1=t1,
         y0=start,
-        t_eval=_output_times(options.t_eval, t0, t1, model.layout.size),
+        t_eval=output_times(options.t_eval, t0, t1, model.layout.size),
         rtol=options.rtol,
         atol=options.atol,
         step=options.step,
@@ -143,7 +143,7 @@ def time_span(span: Sequence[float]) -> tuple[float, float]:
     return real_number(span[0], "the first time"), real_number(span[1], "the last time")
 
 
-def _output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) -> FloatArray | None:
+def output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) -> FloatArray | None:
     """Return the output times, checked; `width` numbers are wanted at each."""
     if t_eval is None:
         return None

@@ -79,6 +79,10 @@ class Trajectory:
     rtol: float | None = None
     atol: float | None = None
 
+    def __repr__(self) -> str:
+        reached = f"{self.steps} steps of {self.method} from t = {self.span[0]:g} to {self.span[1]:g}"
+        return f"<Trajectory: {reached}, {len(self.t)} outputs, {self.status.value}>"
+
     def __post_init__(self) -> None:
         t, y = real_array(self.t, "t of a trajectory"), real_array(self.y, "y of a trajectory")
         if t.ndim != 1 or y.ndim != 2 or y.shape[1] != len(t):

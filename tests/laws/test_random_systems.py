@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 from sympy import cos, sin
 
@@ -101,6 +101,7 @@ def test_the_mass_matrix_is_symmetric_positive_and_solves(T: Any, V: Any, Q: Any
 @given(kinetic_energies(x, y), potentials(x, y), functions_of(x, y, x.dot, y.dot), functions_of(x.dot, y.dot), states)
 def test_power_is_that_of_the_forces_and_the_dissipation(T: Any, V: Any, Q: Any, D: Any, state: Any) -> None:
     """dE/dt = Q.v - v.dD/dv."""
+    assume(D == 0 or not sp.sympify(D).is_number)  # a dissipation without a velocity is refused
     compiled = model(kinetic=T, potential=V, forces={x: Q, y: x - y.dot}, dissipation=D)
     flow = compiled.rhs(0.0, state)
     change = rate(lambda s: compiled.energy(*np.split(state + s, 2)), flow)

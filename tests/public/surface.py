@@ -16,6 +16,16 @@ import sympy
 
 import lagrange as lg
 from lagrange.evidence.report import Report
+from lagrange.show.dynamics import (
+    Basins,
+    Bifurcation,
+    EnergyExchange,
+    EquilibriumBranches,
+    FirstPassage,
+    PhasePortrait,
+    PoincareSection,
+    ShownModes,
+)
 from lagrange.statement.scene import LIBRARY
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.methods.registry import MethodTable
@@ -67,6 +77,34 @@ def race() -> lg.Race:
     return lg.race(model(), 0.1, {x: 1.0}, methods=["rk4"], steps=[0.01], repeats=1, reference=end)
 
 
+@cache
+def slowed() -> lg.System:
+    """Return a system that comes to rest, with an angle, for the records of its dynamics."""
+    x = lg.coordinate("x")
+    m = lg.parameters("m")
+    potential = -sympy.cos(x)
+    return lg.System(kinetic=m * x.dot**2 / 2, potential=potential, forces={x: -x.dot}, parameters={m: 1.0}, name="bob")
+
+
+def few() -> dict[Any, Any]:
+    """Return a grid of few starts."""
+    x = slowed().coordinates[0]
+    return {x: (0.5, 3.0, 2), x.dot: (0.0, 3.0, 2)}
+
+
+DYNAMICS: dict[type, Callable[[], Any]] = {
+    PhasePortrait: cache(lambda: lg.phase_portrait(slowed(), starts=[{"x": 1.0}])),
+    PoincareSection: cache(lambda: lg.poincare(slowed(), lg.coordinate("x"), [{"x": 1.0}], crossings=3, longest=9.0)),
+    Bifurcation: cache(lambda: lg.bifurcation(slowed(), "m", [1.0, 2.0], section=1.0, points=2, skip=1)),
+    EquilibriumBranches: cache(lambda: lg.bifurcation(slowed(), "m", [1.0, 2.0])),
+    FirstPassage: cache(lambda: lg.first_passage(slowed(), few(), workers=1)),
+    Basins: cache(lambda: lg.basins(slowed(), few(), workers=1)),
+    EnergyExchange: cache(lambda: lg.energy_exchange(solution())),
+    ShownModes: cache(lambda: slowed().modes()),
+}
+"""What functions of dynamics return."""
+
+
 def problem() -> lg.Problem:
     y0 = np.array([1.0, 0.0, 0.0, 0.0])
     return lg.Problem(model(), model().parameter_values(), 0.0, 0.1, y0)
@@ -91,6 +129,7 @@ INSTANCES: dict[type, Callable[[], Any]] = {
     lg.Trajectory: lambda: solution().trajectory,
     lg.Event: lambda: lg.event(system().coordinates[0]),
     lg.Claims: lambda: lg.Claims(order=4),
+    lg.Ensemble: lambda: lg.ensemble(model(), 0.1, {system().coordinates[0]: [1.0, 2.0]}),
     lg.TrustHorizon: lambda: lg.trust_horizon(model(), (0.0, 0.1)),
     lg.methods.ButcherTableau: lambda: lg.methods.RK4().tableau,
     lg.methods.RungeKutta: lg.methods.RK4,
@@ -107,6 +146,7 @@ INSTANCES: dict[type, Callable[[], Any]] = {
     lg.methods.ScipyBDF: lg.methods.ScipyBDF,
     lg.methods.ScipyLSODA: lg.methods.ScipyLSODA,
     Flow: flow,
+    **DYNAMICS,
     Report: report,
     MethodTable: lg.methods.table,
 }
@@ -197,6 +237,10 @@ def sound(folder: Path) -> dict[str, Any]:
         "claims": lg.Claims(order=1, explicit=False),
         "coefficients": [1.0],
         "coordinates": [x, y],
+        "event": x,
+        "grid": {x: (0.5, 1.0, 2), x.dot: (0.0, 1.0, 2)},
+        "starts": [{x: 1.0, y: 0.5}],
+        "window": {x: (-1, 1, 3), x.dot: (-1, 1, 3)},
         "derived": [m * x.ddot + k * x, m * y.ddot + k * y],
         "text": "m*x_ddot + k*x = 0\nm*y_ddot + k*y = 0",
         "embedded": None,
@@ -224,6 +268,7 @@ def sound(folder: Path) -> dict[str, Any]:
         "problem": problem(),
         "rest_length": 1,
         "result": race().result,
+        "sliders": {m: (0.5, 4.0), x.dot: (-1, 1)},
         "statement": system().statement,
         "stages": ((1.0, 1.0),),
         "stiffness": k,
@@ -259,7 +304,7 @@ def numbers(folder: Path) -> dict[str, Any]:
         "span": (0.0, 0.1),
         "step": 0.05,
         "steps": [0.05],
-        "style": "text",
+        "style": "light",
         "t": 0.0,
         "t0": 0.0,
         "t1": 0.1,
@@ -302,12 +347,25 @@ HELD: dict[str, Callable[[], Any]] = {
 """Instances for methods that need another model: with constraints, or in machine code."""
 
 OWN: dict[str, dict[str, Any]] = {
+    "lg.phase_portrait": {"at": {"y": 0, "y_dot": 0}},
+    "lg.bifurcation": {"parameter": "m", "values": [1.0, 2.0], "section": lg.coordinate("x"), "points": 2, "skip": 1},
+    "lg.poincare": {"crossings": 2},
+    "lg.basins": {"system": slowed(), "grid": few(), "initial": {}, "workers": 1},
+    "lg.first_passage": {"workers": 1},
+    "lg.energy_exchange": {"solution": solution()},
+    "PoincareSection.plot": {"x": "x", "y": "x_dot"},
     "System.export": {"target": "c", "contents": ["rhs", "events"]},
+    "System.page": {"style": "text"},
+    "Solution.animate": {"path": None},
     "System.from_scene": {"path": LIBRARY / "pendulum.toml"},
     "Model.as_casadi": {"status": True},
     "Solution.constraint_force": {"name": "rod", "at": "bob"},
     "System.transform": {"coordinates": {"x": lg.coordinate("u") ** 3 + 1}, "positive": (), "initial": {"u": 1.0}},
     "System.small": {"about": {}, "order": 2},
+    "Ensemble.given": {"name": "x"},
+    "lg.ensemble": {"initial": {"x": [0.5, 1.0]}, "workers": 1},
+    "lg.grid": {"axes": {"x": (0.0, 1.0, 3)}},
+    "lg.sample": {"ranges": {"x": (0.0, 1.0)}, "count": 4, "method": "sobol"},
     "lg.Claims": {"events": True, "dense": 3},
     "lg.Trajectory": {"t": [0.0, 0.1], "y": np.zeros((4, 2))},
     "lg.Stability": {"real": 1.0, "imaginary": 1.0},
@@ -334,6 +392,8 @@ def arguments(public: Public, folder: Path) -> dict[str, Any]:
     known = sound(folder) | OWN.get(public.name, {})
     if public.name == "lg.load":
         known["path"] = solution().to_npz(folder / "run.npz")
+    if public.name == "Solution.animate":
+        known["path"] = folder / "run.html"
     if public.name == "System.export":
         known["path"] = folder / "exported"
     kinds = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)

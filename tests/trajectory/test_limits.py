@@ -19,7 +19,7 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.compiler import model_of
 from lagrange.machine.model import Model
-from lagrange.show import progress
+from lagrange.show.terminal import progress
 from lagrange.trajectory import memory_limit
 from lagrange.trajectory.methods.registry import find, names
 from lagrange.trajectory.plan import Planned

@@ -17,7 +17,7 @@ from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.choice import text
 from lagrange.statement.expression import MOST_ENTRIES, entries
 from lagrange.statement.number import whole_number
-from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path, runge_kutta_path
@@ -45,6 +45,9 @@ class RungeKutta:
     step: float | None = None
     rtol: float | None = None
     atol: float | None = None
+
+    def __repr__(self) -> str:
+        return method_repr(self, step=self.step, rtol=self.rtol, atol=self.atol)
 
     def __post_init__(self) -> None:
         if not isinstance(self.tableau, ButcherTableau):
@@ -236,5 +239,5 @@ def _fraction(entry: Any) -> Fraction:
 
 
 def explicit_method(A: Any, b: Any, *, name: str, order: int, step: float | None = None) -> RungeKutta:
-    """Return a fixed-step method from a tableau of your own; see `tableau`."""
+    """Return a fixed-step method from a tableau of your own; see `tableau`, also for what is raised."""
     return RungeKutta(tableau(A, b, name=name, order=order), step=step)

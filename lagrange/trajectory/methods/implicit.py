@@ -14,7 +14,7 @@ from typing import Any
 from lagrange.errors import StatementError, shown
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.choice import one_of, text
-from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import (
     adaptive_settings,
@@ -53,6 +53,9 @@ class ImplicitMethod:
     step: float | None = None
     rtol: float | None = None
     atol: float | None = None
+
+    def __repr__(self) -> str:
+        return method_repr(self, step=self.step, rtol=self.rtol, atol=self.atol)
 
     def __post_init__(self) -> None:
         text(self.name, "name")

@@ -19,7 +19,7 @@ from lagrange.machine.steps.numbers import numbers_of
 from lagrange.program.step import StepProgram, trace
 from lagrange.statement.choice import text
 from lagrange.statement.number import whole_number
-from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.settings import check_options, fixed_settings
 from lagrange.trajectory.methods.splitting import check_splits
 from lagrange.trajectory.methods.trial import TrialVector, kind_of, number, refusal
@@ -50,6 +50,9 @@ class StepMethod:
     order: int
     function: Callable[..., Any]
     step: float | None = None
+
+    def __repr__(self) -> str:
+        return method_repr(self, step=self.step)
 
     def __post_init__(self) -> None:
         text(self.name, "name")

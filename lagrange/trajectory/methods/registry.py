@@ -142,6 +142,9 @@ class MethodTable(tuple[MethodRow, ...]):
     def __repr__(self) -> str:
         return str(self)
 
+    def _repr_markdown_(self) -> str:
+        return self.to_markdown()
+
     def to_markdown(self) -> str:
         """Return the table for a page."""
         titles = ["method", "order", "step", *(what for what, _ in MARKS), "dense", "about"]

@@ -20,7 +20,7 @@ from lagrange.program.step import StepProgram, trace
 from lagrange.statement.choice import text
 from lagrange.statement.expression import entries
 from lagrange.statement.number import real_array, real_number, whole_number
-from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.settings import check_options, check_problem, fixed_settings
 from lagrange.trajectory.paths.step_paths import hermite_path
@@ -63,6 +63,9 @@ class Splitting:
     stages: SplittingStages
     step: float | None = None
     source: str = field(default="", compare=False)
+
+    def __repr__(self) -> str:
+        return method_repr(self, step=self.step)
 
     def __post_init__(self) -> None:
         text(self.name, "name")

@@ -103,6 +103,9 @@ class ButcherTableau:
     dense: DenseOutput | None = None
     source: str = ""
 
+    def __repr__(self) -> str:
+        return f"<ButcherTableau {self.name}: order {self.order}, {self.stages} stages>"
+
     def __post_init__(self) -> None:
         self._check_kinds()
         self._check_shapes()

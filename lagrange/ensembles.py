@@ -1,0 +1,118 @@
+"""Ensembles of runs: one model, many starts or parameters."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lagrange.errors import StatementError, shown
+from lagrange.machine.model import Model
+from lagrange.members.job import Job
+from lagrange.members.keep import DEFAULT as DEFAULT_KEEP
+from lagrange.members.keep import keep_of
+from lagrange.members.keepers import Keeper, kept_in_memory
+from lagrange.members.processors import processors
+from lagrange.members.runners import ExecutorRunner, Runner, ThreadRunner
+from lagrange.members.store import kept_in_store
+from lagrange.members.table import MemberTable, member_table
+from lagrange.members.work import run_members
+from lagrange.show.ensemble import Ensemble
+from lagrange.show.terminal.progress import members_bar
+from lagrange.statement.event import declare_events
+from lagrange.statement.number import flag, real_number, whole_number
+from lagrange.system import System
+from lagrange.trajectory.integrate import output_times, time_span
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.options import RunOptions
+from lagrange.trajectory.plan import Planned
+
+
+def ensemble(
+    system: System | Model,
+    span: float | Sequence[float],
+    initial: Any = None,
+    *,
+    parameters: Any = None,
+    method: Any = None,
+    rtol: float | None = None,
+    atol: float | None = None,
+    step: float | None = None,
+    t_eval: ArrayLike | None = None,
+    events: Any = None,
+    max_steps: int | None = None,
+    keep: Any = DEFAULT_KEEP,
+    workers: int | None = None,
+    executor: Any = None,
+    store: str | os.PathLike[str] | None = None,
+    progress: bool = False,
+) -> Ensemble:
+    """Run one system from many starts, or with many parameters, and return the Ensemble.
+
+    `span` is the end, or (t0, t1). `initial` and `parameters` are dicts whose values are numbers, which all members
+    have, or arrays (members,) of one length; or one of them is `lagrange.grid(...)` or `lagrange.sample(...)`. Method,
+    tolerances, `t_eval` and `events` are those of a run. `keep` names what is kept of each member: "end", "counts",
+    "drift", ("events", k), ("max", x), ("min", x) and ("mean", x) for an expression x.
+
+    Members run side by side in machine code where the method is explicit and the system has no constraints, switching
+    surfaces or events, else one after the other, on as many threads as `workers` says, by default one for each core.
+    With an `executor`, of `concurrent.futures` or a `dask.distributed.Client`, they run where that has its workers.
+    With a `store`, the name of a folder such as "runs.zarr", results are written there block by block and not kept in
+    memory; the same call goes on where another one stopped. What a member gives does not depend on the others, nor on
+    where it runs. Its failure is in `.status` and `.messages`; after Ctrl-C members that were not run are INTERRUPTED.
+    Raises StatementError for what cannot be meant, RunError where an executor or a disk fails.
+    """
+    began = time.perf_counter()
+    if not isinstance(system, (System, Model)):
+        raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene('double-pendulum').")
+    model = system if isinstance(system, Model) else system.compile()
+    t0, t1 = time_span(span) if isinstance(span, Sequence) else (0.0, real_number(span, "t_end"))
+    threads = processors() if workers is None else whole_number(workers, "workers", 1)
+    if workers is not None and executor is not None:
+        raise StatementError("workers and executor are both given: the executor has workers of its own. Give one.")
+    table = member_table(model, initial, parameters)
+    integrator = find(DEFAULT if method is None else method)
+    options = RunOptions(integrator, rtol, atol, step, None, events, max_steps)
+    problem = Problem(
+        model=model,
+        parameters=dict(zip(model.statement.parameters, table.parameters.tolist(), strict=True)),
+        t0=t0,
+        t1=t1,
+        y0=table.starts(np.zeros(1, dtype=np.int64)).states[0],
+        t_eval=output_times(t_eval, t0, t1, model.layout.size),
+        rtol=rtol,
+        atol=atol,
+        step=step,
+        max_steps=options.step_limit,
+        events=declare_events(events, model.statement),
+    )
+    job = Job(problem, options, keep_of(keep, model, problem.events), table.varying)
+    return _run(job, table, threads, executor, store, began=began, progress=flag(progress, "progress"))
+
+
+def _run(
+    job: Job, table: MemberTable, threads: int, executor: Any, store: Any, *, began: float, progress: bool
+) -> Ensemble:
+    """Run the members of a job, and return what came of them."""
+    problem, method = job.problem, job.options.method
+    plan = method.plan(problem) if isinstance(method, Planned) else None
+    aimed = problem if plan is None else replace(problem, rtol=plan.tolerances.rtol or None)
+    keeper = kept_in_memory(job, table) if store is None else kept_in_store(job, table, store)
+    if keeper.left:
+        _run_left(job, table, keeper, threads, executor, progress=progress)
+    wall = time.perf_counter() - began
+    return Ensemble(table, keeper.results, job.columns, aimed, method.name, keeper.form, wall)
+
+
+def _run_left(job: Job, table: MemberTable, keeper: Keeper, threads: int, executor: Any, *, progress: bool) -> None:
+    """Run the members that are left, until all are done or Ctrl-C; a member that was not run counts as INTERRUPTED."""
+    runner: Runner = ThreadRunner(job.engine(), threads) if executor is None else ExecutorRunner(executor, job)
+    with members_bar(keeper.members_left, wanted=progress) as report, suppress(KeyboardInterrupt):
+        run_members(table, keeper.left, runner, keeper.reporting(report))

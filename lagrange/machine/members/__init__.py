@@ -1,0 +1,1 @@
+"""Procedures in machine code for many members at once, one in each lane of a vector."""

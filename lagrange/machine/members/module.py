@@ -1,0 +1,78 @@
+"""Modules of machine code that run procedures for many members at once, and how they are called."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lagrange.machine.llvm.emitter import Emitter
+from lagrange.machine.llvm.operations import declarations as all_declarations
+from lagrange.machine.llvm.operations import together, type_of
+from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA
+from lagrange.machine.llvm.sine_cosine import angle_function
+from lagrange.machine.members.operations import declarations
+from lagrange.machine.members.printer import MemberProgram
+from lagrange.procedure.form import FLAG, WHOLE, Kind, Procedure
+from lagrange.procedure.spread import Signature
+
+
+def members_module(procedure: Procedure, signature: Signature, lanes: int) -> str:
+    """Return the IR of a function that runs a procedure for so many members; see `entry`."""
+    program = MemberProgram(lanes)
+    made = [entry(program, procedure, signature), *program.functions()]
+    angles = [angle_function(lanes), angle_function(1)]
+    library = "declare void @sincos(double, ptr, ptr)"
+    return "\n".join([all_declarations(), declarations(lanes), library, *angles, *made, METADATA, ATTRIBUTES])
+
+
+def entry(program: MemberProgram, procedure: Procedure, signature: Signature) -> str:
+    """Return the IR of the function with the name of the procedure.
+
+    Its first argument has a bit for each member at work, its last one is where the results go. A number that each
+    member has of its own, an argument or a result, stands in memory, eight bytes for each member; a flag is a whole
+    number there. A part that begins at a place of each member's own cannot be handed from outside.
+    """
+    e, lanes = Emitter(), program.lanes
+    flags = type_of(FLAG, lanes)
+    mask = e.value(f"bitcast i{lanes} {e.value(f'trunc i64 %active to i{lanes}')} to {flags}")
+    given, args = ["i64 %active"], [f"{flags} {mask}"]
+    for parameter, share in zip(procedure.parameters, signature, strict=True):
+        kind, name = parameter.type, f"%{parameter.name}"
+        if not isinstance(kind, Kind):
+            given.append(f"ptr noalias {name}")
+            args.append(f"ptr {name}")
+        elif share.own:
+            given.append(f"ptr {name}")
+            args.append(f"{type_of(kind, lanes)} {_read(e, name, kind, lanes)}")
+        else:
+            given.append(f"{type_of(kind)} {name}")
+            args.append(f"{type_of(kind)} {name}")
+    called = program.name(procedure, signature)
+    own = program.spreads.of(procedure, signature).results
+    types = [type_of(kind, lanes if one else 1) for kind, one in zip(procedure.results, own, strict=True)]
+    whole = together(types)
+    call = f"call {whole} @{called}({', '.join(args)})"
+    if types:
+        value = e.value(call)
+        _write(e, value, whole, types, procedure.results, lanes)
+    else:
+        e.do(call)
+    e.do("ret void")
+    return e.function(f"define void @{procedure.name}({', '.join([*given, 'ptr %results'])}) #0")
+
+
+def _read(e: Emitter, pointer: str, kind: Kind, lanes: int) -> str:
+    """Return the numbers of all members from memory."""
+    if kind is not FLAG:
+        return e.load(pointer, type_of(kind, lanes))
+    whole = type_of(WHOLE, lanes)
+    return e.value(f"icmp ne {whole} {e.load(pointer, whole)}, zeroinitializer")
+
+
+def _write(e: Emitter, value: str, whole: str, types: Sequence[str], kinds: Sequence[Kind], lanes: int) -> None:
+    """Write the results, each in a row of its own."""
+    for k, (one, kind) in enumerate(zip(types, kinds, strict=True)):
+        found = value if len(types) == 1 else e.value(f"extractvalue {whole} {value}, {k}")
+        if kind is FLAG:
+            one = type_of(WHOLE, lanes if one.startswith("<") else 1)
+            found = e.value(f"zext {type_of(FLAG, lanes if one.startswith('<') else 1)} {found} to {one}")
+        e.store(found, e.address("%results", k * lanes), one)

@@ -1,0 +1,53 @@
+"""Some members of an ensemble: where they start, and what came of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+from lagrange.trajectory.trajectory import FloatArray, Status
+
+STATUSES = tuple(Status)
+"""The statuses by their codes."""
+
+SUCCESS, INTERRUPTED = STATUSES.index(Status.SUCCESS), STATUSES.index(Status.INTERRUPTED)
+"""Codes. A member that was not run, since the ensemble was interrupted before, is INTERRUPTED."""
+
+
+@dataclass(frozen=True, eq=False)
+class Starts:
+    """Members that begin somewhere: states (m, 2n) and parameters (m, k), or (1, k) where all have the same."""
+
+    states: FloatArray
+    parameters: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    def of(self, which: Any) -> Starts:
+        """Return some of the members."""
+        shared = len(self.parameters) == 1
+        return Starts(self.states[which], self.parameters if shared else self.parameters[which])
+
+
+@dataclass(frozen=True, eq=False)
+class Ends:
+    """What came of m members: columns by name, each with m rows; see `lagrange.members.keep`.
+
+    `messages` has sentences of members that did not succeed.
+    """
+
+    columns: Mapping[str, Any]
+    messages: dict[int, str] = field(default_factory=dict)
+
+
+class Engine(Protocol):
+    """Runs members; what a member gives depends on nothing but where it starts."""
+
+    @property
+    def form(self) -> str:
+        """How members are run, in a few words."""
+
+    def run(self, starts: Starts) -> Ends:
+        """Run members to their ends."""

@@ -1,0 +1,86 @@
+"""What all members of an ensemble have in common, as a record that goes to other processes, and chunks of the work."""
+
+from __future__ import annotations
+
+import hashlib
+import pickle
+import time
+from collections import OrderedDict
+from dataclasses import dataclass, replace
+
+from lagrange.errors import StatementError
+from lagrange.members.chunk import INTERRUPTED, Ends, Engine, Starts
+from lagrange.members.keep import Column, Keep
+from lagrange.members.lanes import lane_engine
+from lagrange.members.singly import RunEngine
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.options import RunOptions
+from lagrange.trajectory.plan import Planned
+
+ENGINES_KEPT = 4
+"""So many jobs stay compiled in a worker."""
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """The run of the first member, the options of all, what is kept, and whether each has parameters of its own."""
+
+    problem: Problem
+    options: RunOptions
+    keep: Keep
+    varying: bool
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """What is kept of each member."""
+        problem = self.problem
+        outputs = None if problem.t_eval is None else len(problem.t_eval)
+        return self.keep.columns(problem.model.layout.size, outputs, len(problem.events), INTERRUPTED)
+
+    def engine(self) -> Engine:
+        """Return what runs members: side by side where there is machine code for them, else one after the other."""
+        problem, method = self.problem, self.options.method
+        span = problem.t0, problem.t1
+        alone = RunEngine(problem.model, span, self.options, problem.t_eval, self.keep, self.columns)
+        if not isinstance(method, Planned) or problem.events or problem.t0 == problem.t1:
+            return alone
+        return lane_engine(alone, method.plan(problem), varying=self.varying) or alone
+
+    def packed(self) -> bytes:
+        """Return the job for another process. Raises StatementError for what cannot be sent."""
+        try:
+            return pickle.dumps(replace(self, problem=replace(self.problem, progress=None)))
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise StatementError(
+                f"the ensemble cannot be sent to other processes: {error}. A function that a method or an event is "
+                "made of must be one of a module, not a lambda or one inside another function."
+            ) from error
+
+
+@dataclass(frozen=True, eq=False)
+class Done:
+    """What came of a chunk: the seconds that its members took, and how they were run."""
+
+    ends: Ends
+    seconds: float
+    form: str
+
+
+_ENGINES: OrderedDict[bytes, Engine] = OrderedDict()
+
+
+def run_chunk(job: bytes, starts: Starts) -> Done:
+    """Run members in the process that this is called in, which compiles a job when it first comes."""
+    key = hashlib.sha256(job).digest()
+    if key not in _ENGINES:
+        _ENGINES[key] = pickle.loads(job).engine()
+        while len(_ENGINES) > ENGINES_KEPT:
+            _ENGINES.popitem(last=False)
+    return timed(_ENGINES[key], starts)
+
+
+def timed(engine: Engine, starts: Starts) -> Done:
+    """Run members, and note how long that takes."""
+    began = time.perf_counter()
+    ends = engine.run(starts)
+    return Done(ends, time.perf_counter() - began, engine.form)

@@ -1,0 +1,140 @@
+"""What is kept of each member: names, and quantities along its run.
+
+    "end"              the last state
+    "counts"           steps, rejected steps and evaluations
+    "drift"            how far the energy went from its first value, relative to it and to the kinetic energy
+    ("events", k)      times and states of the first k occurrences of each event
+    ("max", x)         the largest value of an expression along the run, between its steps too; ("min", x) the least
+    ("mean", x)        its mean over time
+
+The time of the end and the status are always kept, and the states at output times where there are such.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.machine.model import Model
+from lagrange.procedure.members.queue import COUNTED
+from lagrange.statement.expression import entries
+from lagrange.statement.number import whole_number
+
+END, COUNTS, DRIFT, EVENTS = "end", "counts", "drift", "events"
+REDUCTIONS = ("max", "min", "mean")
+DEFAULT = (END,)
+
+STATE, TIME, STATUS, OUTPUTS = "state", "t_end", "status", "outputs"
+"""Columns: last states, times, codes of statuses, and states at output times."""
+
+
+class Column(NamedTuple):
+    """An array with a row for each member: its name, shape and type of a row, and what stands where nothing does."""
+
+    name: str
+    shape: tuple[int, ...]
+    kind: str
+    blank: float
+
+    def empty(self, members: int) -> Any:
+        """Return the array of members of which nothing is known."""
+        return np.full((members, *self.shape), self.blank, dtype=self.kind)
+
+    @property
+    def bytes(self) -> int:
+        """How many bytes a row takes."""
+        return int(np.prod(self.shape, dtype=np.int64)) * np.dtype(self.kind).itemsize
+
+
+class Reduction(NamedTuple):
+    """An expression along a run made one number: the name of its column, how, and the expression."""
+
+    name: str
+    how: str
+    expression: Any
+
+
+@dataclass(frozen=True)
+class Keep:
+    """What is kept of each member."""
+
+    end: bool
+    counts: bool
+    drift: bool
+    events: int
+    reductions: tuple[Reduction, ...]
+
+    @property
+    def along(self) -> bool:
+        """Whether something is kept that only a run with all its steps knows."""
+        return bool(self.events or self.reductions)
+
+    def columns(self, dimension: int, outputs: int | None, events: int, interrupted: int) -> tuple[Column, ...]:
+        """Return the columns for states, output times and events; `interrupted` is the code of a status."""
+        found = [Column(TIME, (), "f8", np.nan), Column(STATUS, (), "u1", interrupted)]
+        if self.end:
+            found.append(Column(STATE, (dimension,), "f8", np.nan))
+        if outputs is not None:
+            found.append(Column(OUTPUTS, (outputs, dimension), "f8", np.nan))
+        if self.counts:
+            found += [Column(name, (), "i8", 0) for name in COUNTED]
+        if self.drift:
+            found.append(Column(DRIFT, (), "f8", np.nan))
+        found += [Column(one.name, (), "f8", np.nan) for one in self.reductions]
+        for k in range(events if self.events else 0):
+            found.append(Column(event_times(k), (self.events,), "f8", np.nan))
+            found.append(Column(event_states(k), (self.events, dimension), "f8", np.nan))
+        return tuple(found)
+
+
+def event_times(k: int) -> str:
+    """Return the name of the column of the times of an event."""
+    return f"t_event_{k}"
+
+
+def event_states(k: int) -> str:
+    """Return the name of the column of the states at an event."""
+    return f"y_event_{k}"
+
+
+def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
+    """Return what is to be kept. Raises StatementError for a name that is none, and for an expression that is none."""
+    listed = entries((given,) if isinstance(given, str) else given, "keep")
+    if not listed:
+        raise StatementError(f'keep is {shown(given)}: give names, such as ("end", ("max", theta)).')
+    names: dict[str, None] = {}
+    occurrences, reductions = 0, []
+    for one in listed:
+        if isinstance(one, str) and one in (END, COUNTS, DRIFT):
+            names[one] = None
+        elif one == EVENTS or (_is_pair(one) and one[0] == EVENTS):
+            occurrences = 1 if one == EVENTS else whole_number(one[1], "the number of occurrences that are kept", 1)
+            if not events:
+                raise StatementError("keep has events, and the ensemble has none: give events=[...].")
+        elif _is_pair(one) and one[0] in REDUCTIONS:
+            # An expression of something that the system does not have is refused here, not by the first member.
+            state = np.array(model.statement.initial)[:, None]
+            model.evaluate_expression(one[1], np.zeros(1), state, np.ones(len(model.statement.parameters)))
+            reductions.append(Reduction(f"{one[0]}({_written(one[1], model)})", one[0], one[1]))
+        else:
+            known = [END, COUNTS, DRIFT, EVENTS]
+            hint = suggestion(one, known) if isinstance(one, str) else ""
+            raise StatementError(
+                f"keep has {shown(one)}, which is none of {listing(known)}, nor a pair such as ('max', theta), "
+                f"('min', theta), ('mean', theta) or ('events', 3).{hint}"
+            )
+    return Keep(END in names, COUNTS in names, DRIFT in names, occurrences, tuple(reductions))
+
+
+def _is_pair(one: Any) -> bool:
+    return isinstance(one, (tuple, list)) and len(one) == 2 and isinstance(one[0], str)
+
+
+def _written(expression: Any, model: Model) -> str:
+    """Return an expression by the names of coordinates."""
+    plain = dict(model.statement.plain)
+    return str(expression.xreplace(plain) if hasattr(expression, "xreplace") else expression)[:80]

@@ -1,0 +1,86 @@
+"""What keeps the results of an ensemble: memory, or a store on a disk; see `lagrange.members.store`."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+from lagrange.errors import StatementError, counted
+from lagrange.members.job import Done, Job
+from lagrange.members.keep import TIME
+from lagrange.members.results import Kept, Results
+from lagrange.members.table import MemberTable
+from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
+
+Report = Callable[[float], None] | None
+
+
+class Keeper(ABC):
+    """Keeps results; `left` are the blocks of members that are still to be run."""
+
+    def __init__(self, left: list[tuple[int, int]]) -> None:
+        self.left = left
+        self.forms: dict[str, None] = {}
+
+    @property
+    @abstractmethod
+    def results(self) -> Kept:
+        """The results of all members."""
+
+    @abstractmethod
+    def take(self, first: int, done: Done) -> None:
+        """Keep the results of members from a number on."""
+
+    @property
+    def members_left(self) -> int:
+        """How many members are still to be run."""
+        return sum(end - begin for begin, end in self.left)
+
+    @property
+    def form(self) -> str:
+        """How members were run."""
+        return "; ".join(self.forms) or "all members were stored"
+
+    def reporting(self, report: Report) -> Callable[[int, Done], None]:
+        """Return what keeps the results of a chunk, and tells how many members are done."""
+        finished = 0
+
+        def keep(first: int, done: Done) -> None:
+            nonlocal finished
+            self.forms[done.form] = None
+            self.take(first, done)
+            finished += len(done.ends.columns[TIME])
+            if report is not None:
+                report(finished)
+
+        return keep
+
+
+class MemoryKeeper(Keeper):
+    """Keeps results in arrays."""
+
+    def __init__(self, results: Results, members: int) -> None:
+        super().__init__([(0, members)])
+        self._results = results
+
+    @property
+    def results(self) -> Results:
+        """The arrays."""
+        return self._results
+
+    def take(self, first: int, done: Done) -> None:
+        """Put the results into their places."""
+        self._results.take(first, done.ends)
+
+
+def kept_in_memory(job: Job, table: MemberTable) -> MemoryKeeper:
+    """Return what keeps results in memory. Raises StatementError where they take more than a quarter of it."""
+    members, columns = len(table), job.columns
+    taken, limit = members * sum(column.bytes for column in columns), machine_memory() / MEMORY_DIVISOR
+    if taken > limit:
+        raise StatementError(
+            f"the results of {counted(members, 'member')} take {taken:.3g} bytes, more than a quarter of the memory, "
+            f'{limit:.3g} bytes: give store="runs.zarr", which writes them to a folder block by block, or fewer '
+            "members or output times."
+        )
+    return MemoryKeeper(Results.empty(members, columns), members)

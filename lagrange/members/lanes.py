@@ -1,0 +1,262 @@
+"""Members side by side in machine code: each lane of a vector takes the next member when it is done with one.
+
+What a lane cannot decide, an estimate of sizes or an energy that moved, is left to a run of the member alone: its
+status and its sentence are then those of that run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.machine.members.compiled import MembersCode
+from lagrange.machine.model import Model
+from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts
+from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME
+from lagrange.members.singly import RunEngine, relative_drift
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, Procedure
+from lagrange.procedure.interpreter import run as interpret
+from lagrange.procedure.kernel.kernels import kernel, prepare
+from lagrange.procedure.kernel.prepared import Prepared
+from lagrange.procedure.members.queue import COUNTED, Members, Numbers, Observed
+from lagrange.procedure.members.steps import StepMembers
+from lagrange.procedure.members.taylor import TaylorMembers
+from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.prune import Pruner
+from lagrange.procedure.series.cost import single_operations
+from lagrange.procedure.series.integrator import LANES as PACKED
+from lagrange.procedure.series.integrator import TaylorProcedures
+from lagrange.procedure.series.packing import pack
+from lagrange.procedure.series.written_out import WrittenJet
+from lagrange.procedure.step.constants import LEAST_FLOOR
+from lagrange.program.actions import LAWS
+from lagrange.trajectory.conservation import NOTABLE_CHANGE, SMALL_CHANGE
+from lagrange.trajectory.methods.taylor import TaylorPlan
+from lagrange.trajectory.plan import Plan, StepPlan
+from lagrange.trajectory.trajectory import FloatArray, Status
+
+MOST_OPERATIONS = 20_000
+"""Series with more operations are computed member by member: written out they would take minutes to compile."""
+
+UNDECIDED = 255
+"""The code of an outcome that a run alone has to explain."""
+
+_STATUSES = {
+    Outcome.DONE: Status.SUCCESS,
+    Outcome.PAUSED: Status.MAX_STEPS,
+    Outcome.NON_FINITE: Status.NON_FINITE,
+    Outcome.SINGULAR: Status.SINGULAR,
+    Outcome.STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
+}
+_CODES = np.array(
+    [STATUSES.index(_STATUSES[one]) if one in _STATUSES else UNDECIDED for one in Outcome], dtype=np.uint8
+)
+"""The code of the status of each outcome."""
+
+ABOUT = "Write the parameters, and behind them what depends on them alone."
+
+
+@dataclass(frozen=True, eq=False)
+class LaneEngine:
+    """Runs members by machine code; `alone` runs those that need more than that."""
+
+    compiled: Compiled
+    plan: Plan
+    alone: RunEngine
+
+    @property
+    def form(self) -> str:
+        """How members are run."""
+        return f"{self.compiled.code.lanes} members side by side"
+
+    def run(self, starts: Starts) -> Ends:
+        """Run members to their ends."""
+        m, n = starts.states.shape
+        alone, observed = self.alone, self.compiled.observed
+        count = 0 if alone.times is None else len(alone.times)
+        first, last = np.zeros((m, observed)), np.zeros((m, observed))
+        outputs = np.full((m, count, n), np.nan)
+        states, times, outcomes = np.zeros((m, n)), np.zeros(m), np.zeros(m, dtype=np.int64)
+        counts = {name: np.zeros(m, dtype=np.int64) for name in COUNTED}
+        given: dict[str, Any] = {"outputs": outputs, "ends": states, "times": times, "outcomes": outcomes, **counts}
+        given |= {"first": first, "last": last, "starts": np.ascontiguousarray(starts.states)}
+        given |= {"numbers": self.numbers(starts), "wanted": count}
+        given["output_times"] = np.append([] if alone.times is None else alone.times, np.nan)
+        self.compiled.code({**self.settings(m), **given})
+        codes = _CODES[outcomes]
+        if alone.times is not None:
+            self.complete(outputs, alone.times, states, times, codes)
+        found = {STATE: states, TIME: times, STATUS: codes, OUTPUTS: outputs, **counts}
+        energies = Energies(starts.states, states, first, last)
+        if alone.keep.drift:
+            found[DRIFT] = energies.drift
+        doubtful = codes == UNDECIDED
+        if alone.model.conservative:
+            doubtful |= (codes == SUCCESS) & energies.moved
+        ends = Ends({column.name: found[column.name] for column in alone.columns})
+        return self.again(starts, ends, np.flatnonzero(doubtful))
+
+    def complete(
+        self, outputs: FloatArray, wanted: FloatArray, states: FloatArray, times: FloatArray, codes: NDArray[np.uint8]
+    ) -> None:
+        """Write the last states at an output time at the end, and nothing behind the last accepted step."""
+        t0, t1 = self.alone.span
+        done = np.flatnonzero(codes == SUCCESS)
+        for place in np.flatnonzero(wanted == t1):
+            outputs[done, place] = states[done]
+        behind = (wanted - times[:, None]) * (1.0 if t1 >= t0 else -1.0) > 0
+        outputs[behind] = np.nan
+
+    def settings(self, count: int) -> dict[str, Any]:
+        """Return the numbers that all members have; see `Tolerances.begin`."""
+        own, (t0, t1) = self.plan.tolerances, self.alone.span
+        return {
+            "count": count,
+            "budget": self.alone.options.step_limit,
+            "t0": t0,
+            "t1": t1,
+            "rtol": own.margin * own.rtol,
+            "floor": max(own.margin * own.atol, LEAST_FLOOR),
+            "share": own.margin * own.share,
+            "step": own.step if t1 >= t0 else -own.step,
+            "longest": own.longest,
+        }
+
+    def numbers(self, starts: Starts) -> FloatArray:
+        """Return the parameters of all members, or what is prepared of those that all have."""
+        if self.compiled.prepare is None:
+            return np.ascontiguousarray(starts.parameters)
+        made = np.zeros(self.compiled.size + 1)
+        interpret(self.compiled.prepare, starts.parameters[0].tolist(), made)
+        return made
+
+    def again(self, starts: Starts, ends: Ends, which: NDArray[np.intp]) -> Ends:
+        """Run some members alone, and put what they give in its place."""
+        if not len(which):
+            return ends
+        found = self.alone.run(starts.of(which))
+        for name, rows in found.columns.items():
+            ends.columns[name][which] = rows
+        ends.messages.update({int(which[i]): text for i, text in found.messages.items()})
+        return ends
+
+
+@dataclass(frozen=True, eq=False)
+class Energies:
+    """States (m, 2n) before and after, and what was observed of them: the energy, and the momenta behind it."""
+
+    before: FloatArray
+    after: FloatArray
+    first: FloatArray
+    last: FloatArray
+
+    def kinetic(self, y: FloatArray, observed: FloatArray) -> FloatArray:
+        """Return |v.p| / 2."""
+        return np.asarray(np.abs(np.sum(y[:, y.shape[1] // 2 :] * observed[:, 1:], axis=1)) / 2)
+
+    @property
+    def drift(self) -> FloatArray:
+        """How far the energies moved; see `relative_drift`."""
+        kinetic = self.kinetic(self.before, self.first), self.kinetic(self.after, self.last)
+        return relative_drift(self.first[:, 0], self.last[:, 0], *kinetic)
+
+    @property
+    def moved(self) -> NDArray[np.bool_]:
+        """Which members changed their energy so much that a run alone has to say whether it follows the motion.
+
+        These are the first tests of `lagrange.trajectory.conservation`.
+        """
+        with np.errstate(all="ignore"):
+            change = np.abs(self.last[:, 0] - self.first[:, 0])
+            kinetic = np.maximum(self.kinetic(self.before, self.first), self.kinetic(self.after, self.last))
+            small = change <= NOTABLE_CHANGE * np.abs(self.first[:, 0])
+            return np.asarray(~(small | (change <= SMALL_CHANGE * kinetic)))
+
+
+def lane_engine(alone: RunEngine, plan: Plan, *, varying: bool) -> LaneEngine | None:
+    """Return the engine that runs members side by side, None where there is none for the model and the method.
+
+    With `varying` each member has its own parameters. What is compiled is kept for the next ensemble of the model.
+    """
+    if not _runs_in_lanes(alone, plan):
+        return None
+    kept = _COMPILED.setdefault(alone.model, {})
+    key = _kind(plan), varying
+    if key not in kept:
+        kept[key] = _compiled(alone.model, plan, varying=varying)
+    return LaneEngine(kept[key], plan, alone)
+
+
+def _kind(plan: Plan) -> Any:
+    """Return what machine code is made for: an order, or a step."""
+    return plan.order if isinstance(plan, TaylorPlan) else plan.step if isinstance(plan, StepPlan) else None
+
+
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """Machine code for members, which observes so many numbers of a state, the energy and the momenta.
+
+    `prepare` makes the `size` numbers that all members have, unless each has its own.
+    """
+
+    code: MembersCode
+    prepare: Procedure | None
+    size: int
+    observed: int
+
+
+_COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()
+
+
+def _compiled(model: Model, plan: Plan, *, varying: bool) -> Compiled:
+    """Compile the members of a model for a plan."""
+    laws = {name: model.law(name).program for name in ("rhs", "energy", "momenta")}
+    step = plan.step if isinstance(plan, StepPlan) else None
+    if step is not None:
+        laws["step"] = model.law(LAWS[step.law].quantity).program
+    prepared = Prepared.of([*laws.values()])
+    kernels = {name: kernel(program, prepared, name, f"The quantity {name}.") for name, program in laws.items()}
+    preparing, size = prepare(prepared, ABOUT), prepared.size
+    observed = _observed(kernels, model.dimension)
+    parameters = len(model.statement.parameters)
+    members: Members
+    if isinstance(plan, TaylorPlan):
+        series = TaylorProcedures(plan.series.program, prepared.size)
+        preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
+        jet = WrittenJet(series.packing, series.numbers, plan.order)
+        numbers = Numbers(size, parameters, preparing if varying else None)
+        members = TaylorMembers(jet.layout, plan.order, jet.build(), numbers, observed)
+    else:
+        assert step is not None
+        numbers = Numbers(size, parameters, preparing if varying else None)
+        members = StepMembers(step, 2 * model.dimension, kernels["step"], numbers, observed)
+    return Compiled(MembersCode(members.build()), None if varying else Pruner().pruned(preparing), size, observed.size)
+
+
+def _runs_in_lanes(alone: RunEngine, plan: Plan) -> bool:
+    """Return whether there is machine code for all that a run needs."""
+    model = alone.model
+    if model.target != "llvm" or len(model.equations.constraints) or model.statement.given or alone.keep.along:
+        return False
+    if isinstance(plan, TaylorPlan):
+        small = single_operations(pack(plan.series.program, PACKED), plan.order) <= MOST_OPERATIONS
+        return small and not plan.series.program.watched and plan.series.program.projection is None
+    if not isinstance(plan, StepPlan) or alone.times is not None:
+        return False
+    return not plan.step.solves and plan.step.starter is None
+
+
+def _observed(kernels: Mapping[str, Procedure], dimension: int) -> Observed:
+    """Return the energy and the momenta of a state."""
+    p = Builder("observed", "The energy and the momenta.")
+    t, y = p.given("t", REAL), p.array("y", size=2 * dimension, read=True)
+    held, out = p.array("p", read=True), p.array("out", size=1 + dimension)
+    singular = p.call(kernels["energy"], t, y, held, out)
+    p.leave(singular | p.call(kernels["momenta"], t, y, held, out.at(1)))
+    return Observed(p.finish(FLAG), 1 + dimension)

@@ -1,0 +1,168 @@
+"""Members one by one, each a run of its own: for any method and any system."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from lagrange.errors import StatementError
+from lagrange.machine.model import Model
+from lagrange.members.chunk import STATUSES, Ends, Starts
+from lagrange.members.keep import (
+    DRIFT,
+    OUTPUTS,
+    STATE,
+    STATUS,
+    TIME,
+    Column,
+    Keep,
+    Reduction,
+    event_states,
+    event_times,
+)
+from lagrange.procedure.members.queue import COUNTED
+from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.options import RunOptions
+from lagrange.trajectory.paths.samples import divided
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+
+SAMPLES_OF_STEP, MOST_SAMPLES = 32, 2**20
+"""An expression is sampled at so many times of each step, and at no more along a run."""
+
+
+REFINEMENTS = 4
+"""Each time the place of a largest value is found to a 16th; the error of the value falls with its square."""
+
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
+"""Gauss's rule of order 16 on each step."""
+
+
+@dataclass(frozen=True, eq=False)
+class RunEngine:
+    """Runs of a model over a span with the same options; `columns` are kept."""
+
+    model: Model
+    span: tuple[float, float]
+    options: RunOptions
+    times: FloatArray | None
+    keep: Keep
+    columns: tuple[Column, ...]
+
+    form = "runs one after the other"
+
+    def run(self, starts: Starts) -> Ends:
+        """Run members; a start that a run refuses is a member that did not begin, and says why."""
+        found = Ends({column.name: column.empty(len(starts)) for column in self.columns})
+        for i in range(len(starts)):
+            start = starts.of(slice(i, i + 1))
+            try:
+                run = self.alone(start)
+            except StatementError as refusal:
+                found.columns[STATUS][i], found.columns[TIME][i] = STATUSES.index(Status.NON_FINITE), self.span[0]
+                found.messages[i] = str(refusal)
+                continue
+            for name, value in self.row(run, start).items():
+                found.columns[name][i] = value
+            if run.status is not Status.SUCCESS:
+                found.messages[i] = run.message
+        return found
+
+    def alone(self, start: Starts) -> Trajectory:
+        """Run one member."""
+        statement, names = self.model.statement, self.model.layout.names()
+        values = dict(zip(statement.parameters, start.parameters[0].tolist(), strict=True))
+        initial = dict(zip(names, start.states[0].tolist(), strict=True))
+        options = replace(self.options, parameters=values, t_eval=None if self.keep.reductions else self.times)
+        return integrate(self.model, self.span, initial, options)[0]
+
+    def row(self, run: Trajectory, start: Starts) -> dict[str, Any]:
+        """Return what is kept of a run."""
+        end = run.dense(np.array([run.span[1]]))[:, 0]
+        found: dict[str, Any] = {TIME: run.span[1], STATUS: STATUSES.index(run.status)}
+        if self.keep.end:
+            found[STATE] = end
+        if self.times is not None:
+            found[OUTPUTS] = self.outputs(run, self.times, len(end))
+        if self.keep.counts:
+            found |= {name: getattr(run, name) for name in COUNTED}
+        if self.keep.drift:
+            found[DRIFT] = self.drift(start, end)
+        for one in self.keep.reductions:
+            found[one.name] = self.reduced(one, run, start.parameters[0])
+        for k in range(len(run.t_events) if self.keep.events else 0):
+            most = self.keep.events
+            times, states = np.full(most, np.nan), np.full((most, len(end)), np.nan)
+            first = run.t_events[k][:most]
+            times[: len(first)], states[: len(first)] = first, run.y_events[k][:most]
+            found |= {event_times(k): times, event_states(k): states}
+        return found
+
+    def outputs(self, run: Trajectory, times: FloatArray, dimension: int) -> FloatArray:
+        """Return the states at the output times that the run reached, NaN behind."""
+        found = np.full((len(times), dimension), np.nan)
+        if not self.keep.reductions:
+            found[: len(run.t)] = run.y.T
+            return found
+        low, high = sorted(run.span)
+        reached = (times >= low) & (times <= high)
+        found[reached] = run.dense(times[reached]).T
+        return found
+
+    def drift(self, start: Starts, end: FloatArray) -> float:
+        """Return the change of the energy; see `relative_drift`."""
+        layout, p = self.model.layout, start.parameters[0]
+        both = np.stack([start.states[0], end], axis=1)
+        q, v = layout.split(both)
+        energies = self.model.energy(q, v, np.array(self.span), p)
+        kinetic = np.abs(np.sum(v * self.model.momenta(q, v, np.array(self.span), p), axis=0)) / 2
+        return float(relative_drift(energies[:1], energies[1:], kinetic[:1], kinetic[1:])[0])
+
+    def reduced(self, one: Reduction, run: Trajectory, parameters: FloatArray) -> float:
+        """Return the largest or least value of an expression, or its mean over time, between the steps too."""
+
+        def value(times: FloatArray) -> FloatArray:
+            return self.model.evaluate_expression(one.expression, times, run.dense(times), parameters)
+
+        steps = run.t if len(run.t) > 1 else np.array(run.span)
+        if one.how == "mean":
+            return _mean(value, steps)
+        sign = 1.0 if one.how == "max" else -1.0
+        return sign * _largest(lambda times: sign * value(times), steps)
+
+
+def relative_drift(first: FloatArray, last: FloatArray, kinetic: FloatArray, after: FloatArray) -> FloatArray:
+    """Return by how much an energy went from its first value, relative to the largest of it and kinetic energies."""
+    scale = np.maximum(np.maximum(np.abs(first), kinetic), after)
+    with np.errstate(all="ignore"):
+        return np.asarray(np.where(scale > 0, (last - first) / scale, last - first))
+
+
+def _largest(value: Callable[[FloatArray], FloatArray], steps: FloatArray) -> float:
+    """Return the largest value along steps: that of the samples, refined by thirds about the largest."""
+    times = divided(steps, max(2, min(SAMPLES_OF_STEP, MOST_SAMPLES // len(steps))))
+    found = value(times)
+    if not np.isfinite(found).any():
+        return float("nan")
+    best = int(np.nanargmax(found))
+    low, high = times[max(best - 1, 0)], times[min(best + 1, len(times) - 1)]
+    most = float(found[best])
+    for _ in range(REFINEMENTS):
+        inner = np.linspace(low, high, SAMPLES_OF_STEP + 1)
+        values = value(inner)
+        place = int(np.nanargmax(values))
+        most = max(most, float(values[place]))
+        low, high = inner[max(place - 1, 0)], inner[min(place + 1, len(inner) - 1)]
+    return most
+
+
+def _mean(value: Callable[[FloatArray], FloatArray], steps: FloatArray) -> float:
+    """Return the mean over time of a value along steps."""
+    lengths = np.diff(steps)
+    if not lengths.sum():
+        return float(value(steps[:1])[0])
+    times = steps[:-1, None] + lengths[:, None] * (NODES + 1.0) / 2.0
+    values = value(times.ravel()).reshape(times.shape)
+    return float(np.sum(values @ WEIGHTS / 2.0 * lengths) / lengths.sum())

@@ -1,0 +1,251 @@
+"""A store of results on a disk, in the format zarr, which xarray opens: written block by block, whole or not at all.
+
+A block of members is written when all of it has been run, and noted as done behind that. The size of a block depends on
+nothing but how much a member keeps, so a call that goes on where another one stopped writes the same bytes. What made
+the results stands in the attributes; a store of anything else is never written to.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from lagrange.errors import RunError, StatementError, listing, shown
+from lagrange.members.chunk import INTERRUPTED, STATUSES
+from lagrange.members.job import Done, Job
+from lagrange.members.keep import OUTPUTS, STATE, STATUS, TIME
+from lagrange.members.keepers import Keeper
+from lagrange.members.results import Results
+from lagrange.members.table import MemberTable
+from lagrange.statement.stored import stored
+
+BLOCK_BYTES, LARGEST_BLOCK = 2**23, 2**16
+"""A block takes about 8 MB, or has 65,536 members: some thousand files for a billion numbers, each quickly written."""
+
+MEMBER, OUTPUT_TIME, DONE, ATTRIBUTES = "member", "t", "done", "lagrange"
+
+VERSIONS = ("numpy", "llvmlite")
+"""Packages on whose versions the last digits may depend."""
+
+
+class StoreKeeper(Keeper):
+    """Keeps results in a store; blocks that are not whole yet are in memory."""
+
+    def __init__(self, job: Job, table: MemberTable, path: Path, group: Any, block: int) -> None:
+        members = len(table)
+        blocks = [(begin, min(begin + block, members)) for begin in range(0, members, block)]
+        done = np.asarray(group[DONE][:])
+        super().__init__([one for one, written in zip(blocks, done, strict=True) if not written])
+        self._job, self._table, self._path, self._group, self._block = job, table, path, group, block
+        self._open: dict[int, tuple[Results, int]] = {}
+
+    @property
+    def results(self) -> StoredResults:
+        """The results, read when they are asked for."""
+        return StoredResults(self._group, self._job)
+
+    def take(self, first: int, done: Done) -> None:
+        """Keep members of a block; write it when it is whole."""
+        k = first // self._block
+        begin, end = k * self._block, min((k + 1) * self._block, len(self._table))
+        if k not in self._open:
+            self._open[k] = Results.empty(end - begin, self._job.columns), end - begin
+        results, missing = self._open[k]
+        results.take(first - begin, done.ends)
+        missing -= len(done.ends.columns[TIME])
+        self._open[k] = results, missing
+        if not missing:
+            self.write(k, begin, end, results)
+            del self._open[k]
+
+    def write(self, k: int, begin: int, end: int, results: Results) -> None:
+        """Write a block, and note that it is done."""
+        with _disk(self._path):
+            for name, rows in _columns(self._job, self._table, begin, end, results).items():
+                self._group[name][begin:end] = rows
+            self._group[DONE][k] = 1
+
+
+class StoredResults:
+    """The results in a store; each column is read whole when it is asked for."""
+
+    messages: Mapping[int, str] = MappingProxyType({})
+
+    def __init__(self, group: Any, job: Job) -> None:
+        self._group, self._job = group, job
+
+    def column(self, name: str) -> Any:
+        """Return a column, with a row for each member."""
+        parts = _parts(name, self._job.problem.model.layout.names())
+        found = [np.asarray(self._group[one][:]) for one in parts]
+        return found[0] if parts == (name,) else np.stack(found, axis=-1)
+
+
+def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -> StoreKeeper:
+    """Return what keeps results in a store, which is made, or goes on where it stopped.
+
+    Raises StatementError for a folder that holds something else, and without zarr; RunError for a full disk.
+    """
+    zarr = _zarr()
+    if not isinstance(store, (str, os.PathLike)) or not str(store):
+        raise StatementError(f'store is {shown(store)}: give the name of a folder, such as "runs.zarr".')
+    path = Path(store)
+    block = max(1, min(BLOCK_BYTES // sum(column.bytes for column in job.columns), LARGEST_BLOCK))
+    made_of = _made_of(job, table, block)
+    with _disk(path):
+        if path.exists():
+            _check(zarr, path, made_of)
+            for rest in path.rglob("*.partial"):
+                rest.unlink()
+        else:
+            _make(zarr, path, job, table, made_of)
+        group = zarr.open_group(str(path), mode="r+")
+    return StoreKeeper(job, table, path, group, block)
+
+
+def _zarr() -> Any:
+    try:
+        import zarr
+    except ModuleNotFoundError as error:
+        raise StatementError(
+            "store= needs zarr, which is not installed: pip install zarr xarray, or in a checkout "
+            "pip install '.[store]'."
+        ) from error
+    return zarr
+
+
+@contextmanager
+def _disk(path: Path) -> Iterator[None]:
+    """Say what a disk that fails means for the ensemble."""
+    try:
+        yield
+    except OSError as error:
+        raise RunError(
+            f"{path} could not be written ({error.strerror or error}). The blocks of members that were written before "
+            "are kept: make room, or mend what is wrong, and make the same call again; it goes on from there."
+        ) from error
+
+
+def _made_of(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
+    """Return what made the results, as JSON has it."""
+    problem, options = job.problem, job.options
+    varied = hashlib.sha256()
+    for values in table.varied.given.values():
+        varied.update(np.ascontiguousarray(values).tobytes())
+    return {
+        "lagrange": importlib.metadata.version("lagrange-mechanics"),
+        **{name: _version(name) for name in VERSIONS},
+        "statement": json.dumps(stored(problem.model.statement), sort_keys=True),
+        "target": problem.model.target,
+        "method": repr(options.method),
+        "rtol": options.rtol,
+        "atol": options.atol,
+        "step": options.step,
+        "max_steps": options.step_limit,
+        "span": [problem.t0, problem.t1],
+        "t_eval": None if problem.t_eval is None else problem.t_eval.tolist(),
+        "events": [str(event) for event in problem.events],
+        "keep": [column.name for column in job.columns],
+        "varies": list(table.labels),
+        "values": varied.hexdigest(),
+        "state": table.state.tolist(),
+        "parameters": table.parameters.tolist(),
+        "axes": {name: len(values) for name, values in table.varied.axes.items()},
+        "members": len(table),
+        "block": block,
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
+
+
+def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
+    """Refuse a folder that holds anything but this ensemble."""
+    try:
+        found = dict(zarr.open_group(str(path), mode="r").attrs).get(ATTRIBUTES)
+    except (FileNotFoundError, ValueError, KeyError):
+        found = None
+    if not isinstance(found, dict):
+        raise StatementError(f"{path} exists and is no store of an ensemble: give another name. It was left as it is.")
+    differ = [name for name in made_of if found.get(name) != made_of[name]]
+    if differ:
+        first = differ[0]
+        told = listing(differ)
+        both = "" if first in ("statement", "values") else f": {first} was {found.get(first)} and is {made_of[first]}"
+        raise StatementError(
+            f"{path} holds another ensemble, which differs in {told}{both}. It was left as it is: give another store, "
+            "or make the call that it was made by."
+        )
+
+
+def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
+    """Make a store whose blocks are all to be written; it has its name when it is whole."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    try:
+        members, block = len(table), made_of["block"]
+        attributes = {ATTRIBUTES: dict(made_of), "statuses": [one.value for one in STATUSES]}
+        group = zarr.open_group(str(folder), mode="w", attributes=attributes)
+        empty = Results.empty(0, job.columns)
+        for name, rows in _columns(job, table, 0, 0, empty).items():
+            rest = rows.shape[1:]
+            group.create_array(
+                name,
+                shape=(members, *rest),
+                chunks=(min(block, members), *rest),
+                dtype=rows.dtype,
+                fill_value=INTERRUPTED if name == STATUS else np.nan if rows.dtype.kind == "f" else 0,
+                dimension_names=(MEMBER, *_dimensions(name))[: rows.ndim],
+            )
+        blocks = -(-members // block)
+        group.create_array(DONE, shape=(blocks,), chunks=(1,), dtype="u1", fill_value=0, dimension_names=("block",))
+        if job.problem.t_eval is not None:
+            shape = job.problem.t_eval.shape
+            times = group.create_array(OUTPUT_TIME, shape=shape, dtype="f8", dimension_names=(OUTPUT_TIME,))
+            times[:] = job.problem.t_eval
+        folder.chmod(0o755)
+        folder.rename(path)
+    except BaseException:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise
+
+
+def _dimensions(name: str) -> tuple[str, ...]:
+    """Return the names of the dimensions of a variable behind that of the members."""
+    return ("occurrence", "row") if re.fullmatch(r"[ty]_event_[0-9]+", name) else (OUTPUT_TIME,)
+
+
+def _parts(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the variables that a column is stored as: one for each entry of a state, by its name."""
+    if column == STATE:
+        return tuple(f"{name}_end" for name in names)
+    return names if column == OUTPUTS else (column,)
+
+
+def _columns(job: Job, table: MemberTable, begin: int, end: int, results: Results) -> dict[str, Any]:
+    """Return the variables of members by name, each with a row for every member."""
+    names = job.problem.model.layout.names()
+    found: dict[str, Any] = {}
+    for column in job.columns:
+        rows, parts = results.column(column.name), _parts(column.name, names)
+        found |= {column.name: rows} if parts == (column.name,) else {one: rows[..., i] for i, one in enumerate(parts)}
+    which = np.arange(begin, end)
+    for key, label in zip(table.varied.keys, table.labels, strict=True):
+        found[f"{label}_start" if label in names else label] = table.varied.values(key, which)
+    return found

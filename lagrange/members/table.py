@@ -1,0 +1,158 @@
+"""The members of an ensemble as a table: what all have, and what varies between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from lagrange.errors import StatementError, counted, listing, shown, suggestion
+from lagrange.machine.model import Model
+from lagrange.members.chunk import Starts
+from lagrange.members.varied import Arrays, Numbers, Varied
+from lagrange.statement.declare import initial_state, state_rows
+from lagrange.statement.number import real_array
+from lagrange.statement.parameters import label_of
+from lagrange.trajectory.trajectory import FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class MemberTable:
+    """Members: a first state (2n,) and parameters (k,) that all have but for what varies.
+
+    `rows` has for each entry of the state that varies the key that it varies with, `columns` for each parameter.
+    """
+
+    varied: Varied
+    state: FloatArray
+    parameters: FloatArray
+    rows: Mapping[int, Any]
+    columns: Mapping[int, Any]
+
+    def __len__(self) -> int:
+        return len(self.varied)
+
+    @property
+    def varying(self) -> bool:
+        """Whether parameters vary."""
+        return bool(self.columns)
+
+    @cached_property
+    def labels(self) -> tuple[str, ...]:
+        """The names of what varies."""
+        return tuple(label_of(key) for key in self.varied.keys)
+
+    def starts(self, which: Numbers) -> Starts:
+        """Return where some members start."""
+        states = np.repeat(self.state[None], len(which), axis=0)
+        for row, key in self.rows.items():
+            states[:, row] = self.varied.values(key, which)
+        parameters = np.repeat(self.parameters[None], len(which) if self.columns else 1, axis=0)
+        for column, key in self.columns.items():
+            parameters[:, column] = self.varied.values(key, which)
+        return Starts(states, parameters)
+
+
+def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
+    """Return the members that arrays, grids and samples state.
+
+    Both `initial` and `parameters` may be a dict from key to number or array, or a grid or a sample, which may have
+    keys of either kind. Raises StatementError where lengths differ, and for a name that is none.
+    """
+    statement = model.statement
+    sources: list[Varied] = []
+    plain: dict[str, dict[Any, Any]] = {}
+    for what, given in (("initial", initial), ("parameters", parameters)):
+        plain[what], found = _divided(what, given)
+        sources += found
+    if not sources:
+        raise StatementError(
+            "no value varies between members: give an array in initial or in parameters, or lg.grid(...), or "
+            "lg.sample(...)."
+        )
+    varied = _together(sources)
+    rows, by_name = state_rows(statement.coordinates), {p.name: i for i, p in enumerate(statement.parameters)}
+    of_state, of_parameters = dict[int, Any](), dict[int, Any]()
+    for key in varied.keys:
+        label = label_of(key)
+        if key in rows:
+            of_state[rows[key]] = key
+        elif label in by_name:
+            of_parameters[by_name[label]] = key
+        else:
+            names = [*(name for name in rows if isinstance(name, str)), *by_name]
+            raise StatementError(
+                f"{label!r} varies, and is no coordinate, velocity or parameter of {statement.name}; they are "
+                f"{listing(names)}.{suggestion(label, names)}"
+            )
+    state = np.array(initial_state(plain["initial"], statement.coordinates, statement.initial))
+    first = {
+        statement.parameters[i]: float(varied.values(key, np.zeros(1, int))[0]) for i, key in of_parameters.items()
+    }
+    values = model.parameter_array({**plain["parameters"], **first})
+    _check_signs(model, varied, of_parameters)
+    return MemberTable(varied, state, values, of_state, of_parameters)
+
+
+def _check_signs(model: Model, varied: Varied, columns: Mapping[int, Any]) -> None:
+    """Refuse values below zero of parameters that were declared positive, as a run does."""
+    for column, key in columns.items():
+        symbol = model.statement.parameters[column]
+        if symbol.is_nonnegative:
+            lowest = varied.lowest(key)
+            model.parameter_values({**dict.fromkeys(model.statement.parameters, 1.0), symbol: lowest})
+
+
+def _divided(what: str, given: Any) -> tuple[dict[Any, Any], list[Varied]]:
+    """Return the numbers that all members have, and what varies."""
+    if given is None:
+        return {}, []
+    if isinstance(given, Varied):
+        return {}, [given]
+    if not isinstance(given, Mapping):
+        raise StatementError(
+            f"{what} is {shown(given)}: give a dict from name to number or array, or lg.grid(...), or lg.sample(...)."
+        )
+    plain, arrays = {}, {}
+    for key, value in given.items():
+        if isinstance(value, (list, tuple, np.ndarray)) and np.ndim(value):
+            arrays[key] = _values(label_of(key), value)
+        else:
+            plain[key] = value
+    return plain, [Arrays({key: values}) for key, values in arrays.items()]
+
+
+def _values(label: str, given: Any) -> FloatArray:
+    """Return the values of members."""
+    values = real_array(given, f"the values of {label}")
+    if values.ndim != 1:
+        raise StatementError(
+            f"{label} has an array of shape {values.shape}: give (members,), a value for each, or lg.grid(...)."
+        )
+    if not len(values):
+        raise StatementError(f"{label} has an array without values: give one for each member.")
+    if not np.isfinite(values).all():
+        place = int(np.argmin(np.isfinite(values)))
+        raise StatementError(f"{label} is {values[place]} for member {place}: give finite values.")
+    return values
+
+
+def _together(sources: list[Varied]) -> Varied:
+    """Return what varies as one, member by member."""
+    if len(sources) == 1:
+        return sources[0]
+    lengths = {label_of(key): len(one) for one in sources for key in one.keys}
+    if len(set(lengths.values())) > 1:
+        said = listing(f"{label} has {counted(length, 'value')}" for label, length in lengths.items())
+        raise StatementError(
+            f"{said}: give arrays of one length, a value for each member, or lg.grid(...) for all combinations."
+        )
+    keys = [label_of(key) for one in sources for key in one.keys]
+    twice = next((key for key in keys if keys.count(key) > 1), None)
+    if twice is not None:
+        raise StatementError(f"{twice} varies twice: give its values once.")
+    every = np.arange(len(sources[0]))
+    return Arrays({key: one.values(key, every) for one in sources for key in one.keys})

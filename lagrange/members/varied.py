@@ -1,0 +1,167 @@
+"""What varies between members: arrays of values, products of them, and samples of distributions."""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+from lagrange.errors import StatementError, shown
+from lagrange.statement.choice import one_of
+from lagrange.statement.number import real_array, real_number, whole_number
+from lagrange.statement.parameters import label_of, table_of
+from lagrange.trajectory.trajectory import FloatArray
+
+Numbers = NDArray[np.int64]
+"""Numbers of members, from 0 on."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Varied(ABC):
+    """Values of coordinates, velocities and parameters for members from 0 on; the last axis varies fastest.
+
+    `given` are the values that were stated, by key.
+    """
+
+    given: Mapping[Any, FloatArray]
+
+    @property
+    @abstractmethod
+    def axes(self) -> Mapping[str, FloatArray | Numbers]:
+        """The independent axes by name, with their values: one for each member of a product, else their numbers."""
+
+    @abstractmethod
+    def values(self, key: Any, which: Numbers) -> FloatArray:
+        """Return the values of a key for some members."""
+
+    @property
+    def keys(self) -> tuple[Any, ...]:
+        """What varies: coordinates, velocities, parameters, or their names."""
+        return tuple(self.given)
+
+    def lowest(self, key: Any) -> float:
+        """Return the least value of a key."""
+        return float(self.given[key].min())
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """The lengths of the axes."""
+        return tuple(len(values) for values in self.axes.values())
+
+    def __len__(self) -> int:
+        return math.prod(self.shape)
+
+    def __repr__(self) -> str:
+        names = ", ".join(label_of(key) for key in self.keys)
+        return f"<{type(self).__name__} of {len(self)} members: {names}>"
+
+
+class Arrays(Varied):
+    """Arrays of one length, a value for each member."""
+
+    @cached_property
+    def axes(self) -> Mapping[str, FloatArray | Numbers]:
+        """The numbers of the members."""
+        return {"member": np.arange(len(next(iter(self.given.values()))))}
+
+    def values(self, key: Any, which: Numbers) -> FloatArray:
+        """Return the values of a key for some members."""
+        return self.given[key][which]
+
+
+class Grid(Varied):
+    """Every combination of the values of some axes; see `grid`."""
+
+    @cached_property
+    def axes(self) -> Mapping[str, FloatArray | Numbers]:
+        """The values of each axis."""
+        return {label_of(key): values for key, values in self.given.items()}
+
+    def values(self, key: Any, which: Numbers) -> FloatArray:
+        """Return the values of a key for some members."""
+        place = self.keys.index(key)
+        behind = math.prod(self.shape[place + 1 :])
+        return self.given[key][which // behind % self.shape[place]]
+
+
+def grid(axes: Mapping[Any, Any]) -> Grid:
+    """Return every combination of some values, for `lagrange.ensemble`; the last key varies fastest.
+
+    `axes` maps coordinates, velocities, parameters or their names to (low, high, count), equally spaced values with
+    both ends, or to a list or an array of values. Raises StatementError for an axis without values.
+    """
+    found = {}
+    for key, given in _named(axes, "the axes of a grid", "coordinate, velocity or parameter to (low, high, count)"):
+        label = label_of(key)
+        if isinstance(given, tuple) and len(given) == 3:
+            low, high = (real_number(end, f"an end of {label}") for end in given[:2])
+            values = np.linspace(low, high, whole_number(given[2], f"the number of values of {label}", 1))
+        else:
+            values = real_array(given, f"the values of {label}")
+        if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
+            raise StatementError(
+                f"the axis {label} is {shown(given)}: give (low, high, count), or a list of finite values."
+            )
+        found[key] = values
+    return Grid(found)
+
+
+METHODS = ("sobol", "latin", "random")
+
+
+def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str = "sobol") -> Arrays:
+    """Return random values for members, for `lagrange.ensemble`: the same for the same seed.
+
+    `ranges` maps coordinates, velocities, parameters or their names to (low, high), between which values are equally
+    likely, or to a distribution of `scipy.stats`, such as `norm(1.0, 0.1)`. `method` is "sobol", Sobol's sequence,
+    scrambled; "latin", a Latin hypercube; or "random", independent values. Source: `scipy.stats.qmc`. Raises
+    StatementError for a range that has no values.
+    """
+    members = whole_number(count, "count, the number of members,", 1)
+    start = whole_number(seed, "seed", 0)
+    one_of(method, METHODS, "method is {given}; the methods of a sample are {known}.")
+    given = list(_named(ranges, "the ranges of a sample", "coordinate, velocity or parameter to (low, high)"))
+    generator = np.random.default_rng(start)
+    if method == "sobol":
+        whole = qmc.Sobol(len(given), seed=generator).random_base2(max(members - 1, 1).bit_length())
+        parts = whole[:members]
+    elif method == "latin":
+        parts = qmc.LatinHypercube(len(given), seed=generator).random(members)
+    else:
+        parts = generator.random((members, len(given)))
+    return Arrays({key: _drawn(label_of(key), one, part) for (key, one), part in zip(given, parts.T, strict=True)})
+
+
+def _drawn(label: str, given: Any, parts: FloatArray) -> FloatArray:
+    """Return the values of a range or a distribution at parts of 1."""
+    quantile = getattr(given, "ppf", None)
+    if callable(quantile):
+        # Sobol's sequence has a 0 unless it is scrambled, where a normal distribution has no value.
+        values = real_array(quantile(np.clip(parts, 2.0**-53, 1.0 - 2.0**-53)), f"the values of {label}")
+    elif isinstance(given, (tuple, list)) and len(given) == 2:
+        low, high = (real_number(end, f"an end of {label}") for end in given)
+        if not low < high:
+            raise StatementError(f"the range of {label} goes from {low:g} to {high:g}: give (low, high), low first.")
+        values = low + (high - low) * parts
+    else:
+        raise StatementError(
+            f"the range of {label} is {shown(given)}: give (low, high), or a distribution of scipy.stats."
+        )
+    if not np.isfinite(values).all():
+        raise StatementError(f"the distribution of {label} gives values that are not finite.")
+    return values
+
+
+def _named(given: Any, what: str, entries: str) -> Any:
+    """Return the entries of a table that has some."""
+    table = table_of(given, what, entries)
+    if not table:
+        raise StatementError(f"{what} are empty: give a dict from {entries}.")
+    return table.items()

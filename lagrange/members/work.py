@@ -1,0 +1,123 @@
+"""Members in chunks: handed out, run somewhere, and taken back.
+
+A chunk takes a fraction of a second, so that progress shows and an interruption is heeded. How members are divided does
+not change what they give.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import BrokenExecutor, CancelledError
+from contextlib import contextmanager
+from dataclasses import dataclass
+from queue import SimpleQueue
+from typing import Any
+
+import numpy as np
+
+from lagrange.errors import RunError
+from lagrange.members.chunk import Starts
+from lagrange.members.job import Done
+from lagrange.members.runners import Runner
+from lagrange.members.table import MemberTable
+
+CHUNK_SECONDS = 0.1
+"""A chunk takes about so long; a tenth of a second is what a person takes for at once."""
+
+FIRST_CHUNK, LARGEST_CHUNK = 64, 65536
+"""Members of the first chunks, before it is known how long one takes, and the most of any chunk."""
+
+Take = Callable[[int, Done], None]
+"""What is done with the results of members from a number on."""
+
+
+@dataclass
+class Pace:
+    """How many members take as long as a chunk should, by what former chunks took."""
+
+    size: int
+
+    def note(self, members: int, seconds: float) -> None:
+        """Note how long some members took."""
+        fitting = int(members * CHUNK_SECONDS / max(seconds, 1e-9))
+        self.size = min(max(fitting, 1), 4 * self.size, LARGEST_CHUNK)
+
+
+def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:
+    """Run members of blocks, each from a number to before another, in order.
+
+    `take` is called in this thread with the results of each chunk, in the order in which chunks are done. Where
+    anything stops it, what is under way is waited for and taken.
+    """
+    pace = Pace(FIRST_CHUNK)
+    chunks = _chunks(blocks, pace)
+    done: SimpleQueue[tuple[int, int, Any]] = SimpleQueue()
+    under_way: dict[int, Any] = {}
+
+    def collect() -> None:
+        first, count, future = done.get()
+        del under_way[first]
+        found = _result(future)
+        pace.note(count, found.seconds)
+        take(first, found)
+
+    try:
+        for first, count in chunks:
+            future = _submitted(runner, table.starts(np.arange(first, first + count)))
+            future.add_done_callback(lambda one, key=(first, count): done.put((*key, one)))
+            under_way[first] = future
+            while len(under_way) >= runner.places:
+                collect()
+        while under_way:
+            collect()
+    except BaseException:
+        for future in under_way.values():
+            future.cancel()
+        _take_finished(under_way, done, take)
+        raise
+    finally:
+        runner.close()
+
+
+def _submitted(runner: Runner, starts: Starts) -> Any:
+    """Return the future of a chunk. Raises RunError where the executor gave up."""
+    with _working():
+        return runner.submit(starts)
+
+
+def _result(future: Any) -> Done:
+    """Return what came of a chunk. Raises RunError where the executor gave up."""
+    with _working():
+        found: Done = future.result()
+    return found
+
+
+@contextmanager
+def _working() -> Iterator[None]:
+    """Say what it means for the ensemble that an executor gives up."""
+    try:
+        yield
+    except (BrokenExecutor, CancelledError) as error:
+        raise RunError(
+            f"the executor gave up ({str(error) or type(error).__name__}): a process of it was ended, or ran out of "
+            "memory. With store= the same call goes on where this one stopped."
+        ) from error
+
+
+def _take_finished(under_way: dict[int, Any], done: SimpleQueue[tuple[int, int, Any]], take: Take) -> None:
+    """Take what is under way and comes to its end; what was cancelled or failed is left out."""
+    while under_way:
+        first, _, future = done.get()
+        under_way.pop(first, None)
+        if not future.cancelled() and future.exception() is None:
+            take(first, future.result())
+
+
+def _chunks(blocks: Iterable[tuple[int, int]], pace: Pace) -> Iterator[tuple[int, int]]:
+    """Yield the first and the number of the next members, as many as the pace says when they are asked for."""
+    for begin, end in blocks:
+        first = begin
+        while first < end:
+            count = min(pace.size, end - first)
+            yield first, count
+            first += count

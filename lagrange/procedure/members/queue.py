@@ -1,0 +1,171 @@
+"""One member after the other: each lane of a vector takes its next member when it is done with the one before.
+
+A lane is a number from 0 on, and takes every member whose number is its own plus a multiple of the number of lanes.
+What a member gives depends on its own numbers alone.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.step.constants import MOST_SURVEYS
+from lagrange.procedure.step.run import COUNTS, RUN
+from lagrange.procedure.values import Flag, Memory, Real, Whole
+
+LANE = "lane"
+"""The argument that differs from lane to lane; all others are common."""
+
+COUNTED = ("steps", "rejected", "evaluations")
+"""The counts that are kept of each member."""
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """What procedures know beside a time and a state: parameters, and behind them what depends on them alone.
+
+    `size` is how many numbers these are. With `prepare` each member has `parameters` of its own, from which it writes
+    them; without it all members have one array of them.
+    """
+
+    size: int
+    parameters: int
+    prepare: Procedure | None = None
+
+
+@dataclass(frozen=True)
+class Observed:
+    """Numbers that are kept of a state, `size` of them, by a procedure of time, state, numbers and results."""
+
+    kernel: Procedure
+    size: int
+
+
+class Members(ABC):
+    """Builds a procedure that runs members from t0 to t1; a method says how a run begins and how it goes on.
+
+    Of `count` members, `starts` has the states [q, v], and `numbers` their parameters or the numbers of all; see
+    `Numbers`. The results are, by rows, the last states, times and outcomes, the counts, what is observed at the start
+    and at the end, and the states at `wanted` output times. A member that is not DONE is where its run stopped.
+    """
+
+    def __init__(self, dimension: int, numbers: Numbers, observed: Observed) -> None:
+        self.dimension, self.known, self.observed = dimension, numbers, observed
+        p = self.p = Builder("members", "Run members of an ensemble, one after the other in each lane.")
+        self.lane, self.lanes = p.given(LANE, WHOLE), p.given("lanes", WHOLE)
+        self.count, self.budget = p.given("count", WHOLE), p.given("budget", WHOLE)
+        self.t0, self.t1 = p.given("t0", REAL), p.given("t1", REAL)
+        self.rtol, self.floor, self.share = (p.given(name, REAL) for name in ("rtol", "floor", "share"))
+        self.step, self.longest = p.given("step", REAL), p.given("longest", REAL)
+        self.starts, self.numbers = p.array("starts", read=True), p.array("numbers", read=True)
+        self.wanted, self.output_times = p.given("wanted", WHOLE), p.array("output_times", read=True)
+        self.outputs, self.ends, self.times = p.array("outputs"), p.array("ends"), p.array("times")
+        self.first, self.last = p.array("first"), p.array("last")
+        self.outcomes = p.array("outcomes", WHOLE)
+        self.counted = {name: p.array(name, WHOLE) for name in COUNTED}
+        self.held = p.reserve(numbers.size, name="prepared") if numbers.prepare else self.numbers
+        self.seen, self.found = p.reserve(dimension, name="seen"), p.reserve(max(observed.size, 1), name="found")
+        self.run: Any = p.reserve_record(RUN)
+        self.counts: Any = p.reserve_record(COUNTS)
+        self.floors = p.reserve(dimension, name="floors")
+        self.member = p.variable(self.lane, "member")
+        self.tried = p.variable(0, "tried")
+        self.fresh = p.variable(p.true, "fresh")
+
+    @property
+    @abstractmethod
+    def state(self) -> list[Memory]:
+        """The state of the present member, in parts of equal length."""
+
+    @abstractmethod
+    def begin(self) -> None:
+        """Set up what the method keeps of a run, at its start."""
+
+    @abstractmethod
+    def advance(self, last: Flag) -> Whole:
+        """Take a step, and return an outcome, PAUSED where the run goes on; after the `last` one it does not."""
+
+    def build(self) -> Procedure:
+        """Return the procedure."""
+        p = self.p
+        with p.repeat(lambda: self.member.value < self.count):
+            with p.when(self.fresh.value):
+                self.begin_member()
+            last = self.tried.value >= self.budget
+            outcome = self.without_sizes(self.advance(last)).called("outcome")
+            self.tried.value = self.tried.value + 1
+            done = ~outcome.equals(Outcome.PAUSED) | last
+            self.fresh.value = done
+            with p.when(done):
+                self.end_member(outcome)
+        return p.finish()
+
+    def without_sizes(self, outcome: Whole) -> Whole:
+        """Return an outcome, PAUSED where a run under way asks for the sizes of its entries: it goes on without them.
+
+        They would raise floors, so its steps are at most shorter. A run that cannot begin without them ends.
+        """
+        p, counts = self.p, self.counts
+        asked = outcome.equals(Outcome.UNSCALED) & (counts.steps > 0) & (counts.surveyed < MOST_SURVEYS)
+        counts.surveyed = counts.surveyed + p.whole(asked)
+        found: Whole = p.choose(asked, Outcome.PAUSED, outcome)
+        return found
+
+    def begin_member(self) -> None:
+        """Set up the run of the next member."""
+        p, run, counts, n = self.p, self.run, self.counts, self.dimension
+        member = self.member.value
+        if self.known.prepare is not None:
+            p.call(self.known.prepare, self.numbers.at(member * self.known.parameters), self.held)
+        self.tried.value = 0
+        for name, kind in RUN.fields:
+            setattr(run, name, 0.0 if kind is REAL else 0)
+        for name, _ in COUNTS.fields:
+            setattr(counts, name, 0)
+        run.t = run.start = self.t0
+        run.end = self.t1
+        run.h = run.step = self.step
+        run.rtol, run.share, run.longest, run.previous = self.rtol, self.share, self.longest, 1.0
+        run.cause = float(Outcome.STEP_TOO_SMALL)
+        with p.each(n, width=1) as i:
+            self.floors[i] = self.floor
+        length = n // len(self.state)
+        for k, part in enumerate(self.state):
+            start = self.starts.at(member * n + k * length)
+            with p.each(length, width=1) as i:
+                part[i] = start[i]
+        self.observe(self.t0, self.first)
+        self.begin()
+
+    def observe(self, t: Real, results: Memory) -> None:
+        """Write what is observed at the state, as a row of some results."""
+        p, size = self.p, self.observed.size
+        if not size:
+            return
+        length = self.dimension // len(self.state)
+        for k, part in enumerate(self.state):
+            with p.each(length, width=1) as i:
+                self.seen.at(k * length)[i] = part[i]
+        p.call(self.observed.kernel, t, self.seen, self.held, self.found)
+        target = results.at(self.member.value * size)
+        with p.each(size, width=1) as i:
+            target[i] = self.found[i]
+
+    def end_member(self, outcome: Whole) -> None:
+        """Write the results of a member, and turn to the next."""
+        p, member = self.p, self.member.value
+        length = self.dimension // len(self.state)
+        for k, part in enumerate(self.state):
+            target = self.ends.at(member * self.dimension + k * length)
+            with p.each(length, width=1) as i:
+                target[i] = part[i]
+        self.observe(self.run.t, self.last)
+        self.times[member] = self.run.t
+        self.outcomes[member] = outcome
+        for name, array in self.counted.items():
+            array[member] = getattr(self.counts, name)
+        self.member.value = member + self.lanes

@@ -1,0 +1,58 @@
+"""Members that run by Taylor series of one order."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lagrange.procedure.bind import bound
+from lagrange.procedure.form import Procedure
+from lagrange.procedure.members.queue import Members, Numbers, Observed
+from lagrange.procedure.taylor.loop import begin_run, iteration
+from lagrange.procedure.taylor.memory import BLOCK, HELD, OUTPUTS, TAYLOR, TaylorLayout
+from lagrange.procedure.taylor.powers import logarithm
+from lagrange.procedure.values import Flag, Memory, Whole
+
+
+class TaylorMembers(Members):
+    """Runs by the steps that the driver of single runs takes, with the series in a function `jet`."""
+
+    def __init__(
+        self,
+        layout: TaylorLayout,
+        order: int,
+        jet: Procedure,
+        numbers: Numbers,
+        observed: Observed,
+    ) -> None:
+        super().__init__(layout.dimension, numbers, observed)
+        p = self.p
+        self.layout, self.order, self.jet = layout, order, jet
+        self.work = p.reserve(layout.size(order), room=BLOCK, name="work")
+        self.taylor: Any = p.reserve_record(TAYLOR)
+        self.before: Any = p.reserve_record(HELD)
+        self.written: Any = p.reserve_record(OUTPUTS)
+        self.none = p.reserve(1, name="none")
+        self.digits = (-p.call(logarithm(), self.rtol)).called("digits")
+
+    @property
+    def state(self) -> list[Memory]:
+        """The state at the beginning of the work array."""
+        return [self.work]
+
+    def begin(self) -> None:
+        """Reset the compensation, the counters and the scale of time; no output has been written."""
+        self.before.unproven = 0
+        self.written.done = self.written.ahead = 0
+        begin_run(self.p, self.layout, self.run, self.counts, self.taylor, self.before, self.work)
+
+    def advance(self, last: Flag) -> Whole:
+        """Prove the step before, and take the next one."""
+        p = self.p
+        given = {"prepared": self.held, "constants": self.held, "run": self.run, "counts": self.counts}
+        given |= {"taylor": self.taylor, "floors": self.floors, "held": self.before, "outputs": self.written}
+        given |= {"output_times": self.output_times, "times": self.none, "rows": self.none}
+        given |= {"output_states": self.outputs.at(self.member.value * (self.wanted * self.dimension))}
+        given |= {"last": last, "digits": self.digits, "work": self.work, "order": p.whole(self.order)}
+        step = bound(iteration(self.layout), {"jet": self.jet}, prefix="run_")
+        found: Whole = p.call(step, *(given[one.name] for one in step.parameters))
+        return found

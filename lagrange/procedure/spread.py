@@ -1,0 +1,187 @@
+"""Which values of a procedure differ between members that it runs side by side, and which are the same for all.
+
+A member has its own value where an argument is its own, or where members may have gone different ways. The rest is
+computed once for all of them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from lagrange.errors import LagrangeError
+from lagrange.procedure.form import (
+    Array,
+    Block,
+    Call,
+    Declare,
+    Each,
+    Get,
+    Kind,
+    Leave,
+    Let,
+    Load,
+    Loop,
+    Part,
+    Procedure,
+    Read,
+    Repeat,
+    Reserve,
+    ReserveRecord,
+    Set,
+    Statement,
+    When,
+)
+
+
+class Share(NamedTuple):
+    """How members share an argument: each has its `own`, or all have one; of an array each may use a part `apart`."""
+
+    own: bool
+    apart: bool = False
+
+
+COMMON, OWN = Share(own=False), Share(own=True)
+
+Signature = tuple[Share, ...]
+
+
+def signature_of(call: Call, own: Container[int], apart: Container[int]) -> Signature:
+    """Return how members share the arguments of a call, where some values are their own and some arrays apart."""
+    assert isinstance(call.callee, Procedure)
+    return tuple(
+        Share(arg in own, not isinstance(one.type, Kind) and arg in apart)
+        for one, arg in zip(call.callee.parameters, call.args, strict=True)
+    )
+
+
+@dataclass(frozen=True)
+class Spread:
+    """What differs between members: values, variables and memory by number, and the results by place.
+
+    Arrays in `apart` begin at another place for each member. Where `parting` holds, members may leave the procedure at
+    different statements.
+    """
+
+    own: frozenset[int]
+    apart: frozenset[int]
+    parting: bool
+    results: tuple[bool, ...]
+
+
+@dataclass
+class Spreads:
+    """The spreads of procedures by their signatures, each found once."""
+
+    known: dict[tuple[Procedure, Signature], Spread] = field(default_factory=dict)
+
+    def of(self, procedure: Procedure, signature: Signature) -> Spread:
+        """Return what differs for arguments that are shared as the signature says."""
+        key = procedure, signature
+        if key not in self.known:
+            self.known[key] = _Search(self, procedure, signature).spread()
+        return self.known[key]
+
+
+class _Search:
+    """Walks a procedure until nothing more is found to differ: a variable set in a loop may differ where it begins."""
+
+    def __init__(self, spreads: Spreads, procedure: Procedure, signature: Signature) -> None:
+        self.spreads, self.procedure = spreads, procedure
+        self.own: dict[int, None] = {}
+        self.apart: dict[int, None] = {}
+        self.written: dict[int, None] = {}
+        """Arrays that are not only read."""
+        self.parting = False
+        self.results = [False] * len(procedure.results)
+        for parameter, share in zip(procedure.parameters, signature, strict=True):
+            self.mark(parameter.ref, own=share.own, apart=share.apart)
+            if isinstance(parameter.type, Array) and not parameter.type.read:
+                self.written[parameter.ref] = None
+
+    def spread(self) -> Spread:
+        """Return what was found."""
+        before = None
+        while before != (before := self.size()):
+            self.block(self.procedure.body, parted=False)
+        results = tuple(self.parting or own for own in self.results)
+        return Spread(frozenset(self.own), frozenset(self.apart), self.parting, results)
+
+    def size(self) -> tuple[int, ...]:
+        """Return how much has been found."""
+        return len(self.own), len(self.apart), self.parting, sum(self.results)
+
+    def mark(self, ref: int, *, own: bool, apart: bool = False) -> None:
+        """Note that a number differs, if it does."""
+        if own:
+            self.own[ref] = None
+        if apart:
+            self.apart[ref] = None
+
+    def differs(self, refs: Iterable[int]) -> bool:
+        """Return whether one of some numbers differs."""
+        return any(ref in self.own for ref in refs)
+
+    def block(self, block: Block, *, parted: bool) -> None:
+        """Go through statements that all members reach, or only some of them once they have `parted`."""
+        for statement in block:
+            self.statement(statement, parted=parted)
+
+    def statement(self, statement: Statement, *, parted: bool) -> None:
+        """Note what a statement defines."""
+        match statement:
+            case Let(ref=ref, args=args):
+                self.mark(ref, own=self.differs(args))
+            case Load(ref=ref, array=array, place=place):
+                common = array not in self.own and array not in self.apart and array not in self.written
+                self.mark(ref, own=not common or place in self.own)
+            case Reserve(ref=ref) | ReserveRecord(ref=ref):
+                self.mark(ref, own=True)
+            case Part(ref=ref, array=array, start=start):
+                self.mark(ref, own=array in self.own, apart=array in self.apart or start in self.own)
+                if array in self.written:
+                    self.written[ref] = None
+            case Read(ref=ref, record=record):
+                self.mark(ref, own=record in self.own)
+            case Declare(ref=ref, value=value) | Get(ref=ref, variable=value):
+                self.mark(ref, own=value in self.own)
+            case Set(variable=variable, value=value):
+                self.mark(variable, own=parted or value in self.own)
+            case Call():
+                self.call(statement)
+            case Leave(values=values):
+                self.parting |= parted
+                self.results = [own or ref in self.own for own, ref in zip(self.results, values, strict=True)]
+            case When() | Loop() | Repeat() | Each():
+                self.control(statement, parted=parted)
+
+    def control(self, statement: When | Loop | Repeat | Each, *, parted: bool) -> None:
+        """Go into a branch or a loop."""
+        match statement:
+            case When(condition=condition, then=then, otherwise=otherwise):
+                inside = parted or condition in self.own
+                self.block(then, parted=inside)
+                self.block(otherwise, parted=inside)
+            case Loop(place=place, start=start, stop=stop, body=body):
+                self.mark(place, own=start in self.own)
+                self.block(body, parted=parted or self.differs((start, stop)))
+            case Repeat(test=test, condition=condition, body=body):
+                inside = parted or condition in self.own
+                self.block(test, parted=inside)
+                self.block(body, parted=inside)
+            case Each(iterations=count, body=body, folds=folds):
+                inside = parted or count in self.own
+                self.block(body, parted=inside)
+                for fold in folds:
+                    values = (fold.value,) if fold.factor is None else (fold.value, fold.factor)
+                    self.mark(fold.ref, own=count in self.own or self.differs(values))
+
+    def call(self, call: Call) -> None:
+        """Note which results of a call differ."""
+        callee = call.callee
+        if not isinstance(callee, Procedure):
+            raise LagrangeError(f"procedure {self.procedure.name} calls a function that is not bound.")
+        found = self.spreads.of(callee, signature_of(call, self.own, self.apart))
+        for ref, own in zip(call.refs, found.results, strict=True):
+            self.mark(ref, own=own)

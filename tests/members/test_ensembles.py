@@ -1,0 +1,207 @@
+"""Ensembles: each member gives what a run of its own gives, whatever its neighbours do and however they are divided."""
+
+from __future__ import annotations
+
+import warnings
+from functools import cache
+from typing import Any, cast
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.members import work
+from tests.covering import share
+
+METHODS: dict[str, dict[str, Any]] = {
+    "taylor": {"rtol": 1e-9},
+    "dop853": {"rtol": 1e-9},
+    "tsit5": {"rtol": 1e-7, "atol": 1e-9},
+    "rk4": {"step": 0.01},
+    "verlet": {"step": 0.01},
+    "radau5": {"rtol": 1e-7},
+}
+"""Methods that run in lanes, and one that does not."""
+
+SPREAD = 21
+"""Members: two vectors of eight and five more, so that lanes run out of members at different times."""
+
+
+@cache
+def system(name: str) -> lg.System:
+    return lg.scene(name)
+
+
+def starts(name: str) -> dict[str, Any]:
+    first, value = next(iter(zip(system(name).compile().layout.names(), system(name).statement.initial, strict=False)))
+    return {first: value + np.linspace(-0.2, 0.25, SPREAD)}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", ["pendulum", "henon-heiles", "double-pendulum"][: share(3)])
+def test_a_member_ends_where_a_run_of_its_own_ends(name: str, method: str) -> None:
+    """Rounding differs: a machine computes the entries of one state in another order, which Lyapunov growth over t = 3
+    multiplies by less than 100."""
+    if (name, method) == ("double-pendulum", "verlet"):
+        pytest.skip("its mass matrix changes along the motion")
+    initial, settings = starts(name), METHODS[method]
+    runs = lg.ensemble(system(name), 3.0, initial, method=method, keep=("end", "counts"), **settings)
+    assert set(runs.status) == {lg.Status.SUCCESS} and not runs.messages and (runs.t == 3.0).all()
+    key = next(iter(initial))
+    for i in (0, 7, 8, SPREAD - 1):
+        alone = system(name).run(3.0, {key: initial[key][i]}, method=method, **settings)
+        assert np.allclose(runs.y[:, i], alone.y[:, -1], rtol=1e-11, atol=1e-12), (i, runs.y[:, i] - alone.y[:, -1])
+        assert runs.steps[i] == alone.steps
+
+
+def test_parameters_vary_and_outputs_are_those_of_a_run() -> None:
+    times = np.array([0.0, 0.1, 0.1, 1.3, 2.0])
+    runs = lg.ensemble(
+        system("double-pendulum"),
+        2.0,
+        parameters=lg.sample({"m1": (0.5, 1.5), "g": (9.0, 10.0)}, 13, seed=3),
+        t_eval=times,
+    )
+    assert runs.y.shape == (4, 5, 13)
+    for i in range(13):
+        alone = system("double-pendulum").run(2.0, parameters={"m1": runs["m1"][i], "g": runs["g"][i]}, t_eval=times)
+        assert np.allclose(runs.y[:, :, i], alone.y, rtol=1e-12, atol=1e-13)
+
+
+def test_how_members_are_divided_does_not_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Threads, chunks, and neighbours: some of these starts escape, and their lanes run on."""
+    initial = lg.grid({"x": (-1.0, 1.0, 9), "y": [-0.2, 0.1, 0.9]})
+    whole = lg.ensemble(system("henon-heiles"), 15.0, initial, workers=1)
+    assert lg.Status.SUCCESS in whole.status and lg.Status.STEP_TOO_SMALL in whole.status
+    for size, workers in ((1, 1), (3, 2), (8, 1), (11, 2), (100, 3)):
+        monkeypatch.setattr(work, "FIRST_CHUNK", size)
+        monkeypatch.setattr(work, "LARGEST_CHUNK", size)
+        runs = lg.ensemble(system("henon-heiles"), 15.0, initial, workers=workers)
+        for name in (column.name for column in whole.columns):
+            assert runs.results.column(name).tobytes() == whole.results.column(name).tobytes()
+    order = np.random.default_rng(1).permutation(len(whole))
+    shuffled = lg.ensemble(system("henon-heiles"), 15.0, {"x": whole.given("x")[order], "y": whole.given("y")[order]})
+    assert shuffled.results.column("state").tobytes() == whole.results.column("state")[order].tobytes()
+
+
+def test_a_member_that_fails_says_why_and_stops_where_a_run_stops() -> None:
+    runs = lg.ensemble(system("henon-heiles"), 15.0, {"x": [0.1, 1.0, 0.2]}, t_eval=[1.0, 14.0, 15.0])
+    assert [one.value for one in runs.status] == ["success", "step_too_small", "success"]
+    alone = system("henon-heiles").run(15.0, {"x": 1.0}, t_eval=[1.0, 14.0, 15.0])
+    assert list(runs.messages) == [1] and "singularity there" in runs.messages[1]
+    assert repr(runs.messages).startswith("<messages of 1 member, of member 1: taylor stopped at")
+    assert runs.messages[1].split(" on the way")[0] == alone.message.split(" on the way")[0]
+    assert np.isnan(runs.y[:, 1:, 1]).all() and np.isfinite(runs.y[:, 0, 1]).all()
+    assert np.isfinite(runs.y[:, :, [0, 2]]).all()
+
+
+def test_an_energy_that_moves_is_told_as_in_a_run() -> None:
+    settings: dict[str, Any] = {"method": "euler", "step": 0.1}
+    runs = lg.ensemble(system("pendulum"), 60.0, {"theta": [0.01, 2.5]}, **settings)
+    for i, theta in enumerate((0.01, 2.5)):
+        alone = system("pendulum").run(60.0, {"theta": theta}, **settings)
+        assert runs.status[i] is alone.status
+        assert runs.status[i] is lg.Status.SUCCESS or runs.messages[i] == alone.message
+
+
+def test_runs_with_events_and_constraints_are_runs_one_after_the_other() -> None:
+    ball = lg.ensemble(
+        system("thrown-ball"),
+        10.0,
+        {"y_dot": [1.0, 2.0]},
+        events=[lg.event(system("thrown-ball").coordinates[1], terminal=True)],
+    )
+    assert {one.value for one in ball.status} == {"event"} and ball.t[0] < ball.t[1] < 10.0
+    held = lg.ensemble(system("cartesian-pendulum"), 1.0, parameters={"g": [9.0, 10.0]})
+    alone = system("cartesian-pendulum").run(1.0, parameters={"g": 10.0})
+    assert "one after the other" in held.form and np.array_equal(held.y[:, 1], alone.y[:, -1])
+
+
+def test_a_grid_is_every_combination_and_a_sample_is_repeated_by_its_seed() -> None:
+    runs = lg.ensemble(system("pendulum"), 0.1, lg.grid({"theta": (0.0, 1.0, 3), "l": [1.0, 2.0]}))
+    assert runs["l"].tolist() == [1.0, 2.0] * 3 and runs.given("theta").tolist() == [0.0, 0.0, 0.5, 0.5, 1.0, 1.0]
+    found = runs.to_xarray()
+    assert dict(found.sizes) == {"theta": 3, "l": 2} and found["theta_dot"].dims == ("theta", "l")
+    for method in ("sobol", "latin", "random"):
+        one, other, third = (lg.sample({"m": (0.9, 1.1)}, 37, seed=seed, method=method) for seed in (5, 5, 6))
+        every = np.arange(37)
+        assert np.array_equal(one.values("m", every), other.values("m", every))
+        assert not np.array_equal(one.values("m", every), third.values("m", every))
+        assert one.values("m", every).min() >= 0.9 and one.values("m", every).max() <= 1.1
+
+
+def test_what_is_kept_is_what_a_run_has() -> None:
+    x, y = system("henon-heiles").coordinates
+    keep = ("end", "counts", "drift", ("max", x), ("min", x**2 - y), ("mean", x), ("events", 2))
+    runs = lg.ensemble(system("henon-heiles"), 20.0, {"x": [0.1, 0.2]}, keep=keep, events=[x], rtol=1e-10)
+    times = np.linspace(0.0, 20.0, 200_001)
+    for i, start in enumerate((0.1, 0.2)):
+        alone = system("henon-heiles").run(20.0, {"x": start}, events=[x], rtol=1e-10)
+        path = alone.at(times)
+        # Samples at distances of 1e-4 miss an extremum by at most their square.
+        assert runs["max(x)"][i] == pytest.approx(path[0].max(), abs=1e-8)
+        assert runs["min(x**2 - y)"][i] == pytest.approx((path[0] ** 2 - path[1]).min(), abs=1e-8)
+        assert runs["mean(x)"][i] == pytest.approx(np.trapezoid(path[0], times) / 20.0, abs=1e-8)
+        assert np.array_equal(runs.t_events[0][i], alone.t_events[0][:2])
+        assert np.array_equal(runs.y_events[0][i], alone.y_events[0][:2])
+        assert runs.steps[i] == alone.steps and abs(runs["drift"][i]) < 1e-8
+    lanes = lg.ensemble(system("henon-heiles"), 20.0, {"x": [0.1, 0.2]}, keep=("drift", "counts"), rtol=1e-10)
+    assert np.array_equal(lanes.steps, runs.steps) and np.allclose(lanes["drift"], runs["drift"], atol=1e-13)
+    with pytest.raises(lg.StatementError, match="state was not kept: add"):
+        _ = lanes.y
+
+
+REFUSALS: list[tuple[dict[str, Any], str]] = [
+    (
+        {"initial": {"theta1": [1.0] * 3, "theta2": [1.0] * 4}},
+        "theta1 has 3 values and theta2 has 4 values: give arrays",
+    ),
+    ({"initial": {"theta3": [1.0]}}, "'theta3' varies, and is no coordinate, velocity or parameter of double-pendulum"),
+    ({"initial": {"theta1": 1.0}}, "no value varies between members"),
+    ({"initial": {"theta1": [1.0, np.nan]}}, "theta1 is nan for member 1: give finite values."),
+    ({"initial": {"theta1": [[1.0]]}}, "theta1 has an array of shape (1, 1): give (members,)"),
+    ({"initial": {"theta1": np.zeros(0)}}, "theta1 has an array without values"),
+    ({"initial": 3}, "initial is 3: give a dict from name to number or array"),
+    ({"initial": {"theta1": [1.0]}, "parameters": {"m3": 1.0}}, "'m3' is no parameter of this system"),
+    ({"initial": {"theta1": [1.0]}, "workers": 0}, "workers = 0: give a whole number of at least 1."),
+    (
+        {"initial": {"theta1": [1.0]}, "keep": ("ends",)},
+        "keep has 'ends', which is none of end, counts",
+    ),
+    ({"initial": {"theta1": [1.0]}, "keep": ()}, "keep is (): give names"),
+    ({"initial": {"theta1": [1.0]}, "keep": ("events",)}, "keep has events, and the ensemble has none"),
+    (
+        {"initial": {"theta1": [1.0]}, "keep": (("max", lg.coordinate("w")),)},
+        "contains w(t), which this",
+    ),
+    ({"initial": {"theta1": [1.0]}, "executor": 3}, "executor is 3: give a concurrent.futures executor"),
+    ({"initial": {"theta1": [1.0]}, "executor": 3, "workers": 2}, "workers and executor are both given"),
+    ({"initial": lg.grid({"theta1": (0, 1, 10**6), "theta2": (0, 1, 10**5)})}, 'give store="runs.zarr"'),
+    ({"initial": {"theta1": [1.0]}, "step": 0.1}, "taylor chooses its steps by itself"),
+    ({"initial": {"theta1": [1.0, 2.0]}, "parameters": {"m1": [1.0]}}, "theta1 has 2 values and m1 has 1 value"),
+]
+
+
+@pytest.mark.parametrize(("request_", "text"), REFUSALS, ids=[text[:30] for _, text in REFUSALS])
+def test_what_cannot_be_meant_is_refused(request_: dict[str, Any], text: str) -> None:
+    with pytest.raises(lg.StatementError) as refusal:
+        lg.ensemble(system("double-pendulum"), 1.0, **request_)
+    assert text in str(refusal.value)
+
+
+@pytest.mark.parametrize(
+    ("make", "text"),
+    [
+        (lambda: lg.grid({}), "the axes of a grid are empty"),
+        (lambda: lg.grid({"x": (0.0, 1.0, 0)}), "the number of values of x = 0: give a whole number of at least 1."),
+        (lambda: lg.grid({"x": []}), "the axis x is []: give (low, high, count)"),
+        (lambda: lg.sample({"x": (1.0, 0.0)}, 3), "the range of x goes from 1 to 0: give (low, high), low first."),
+        (lambda: lg.sample({"x": "wide"}, 3), "the range of x is 'wide': give (low, high), or a distribution"),
+        (lambda: lg.sample({"x": (0.0, 1.0)}, 3, method="sobal"), "Did you mean 'sobol'?"),
+        (lambda: lg.ensemble(cast(Any, "double-pendulum"), 1.0), "is no system"),
+    ],
+)
+def test_grids_and_samples_refuse_in_words(make: Any, text: str) -> None:
+    with warnings.catch_warnings(), pytest.raises(lg.StatementError) as refusal:
+        make()
+    assert text in str(refusal.value)

@@ -1,0 +1,216 @@
+"""Stores and executors: the same bytes wherever members run and however often the call was stopped."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.members import store
+
+zarr = pytest.importorskip("zarr")
+
+GRID = lg.grid({"x": (-0.6, 0.6, 20), "y": (-0.3, 0.3, 12)})
+
+
+def run(**options: Any) -> lg.Ensemble:
+    return lg.ensemble(lg.scene("henon-heiles"), 8.0, GRID, keep=("end", "counts"), **options)
+
+
+def columns(runs: lg.Ensemble) -> list[bytes]:
+    return [runs.results.column(column.name).tobytes() for column in runs.columns]
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(one.relative_to(folder)): one.read_bytes() for one in sorted(folder.rglob("*")) if one.is_file()}
+
+
+@pytest.fixture(scope="module")
+def whole() -> lg.Ensemble:
+    return run()
+
+
+@pytest.fixture(autouse=True)
+def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "LARGEST_BLOCK", 37)
+
+
+def test_a_store_has_what_memory_has(whole: lg.Ensemble, tmp_path: Path) -> None:
+    runs = run(store=tmp_path / "runs.zarr")
+    assert columns(runs) == columns(whole) and np.array_equal(runs.y, whole.y)
+    again = run(store=tmp_path / "runs.zarr")
+    assert columns(again) == columns(whole) and again.form == "all members were stored"
+    group = zarr.open_group(str(tmp_path / "runs.zarr"), mode="r")
+    assert np.array_equal(group["x_end"][:], whole.y[0]) and np.array_equal(group["x_start"][:], whole.given("x"))
+    assert group.attrs["statuses"][int(group["status"][0])] == whole.status[0].value
+
+
+def test_xarray_opens_a_store(tmp_path: Path, whole: lg.Ensemble) -> None:
+    xarray = pytest.importorskip("xarray")
+    run(store=tmp_path / "runs.zarr")
+    with xarray.open_zarr(str(tmp_path / "runs.zarr"), consolidated=False) as data:
+        assert np.array_equal(data["y_end"].to_numpy(), whole.y[1]) and data["y_end"].dims == ("member",)
+
+
+def test_a_call_goes_on_where_another_one_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is stopped before every block in turn; what was written is not run again, and the files are the same."""
+    run(store=tmp_path / "whole.zarr")
+    blocks = -(-len(GRID) // 37)
+    written: list[int] = []
+    write = store.StoreKeeper.write
+
+    def stops(keeper: Any, k: int, *rest: Any) -> None:
+        if len(written) == stops_at:
+            raise KeyboardInterrupt
+        written.append(k)
+        write(keeper, k, *rest)
+
+    monkeypatch.setattr(store.StoreKeeper, "write", stops)
+    for stops_at in range(1, blocks + 1):
+        partial = run(store=tmp_path / "runs.zarr", workers=1)
+        assert len(written) == stops_at and len(set(written)) == stops_at
+        assert sum(one is lg.Status.INTERRUPTED for one in partial.status) == max(len(GRID) - 37 * stops_at, 0)
+    stops_at = -1
+    run(store=tmp_path / "runs.zarr")
+    assert sorted(written) == list(range(blocks))
+    assert files(tmp_path / "runs.zarr") == files(tmp_path / "whole.zarr")
+
+
+KILLED = """
+import sys
+import lagrange as lg
+from lagrange.members import store
+from tests.members.test_store import run
+
+store.LARGEST_BLOCK = 37
+run(store=sys.argv[1], workers=1)
+"""
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("seed", range(10))
+def test_a_program_that_is_killed_loses_nothing(tmp_path: Path, seed: int) -> None:
+    target = tmp_path / "runs.zarr"
+    root = Path(__file__).resolve().parents[2]
+    began = time.monotonic()
+    for attempt in range(20):
+        process = subprocess.Popen(
+            [sys.executable, "-c", KILLED, str(target)], cwd=root, env={**os.environ, "PYTHONPATH": str(root)}
+        )
+        while not target.exists() and process.poll() is None and time.monotonic() - began < 300:
+            time.sleep(0.002)
+        time.sleep(0.004 * ((seed + 3 * attempt) % 10))
+        if process.poll() is not None:
+            break
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+    process.wait()
+    whole = run(store=tmp_path / "whole.zarr")
+    assert columns(run(store=target)) == columns(whole)
+    assert files(target) == files(tmp_path / "whole.zarr")
+
+
+def test_a_store_of_something_else_is_left_as_it_is(tmp_path: Path) -> None:
+    target = tmp_path / "runs.zarr"
+    run(store=target)
+    before = files(target)
+    for options, text in (
+        ({"rtol": 1e-8}, "differs in rtol: rtol was None and is 1e-08"),
+        ({"method": "rk4"}, "differs in method"),
+        ({"parameters": {}, "t_eval": [1.0]}, "differs in t_eval"),
+    ):
+        with pytest.raises(lg.StatementError) as refusal:
+            run(store=target, **options)
+        assert text in str(refusal.value) and "It was left as it is" in str(refusal.value)
+    with pytest.raises(lg.StatementError, match="differs in statement"):
+        lg.ensemble(lg.scene("kepler"), 8.0, GRID, keep=("end", "counts"), store=target)
+    (tmp_path / "other").mkdir()
+    for other in (tmp_path / "other", Path(__file__)):
+        with pytest.raises(lg.StatementError, match="is no store of an ensemble"):
+            run(store=other)
+    assert files(target) == before
+
+
+def test_arrays_that_differ_late_are_another_ensemble(tmp_path: Path) -> None:
+    values = np.zeros(70_000)
+    lg.ensemble(lg.scene("pendulum"), 1e-3, {"theta": values}, method="euler", step=1e-3, store=tmp_path / "runs.zarr")
+    values[-1] = 1.0
+    with pytest.raises(lg.StatementError, match="differs in values"):
+        lg.ensemble(
+            lg.scene("pendulum"), 1e-3, {"theta": values}, method="euler", step=1e-3, store=tmp_path / "runs.zarr"
+        )
+
+
+def test_a_disk_that_fails_is_told_and_the_call_goes_on_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    target = tmp_path / "runs.zarr"
+    full = OSError(28, "No space left on device")
+    put = zarr.storage._local._put
+    left = [0]
+
+    def fills(*args: Any, **options: Any) -> int:
+        left[0] -= 1
+        if left[0] < 0:
+            raise full
+        return int(put(*args, **options))
+
+    monkeypatch.setattr(zarr.storage._local, "_put", fills)
+    for room in (0, 1, 5, 20, 30, 45):
+        left[0] = room
+        with pytest.raises(lg.RunError, match="No space left on device"):
+            run(store=target)
+        assert not list(tmp_path.glob(".runs*"))
+    monkeypatch.setattr(zarr.storage._local, "_put", put)
+    run(store=target)
+    run(store=tmp_path / "whole.zarr")
+    assert files(target) == files(tmp_path / "whole.zarr")
+
+
+def test_executors_give_the_same_bytes(whole: lg.Ensemble) -> None:
+    with ProcessPoolExecutor(2) as processes:
+        assert columns(run(executor=processes)) == columns(whole)
+    with ThreadPoolExecutor(2) as threads:
+        assert columns(run(executor=threads)) == columns(whole)
+
+
+def kill(pid: int) -> None:
+    os.kill(pid, signal.SIGKILL)
+
+
+def test_a_worker_that_is_killed_is_told() -> None:
+    with ProcessPoolExecutor(1) as processes:
+        pid = processes.submit(os.getpid).result()
+        kill(pid)
+        with pytest.raises(lg.RunError, match="the executor gave up"):
+            run(executor=processes)
+
+
+class Refusing:
+    """An executor whose futures fail."""
+
+    def submit(self, *args: Any) -> Future[Any]:
+        future: Future[Any] = Future()
+        future.set_exception(MemoryError("no room"))
+        return future
+
+
+def test_what_fails_in_a_worker_is_raised_here() -> None:
+    with pytest.raises(MemoryError, match="no room"):
+        run(executor=Refusing())
+
+
+def test_what_cannot_be_sent_is_refused() -> None:
+    method = lg.methods.step_method(lambda f, t, y, h: y + h * f(t, y), order=1, name="mine", step=0.1)
+    with (
+        ProcessPoolExecutor(1) as processes,
+        pytest.raises(lg.StatementError, match="cannot be sent to other processes"),
+    ):
+        lg.ensemble(lg.scene("pendulum"), 1.0, {"theta": [1.0]}, method=method, executor=processes)
