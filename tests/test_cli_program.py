@@ -135,7 +135,7 @@ def test_a_signal_keeps_the_partial_result(tmp_path: Path, number: signal.Signal
             try:
                 time.sleep(pause)
                 process.send_signal(number)
-                printed, complaint = process.communicate(timeout=60)
+                printed, complaint = process.communicate(timeout=300)
             finally:
                 process.kill()
         assert process.returncode == code, complaint

@@ -40,7 +40,7 @@ def trial(tmp_path: Path, source: str, *signals: int, code: int = 0) -> str:
             for number in signals:
                 process.send_signal(number)
                 time.sleep(0.3)
-            printed, complaint = process.communicate(timeout=60)
+            printed, complaint = process.communicate(timeout=300)
         finally:
             process.kill()
     assert (process.returncode, complaint) == (code, "")

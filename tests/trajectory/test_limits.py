@@ -117,21 +117,21 @@ def test_compiling_counts(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "more than max_wall = 0.001 s. What is compiled stays with the model" in found.message
     assert found.steps == 0 and found.t.tolist() == [0.0]
     monkeypatch.undo()
-    assert system.run(1.0, method=method, max_wall=1.0).status is lg.Status.SUCCESS
+    assert system.run(1.0, method=method, max_wall=60.0).status is lg.Status.SUCCESS
 
 
 def test_compiling_a_driver_counts(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
     """The clock is looked at behind the machine code too: what was compiled before it was in time."""
     told = iter(["", "Compiling took 3 s."])
     monkeypatch.setattr("lagrange.trajectory.run_loop.compiled_late", lambda problem: next(told))
-    found = lg.integrate(model, (0.0, 1.0), method="taylor", max_wall=1.0)
+    found = lg.integrate(model, (0.0, 1.0), method="taylor", max_wall=60.0)
     assert found.status is lg.Status.MAX_WALL and found.message.endswith("Compiling took 3 s.")
 
 
 def test_a_short_limit_leaves_time_to_compile() -> None:
-    found = pendulum().run(1e7, method="verner9", max_wall=0.05)
+    found = pendulum().run(1e7, method="verner9", max_wall=0.5)
     assert found.status is lg.Status.MAX_WALL and found.steps > 0
-    assert "used up max_wall = 0.05 s at t = " in found.message
+    assert "used up max_wall = 0.5 s at t = " in found.message
 
 
 def compile_again_and_again(model: Model) -> None:
@@ -166,7 +166,7 @@ def test_ctrl_c_while_compiling() -> None:
     finally:
         heard.set()
         thread.join()
-    assert time.process_time() - began < 20.0
+    assert time.process_time() - began < 60.0
 
 
 class Terminal:
@@ -226,6 +226,6 @@ def test_time_is_kept_while_events_are_located(method: str) -> None:
     free.run(1e-3, **given)
     began = time.perf_counter()
     found = free.run(1000.0, max_wall=0.3, **given)
-    assert found.status is lg.Status.MAX_WALL and time.perf_counter() - began < 4.0
+    assert found.status is lg.Status.MAX_WALL and time.perf_counter() - began < 60.0
     times = found.t_events[0]
     assert len(times) > 50 and (np.diff(times) > 3e-5).all() and times[-1] <= found.t[-1]
