@@ -6,31 +6,29 @@ import os
 import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from lagrange.analysis import Analysis
 from lagrange.compiler import compile_model, equations_of, export, machine, model_of, page, state
 from lagrange.errors import StatementError, listing, shown
 from lagrange.evidence.check import check
 from lagrange.evidence.independent import solved_statement
 from lagrange.evidence.report import Report
+from lagrange.formulas import Formulas
 from lagrange.recipes.model import Model
 from lagrange.run import integrate_since
-from lagrange.show.notation.sections import ShownQuantity
+from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.notebook.explore_widgets import explore
-from lagrange.show.notebook.shown_derivation import ShownDerivation, ShownPage, shown_page, written_derivation
-from lagrange.show.notebook.shown_lists import EquationList, ExpressionDict, SceneList
+from lagrange.show.notebook.shown_lists import SceneList
 from lagrange.show.notebook.slider_ranges import slider_ranges
 from lagrange.show.notebook.system_page import system_page
 from lagrange.show.solution import Solution
 from lagrange.show.terminal.progress import compiling
 from lagrange.statement import scene as scene_files
-from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.number import flag, real_number
+from lagrange.statement.scene_text import scene_text
 from lagrange.statement.statement import RunSettings, Statement
 from lagrange.trajectory.constraints.consistent import Consistent, consistent
 from lagrange.trajectory.methods.registry import DEFAULT, find
@@ -40,7 +38,7 @@ if TYPE_CHECKING:
     from lagrange.export.write import Exported
 
 
-class System(Analysis):
+class System(Formulas):
     """A mechanical system: n coordinates, kinetic and potential energy, forces, parameters, initial state.
 
     Units are the user's own, consistent ones. Raises StatementError, in the user's symbols, for anything that
@@ -144,74 +142,6 @@ class System(Analysis):
     def structure(self) -> list[str]:
         """What kind of system it is, in sentences: mass matrix, conserved energy and momenta, unused parameters."""
         return [*self.laws.structure.sentences(), *self.statement.remarks()]
-
-    def derivation(self) -> ShownDerivation:
-        """Return the textbook derivation in SymPy, independent of the compiled equations.
-
-        Its parts are expressions; it prints as a page, and a notebook shows it.
-        """
-        return self._derivation
-
-    @cached_property
-    def _derivation(self) -> ShownDerivation:
-        return written_derivation(self.statement)
-
-    def page(self, style: str | None = None) -> ShownPage:
-        """Return the derivation as `lagrange derive` prints it: "text", "unicode", "latex", "markdown" or "html".
-
-        Without a style it is Unicode where standard output is a terminal that has it, else text, plain ASCII in the
-        spelling of scene files. A notebook sets its formulas; a text or LaTeX that was asked for it shows as it is.
-        Raises StatementError for another style.
-        """
-        return shown_page(self.derivation(), style, self.structure)
-
-    def equations(self) -> list[Any]:
-        """Return the Euler-Lagrange equations, a list of n SymPy Eq, one per coordinate, as in a textbook.
-
-        Goldstein, Poole, Safko, Classical Mechanics, 3rd ed., sections 1.4 and 1.5, with constraints section 2.4.
-        The forces of constraints stand on the right, with their multipliers `lagrange.multiplier(name)`. The
-        constraints themselves are `derivation().constraints`.
-        """
-        return EquationList(self._derivation.equations, self.statement)
-
-    def accelerations(self) -> dict[Any, Any]:
-        """Return the accelerations, {coordinate: SymPy expression}; the multipliers are solved for and gone.
-
-        Raises StatementError for a singular mass matrix, and where the formulas would be too long to print; the
-        compiled model has no such bound.
-        """
-        second = {q: acceleration_of(q) for q in self.coordinates}
-        return ExpressionDict(self._derivation.accelerations, self.statement, second)
-
-    @property
-    def constraint_forces(self) -> dict[str, dict[Any, Any]]:
-        """What each constraint exerts, {name: {coordinate: SymPy expression in lagrange.multiplier(name)}}.
-
-        These are generalized forces, G^T lambda: lambda dphi/dq of a constraint phi = 0 on positions, lambda dpsi/dv of
-        a constraint psi = 0 on velocities (Chetaev's rule where psi is not linear in them).
-        """
-        return {name: dict(forces) for name, forces in self._derivation.constraint_forces.items()}
-
-    @property
-    def lagrangian(self) -> Any:
-        """L = T - V, with like terms merged."""
-        return self._derivation.lagrangian
-
-    @property
-    def momenta(self) -> dict[Any, Any]:
-        """The conjugate momenta dL/dv, {coordinate: SymPy expression}."""
-        letters = {q: ShownQuantity("p", (name_of(q),)) for q in self.coordinates}
-        return ExpressionDict(self._derivation.momenta, self.statement, letters)
-
-    @property
-    def mass_matrix(self) -> Any:
-        """The mass matrix d2L/dv2, a SymPy Matrix (n, n)."""
-        return self._derivation.mass_matrix
-
-    @property
-    def energy(self) -> Any:
-        """The energy v.p - L (the Jacobi integral), which is T + V where T is quadratic in the velocities."""
-        return self._derivation.energy
 
     def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
         """Compile for a target, "llvm" or "numpy"; the model is kept for the next call.
@@ -325,6 +255,17 @@ class System(Analysis):
         that JavaScript has not, and for a path that cannot be written.
         """
         return page(self.compile("numpy", check=False), self.derivation(), path, parameters, initial, sliders)
+
+    def to_scene(self, path: str | os.PathLike[str]) -> Path:
+        """Write the statement as a scene file, which `System.from_scene` reads as the same one. Returns its path.
+
+        The file holds energies, forces, constraints, values, initial state, points, links, units, given functions, what
+        is said of the system, and how it asks to be run; not what SymPy was told of the signs of parameters. Raises
+        StatementError for what no scene can hold, such as a parameter without a value or a function without a formula,
+        and for a path that cannot be written.
+        """
+        text = scene_text(self.statement).encode()
+        return write_atomically(path, lambda file: file.write(text))
 
     def consistent(
         self,

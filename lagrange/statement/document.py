@@ -42,13 +42,17 @@ _KINDS = (
 
 
 class Document:
-    """A TOML file as data. Raises SceneError for a file that cannot be read or is not TOML."""
+    """A TOML file as data. Raises SceneError for a file that cannot be read or is not TOML.
 
-    def __init__(self, path: str | os.PathLike[str]) -> None:
+    `text` is what the file holds, where that is known.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], text: str | None = None) -> None:
         if not isinstance(path, (str, os.PathLike)):
             raise SceneError(f"{shown(path)} ({type(path).__name__}) is no path: give the path of a scene file.")
         self.file = str(path)
-        self.content = self._decode(self._read(path)).replace("\r\n", "\n")
+        content = self._read(path) if text is None else text.encode()
+        self.content = self._decode(self._within(content)).replace("\r\n", "\n")
         self.data = self._parse()
 
     def refuse(self, reason: str, *path: str | int, column: int | None = None, key: bool = False) -> NoReturn:
@@ -171,6 +175,9 @@ class Document:
         if not stat.S_ISREG(mode):
             kind = "folder" if stat.S_ISDIR(mode) else "device or pipe"
             self._fail(f"this is a {kind}: give the path of a scene file.")
+        return data
+
+    def _within(self, data: bytes) -> bytes:
         if len(data) > LARGEST_FILE:
             self._fail(f"the file has more than {LARGEST_FILE} bytes, the most that a scene may have.")
         return data

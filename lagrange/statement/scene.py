@@ -49,6 +49,11 @@ def read_scene(path: str | os.PathLike[str]) -> Statement:
     return _Scene(Document(path)).statement()
 
 
+def scene_from_text(text: str) -> Statement:
+    """Return the statement in the text of a scene file. Raises SceneError with line and column."""
+    return _Scene(Document("", text)).statement()
+
+
 def load(name: str) -> Statement:
     """Return a scene of the library by its name, such as "double-pendulum"."""
     return read_scene(library_path(name))

@@ -1,0 +1,144 @@
+"""SymPy to text: the spelling of scenes, which `text.read_expression` reads back."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise, permutations, product
+from typing import Any
+
+import sympy
+from sympy.core.relational import Relational
+
+from lagrange.statement.guard import RefusalError
+from lagrange.statement.lexer import DEEPEST
+from lagrange.statement.vocabulary import WORDS
+
+LONG = 300
+"""Operations of an expression whose terms are not put into an order for people, which takes seconds for thousands."""
+
+MOST_RELATED = 4
+"""Relations of one condition that are tried in every order."""
+
+SUM, PRODUCT, POWER, ATOM = range(4)
+"""How strongly the parts of a text hold together."""
+
+_NAMES = {word.build: name for name, word in WORDS.items() if isinstance(word.build, type)}
+
+
+def expression_text(expression: Any) -> str:
+    """Return the text of an expression in plain symbols. Raises RefusalError for what no text of a scene means."""
+    return _Writer(ordered=bool(sympy.count_ops(expression) <= LONG)).text(expression)
+
+
+class _Writer:
+    """Writes expressions; `ordered` says whether terms and factors are put into SymPy's order for people."""
+
+    def __init__(self, *, ordered: bool) -> None:
+        self.ordered = ordered
+        self.depth = 0
+        self.kinds: tuple[tuple[Any, Callable[[Any], tuple[str, int]]], ...] = (
+            (sympy.Symbol, lambda symbol: (str(symbol.name), ATOM)),
+            (sympy.Number, _number),
+            (sympy.Add, self.sum),
+            (sympy.Mul, self.product),
+            (sympy.Pow, self.power),
+            (sympy.Piecewise, self.condition),
+            (sympy.core.numbers.Pi, lambda _: ("pi", ATOM)),
+            (sympy.core.numbers.Exp1, lambda _: ("exp(1)", ATOM)),
+            (tuple(_NAMES), self.call),
+        )
+
+    def text(self, node: Any, least: int = SUM) -> str:
+        """Return the text of a node, in parentheses where it holds together less than it has to."""
+        write = next((write for kind, write in self.kinds if isinstance(node, kind)), None)
+        if write is None:
+            raise RefusalError(f"{str(node)[:60]}, which has no name in a scene")
+        self.depth += 1
+        if self.depth > 2 * DEEPEST:
+            raise RefusalError(f"parts that stand more than {DEEPEST} deep in each other: state it in parts")
+        text, holds = write(node)
+        self.depth -= 1
+        return text if holds >= least else f"({text})"
+
+    def sum(self, node: Any) -> tuple[str, int]:
+        """Return a sum."""
+        first, *others = node.as_ordered_terms() if self.ordered else node.args
+        text = self.text(first)
+        for term in others:
+            number, rest = term.as_coeff_Mul()
+            text += f" - {self.text(-number * rest, PRODUCT)}" if number < 0 else f" + {self.text(term, PRODUCT)}"
+        return text, SUM
+
+    def product(self, node: Any) -> tuple[str, int]:
+        """Return a product, with a slash before what divides.
+
+        A reader multiplies a sum by the number that stands beside it, as SymPy does: of 1/(8*(x + y)) it would make
+        1/(8*x + 8*y), and of -(x + y)*z the product of -x - y and z.
+        """
+        number, rest = node.as_coeff_Mul()
+        factors = sympy.Mul.make_args(rest)
+        if self.ordered and rest.is_Mul:
+            factors = rest.as_ordered_factors()
+        below = [1 / one for one in factors if one.is_Pow and one.exp.is_Rational and one.exp < 0]
+        above = sorted((one for one in factors if 1 / one not in below), key=lambda one: one.is_Add)
+        divisor = number.q if isinstance(number, sympy.Rational) else 1
+        size = abs(number) * divisor
+        texts = [self.text(one, PRODUCT + (not one.is_Mul)) for one in above]
+        if size != 1 or not texts:
+            texts.insert(0, self.text(size))
+        signed = f"-{'1*' * texts[0].startswith('(')}" * bool(number < 0) + "*".join(texts)
+        divisors = [self.text(one, PRODUCT + (not one.is_Mul)) for one in below]
+        alone = any(one.is_Add for one in below)
+        numbers = [str(divisor)] * (divisor != 1)
+        joined = divisors if alone else [*numbers, *divisors]
+        text = signed + (f"/({'*'.join(joined)})" if len(joined) > 1 else "".join(f"/{one}" for one in joined))
+        return text + "".join(f"/{one}" for one in numbers * alone), PRODUCT if number >= 0 else SUM
+
+    def power(self, node: Any) -> tuple[str, int]:
+        """Return a power, or a root."""
+        base, exponent = node.base, node.exp
+        if exponent.is_Rational and exponent < 0:
+            return self.product(node)
+        if exponent == sympy.S.Half:
+            return f"sqrt({self.text(base)})", ATOM
+        return f"{self.text(base, ATOM)}**{self.text(exponent, ATOM)}", POWER
+
+    def call(self, node: Any) -> tuple[str, int]:
+        """Return a function of its arguments."""
+        given = node.pargs if isinstance(node, sympy.Heaviside) else node.args
+        return f"{_NAMES[node.func]}({', '.join(map(self.text, given))})", ATOM
+
+    def condition(self, node: Any) -> tuple[str, int]:
+        """Return branches, each with its condition, and the value where none of these holds."""
+        *branches, (last, otherwise) = node.args
+        if otherwise != sympy.true:
+            raise RefusalError("a condition that leaves a case without a value")
+        chosen = [f"{self.text(value)} if {case} else " for value, when in branches for case in self._cases(when)]
+        return f"({''.join(chosen)}{self.text(last)})", ATOM
+
+    def _cases(self, condition: Any) -> Iterator[str]:
+        """Yield chained comparisons of which one holds where the condition does."""
+        for one in condition.args if isinstance(condition, sympy.Or) else (condition,):
+            relations = one.args if isinstance(one, sympy.And) else (one,)
+            if len(relations) > MOST_RELATED or not all(isinstance(part, Relational) for part in relations):
+                raise RefusalError(f"the condition {str(one)[:60]}, which is no chain of comparisons")
+            yield self._chain(relations)
+
+    def _chain(self, relations: Sequence[Any]) -> str:
+        """Return relations that hold together as one chain, such as 0 < x < 1."""
+        for ordered in permutations(relations):
+            for turned in product((False, True), repeat=len(ordered)):
+                chain = [one.reversed if turn else one for one, turn in zip(ordered, turned, strict=True)]
+                if all(one.rhs == other.lhs for one, other in pairwise(chain)):
+                    return self.text(chain[0].lhs) + "".join(f" {one.rel_op} {self.text(one.rhs)}" for one in chain)
+        raise RefusalError(f"the condition {str(sympy.And(*relations))[:60]}, which is no chain of comparisons")
+
+
+def _number(number: Any) -> tuple[str, int]:
+    if isinstance(number, sympy.Rational):
+        text = str(number)
+        return text, SUM if number < 0 else ATOM if number.q == 1 else PRODUCT
+    value = float(number)
+    if sympy.Rational(number) != sympy.Rational(value):
+        raise RefusalError(f"the number {str(number)[:40]}, which has more digits than a floating-point number")
+    return repr(value), ATOM if value >= 0 else SUM
