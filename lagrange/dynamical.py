@@ -35,8 +35,8 @@ from lagrange.show.dynamics import (
     shown_as,
 )
 from lagrange.show.solution import Solution
-from lagrange.show.terminal.progress import compiling, counter
-from lagrange.statement.number import flag, real_number
+from lagrange.show.terminal.progress import compiling, counter, wanted_progress
+from lagrange.statement.number import real_number
 from lagrange.statement.statement import Statement
 from lagrange.system import System
 from lagrange.trajectory.methods.registry import find
@@ -58,7 +58,7 @@ def phase_portrait(
     method: Any = None,
     rtol: float | None = None,
     step: float | None = None,
-    progress: bool = False,
+    progress: bool | str = False,
 ) -> PhasePortrait:
     """Return the phase portrait on a plane of the state: field, zero lines, equilibria, separatrices and orbits.
 
@@ -95,7 +95,7 @@ def poincare(
     method: Any = None,
     rtol: float | None = None,
     step: float | None = None,
-    progress: bool = False,
+    progress: bool | str = False,
 ) -> PoincareSection:
     """Return the Poincare section of orbits from many starts: their states each time an event happens.
 
@@ -139,7 +139,7 @@ def bifurcation(
     method: Any = None,
     rtol: float | None = None,
     step: float | None = None,
-    progress: bool = False,
+    progress: bool | str = False,
 ) -> Bifurcation | EquilibriumBranches:
     """Return the bifurcation diagram of a system along a parameter.
 
@@ -186,7 +186,7 @@ def first_passage(
     rtol: float | None = None,
     step: float | None = None,
     workers: int | None = None,
-    progress: bool = False,
+    progress: bool | str = False,
 ) -> FirstPassage:
     """Return when an event first happens, for each start on a plane: the flip of a double pendulum, an escape.
 
@@ -217,7 +217,7 @@ def basins(
     rtol: float | None = None,
     step: float | None = None,
     workers: int | None = None,
-    progress: bool = False,
+    progress: bool | str = False,
 ) -> Basins:
     """Return the basins of attraction on a plane of starts: where the motion from each of them ends.
 
@@ -254,7 +254,7 @@ def _runs(
     how: tuple[Any, Any, Any],
     tight: float,
     parameters: Mapping[Any, Any] | None,
-    progress: bool,
+    progress: bool | str,
 ) -> tuple[Model, Runs]:
     """Return the model of a system, and runs of it by a method with its tolerance or step."""
     if not isinstance(system, (System, Model)):
@@ -262,7 +262,7 @@ def _runs(
     method, rtol, step = how
     if rtol is None and (method is None or (isinstance(method, str) and find(method).claims.adaptive)):
         rtol = tight
-    with compiling(system.statement.name, wanted=flag(progress, "progress")):
+    with compiling(system.statement.name, wanted=bool(wanted_progress(progress))):
         model = system if isinstance(system, Model) else system.compile()
     return model, Runs(model, model.parameter_array(parameters), RunOptions(method, rtol, None, step))
 

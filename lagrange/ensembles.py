@@ -18,15 +18,15 @@ from lagrange.members.job import Job
 from lagrange.members.keep import DEFAULT as DEFAULT_KEEP
 from lagrange.members.keep import keep_of
 from lagrange.members.keepers import Keeper, kept_in_memory
-from lagrange.members.processors import processors
+from lagrange.members.processors import threads_of
 from lagrange.members.runners import ExecutorRunner, Runner, ThreadRunner
 from lagrange.members.store import kept_in_store
 from lagrange.members.table import MemberTable, member_table
 from lagrange.members.work import run_members
 from lagrange.show.ensemble import Ensemble
-from lagrange.show.terminal.progress import members_bar
+from lagrange.show.terminal.progress import compiling, counter, wanted_progress
 from lagrange.statement.event import declare_events
-from lagrange.statement.number import flag, real_number, whole_number
+from lagrange.statement.number import real_number
 from lagrange.system import System
 from lagrange.trajectory.integrate import output_times, time_span
 from lagrange.trajectory.integrator import Problem
@@ -52,7 +52,7 @@ def ensemble(
     workers: int | None = None,
     executor: Any = None,
     store: str | os.PathLike[str] | None = None,
-    progress: bool = False,
+    progress: bool | str = False,
 ) -> Ensemble:
     """Run one system from many starts, or with many parameters, and return the Ensemble.
 
@@ -65,21 +65,21 @@ def ensemble(
     surfaces or events, else one after the other, on as many threads as `workers` says, by default one for each core.
     With an `executor`, of `concurrent.futures` or a `dask.distributed.Client`, they run where that has its workers.
     With a `store`, the name of a folder such as "runs.zarr", results are written there block by block and not kept in
-    memory; the same call goes on where another one stopped. What a member gives does not depend on the others, nor on
-    where it runs. Its failure is in `.status` and `.messages`; after Ctrl-C members that were not run are INTERRUPTED.
+    memory; the same call goes on where another one stopped. `progress` shows members done, their rate and the time
+    left, in a terminal and in a notebook; "lines" writes a line now and then elsewhere too. What a member gives does
+    not depend on the others, nor on where it runs. Its failure is in `.status` and `.messages`; after Ctrl-C members
+    that were not run are INTERRUPTED.
+
     Raises StatementError for what cannot be meant, RunError where an executor or a disk fails.
     """
     began = time.perf_counter()
-    if not isinstance(system, (System, Model)):
-        raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene('double-pendulum').")
-    model = system if isinstance(system, Model) else system.compile()
+    model = _model(system, wanted_progress(progress))
     t0, t1 = time_span(span) if isinstance(span, Sequence) else (0.0, real_number(span, "t_end"))
-    threads = processors() if workers is None else whole_number(workers, "workers", 1)
+    threads = threads_of(workers)
     if workers is not None and executor is not None:
         raise StatementError("workers and executor are both given: the executor has workers of its own. Give one.")
     table = member_table(model, initial, parameters)
-    integrator = find(DEFAULT if method is None else method)
-    options = RunOptions(integrator, rtol, atol, step, None, events, max_steps)
+    options = RunOptions(find(DEFAULT if method is None else method), rtol, atol, step, None, events, max_steps)
     problem = Problem(
         model=model,
         parameters=dict(zip(model.statement.parameters, table.parameters.tolist(), strict=True)),
@@ -94,11 +94,19 @@ def ensemble(
         events=declare_events(events, model.statement),
     )
     job = Job(problem, options, keep_of(keep, model, problem.events), table.varying)
-    return _run(job, table, threads, executor, store, began=began, progress=flag(progress, "progress"))
+    return _run(job, table, threads, executor, store, began=began, progress=wanted_progress(progress))
+
+
+def _model(system: Any, progress: bool | str) -> Model:
+    """Return the model of a system. Raises StatementError for what is none."""
+    if not isinstance(system, (System, Model)):
+        raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene('double-pendulum').")
+    with compiling(system.statement.name, wanted=bool(progress)):
+        return system if isinstance(system, Model) else system.compile()
 
 
 def _run(
-    job: Job, table: MemberTable, threads: int, executor: Any, store: Any, *, began: float, progress: bool
+    job: Job, table: MemberTable, threads: int, executor: Any, store: Any, *, began: float, progress: bool | str
 ) -> Ensemble:
     """Run the members of a job, and return what came of them."""
     problem, method = job.problem, job.options.method
@@ -111,8 +119,12 @@ def _run(
     return Ensemble(table, keeper.results, job.columns, aimed, method.name, keeper.form, wall)
 
 
-def _run_left(job: Job, table: MemberTable, keeper: Keeper, threads: int, executor: Any, *, progress: bool) -> None:
+def _run_left(
+    job: Job, table: MemberTable, keeper: Keeper, threads: int, executor: Any, *, progress: bool | str
+) -> None:
     """Run the members that are left, until all are done or Ctrl-C; a member that was not run counts as INTERRUPTED."""
-    runner: Runner = ThreadRunner(job.engine(), threads) if executor is None else ExecutorRunner(executor, job)
-    with members_bar(keeper.members_left, wanted=progress) as report, suppress(KeyboardInterrupt):
-        run_members(table, keeper.left, runner, keeper.reporting(report))
+    with compiling(job.problem.model.statement.name, wanted=bool(progress)):
+        runner: Runner = ThreadRunner(job.engine(), threads) if executor is None else ExecutorRunner(executor, job)
+    before = len(table) - keeper.members_left
+    with counter(len(table), "member", wanted=progress, before=before) as report, suppress(KeyboardInterrupt):
+        run_members(table, keeper.left, runner, keeper.reporting(report, before))

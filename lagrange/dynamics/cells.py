@@ -1,11 +1,10 @@
-"""The cells of a map: a run for each, on several threads, coarse first, so that a part of them shows the whole."""
+"""The cells of a map: members in the order from coarse to fine, so that a part of them shows the whole."""
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,13 +12,11 @@ from numpy.typing import NDArray
 from lagrange.dynamics.axes import Plane
 from lagrange.dynamics.runs import Report
 from lagrange.machine.backend import FloatArray
-from lagrange.members.processors import processors
-from lagrange.statement.number import whole_number
-
-CELLS_PER_TASK = 64
-"""Cells that a thread takes at once: some ten milliseconds of runs, for 50 us of handing them out."""
-
-MOST_WORKERS = 256
+from lagrange.members.chunk import Ends, Engine, Starts
+from lagrange.members.job import Done
+from lagrange.members.runners import ThreadRunner
+from lagrange.members.varied import Numbers
+from lagrange.members.work import run_members
 
 NOT_COMPUTED, NONE = -2, -1
 """What stands in a map of labels where nothing was computed, and where there is no label."""
@@ -43,6 +40,27 @@ def coarse_first(rows: int, columns: int) -> Places:
     return np.concatenate(order)
 
 
+@dataclass(frozen=True, eq=False)
+class Cells:
+    """The starts on a plane as members, coarse first; `base` (2n,) has the other entries, `parameters` are (p,)."""
+
+    plane: Plane
+    base: FloatArray
+    parameters: FloatArray
+
+    @cached_property
+    def places(self) -> Places:
+        """The places of all members."""
+        return coarse_first(self.plane[1].count, self.plane[0].count)
+
+    def __len__(self) -> int:
+        return self.plane[1].count * self.plane[0].count
+
+    def starts(self, which: Numbers) -> Starts:
+        """Return where some members start."""
+        return Starts(states_of(self.plane, self.base, self.places[which]), self.parameters[None])
+
+
 def states_of(plane: Plane, base: FloatArray, places: Places) -> FloatArray:
     """Return the states (k, 2n) of cells (k, 2), row and column."""
     states = np.repeat(base[None, :], len(places), axis=0)
@@ -51,53 +69,29 @@ def states_of(plane: Plane, base: FloatArray, places: Places) -> FloatArray:
     return states
 
 
-def workers_of(given: Any) -> int:
-    """Return the number of threads: as many as this process may use processors unless it is given."""
-    return processors() if given is None else whole_number(given, "workers", 1, MOST_WORKERS)
-
-
 def each_cell(
-    plane: Plane,
-    base: FloatArray,
-    work: Callable[[Places, FloatArray, Callable[[], bool]], int],
+    cells: Cells,
+    engine: Engine,
     workers: int,
+    take: Callable[[Places, Ends], None],
     progress: Report | None = None,
 ) -> bool:
-    """Call `work(places, states, stopped)` for all cells, some at a time; return whether all were done.
+    """Run the members of all cells on so many threads; return whether all were run, false after Ctrl-C.
 
-    It gets places (k, 2), row and column, and states (k, 2n), and returns how many of them it has done: all unless
-    `stopped()` became true, as it does after Ctrl-C.
+    `take` gets the places (k, 2), row and column, of some of them, and what came of each.
     """
-    places = coarse_first(plane[1].count, plane[0].count)
-    states, stopping, done = states_of(plane, base, places), threading.Event(), 0
+    done = 0
 
-    def task(first: int) -> int:
-        here = slice(first, first + CELLS_PER_TASK)
-        return 0 if stopping.is_set() else work(places[here], states[here], stopping.is_set)
+    def keep(first: int, found: Done) -> None:
+        nonlocal done
+        count = found.ends.members
+        take(cells.places[first : first + count], found.ends)
+        done += count
+        if progress is not None:
+            progress(float(done))
 
-    with ThreadPoolExecutor(workers) as pool:
-        try:
-            for finished in _tasks(pool, task, range(0, len(places), CELLS_PER_TASK), workers):
-                done += finished.result()
-                if progress is not None:
-                    progress(float(done))
-        except KeyboardInterrupt:
-            return False
-        finally:
-            stopping.set()
+    try:
+        run_members(cells, [(0, len(cells))], ThreadRunner(engine, workers), keep)
+    except KeyboardInterrupt:
+        return False
     return True
-
-
-def _tasks(pool: ThreadPoolExecutor, task: Callable[[int], int], firsts: range, workers: int) -> Iterator[Future[int]]:
-    """Yield tasks as they are finished; no more are handed out than the threads need to go on."""
-    running: set[Future[int]] = set()
-    waiting = iter(firsts)
-    for first in waiting:
-        running.add(pool.submit(task, first))
-        if len(running) < 2 * workers:
-            continue
-        finished, running = wait(running, return_when=FIRST_COMPLETED)
-        yield from finished
-    while running:
-        finished, running = wait(running, return_when=FIRST_COMPLETED)
-        yield from finished

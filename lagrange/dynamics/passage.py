@@ -5,7 +5,7 @@ Source: J. S. Heyl, The double pendulum fractal, 2008; S. Redner, A Guide to Fir
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,10 +14,13 @@ import sympy
 
 from lagrange.dynamics.angles import angles
 from lagrange.dynamics.axes import Plane, plane_of
-from lagrange.dynamics.cells import NONE, NOT_COMPUTED, Places, each_cell, workers_of
+from lagrange.dynamics.cells import NONE, NOT_COMPUTED, Cells, Places, each_cell
 from lagrange.dynamics.runs import Report, Runs, initial_of
 from lagrange.errors import StatementError, counted, shown
 from lagrange.machine.backend import FloatArray
+from lagrange.members.chunk import STATUSES, Ends
+from lagrange.members.keep import EVENTS, STATUS, event_times
+from lagrange.members.processors import threads_of
 from lagrange.statement.event import Event, declare_events, event
 from lagrange.statement.number import real_number
 from lagrange.statement.statement import Statement
@@ -87,35 +90,28 @@ def first_passage(
     base = initial_of(runs.model, initial)
     shape = plane[1].count, plane[0].count
     times, which = np.full(shape, np.nan), np.full(shape, NOT_COMPUTED)
-    ends: dict[tuple[int, int], Status] = {}
-    watched, last = replace(runs, options=replace(runs.options, events=events)), np.array([end])
+    early: list[Status] = []
 
-    def run(places: Places, states: FloatArray, stopped: Callable[[], bool]) -> int:
-        for done, ((row, column), state) in enumerate(zip(places.tolist(), states, strict=True)):
-            if stopped():
-                return done
-            found = watched(state, 0.0, end, last)
-            met = [k for k, passed in enumerate(found.t_events) if len(passed)]
-            if found.status is Status.EVENT and met:
-                first = min(met, key=lambda k: float(found.t_events[k][0]))
-                times[row, column], which[row, column] = found.t_events[first][0], first
-                continue
-            which[row, column] = NONE
-            if not found.status.complete:
-                ends[row, column] = found.status
-        return len(places)
+    def take(places: Places, found: Ends) -> None:
+        here = places[:, 0], places[:, 1]
+        passed = np.stack([found.columns[event_times(k)][:, 0] for k in range(len(events))])
+        first = np.where(np.isnan(passed), np.inf, passed).argmin(axis=0)
+        times[here] = passed[first, np.arange(len(first))]
+        which[here] = np.where(np.isnan(times[here]), NONE, first)
+        early.extend(one for one in (STATUSES[code] for code in found.columns[STATUS].tolist()) if not one.complete)
 
-    whole = each_cell(plane, base, run, workers_of(workers), progress)
-    status, message = _ended(which, ends, end, whole=whole)
+    cells = Cells(plane, base, runs.parameters)
+    engine = runs.job(0.0, end, ((EVENTS, 1),), tuple(events)).engine()
+    whole = each_cell(cells, engine, threads_of(workers), take, progress)
+    status, message = _ended(which, early, end, whole=whole)
     return PassageData(statement, plane, base, tuple(events), tuple(labels), end, times, which, status, message)
 
 
-def _ended(which: FloatArray, ends: dict[tuple[int, int], Status], t_end: float, *, whole: bool) -> tuple[Status, str]:
+def _ended(which: FloatArray, early: Sequence[Status], t_end: float, *, whole: bool) -> tuple[Status, str]:
     done, met = int((which != NOT_COMPUTED).sum()), int((which >= 0).sum())
     words = f"{met} of {counted(done, 'run')} met the event until t = {t_end:g}."
     if not whole:
         return Status.INTERRUPTED, f"interrupted: {done} of {counted(which.size, 'run')} are done, and kept. {words}"
-    if ends:
-        first = next(iter(ends.values()))
-        return first, f"{words} {len(ends)} ended before: {shown(first.value)} the first of them."
+    if early:
+        return early[0], f"{words} {len(early)} ended before: {shown(early[0].value)} the first of them."
     return Status.SUCCESS, words

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,9 +12,14 @@ import numpy as np
 from lagrange.errors import RunError, StatementError, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
+from lagrange.members.job import Job
+from lagrange.members.keep import keep_of
 from lagrange.statement.declare import initial_state
+from lagrange.statement.event import Event
 from lagrange.statement.number import real_array
 from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Trajectory
 
@@ -51,6 +56,24 @@ class Runs:
         )
         initial = dict(zip(statement.state_names, start.tolist(), strict=True))
         return integrate(self.model, (t0, t1), initial, chosen)[0]
+
+    def job(self, t0: float, t1: float, keep: Any, events: tuple[Event, ...] = ()) -> Job:
+        """Return many runs from t0 to t1, as members of an ensemble; `keep` is what `lagrange.ensemble` takes."""
+        model, given = self.model, self.options
+        options = replace(given, method=find(DEFAULT if given.method is None else given.method), events=events)
+        problem = Problem(
+            model=model,
+            parameters=dict(zip(model.statement.parameters, self.parameters.tolist(), strict=True)),
+            t0=t0,
+            t1=t1,
+            y0=np.zeros(model.layout.size),
+            rtol=options.rtol,
+            atol=options.atol,
+            step=options.step,
+            max_steps=options.step_limit,
+            events=events,
+        )
+        return Job(problem, options, keep_of(keep, model, events), varying=False)
 
 
 def starts_of(model: Model, given: Any, base: FloatArray) -> FloatArray:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
+from lagrange.members.varied import Numbers
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 STATUSES = tuple(Status)
@@ -41,6 +42,22 @@ class Ends:
     columns: Mapping[str, Any]
     messages: dict[int, str] = field(default_factory=dict)
 
+    @property
+    def members(self) -> int:
+        """The number of members."""
+        return len(next(iter(self.columns.values())))
+
+
+class Table(Protocol):
+    """Members by their numbers, from 0 on."""
+
+    def starts(self, which: Numbers) -> Starts:
+        """Return where some members start."""
+
+
+Stopped = Callable[[], bool]
+"""Whether the members that have not begun are to be left out."""
+
 
 class Engine(Protocol):
     """Runs members; what a member gives depends on nothing but where it starts."""
@@ -49,5 +66,5 @@ class Engine(Protocol):
     def form(self) -> str:
         """How members are run, in a few words."""
 
-    def run(self, starts: Starts) -> Ends:
-        """Run members to their ends."""
+    def run(self, starts: Starts, stopped: Stopped) -> Ends:
+        """Run members to their ends; where `stopped()` becomes true those that were run come back, the first ones."""

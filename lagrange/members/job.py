@@ -9,7 +9,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, replace
 
 from lagrange.errors import StatementError
-from lagrange.members.chunk import INTERRUPTED, Ends, Engine, Starts
+from lagrange.members.chunk import INTERRUPTED, Ends, Engine, Starts, Stopped
 from lagrange.members.keep import Column, Keep
 from lagrange.members.lanes import lane_engine
 from lagrange.members.singly import RunEngine
@@ -76,11 +76,11 @@ def run_chunk(job: bytes, starts: Starts) -> Done:
         _ENGINES[key] = pickle.loads(job).engine()
         while len(_ENGINES) > ENGINES_KEPT:
             _ENGINES.popitem(last=False)
-    return timed(_ENGINES[key], starts)
+    return timed(_ENGINES[key], starts, lambda: False)
 
 
-def timed(engine: Engine, starts: Starts) -> Done:
+def timed(engine: Engine, starts: Starts, stopped: Stopped) -> Done:
     """Run members, and note how long that takes."""
     began = time.perf_counter()
-    ends = engine.run(starts)
+    ends = engine.run(starts, stopped)
     return Done(ends, time.perf_counter() - began, engine.form)

@@ -7,7 +7,6 @@ from collections.abc import Callable
 
 from lagrange.errors import StatementError, counted
 from lagrange.members.job import Done, Job
-from lagrange.members.keep import TIME
 from lagrange.members.results import Kept, Results
 from lagrange.members.table import MemberTable
 from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
@@ -41,15 +40,15 @@ class Keeper(ABC):
         """How members were run."""
         return "; ".join(self.forms) or "all members were stored"
 
-    def reporting(self, report: Report) -> Callable[[int, Done], None]:
-        """Return what keeps the results of a chunk, and tells how many members are done."""
-        finished = 0
+    def reporting(self, report: Report, before: int) -> Callable[[int, Done], None]:
+        """Return what keeps the results of a chunk, and tells how many members are done, with those of before."""
+        finished = before
 
         def keep(first: int, done: Done) -> None:
             nonlocal finished
             self.forms[done.form] = None
             self.take(first, done)
-            finished += len(done.ends.columns[TIME])
+            finished += done.ends.members
             if report is not None:
                 report(finished)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from lagrange.machine.members.compiled import MembersCode
 from lagrange.machine.model import Model
-from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts
+from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
 from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME
 from lagrange.members.singly import RunEngine, relative_drift
 from lagrange.procedure.builder import Builder
@@ -75,8 +75,8 @@ class LaneEngine:
         """How members are run."""
         return f"{self.compiled.code.lanes} members side by side"
 
-    def run(self, starts: Starts) -> Ends:
-        """Run members to their ends."""
+    def run(self, starts: Starts, stopped: Stopped) -> Ends:
+        """Run members to their ends, all of them: machine code is not stopped, and chunks are short."""
         m, n = starts.states.shape
         alone, observed = self.alone, self.compiled.observed
         count = 0 if alone.times is None else len(alone.times)
@@ -140,7 +140,7 @@ class LaneEngine:
         """Run some members alone, and put what they give in its place."""
         if not len(which):
             return ends
-        found = self.alone.run(starts.of(which))
+        found = self.alone.run(starts.of(which), lambda: False)
         for name, rows in found.columns.items():
             ends.columns[name][which] = rows
         ends.messages.update({int(which[i]): text for i, text in found.messages.items()})

@@ -6,6 +6,7 @@ and returns a future that calls back. Retries and queues are its own.
 
 from __future__ import annotations
 
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any, Protocol
 
@@ -28,6 +29,9 @@ class Runner(Protocol):
     def submit(self, starts: Starts) -> Any:
         """Return the future of a chunk, whose result is a `Done`."""
 
+    def stop(self) -> None:
+        """Begin no more members of the chunks that are under way, where that can be said to who runs them."""
+
     def close(self) -> None:
         """Wait for what runs, and free the threads that were made."""
 
@@ -38,6 +42,7 @@ class ThreadRunner:
     def __init__(self, engine: Engine, workers: int) -> None:
         self._engine, self._places = engine, workers
         self._pool = ThreadPoolExecutor(workers, thread_name_prefix="members")
+        self._stopping = threading.Event()
 
     @property
     def places(self) -> int:
@@ -46,7 +51,11 @@ class ThreadRunner:
 
     def submit(self, starts: Starts) -> Any:
         """Return the future of a chunk."""
-        return self._pool.submit(timed, self._engine, starts)
+        return self._pool.submit(timed, self._engine, starts, self._stopping.is_set)
+
+    def stop(self) -> None:
+        """Begin no more members."""
+        self._stopping.set()
 
     def close(self) -> None:
         """Wait for the threads."""
@@ -73,6 +82,9 @@ class ExecutorRunner:
     def submit(self, starts: Starts) -> Any:
         """Return the future of a chunk."""
         return self._executor.submit(run_chunk, self._job, starts, **self._options)
+
+    def stop(self) -> None:
+        """Wait for what is under way: chunks are short, and their workers may be other machines."""
 
     def close(self) -> None:
         """Leave the executor to its owner."""

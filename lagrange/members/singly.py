@@ -10,7 +10,7 @@ import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
-from lagrange.members.chunk import STATUSES, Ends, Starts
+from lagrange.members.chunk import STATUSES, Ends, Starts, Stopped
 from lagrange.members.keep import (
     DRIFT,
     OUTPUTS,
@@ -53,10 +53,12 @@ class RunEngine:
 
     form = "runs one after the other"
 
-    def run(self, starts: Starts) -> Ends:
+    def run(self, starts: Starts, stopped: Stopped) -> Ends:
         """Run members; a start that a run refuses is a member that did not begin, and says why."""
         found = Ends({column.name: column.empty(len(starts)) for column in self.columns})
         for i in range(len(starts)):
+            if stopped():
+                return Ends({name: rows[:i] for name, rows in found.columns.items()}, found.messages)
             start = starts.of(slice(i, i + 1))
             try:
                 run = self.alone(start)
@@ -75,30 +77,42 @@ class RunEngine:
         statement, names = self.model.statement, self.model.layout.names()
         values = dict(zip(statement.parameters, start.parameters[0].tolist(), strict=True))
         initial = dict(zip(names, start.states[0].tolist(), strict=True))
-        options = replace(self.options, parameters=values, t_eval=None if self.keep.reductions else self.times)
+        options = replace(self.options, parameters=values, t_eval=self.recorded)
         return integrate(self.model, self.span, initial, options)[0]
+
+    @property
+    def recorded(self) -> FloatArray | None:
+        """The times at which a run keeps its states, None for all steps: of events alone it need not keep those."""
+        keep = self.keep
+        if keep.reductions or (self.times is None and (keep.end or keep.drift)):
+            return None
+        return np.array(self.span[1:]) if self.times is None else self.times
 
     def row(self, run: Trajectory, start: Starts) -> dict[str, Any]:
         """Return what is kept of a run."""
-        end = run.dense(np.array([run.span[1]]))[:, 0]
+        dimension = self.model.layout.size
         found: dict[str, Any] = {TIME: run.span[1], STATUS: STATUSES.index(run.status)}
         if self.keep.end:
-            found[STATE] = end
+            found[STATE] = self.end(run)
         if self.times is not None:
-            found[OUTPUTS] = self.outputs(run, self.times, len(end))
+            found[OUTPUTS] = self.outputs(run, self.times, dimension)
         if self.keep.counts:
             found |= {name: getattr(run, name) for name in COUNTED}
         if self.keep.drift:
-            found[DRIFT] = self.drift(start, end)
+            found[DRIFT] = self.drift(start, self.end(run))
         for one in self.keep.reductions:
             found[one.name] = self.reduced(one, run, start.parameters[0])
         for k in range(len(run.t_events) if self.keep.events else 0):
             most = self.keep.events
-            times, states = np.full(most, np.nan), np.full((most, len(end)), np.nan)
+            times, states = np.full(most, np.nan), np.full((most, dimension), np.nan)
             first = run.t_events[k][:most]
             times[: len(first)], states[: len(first)] = first, run.y_events[k][:most]
             found |= {event_times(k): times, event_states(k): states}
         return found
+
+    def end(self, run: Trajectory) -> FloatArray:
+        """Return the last state that a run reached."""
+        return run.dense(np.array([run.span[1]]))[:, 0]
 
     def outputs(self, run: Trajectory, times: FloatArray, dimension: int) -> FloatArray:
         """Return the states at the output times that the run reached, NaN behind."""

@@ -16,16 +16,15 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import RunError
-from lagrange.members.chunk import Starts
+from lagrange.members.chunk import Starts, Table
 from lagrange.members.job import Done
 from lagrange.members.runners import Runner
-from lagrange.members.table import MemberTable
 
 CHUNK_SECONDS = 0.1
 """A chunk takes about so long; a tenth of a second is what a person takes for at once."""
 
-FIRST_CHUNK, LARGEST_CHUNK = 64, 65536
-"""Members of the first chunks, before it is known how long one takes, and the most of any chunk."""
+FIRST_CHUNK, LARGEST_CHUNK = 8, 65536
+"""Members of the first chunks, those of one vector, before it is known how long one takes; the most of any chunk."""
 
 Take = Callable[[int, Done], None]
 """What is done with the results of members from a number on."""
@@ -43,7 +42,7 @@ class Pace:
         self.size = min(max(fitting, 1), 4 * self.size, LARGEST_CHUNK)
 
 
-def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:
+def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:
     """Run members of blocks, each from a number to before another, in order.
 
     `take` is called in this thread with the results of each chunk, in the order in which chunks are done. Where
@@ -71,6 +70,7 @@ def run_members(table: MemberTable, blocks: Iterable[tuple[int, int]], runner: R
         while under_way:
             collect()
     except BaseException:
+        runner.stop()
         for future in under_way.values():
             future.cancel()
         _take_finished(under_way, done, take)

@@ -12,11 +12,13 @@ import pytest
 from sympy import cos
 
 import lagrange as lg
-from lagrange.dynamics import cells
+from lagrange.dynamics import basins
 from lagrange.dynamics.axes import Axis
-from lagrange.dynamics.cells import coarse_first, each_cell
+from lagrange.dynamics.cells import Cells, Places, coarse_first, each_cell
 from lagrange.errors import StatementError
-from lagrange.members.processors import processors
+from lagrange.members import work
+from lagrange.members.chunk import Ends, Starts, Stopped
+from lagrange.members.processors import processors, threads_of
 from tests.dynamics.planar import damped_pendulum, double_well, driven_linear, duffing, pendulum, theta, x, y
 from tests.models import shared_scene
 
@@ -133,25 +135,41 @@ def interrupted_after(count: int) -> Callable[[float], None]:
     return report
 
 
+class Slow:
+    """An engine whose members take a millisecond each, and count."""
+
+    form = "slow"
+
+    def __init__(self) -> None:
+        self.run_so_far = 0
+
+    def run(self, starts: Starts, stopped: Stopped) -> Ends:
+        for done in range(len(starts)):
+            if stopped():
+                return Ends({"x": starts.states[:done, 0]})
+            time.sleep(1e-3)
+            self.run_so_far += 1
+        return Ends({"x": starts.states[:, 0]})
+
+
 def test_ctrl_c_ends_the_threads_and_keeps_the_cells() -> None:
     plane = Axis("x", 0, 0.0, 1.0, 40), Axis("x_dot", 1, 0.0, 1.0, 40)
-    done: list[Any] = []
+    every, engine, kept = Cells(plane, np.zeros(2), np.zeros(0)), Slow(), dict[tuple[int, ...], float]()
 
-    def work(places: Any, states: Any, stopped: Callable[[], bool]) -> int:
-        time.sleep(1e-3)
-        done.extend([] if stopped() else places.tolist())
-        return len(places)
+    def take(places: Places, found: Ends) -> None:
+        kept.update(zip(map(tuple, places.tolist()), found.columns["x"], strict=True))
 
-    assert not each_cell(plane, np.zeros(2), work, 2, interrupted_after(200))
-    assert 200 <= len(done) < 1000
-    assert each_cell(plane, np.zeros(2), work, 2)
+    assert not each_cell(every, engine, 2, take, interrupted_after(200))
+    assert 200 <= len(kept) == engine.run_so_far < 1000
+    assert each_cell(every, engine, 2, take)
+    assert len(kept) == 1600 and all(x == plane[0].values[column] for (_, column), x in kept.items())
 
 
 def test_an_interrupted_map_says_how_much_of_it_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(cells, "CELLS_PER_TASK", 16)
+    monkeypatch.setattr(work, "LARGEST_CHUNK", 16)
 
-    def some(plane: Any, base: Any, work: Any, workers: int, _: Any) -> bool:
-        return each_cell(plane, base, work, workers, interrupted_after(32))
+    def some(cells: Any, engine: Any, workers: int, take: Any, _: Any) -> bool:
+        return each_cell(cells, engine, workers, take, interrupted_after(32))
 
     monkeypatch.setattr("lagrange.dynamics.passage.each_cell", some)
     monkeypatch.setattr("lagrange.dynamics.basins.each_cell", some)
@@ -162,6 +180,27 @@ def test_an_interrupted_map_says_how_much_of_it_is_there(monkeypatch: pytest.Mon
         assert 32 <= computed.sum() < 400
         assert found.message.startswith(f"interrupted: {computed.sum()} of 400 runs are done, and kept.")
     assert np.array_equal(np.isfinite(fall.times), fall.which == 0)
+
+
+@pytest.mark.parametrize(
+    ("system", "grid", "more"),
+    [
+        (double_well, {x: (-2, 2, 14), x.dot: (-2, 2, 13)}, {}),
+        (double_well, {x: (-2, 2, 9), x.dot: (-2, 2, 9)}, {"method": "dop853"}),
+        (driven_linear, {x: (-2, 2, 5), x.dot: (-2, 2, 5)}, {}),
+        (damped_pendulum, {theta: (-9, 9, 9), theta.dot: (-3, 3, 9)}, {"method": "radau5"}),
+    ],
+)
+def test_basins_of_runs_side_by_side_are_those_of_runs_one_by_one(
+    system: Any, grid: Any, more: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alone = lg.basins(system(), grid, **more)
+    monkeypatch.setattr(basins, "MANY", 1)
+    together = lg.basins(system(), grid, **more)
+    assert np.array_equal(together.labels, alone.labels)
+    # A vector sums in another order than a packed step: round-off, that a tolerance of 1e-9 leaves alone.
+    assert together.times == pytest.approx(alone.times, rel=1e-6, nan_ok=True)
+    assert [one.states for one in together.attractors] == [pytest.approx(one.states) for one in alone.attractors]
 
 
 def test_runs_that_fail_are_counted() -> None:
@@ -189,7 +228,7 @@ NO_GRID: Any = [x]
         (lambda: lg.basins(double_well(), {x: (-1, 1), y: (-1, 1)}), "grid names 'y', which is no coordinate"),
         (lambda: lg.basins(double_well(), {x: (-1, 1, 5000), x.dot: (-1, 1)}), "values in the range of x = 5000"),
         (lambda: lg.basins(double_well(), GRID, t_end=0), "t_end is 0: give a positive time, until which motions may"),
-        (lambda: lg.basins(double_well(), GRID, workers=0), "workers = 0: give a whole number from 1 to 256"),
+        (lambda: lg.basins(double_well(), GRID, workers=0), "workers = 0: give a whole number from 1 to 1024"),
         (lambda: lg.basins(double_well(), GRID, attractors=[]), "starts is empty"),
         (lambda: lg.first_passage(BALL, GRID), "ball has no angle that could flip over: give event="),
         (lambda: lg.first_passage(BALL, GRID, []), "event is empty: give an expression, or leave it out"),
@@ -212,9 +251,17 @@ def test_a_plane_of_starts_off_its_constraints_is_refused() -> None:
         lg.basins(held, GRID)
 
 
-def test_maps_run_on_the_processors_that_this_process_may_use(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_maps_and_ensembles_run_on_the_processors_that_this_process_may_use(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3, 5, 8}, raising=False)
-    assert cells.workers_of(None) == processors() == 3
+    assert threads_of(None) == processors() == 3
     monkeypatch.delattr(os, "sched_getaffinity")
     monkeypatch.setattr(os, "cpu_count", lambda: 7)
-    assert cells.workers_of(None) == 7
+    assert threads_of(None) == 7
+    calls: list[Any] = [
+        lambda: lg.first_passage(BALL, GRID, x, workers=2000),
+        lambda: lg.basins(double_well(), GRID, workers=2000),
+        lambda: lg.ensemble(BALL, 1.0, {"x": [1.0, 2.0]}, workers=2000),
+    ]
+    for call in calls:
+        with pytest.raises(StatementError, match="workers = 2000: give a whole number from 1 to 1024"):
+            call()

@@ -163,7 +163,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"initial": {"theta1": np.zeros(0)}}, "theta1 has an array without values"),
     ({"initial": 3}, "initial is 3: give a dict from name to number or array"),
     ({"initial": {"theta1": [1.0]}, "parameters": {"m3": 1.0}}, "'m3' is no parameter of this system"),
-    ({"initial": {"theta1": [1.0]}, "workers": 0}, "workers = 0: give a whole number of at least 1."),
+    ({"initial": {"theta1": [1.0]}, "workers": 0}, "workers = 0: give a whole number from 1 to 1024."),
     (
         {"initial": {"theta1": [1.0]}, "keep": ("ends",)},
         "keep has 'ends', which is none of end, counts",

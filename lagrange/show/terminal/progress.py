@@ -1,4 +1,4 @@
-"""A progress bar on a terminal and in a notebook, and silence in a pipe."""
+"""A progress bar on a terminal and in a notebook; silence in a pipe, or lines where these are asked for."""
 
 from __future__ import annotations
 
@@ -7,12 +7,30 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from typing import Any
 
-from lagrange.errors import counted
 from lagrange.show.notebook.progress_display import LineDisplay, in_notebook, notebook_bar
+from lagrange.statement.choice import one_of
+from lagrange.statement.number import flag
 
 SILENT_SECONDS = 2.0
 """Seconds before a line says that something is being compiled."""
+
+LINES = "lines"
+"""What `progress` may be instead of True: a line now and then where there is no terminal, as in a log file."""
+
+SECONDS_OF_A_LINE = 10.0
+"""Least time between two such lines."""
+
+Report = Callable[[float], None]
+"""What is told how far it is."""
+
+
+def wanted_progress(given: Any) -> bool | str:
+    """Return whether progress is shown, and how. Raises StatementError for anything but a truth value or "lines"."""
+    if isinstance(given, str):
+        return one_of(given, (LINES,), "progress = {given}: give True, False or {known}.")
+    return flag(given, "progress")
 
 
 @contextmanager
@@ -64,37 +82,54 @@ def _on_a_terminal() -> bool:
 
 
 @contextmanager
-def progress_bar(span: Sequence[float], *, wanted: bool) -> Iterator[Callable[[float], None] | None]:
+def progress_bar(span: Sequence[float], *, wanted: bool) -> Iterator[Report | None]:
     """Yield a function to call with the time reached, or None where no bar is wanted or nobody would see it."""
-    with _bar(span, "t = {:.6g}".format, wanted=wanted) as report:
+    with _bar(span, "t = {:.6g}".format, wanted=wanted, stays=False) as report:
         yield report
 
 
 @contextmanager
-def counter(total: int, noun: str, *, wanted: bool) -> Iterator[Callable[[float], None] | None]:
-    """Yield a function to call with how many of so many are done, or None, as `progress_bar` does."""
-    with _bar((0.0, float(total)), lambda done: f"{done:.0f} of {counted(total, noun)}", wanted=wanted) as report:
-        yield report
+def counter(total: int, noun: str, *, wanted: bool | str, before: int = 0) -> Iterator[Report | None]:
+    """Yield a function to call with how many of so many are done, or None, as `progress_bar` does.
 
-
-@contextmanager
-def members_bar(members: int, *, wanted: bool) -> Iterator[Callable[[float], None] | None]:
-    """Yield a function to call with the number of members that are done; the bar has their rate and the time left."""
+    It tells their rate and the time left, by what was done since; `before` of them were done before. The last line
+    stays. With `LINES` lines are written where there is neither a terminal nor a notebook.
+    """
     began = time.perf_counter()
 
     def describe(done: float) -> str:
-        rate = done / max(time.perf_counter() - began, 1e-9)
-        left = (members - done) / rate if rate else 0.0
-        return f"{done:,.0f} of {members:,} members, {rate:,.0f} a second, {left:.0f} s left"
+        seconds = max(time.perf_counter() - began, 1e-9)
+        said = f"{done:,.0f} of {total:,} {noun}{'s' * (total != 1)}"
+        if done <= before:
+            return said
+        rate = (done - before) / seconds
+        left = "" if done >= total else f", {_rounded_time((total - done) / rate)} left"
+        return f"{said}, {_rate(rate)}{left}"
 
-    with _bar((0.0, float(members)), describe, wanted=wanted) as report:
+    with _bar((0.0, float(total)), describe, wanted=wanted, stays=True) as report:
+        if report is not None:
+            report(float(before))
         yield report
+
+
+def _rate(rate: float) -> str:
+    """Return how many are done in a second, or in a minute where they are few."""
+    number, unit = (rate, "second") if rate >= 1.0 else (60.0 * rate, "minute")
+    return f"{number:,.0f} a {unit}" if number >= 10.0 else f"{number:.2g} a {unit}"
+
+
+def _rounded_time(seconds: float) -> str:
+    """Return a time in two digits or so: seconds, minutes or hours."""
+    for limit, unit, name in ((100.0, 1.0, "s"), (6000.0, 60.0, "min"), (360_000.0, 3600.0, "h")):
+        if seconds < limit:
+            return f"{seconds / unit:.0f} {name}"
+    return f"{seconds / 86400.0:,.0f} days"
 
 
 @contextmanager
 def _bar(
-    span: Sequence[float], describe: Callable[[float], str], *, wanted: bool
-) -> Iterator[Callable[[float], None] | None]:
+    span: Sequence[float], describe: Callable[[float], str], *, wanted: bool | str, stays: bool
+) -> Iterator[Report | None]:
     """Yield a function to call with how far it is in the span, for a bar where there is somebody to see it."""
     start, end = float(span[0]), float(span[1])
     if wanted and in_notebook():
@@ -103,11 +138,38 @@ def _bar(
             yield lambda t: update(abs(t - start))
         return
     if not wanted or not _on_a_terminal():
+        if wanted == LINES and sys.stderr is not None:
+            with _lines(describe) as report:
+                yield report
+            return
         yield None
         return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn  # 50 ms, for nothing in a pipe
+    from rich.console import Console  # 50 ms, for nothing in a pipe
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, transient=True) as progress:
+    with Progress(*columns, console=Console(stderr=True), transient=not stays) as progress:
         task = progress.add_task("compiling", total=abs(end - start) or 1.0)
         yield lambda t: progress.update(task, completed=abs(t - start), description=describe(t))
+
+
+@contextmanager
+def _lines(describe: Callable[[float], str]) -> Iterator[Report]:
+    """Yield a function that writes a line to standard error now and then, and one at the end."""
+    last, done = time.perf_counter(), 0.0
+
+    def write() -> None:
+        sys.stderr.write(f"{describe(done)}\n")
+        sys.stderr.flush()
+
+    def report(amount: float) -> None:
+        nonlocal last, done
+        done = amount
+        if (now := time.perf_counter()) - last >= SECONDS_OF_A_LINE:
+            last = now
+            write()
+
+    try:
+        yield report
+    finally:
+        write()
