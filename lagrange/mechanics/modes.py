@@ -18,7 +18,7 @@ from lagrange.errors import FAULT, RunError, StatementError, listing
 from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.plain_form import number, numeric
 from lagrange.mechanics.point import StatedPoint
-from lagrange.mechanics.simplification import rational_below, simplest, size
+from lagrange.mechanics.simplification import rational_below, root_of_square, simplest, size
 from lagrange.mechanics.stability import REAL_PART, first_order_matrix, has_inertia, matrix_values, stability_of
 from lagrange.statement.coordinate import t
 from lagrange.statement.notebook_page import ShownAsPage
@@ -125,9 +125,8 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
 
 
 def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any] | None) -> None:
-    """Compare symbolic roots with the eigenvalues. Raises RunError where one is none of them."""
-    if values is None:
-        return
+    """Compare symbolic roots with the eigenvalues, at some numbers. Raises RunError where one is none of them."""
+    values = _ones_of(lin.M, lin.C, lin.K) if values is None else values
     known = eigenvalues(lin, values)
     for root in roots:
         found = complex(number(sympy.I * root.frequency - root.decay, values))
@@ -243,13 +242,20 @@ def _oscillation(root: Any, plain: bool) -> _Root:
 def _root_of(given: Any) -> Any:
     """Return a square root, what is a square taken out of it."""
     root = sympy.sqrt(_neat(given))
-    return sympy.sqrtdenest(root) if size(root) <= LONGEST_SIMPLIFIED else root
+    if not _brief(root):
+        return root
+    return min((root, sympy.sqrtdenest(root), root_of_square(given)), key=size)
+
+
+def _brief(given: Any) -> bool:
+    """Return whether SymPy may simplify an expression, which it multiplies out for that."""
+    return size(given) <= LONGEST_SIMPLIFIED and size(sympy.expand(given)) <= LONGEST_SIMPLIFIED
 
 
 def _neat(given: Any) -> Any:
     """Return an expression with roots in the shortest of a few forms."""
     candidates = [given, simplest(given), sympy.factor_terms(given)]
-    if size(given) <= LONGEST_SIMPLIFIED:
+    if _brief(given):
         candidates += [sympy.factor(given), sympy.radsimp(given)]
     return min(candidates, key=size)
 
@@ -275,7 +281,7 @@ def _scaled(column: Any) -> Any:
 
 def _shortest(given: Any) -> Any:
     """Return an entry of a shape with its root out of the denominator."""
-    if size(given) <= LONGEST_SIMPLIFIED:
+    if _brief(given):
         return _neat(sympy.radsimp(sympy.simplify(given)))
     return _neat(rational_below(sympy.together(given)))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import sympy
@@ -63,6 +64,23 @@ def rational_below(given: Any) -> Any:
         above, below = (sympy.rem(sympy.expand(x), root**2 - base, root) for x in (above, below))
     short = sympy.factor(sympy.cancel(above / below))
     return short.xreplace({root: sympy.sqrt(base) for base, root in roots.items()})
+
+
+def root_of_square(given: Any) -> Any:
+    """Return a square root, what is a square in roots of positive symbols taken out of it.
+
+    Of a - 2 sqrt(a b) + b, which is a polynomial in sqrt(a) and sqrt(b), it is the distance of these two.
+    """
+    powers = [x for x in given.atoms(sympy.Pow) if x.base.is_Symbol and x.base.is_positive and x.exp.is_Rational]
+    bases = sorted({x.base for x in powers if not x.exp.is_Integer}, key=str)
+    if not bases or size(given) > LONGEST_FACTORED or _generators(given) > MOST_SYMBOLS:
+        return sympy.sqrt(given)
+    degree = {base: math.lcm(*(x.exp.q for x in powers if x.base == base)) for base in bases}
+    roots = {base: sympy.Dummy(base.name, positive=True) for base in bases}
+    table = {x: roots[x.base] ** (x.exp * degree[x.base]) for x in powers if x.base in roots}
+    table |= {base: root ** degree[base] for base, root in roots.items()}
+    found = sympy.sqrt(sympy.factor(given.xreplace(table)))
+    return found.xreplace({root: base ** sympy.Rational(1, degree[base]) for base, root in roots.items()})
 
 
 def in_fractions(given: Any) -> Any:

@@ -13,6 +13,7 @@ from lagrange.errors import SceneError, StatementError, listing, suggestion
 from lagrange.statement.choice import text
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.expression import TEXTS, entries, expression
+from lagrange.statement.letters import WORD
 from lagrange.statement.multiplier import constraint_of
 from lagrange.statement.parameters import coordinate_name
 from lagrange.statement.statement import Statement
@@ -32,7 +33,7 @@ MULTIPLIER = "lambda_"
 TYPED = str.maketrans("\u2212\u00b7\u22c5\u00d7", "-***")
 """Signs that a printed formula has: a minus and three of multiplication."""
 
-NAME = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
+NAME = re.compile(rf"(?<![\w.]){WORD.pattern}")
 """A name in the text of an equation; the e of 1e-3 is none."""
 
 KNOWN_WORDS = frozenset((*FUNCTIONS, "t", "pi", "if", "else"))

@@ -13,6 +13,7 @@ from lagrange.page.motion import MOST_STEPS, TOLERANCE, MotionSource
 from lagrange.page.sliders import Slider
 from lagrange.show.figures.space_view import AZIMUTH, ELEVATION
 from lagrange.show.figures.spring import spring
+from lagrange.show.measures.points import fixed_points
 from lagrange.show.notation.names import plain_text
 from lagrange.show.notation.text import UnicodeNotation
 from lagrange.show.units import length_unit, unit_of
@@ -64,12 +65,27 @@ def _states(statement: Statement) -> list[dict[str, str]]:
 
 
 def _points(statement: Statement) -> dict[str, Any]:
-    """Return the named points, their dimension, and the links by the places of their ends; the origin is the last."""
+    """Return the named points, their dimension, and the links by the places of their ends; the origin is the last.
+
+    `colours` has the number of the colour of each point, null for those that are fixed.
+    """
     names = list(statement.positions)
     dimension = max(map(len, statement.positions.values()), default=0)
     places = {name: place for place, name in enumerate([*names, ORIGIN])}
     links = [[places[one.start], places[one.end], one.kind] for one in statement.links]
-    return {"points": names, "dimension": dimension, "links": links}
+    numbers = {name: number for number, name in enumerate(moving_points(statement))}
+    return {
+        "points": names,
+        "colours": [numbers.get(name) for name in names],
+        "dimension": dimension,
+        "links": links,
+    }
+
+
+def moving_points(statement: Statement) -> list[str]:
+    """Return the names of the points that are not fixed, each of which has a colour."""
+    fixed = fixed_points(statement)
+    return [name for name in statement.positions if not fixed[name]]
 
 
 def rate(t_end: float) -> float:

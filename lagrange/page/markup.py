@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
+from lagrange.page.description import moving_points
 from lagrange.page.formulas import FoldedFormulas
 from lagrange.page.sliders import PARAMETER, Slider
 from lagrange.show.figures.colours import colours
@@ -59,8 +60,8 @@ def _slider(place: int, one: Slider, page: FoldedFormulas, *, units: bool) -> st
 
 
 def legend(statement: Statement) -> str:
-    """Return the names of the points with their colours."""
-    names = list(statement.positions)
+    """Return the names of the points that move, with their colours."""
+    names = moving_points(statement)
     if len(names) < 2:
         return ""
     rows = (f'<li><i class="colour{k}"></i>{escape(name)}</li>' for k, name in enumerate(names))

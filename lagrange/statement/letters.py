@@ -44,3 +44,6 @@ LETTER = f"A-Za-z{''.join(GREEK)}"
 """The letters of names, as part of a regular expression."""
 
 NAME = re.compile(f"[{LETTER}][{LETTER}0-9_]{{0,63}}")
+
+WORD = re.compile(r"[^\W\d][\w\u0300-\u036f]*")
+"""A word as people write it: letters of any alphabet, with accents that are characters of their own."""

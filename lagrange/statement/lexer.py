@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from lagrange.errors import SceneError, listing, suggestion
-from lagrange.statement.letters import LETTER, NAME
+from lagrange.statement.letters import LETTER, NAME, WORD
 from lagrange.statement.vocabulary import FUNCTIONS, WORDS
 
 LONGEST = 10_000
@@ -166,6 +166,10 @@ class _Checker:
         if keyword.iskeyword(token):
             remedy = _RESERVED.get(token, "choose another name")
             refuse(f"{token!r} is a reserved word: {remedy}.", offset)
+        word = WORD.match(self.text, offset)
+        if word and word.group() != token:
+            foreign = offset + len(token)
+            refuse(f"{word.group()[:40]!r} cannot be a name: {_unknown_letter(self.text[foreign])}", foreign)
         if not NAME.fullmatch(token):
             refuse(
                 f"{token[:40]!r} cannot be a name: a name starts with a letter, goes on with letters, digits and "
@@ -297,12 +301,15 @@ _ALLOWED = "the operators are + - * / ** and the comparisons < <= > >= == !="
 def _refuse_character(text: str, offset: int) -> NoReturn:
     character = text[offset]
     if ord(character) > 126 or ord(character) < 32:
-        name = unicodedata.name(character, "control character")
-        refuse(
-            f"the character U+{ord(character):04X} ({name}) cannot stand in an expression: write letters a to z, "
-            "digits and + - * / **, and spell Greek letters out, as in theta.",
-            offset,
-        )
+        refuse(_unknown_letter(character), offset)
     if character == "'" and offset and _LETTER.match(text[offset - 1]):
         refuse("a prime is no derivative here: the velocity of x is x_dot, its acceleration x_ddot.", offset)
     refuse(f"{character!r} cannot stand in an expression: {_REMEDIES.get(character, _ALLOWED)}.", offset)
+
+
+def _unknown_letter(character: str) -> str:
+    name = unicodedata.name(character, "control character")
+    return (
+        f"the character U+{ord(character):04X} ({name}) cannot stand in an expression: write letters A to Z, a to z "
+        "and Greek ones without accents, digits and + - * / **."
+    )

@@ -316,3 +316,10 @@ def test_of_a_sum_only_the_part_that_is_wrong_is_named(spring: str, message: str
     right = "m*a_ddot + m*g*sin(a) + k*(sin(a) - sin(b))*cos(a) = 0"
     result = pendulums.compare([right, f"m*b_ddot + m*g*sin(b) {spring} = 0"])
     assert result.finding.startswith(f"In equation 2, that of b, {message}"), result.finding
+
+
+def test_a_name_in_letters_of_other_alphabets_is_named_whole() -> None:
+    system = lg.scene("pendulum")
+    for word in ("φ_ddot", "thêta", "θ\u0301_ddot", "φ1"):
+        with pytest.raises(StatementError, match=rf"^equation 1 contains '{word}', which this system does not have"):
+            system.compare([f"2*{word} + 1 = 0"])

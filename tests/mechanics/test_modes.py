@@ -212,3 +212,29 @@ def test_a_wrong_frequency_is_found_by_number(monkeypatch: pytest.MonkeyPatch) -
     monkeypatch.setattr(modes_module, "_root_of", lambda given: sqrt(given) * 1.001)
     with pytest.raises(RunError, match=r"the frequency .* is wrong: .* is no eigenvalue of the linear equations\."):
         shared_scene("pendulum").modes()
+
+
+def test_frequencies_are_written_short_and_have_the_right_values() -> None:
+    m1, m2, k1, k2 = lg.parameters("m1 m2 k1 k2")
+    turning = lg.System(
+        kinetic=m * ((x.dot - w * y) ** 2 + (y.dot + w * x) ** 2) / 2, potential=k * (x**2 + y**2) / 2
+    ).modes()
+    # seen from a table that turns, the frequency sqrt(k/m) is shifted by that of the table
+    natural = sqrt(k) / sqrt(m)
+    for found, known in zip(turning.frequencies, (sympy.Abs(natural - w), natural + w), strict=True):
+        assert sympy.simplify(found**2 - known**2) == 0 and sympy.count_ops(found) <= 10
+    chain = lg.System(
+        kinetic=m1 * x.dot**2 / 2 + m2 * y.dot**2 / 2, potential=k1 * x**2 / 2 + k2 * (x - y) ** 2 / 2
+    ).modes()
+    for number, found in enumerate(chain.frequencies):
+        assert sympy.count_ops(found) <= 31  # 46 with the discriminant multiplied out
+        values = {m1: sympy.Rational(3, 2), m2: 2, k1: 5, k2: sympy.Rational(7, 3)}
+        stiffness = sympy.Matrix([[k1 + k2, -k2], [-k2, k2]]).subs(values)
+        squares = sorted((sympy.diag(m1, m2).subs(values).inv() * stiffness).eigenvals(), key=sympy.N)
+        assert abs(sympy.N(found.subs(values) ** 2 - squares[number], 30)) < 1e-25
+
+
+def test_a_wrong_frequency_without_values_is_found_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(modes_module, "_root_of", lambda given: 2 * sqrt(given))
+    with pytest.raises(RunError, match="is wrong"):
+        lg.System(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2).modes()

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import cos, erf
+from sympy import cos, erf, sin
 
 import lagrange as lg
 from lagrange.cli import main
@@ -136,6 +136,15 @@ def test_springs_and_directions_of_space_are_those_of_figures(tmp_path: Path) ->
     assert corners == pytest.approx(spring(start, end, 0.5), abs=1e-3)  # four digits of a unit
     seen = from_side(*np.degrees(found["view"]))
     assert seen.matrix == pytest.approx(from_side(AZIMUTH, ELEVATION).matrix, abs=1e-15)
+
+
+def test_fixed_points_have_no_colour_and_no_entry_in_the_legend(tmp_path: Path) -> None:
+    theta, l = lg.coordinate("theta"), lg.parameters("l")
+    positions = {"pivot": (0, l), "bob": (l * sin(theta), l - l * cos(theta)), "tip": (2 * l * sin(theta), l)}
+    page = pendulum(positions=positions, links=[("pivot", "bob")]).to_page(tmp_path / "page.html")
+    assert data(page)["colours"] == [None, 0, 1]
+    entries = re.findall(r'<li><i class="(\w+)"></i>(\w+)</li>', page.read_text("utf-8"))
+    assert entries == [("colour0", "bob"), ("colour1", "tip")]
 
 
 def test_a_system_without_energies_or_positions(tmp_path: Path) -> None:

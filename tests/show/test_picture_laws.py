@@ -14,8 +14,9 @@ from sympy import cos
 
 import lagrange as lg
 from lagrange.show.figures.curve import first_times
-from lagrange.show.figures.paths import common_view, fixed_points, named_points
+from lagrange.show.figures.paths import common_view, named_points
 from lagrange.show.figures.style import DARK, LIGHT, STYLES, line_styles
+from lagrange.show.measures.points import fixed_points
 from lagrange.show.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 from tests.covering import spread

@@ -59,6 +59,10 @@ REFUSALS = {
     "x @ y": (3, "the operators are + - * / **"),
     "9,81": (2, "',' separates the arguments of a function only: write decimals with a point, as in 9.81."),
     "2*é": (3, "the character U+00E9 (LATIN SMALL LETTER E WITH ACUTE) cannot stand in an expression"),
+    "2*thêta": (5, "'thêta' cannot be a name: the character U+00EA (LATIN SMALL LETTER E WITH CIRCUMFLEX)"),
+    "e\u0301*2": (2, "'e\u0301' cannot be a name: the character U+0301 (COMBINING ACUTE ACCENT)"),
+    "α\u0301": (2, "'α\u0301' cannot be a name: the character U+0301"),
+    "ά": (1, "write letters A to Z, a to z and Greek ones without accents"),
     "x\x00": (2, "the character U+0000 (control character)"),
     "ｐｉ": (1, "U+FF50 (FULLWIDTH LATIN SMALL LETTER P)"),
     # what is not finished

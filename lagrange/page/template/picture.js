@@ -43,8 +43,6 @@ class Picture {
             this.view.survey(this.withOrigin(samples), this.first);
         }
         this.first = false;
-        const moved = (one, place) => this.place(one, place).some((x, k) => Math.abs(x - this.place(samples[0], place)[k]) > 1e-9 * this.view.first);
-        this.fixed = this.data.points.map((_, place) => samples.length > 1 && !samples.some((one) => moved(one, place)));
     }
 
     /** Whether the motion has grown so far beyond the run of the scene that it leaves the picture. */
@@ -62,8 +60,9 @@ class Picture {
         return this.data.links.some(([a, b]) => a === last || b === last);
     }
 
-    place(places, point) {
-        return places.subarray(point * this.data.dimension, (point + 1) * this.data.dimension);
+    /** Whether a point stands still whatever happens: it has no colour of its own. */
+    fixed(point) {
+        return this.data.colours[point] === null;
     }
 
     /** Draw everything as it is at places; `share` is how fast the frame follows what leaves it. */
@@ -181,10 +180,10 @@ class Picture {
         const first = Math.ceil((motion.count - length) / stride) * stride;
         context.lineWidth = 1.6;
         this.data.points.forEach((_, point) => {
-            if (this.fixed[point]) {
+            if (this.fixed(point)) {
                 return;
             }
-            context.strokeStyle = look.colours[point];
+            context.strokeStyle = look.colours[this.data.colours[point]];
             const pixel = (k) => view.at(motion.places, (k % KEPT) * motion.width + point * dimension);
             const band = Math.max(stride, Math.ceil(length / BANDS / stride) * stride);
             for (let begin = first; begin < motion.count; begin += band) {
@@ -234,11 +233,11 @@ class Picture {
         }
         this.data.points.forEach((_, point) => {
             const [x, y] = end(point);
-            context.fillStyle = look.colours[point];
+            context.fillStyle = this.fixed(point) ? look.ink : look.colours[this.data.colours[point]];
             context.strokeStyle = look.paper;
             context.lineWidth = 2;
             context.beginPath();
-            if (this.fixed[point]) {
+            if (this.fixed(point)) {
                 context.rect(x - 0.6 * radius, y - 0.6 * radius, 1.2 * radius, 1.2 * radius);
             } else {
                 context.arc(x, y, radius, 0, 2 * Math.PI);

@@ -8,15 +8,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
-from sympy.core.function import AppliedUndef
 
 from lagrange.show.figures.curve import Pixels, first_times, in_plane, lengths, outputs_alone
 from lagrange.show.figures.space_view import View, view_of
-from lagrange.show.measures.points import points_at
-from lagrange.statement.coordinate import t as time
-from lagrange.statement.declare import ORIGIN
+from lagrange.show.measures.points import fixed_points, points_at
 from lagrange.statement.link import Link
-from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
@@ -72,15 +68,6 @@ def limits(points: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the lowest and the highest of the finite points (d, K), (d,) each."""
     good = points[:, np.isfinite(points).all(axis=0)]
     return (good.min(axis=1), good.max(axis=1)) if good.shape[1] else (np.zeros(len(points)), np.zeros(len(points)))
-
-
-def fixed_points(statement: Statement) -> dict[str, bool]:
-    """Return of each named point, and the origin, whether it depends on neither a coordinate nor the time."""
-    found = {
-        name: not any(part.atoms(AppliedUndef) or part.has(time) for part in parts)
-        for name, parts in statement.positions.items()
-    }
-    return {**found, ORIGIN: True}
 
 
 def named_points(solution: Solution, t: FloatArray) -> dict[str, FloatArray]:

@@ -6,9 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from sympy.core.function import AppliedUndef
 
 from lagrange.machine.model import Model
+from lagrange.statement.coordinate import t as time
 from lagrange.statement.declare import ORIGIN
+from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray
 
 
@@ -24,3 +27,12 @@ def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Mapping[An
     if points and ORIGIN not in points and any(ORIGIN in (link.start, link.end) for link in statement.links):
         points[ORIGIN] = np.zeros_like(next(iter(points.values())))
     return points
+
+
+def fixed_points(statement: Statement) -> dict[str, bool]:
+    """Return of each named point, and the origin, whether it depends on neither a coordinate nor the time."""
+    found = {
+        name: not any(part.atoms(AppliedUndef) or part.has(time) for part in parts)
+        for name, parts in statement.positions.items()
+    }
+    return {**found, ORIGIN: True}
