@@ -7,8 +7,12 @@ import pickle
 import time
 from collections import OrderedDict
 from dataclasses import dataclass, replace
+from io import BytesIO
+from threading import Lock
+from typing import Any
 
 from lagrange.errors import StatementError
+from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.members.chunk import INTERRUPTED, Ends, Engine, Starts, Stopped
 from lagrange.members.keep import Column, Keep
 from lagrange.members.lanes import lane_engine
@@ -59,24 +63,55 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class Done:
-    """What came of a chunk: the seconds that its members took, and how they were run."""
+    """What came of a chunk: the seconds that its members took, how they were run, and what they were compiled for.
+
+    `processor` is empty where that is the processor of this process, or none.
+    """
 
     ends: Ends
     seconds: float
     form: str
+    processor: str = ""
 
 
-_ENGINES: OrderedDict[bytes, Engine] = OrderedDict()
+_ENGINES: OrderedDict[bytes, tuple[Engine, str]] = OrderedDict()
+_LOCK = Lock()
 
 
 def run_chunk(job: bytes, starts: Starts) -> Done:
     """Run members in the process that this is called in, which compiles a job when it first comes."""
     key = hashlib.sha256(job).digest()
-    if key not in _ENGINES:
-        _ENGINES[key] = pickle.loads(job).engine()
-        while len(_ENGINES) > ENGINES_KEPT:
-            _ENGINES.popitem(last=False)
-    return timed(_ENGINES[key], starts, lambda: False)
+    with _LOCK:
+        if key not in _ENGINES:
+            loaded: Job = _Unpickler(BytesIO(job)).load()
+            target = loaded.problem.model.target
+            _ENGINES[key] = loaded.engine(), processor_of(target)
+            while len(_ENGINES) > ENGINES_KEPT:
+                _ENGINES.popitem(last=False)
+        engine, processor = _ENGINES[key]
+    return replace(timed(engine, starts, lambda: False), processor=processor)
+
+
+def processor_of(target: str) -> str:
+    """Return what machine code of a model is compiled for here; nothing where a model is not compiled."""
+    if target != "llvm":
+        return ""
+    from lagrange.machine.llvm.engine import processor
+
+    return processor()
+
+
+class _Unpickler(pickle.Unpickler):
+    """Reads a job; where llvmlite is missing its model runs by numpy."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        """Return a class or a function."""
+        try:
+            return super().find_class(module, name)
+        except ModuleNotFoundError as error:
+            if name != "LlvmMachine" or not (error.name or "").startswith("llvmlite"):
+                raise
+            return NumpyMachine
 
 
 def timed(engine: Engine, starts: Starts, stopped: Stopped) -> Done:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 
-from lagrange.errors import StatementError, counted
-from lagrange.members.job import Done, Job
+from lagrange.errors import StatementError, counted, listing
+from lagrange.members.job import Done, Job, processor_of
 from lagrange.members.results import Kept, Results
+from lagrange.members.singly import BY_NUMPY
 from lagrange.members.table import MemberTable
 from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
 
@@ -17,9 +18,10 @@ Report = Callable[[float], None] | None
 class Keeper(ABC):
     """Keeps results; `left` are the blocks of members that are still to be run."""
 
-    def __init__(self, left: list[tuple[int, int]]) -> None:
-        self.left = left
+    def __init__(self, job: Job, left: list[tuple[int, int]]) -> None:
+        self.job, self.left = job, left
         self.forms: dict[str, None] = {}
+        self.processors: dict[str, None] = {}
 
     @property
     @abstractmethod
@@ -37,8 +39,15 @@ class Keeper(ABC):
 
     @property
     def form(self) -> str:
-        """How members were run."""
-        return "; ".join(self.forms) or "all members were stored"
+        """How members were run; where they ran as others would not here, that their last digits may differ."""
+        said = ["; ".join(self.forms) or "all members were stored"]
+        target = self.job.problem.model.target
+        if target != "numpy" and any(form.endswith(BY_NUMPY) for form in self.forms):
+            said.append("a worker has no llvmlite")
+        here = processor_of(target)
+        if others := [one for one in self.processors if one != here]:
+            said.append(f"workers compiled for {listing(others)}, not for {here}")
+        return "; ".join(said) + (": the last digits may differ from those of this machine" if said[1:] else "")
 
     def reporting(self, report: Report, before: int) -> Callable[[int, Done], None]:
         """Return what keeps the results of a chunk, and tells how many members are done, with those of before."""
@@ -47,6 +56,8 @@ class Keeper(ABC):
         def keep(first: int, done: Done) -> None:
             nonlocal finished
             self.forms[done.form] = None
+            if done.processor:
+                self.processors[done.processor] = None
             self.take(first, done)
             finished += done.ends.members
             if report is not None:
@@ -58,8 +69,8 @@ class Keeper(ABC):
 class MemoryKeeper(Keeper):
     """Keeps results in arrays."""
 
-    def __init__(self, results: Results, members: int) -> None:
-        super().__init__([(0, members)])
+    def __init__(self, job: Job, results: Results, members: int) -> None:
+        super().__init__(job, [(0, members)])
         self._results = results
 
     @property
@@ -82,4 +93,4 @@ def kept_in_memory(job: Job, table: MemberTable) -> MemoryKeeper:
             f'{limit:.3g} bytes: give store="runs.zarr", which writes them to a folder block by block, or fewer '
             "members or output times."
         )
-    return MemoryKeeper(Results.empty(members, columns), members)
+    return MemoryKeeper(job, Results.empty(members, columns), members)

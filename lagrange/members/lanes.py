@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.machine.members.compiled import MembersCode
 from lagrange.machine.model import Model
 from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
 from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME
@@ -40,6 +39,9 @@ from lagrange.trajectory.conservation import NOTABLE_CHANGE, SMALL_CHANGE
 from lagrange.trajectory.methods.taylor import TaylorPlan
 from lagrange.trajectory.plan import Plan, StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Status
+
+if TYPE_CHECKING:
+    from lagrange.machine.members.compiled import MembersCode
 
 MOST_OPERATIONS = 20_000
 """Series with more operations are computed member by member: written out they would take minutes to compile."""
@@ -216,6 +218,8 @@ _COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()
 
 def _compiled(model: Model, plan: Plan, *, varying: bool) -> Compiled:
     """Compile the members of a model for a plan."""
+    from lagrange.machine.members.compiled import MembersCode  # needs llvmlite, without which models run by numpy
+
     laws = {name: model.law(name).program for name in ("rhs", "energy", "momenta")}
     step = plan.step if isinstance(plan, StepPlan) else None
     if step is not None:

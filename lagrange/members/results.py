@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 from lagrange.members.chunk import Ends
-from lagrange.members.keep import Column
+from lagrange.members.keep import STATUS, Column
 
 
 class Kept(Protocol):
@@ -38,7 +38,8 @@ class Results:
         return self.columns[name]
 
     def take(self, first: int, ends: Ends) -> None:
-        """Put the results of members from a number on into their places."""
-        for name, rows in ends.columns.items():
+        """Put the results of members from a number on into their places; what is cut off was not run."""
+        for name in sorted(ends.columns, key=STATUS.__eq__):
+            rows = ends.columns[name]
             self.columns[name][first : first + len(rows)] = rows
         self.messages.update({first + place: text for place, text in ends.messages.items()})

@@ -66,7 +66,7 @@ class ExecutorRunner:
     """An executor of the user's, which is left open."""
 
     def __init__(self, executor: Any, job: Job) -> None:
-        if not callable(getattr(executor, "submit", None)):
+        if isinstance(executor, type) or not callable(getattr(executor, "submit", None)):
             raise StatementError(
                 f"executor is {shown(executor)}: give a concurrent.futures executor, such as ProcessPoolExecutor(), or "
                 "a dask.distributed.Client."

@@ -36,6 +36,9 @@ SAMPLES_OF_STEP, MOST_SAMPLES = 32, 2**20
 REFINEMENTS = 4
 """Each time the place of a largest value is found to a 16th; the error of the value falls with its square."""
 
+BY_NUMPY = " by numpy"
+"""How the form of runs ends for which nothing is compiled."""
+
 NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 """Gauss's rule of order 16 on each step."""
 
@@ -51,7 +54,10 @@ class RunEngine:
     keep: Keep
     columns: tuple[Column, ...]
 
-    form = "runs one after the other"
+    @property
+    def form(self) -> str:
+        """How members are run."""
+        return "runs one after the other" + (BY_NUMPY if self.model.target == "numpy" else "")
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
         """Run members; a start that a run refuses is a member that did not begin, and says why."""

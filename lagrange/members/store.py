@@ -7,9 +7,7 @@ the results stands in the attributes; a store of anything else is never written 
 
 from __future__ import annotations
 
-import hashlib
-import importlib.metadata
-import json
+import errno
 import os
 import re
 import shutil
@@ -27,17 +25,20 @@ from lagrange.members.chunk import INTERRUPTED, STATUSES
 from lagrange.members.job import Done, Job
 from lagrange.members.keep import OUTPUTS, STATE, STATUS, TIME
 from lagrange.members.keepers import Keeper
+from lagrange.members.origin import difference, origin
 from lagrange.members.results import Results
 from lagrange.members.table import MemberTable
-from lagrange.statement.stored import stored
 
 BLOCK_BYTES, LARGEST_BLOCK = 2**23, 2**16
 """A block takes about 8 MB, or has 65,536 members: some thousand files for a billion numbers, each quickly written."""
 
 MEMBER, OUTPUT_TIME, DONE, ATTRIBUTES = "member", "t", "done", "lagrange"
 
-VERSIONS = ("numpy", "llvmlite")
-"""Packages on whose versions the last digits may depend."""
+MOST_BLOCKS = 10**6
+"""A store has no more blocks, each of which has a file for every variable: 8 TB of results are enough for one."""
+
+DAMAGE = (KeyError, TypeError, ValueError, RuntimeError, AttributeError)
+"""What zarr raises where files of a store are missing or are none of its own."""
 
 
 class StoreKeeper(Keeper):
@@ -45,23 +46,24 @@ class StoreKeeper(Keeper):
 
     def __init__(self, job: Job, table: MemberTable, path: Path, group: Any, block: int) -> None:
         members = len(table)
-        blocks = [(begin, min(begin + block, members)) for begin in range(0, members, block)]
-        done = np.asarray(group[DONE][:])
-        super().__init__([one for one, written in zip(blocks, done, strict=True) if not written])
-        self._job, self._table, self._path, self._group, self._block = job, table, path, group, block
+        with reading(path):
+            done = np.asarray(group[DONE][:])
+        left = [(k * block, min((k + 1) * block, members)) for k in np.flatnonzero(done == 0).tolist()]
+        super().__init__(job, left)
+        self._table, self._path, self._group, self._block = table, path, group, block
         self._open: dict[int, tuple[Results, int]] = {}
 
     @property
     def results(self) -> StoredResults:
         """The results, read when they are asked for."""
-        return StoredResults(self._group, self._job)
+        return StoredResults(self._group, self.job, self._path, self._block)
 
     def take(self, first: int, done: Done) -> None:
         """Keep members of a block; write it when it is whole."""
         k = first // self._block
         begin, end = k * self._block, min((k + 1) * self._block, len(self._table))
         if k not in self._open:
-            self._open[k] = Results.empty(end - begin, self._job.columns), end - begin
+            self._open[k] = Results.empty(end - begin, self.job.columns), end - begin
         results, missing = self._open[k]
         results.take(first - begin, done.ends)
         missing -= len(done.ends.columns[TIME])
@@ -71,25 +73,35 @@ class StoreKeeper(Keeper):
             del self._open[k]
 
     def write(self, k: int, begin: int, end: int, results: Results) -> None:
-        """Write a block, and note that it is done."""
+        """Write a block, its status last, and note that it is done."""
         with _disk(self._path):
-            for name, rows in _columns(self._job, self._table, begin, end, results).items():
-                self._group[name][begin:end] = rows
+            rows = _columns(self.job, self._table, begin, end, results)
+            for name in sorted(rows, key=STATUS.__eq__):
+                self._group[name][begin:end] = rows[name]
             self._group[DONE][k] = 1
 
 
 class StoredResults:
-    """The results in a store; each column is read whole when it is asked for."""
+    """The results in a store; each column is read whole when it is asked for, and blocks that are not done are blank.
+
+    A call that was stopped within a block may have written a part of it.
+    """
 
     messages: Mapping[int, str] = MappingProxyType({})
 
-    def __init__(self, group: Any, job: Job) -> None:
-        self._group, self._job = group, job
+    def __init__(self, group: Any, job: Job, path: Path, block: int) -> None:
+        self._group, self._job, self._path, self._block = group, job, path, block
 
     def column(self, name: str) -> Any:
-        """Return a column, with a row for each member."""
+        """Return a column, with a row for each member. Raises RunError where the store cannot be read."""
         parts = _parts(name, self._job.problem.model.layout.names())
-        found = [np.asarray(self._group[one][:]) for one in parts]
+        with reading(self._path):
+            left = np.flatnonzero(np.asarray(self._group[DONE][:]) == 0)
+            found = [np.asarray(self._group[one][:]) for one in parts]
+        blank = next(column.blank for column in self._job.columns if column.name == name)
+        for k in left:
+            for rows in found:
+                rows[k * self._block : (k + 1) * self._block] = blank
         return found[0] if parts == (name,) else np.stack(found, axis=-1)
 
 
@@ -101,18 +113,38 @@ def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -
     zarr = _zarr()
     if not isinstance(store, (str, os.PathLike)) or not str(store):
         raise StatementError(f'store is {shown(store)}: give the name of a folder, such as "runs.zarr".')
-    path = Path(store)
-    block = max(1, min(BLOCK_BYTES // sum(column.bytes for column in job.columns), LARGEST_BLOCK))
-    made_of = _made_of(job, table, block)
-    with _disk(path):
-        if path.exists():
-            _check(zarr, path, made_of)
-            for rest in path.rglob("*.partial"):
-                rest.unlink()
-        else:
-            _make(zarr, path, job, table, made_of)
+    path = _folder(store)
+    one = sum(column.bytes for column in job.columns)
+    block = max(1, min(BLOCK_BYTES // one, LARGEST_BLOCK))
+    if len(table) > MOST_BLOCKS * block:
+        raise StatementError(
+            f"the results of {len(table):.3g} members take {one * len(table):.3g} bytes, and a store has room for "
+            f"{one * block * MOST_BLOCKS:.3g}: divide the ensemble into several, each with its store, or keep less."
+        )
+    made_of = origin(job, table, block)
+    if os.path.lexists(path):
+        _check(zarr, path, made_of)
+    else:
+        _make(zarr, path, job, table, made_of)
+    with _disk(path), reading(path):
+        for rest in path.rglob("*.partial"):
+            rest.unlink()
         group = zarr.open_group(str(path), mode="r+")
+        missing = [
+            name for name in (DONE, *_columns(job, table, 0, 0, Results.empty(0, job.columns))) if name not in group
+        ]
+    if missing:
+        raise RunError(f"{path} is damaged: it has no {listing(missing)}. Give another store, or restore this one.")
     return StoreKeeper(job, table, path, group, block)
+
+
+def _folder(store: str | os.PathLike[str]) -> Path:
+    """Return the path of a store."""
+    if "://" in str(store):
+        raise StatementError(f"store is {shown(store)}: give the name of a folder of this machine, such as runs.zarr.")
+    if "\0" in str(store):
+        raise StatementError(f"store is {shown(store)}, which no folder can be called: give a name, such as runs.zarr.")
+    return Path(store).expanduser()
 
 
 def _zarr() -> Any:
@@ -127,6 +159,18 @@ def _zarr() -> Any:
 
 
 @contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Say that files of a store are damaged."""
+    try:
+        yield
+    except DAMAGE as error:
+        raise RunError(
+            f"{path} is damaged and cannot be read ({str(error) or type(error).__name__}): give another store, or "
+            "restore this one."
+        ) from error
+
+
+@contextmanager
 def _disk(path: Path) -> Iterator[None]:
     """Say what a disk that fails means for the ensemble."""
     try:
@@ -138,66 +182,30 @@ def _disk(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _made_of(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
-    """Return what made the results, as JSON has it."""
-    problem, options = job.problem, job.options
-    varied = hashlib.sha256()
-    for values in table.varied.given.values():
-        varied.update(np.ascontiguousarray(values).tobytes())
-    return {
-        "lagrange": importlib.metadata.version("lagrange-mechanics"),
-        **{name: _version(name) for name in VERSIONS},
-        "statement": json.dumps(stored(problem.model.statement), sort_keys=True),
-        "target": problem.model.target,
-        "method": repr(options.method),
-        "rtol": options.rtol,
-        "atol": options.atol,
-        "step": options.step,
-        "max_steps": options.step_limit,
-        "span": [problem.t0, problem.t1],
-        "t_eval": None if problem.t_eval is None else problem.t_eval.tolist(),
-        "events": [str(event) for event in problem.events],
-        "keep": [column.name for column in job.columns],
-        "varies": list(table.labels),
-        "values": varied.hexdigest(),
-        "state": table.state.tolist(),
-        "parameters": table.parameters.tolist(),
-        "axes": {name: len(values) for name, values in table.varied.axes.items()},
-        "members": len(table),
-        "block": block,
-    }
-
-
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return "none"
-
-
 def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
     """Refuse a folder that holds anything but this ensemble."""
     try:
         found = dict(zarr.open_group(str(path), mode="r").attrs).get(ATTRIBUTES)
-    except (FileNotFoundError, ValueError, KeyError):
+    except PermissionError as error:
+        raise StatementError(f"{path} may not be read: give another store, or the right to read it.") from error
+    except (OSError, *DAMAGE):
         found = None
     if not isinstance(found, dict):
         raise StatementError(f"{path} exists and is no store of an ensemble: give another name. It was left as it is.")
-    differ = [name for name in made_of if found.get(name) != made_of[name]]
-    if differ:
-        first = differ[0]
-        told = listing(differ)
-        both = "" if first in ("statement", "values") else f": {first} was {found.get(first)} and is {made_of[first]}"
+    if differs := difference(found, made_of):
         raise StatementError(
-            f"{path} holds another ensemble, which differs in {told}{both}. It was left as it is: give another store, "
-            "or make the call that it was made by."
+            f"{path} holds another ensemble, which differs in {differs}. It was left as it is: give another store, or "
+            "make the call that it was made by."
         )
 
 
 def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
     """Make a store whose blocks are all to be written; it has its name when it is whole."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    except OSError as error:
+        raise _not_made(path, error) from error
     try:
         members, block = len(table), made_of["block"]
         attributes = {ATTRIBUTES: dict(made_of), "statuses": [one.value for one in STATUSES]}
@@ -221,9 +229,19 @@ def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[
             times[:] = job.problem.t_eval
         folder.chmod(0o755)
         folder.rename(path)
-    except BaseException:
+    except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise _not_made(path, error) from error
         raise
+
+
+def _not_made(path: Path, error: OSError) -> StatementError | RunError:
+    """Return what to say of a store that could not be made: of a full disk, or of a place that cannot have it."""
+    reason = error.strerror or str(error)
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
+        return RunError(f"{path} could not be made ({reason}): make room, and make the same call again.")
+    return StatementError(f"{path} cannot be made ({reason}): give a folder that can be written to, such as runs.zarr.")
 
 
 def _dimensions(name: str) -> tuple[str, ...]:

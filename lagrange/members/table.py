@@ -14,7 +14,7 @@ from lagrange.machine.model import Model
 from lagrange.members.chunk import Starts
 from lagrange.members.varied import Arrays, Numbers, Varied
 from lagrange.statement.declare import initial_state, state_rows
-from lagrange.statement.number import real_array
+from lagrange.statement.number import real_array, real_number
 from lagrange.statement.parameters import label_of
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -88,6 +88,7 @@ def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
                 f"{label!r} varies, and is no coordinate, velocity or parameter of {statement.name}; they are "
                 f"{listing(names)}.{suggestion(label, names)}"
             )
+    _check_held(varied, plain)
     state = np.array(initial_state(plain["initial"], statement.coordinates, statement.initial))
     first = {
         statement.parameters[i]: float(varied.values(key, np.zeros(1, int))[0]) for i, key in of_parameters.items()
@@ -106,6 +107,15 @@ def _check_signs(model: Model, varied: Varied, columns: Mapping[int, Any]) -> No
             model.parameter_values({**dict.fromkeys(model.statement.parameters, 1.0), symbol: lowest})
 
 
+def _check_held(varied: Varied, plain: Mapping[str, Mapping[Any, Any]]) -> None:
+    """Refuse a number for what varies."""
+    labels = {label_of(key) for key in varied.keys}
+    for given in plain.values():
+        held = next((label_of(key) for key in given if label_of(key) in labels), None)
+        if held is not None:
+            raise StatementError(f"{held} varies between the members, and has one value as well: give one of the two.")
+
+
 def _divided(what: str, given: Any) -> tuple[dict[Any, Any], list[Varied]]:
     """Return the numbers that all members have, and what varies."""
     if given is None:
@@ -118,16 +128,27 @@ def _divided(what: str, given: Any) -> tuple[dict[Any, Any], list[Varied]]:
         )
     plain, arrays = {}, {}
     for key, value in given.items():
-        if isinstance(value, (list, tuple, np.ndarray)) and np.ndim(value):
+        if _varies(value):
             arrays[key] = _values(label_of(key), value)
         else:
+            real_number(value, label_of(key))
             plain[key] = value
     return plain, [Arrays({key: values}) for key, values in arrays.items()]
 
 
+def _varies(given: Any) -> bool:
+    """Return whether a value is one for each member: a list, an array, or what NumPy takes for one, such as a Series.
+
+    Numbers of NumPy and SymPy are none, and neither is an array without dimensions.
+    """
+    if isinstance(given, (list, tuple, range)):
+        return True
+    return bool(hasattr(given, "__array__") and getattr(given, "ndim", 0))
+
+
 def _values(label: str, given: Any) -> FloatArray:
     """Return the values of members."""
-    values = real_array(given, f"the values of {label}")
+    values = real_array(given, label)
     if values.ndim != 1:
         raise StatementError(
             f"{label} has an array of shape {values.shape}: give (members,), a value for each, or lg.grid(...)."

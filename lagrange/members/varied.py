@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -15,12 +15,16 @@ from scipy.stats import qmc
 
 from lagrange.errors import StatementError, shown
 from lagrange.statement.choice import one_of
-from lagrange.statement.number import real_array, real_number, whole_number
+from lagrange.statement.number import MOST_NUMBERS, real_array, real_number, whole_number
 from lagrange.statement.parameters import label_of, table_of
 from lagrange.trajectory.trajectory import FloatArray
 
 Numbers = NDArray[np.int64]
 """Numbers of members, from 0 on."""
+
+
+MOST_MEMBERS = 10**12
+"""No grid has more members: at a microsecond each they would take eleven days, and end in 10 TB of results."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -97,20 +101,37 @@ def grid(axes: Mapping[Any, Any]) -> Grid:
     `axes` maps coordinates, velocities, parameters or their names to (low, high, count), equally spaced values with
     both ends, or to a list or an array of values. Raises StatementError for an axis without values.
     """
-    found = {}
-    for key, given in _named(axes, "the axes of a grid", "coordinate, velocity or parameter to (low, high, count)"):
-        label = label_of(key)
-        if isinstance(given, tuple) and len(given) == 3:
-            low, high = (real_number(end, f"an end of {label}") for end in given[:2])
-            values = np.linspace(low, high, whole_number(given[2], f"the number of values of {label}", 1))
-        else:
-            values = real_array(given, f"the values of {label}")
-        if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
-            raise StatementError(
-                f"the axis {label} is {shown(given)}: give (low, high, count), or a list of finite values."
-            )
-        found[key] = values
+    named = _named(axes, "axes", "coordinate, velocity or parameter to (low, high, count)")
+    found = {key: _axis(label_of(key), given) for key, given in named}
+    members = math.prod(len(values) for values in found.values())
+    if members > MOST_MEMBERS:
+        raise StatementError(f"the grid has {members:.3g} members: give fewer values; {MOST_MEMBERS:.0e} are possible.")
     return Grid(found)
+
+
+def _axis(label: str, given: Any) -> FloatArray:
+    """Return the values of an axis."""
+    if isinstance(given, tuple):
+        if len(given) != 3:
+            raise StatementError(
+                f"the axis {label} is {shown(given)}: give (low, high, count), or a list of values, such as [0.0, 1.0]."
+            )
+        low, high = (real_number(end, f"an end of {label}") for end in given[:2])
+        count = whole_number(given[2], f"the number of values of {label}", 1, MOST_NUMBERS)
+        if count == 1 and low != high:
+            raise StatementError(
+                f"the axis {label} has 1 value between {low:g} and {high:g}, and both ends belong to it: give at least "
+                f"2, or the value itself, such as [{low:g}]."
+            )
+        with np.errstate(all="ignore"):
+            values = np.linspace(low, high, count)
+    else:
+        values = real_array(given, label)
+    if values.ndim != 1 or not len(values) or not np.isfinite(values).all():
+        raise StatementError(
+            f"the axis {label} is {shown(given)}: give (low, high, count), or a list of finite values."
+        )
+    return values
 
 
 METHODS = ("sobol", "latin", "random")
@@ -124,10 +145,10 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
     scrambled; "latin", a Latin hypercube; or "random", independent values. Source: `scipy.stats.qmc`. Raises
     StatementError for a range that has no values.
     """
-    members = whole_number(count, "count, the number of members,", 1)
     start = whole_number(seed, "seed", 0)
     one_of(method, METHODS, "method is {given}; the methods of a sample are {known}.")
-    given = list(_named(ranges, "the ranges of a sample", "coordinate, velocity or parameter to (low, high)"))
+    given = list(_named(ranges, "ranges", "coordinate, velocity or parameter to (low, high)"))
+    members = whole_number(count, "count, the number of members,", 1, MOST_NUMBERS // len(given))
     generator = np.random.default_rng(start)
     if method == "sobol":
         whole = qmc.Sobol(len(given), seed=generator).random_base2(max(members - 1, 1).bit_length())
@@ -144,7 +165,7 @@ def _drawn(label: str, given: Any, parts: FloatArray) -> FloatArray:
     quantile = getattr(given, "ppf", None)
     if callable(quantile):
         # Sobol's sequence has a 0 unless it is scrambled, where a normal distribution has no value.
-        values = real_array(quantile(np.clip(parts, 2.0**-53, 1.0 - 2.0**-53)), f"the values of {label}")
+        values = _quantiles(label, quantile, np.clip(parts, 2.0**-53, 1.0 - 2.0**-53))
     elif isinstance(given, (tuple, list)) and len(given) == 2:
         low, high = (real_number(end, f"an end of {label}") for end in given)
         if not low < high:
@@ -155,7 +176,23 @@ def _drawn(label: str, given: Any, parts: FloatArray) -> FloatArray:
             f"the range of {label} is {shown(given)}: give (low, high), or a distribution of scipy.stats."
         )
     if not np.isfinite(values).all():
-        raise StatementError(f"the distribution of {label} gives values that are not finite.")
+        first = float(values[np.argmin(np.isfinite(values))])
+        raise StatementError(f"the distribution of {label} gives {first} as a value: give one whose values are finite.")
+    return values
+
+
+def _quantiles(label: str, quantile: Callable[[FloatArray], Any], parts: FloatArray) -> FloatArray:
+    """Return the values of a distribution at parts of 1, one for each."""
+    what = f"the distribution of {label}"
+    try:
+        found = quantile(parts)
+    except (TypeError, ValueError, ArithmeticError) as error:
+        raise StatementError(f"{what} gives no values: {error}. Give one number for each parameter of it.") from error
+    values = real_array(found, what)
+    if values.shape != parts.shape:
+        raise StatementError(
+            f"{what} gives the shape {values.shape} for {parts.shape} parts of 1: give a value for each."
+        )
     return values
 
 
@@ -163,5 +200,9 @@ def _named(given: Any, what: str, entries: str) -> Any:
     """Return the entries of a table that has some."""
     table = table_of(given, what, entries)
     if not table:
-        raise StatementError(f"{what} are empty: give a dict from {entries}.")
+        raise StatementError(f"{what} is empty: give a dict from {entries}.")
+    labels = [label_of(key) for key in table]
+    twice = next((label for label in labels if labels.count(label) > 1), None)
+    if twice is not None:
+        raise StatementError(f"{what} has {twice} twice, by its symbol and by its name: give it once.")
     return table.items()

@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import BrokenExecutor, CancelledError
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
 
-from lagrange.errors import RunError
+from lagrange.errors import RunError, StatementError, shown
 from lagrange.members.chunk import Starts, Table
 from lagrange.members.job import Done
 from lagrange.members.runners import Runner
@@ -25,6 +25,8 @@ CHUNK_SECONDS = 0.1
 
 FIRST_CHUNK, LARGEST_CHUNK = 8, 65536
 """Members of the first chunks, those of one vector, before it is known how long one takes; the most of any chunk."""
+
+GOES_ON = "With store= the same call goes on where this one stopped."
 
 Take = Callable[[int, Done], None]
 """What is done with the results of members from a number on."""
@@ -73,22 +75,33 @@ def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner,
         runner.stop()
         for future in under_way.values():
             future.cancel()
-        _take_finished(under_way, done, take)
+        with suppress(RunError):  # a disk that failed fails again
+            _take_finished(under_way, done, take)
         raise
     finally:
         runner.close()
 
 
 def _submitted(runner: Runner, starts: Starts) -> Any:
-    """Return the future of a chunk. Raises RunError where the executor gave up."""
-    with _working():
-        return runner.submit(starts)
+    """Return the future of a chunk. Raises RunError where the executor takes none."""
+    try:
+        with _working():
+            future = runner.submit(starts)
+    except RuntimeError as error:
+        raise RunError(
+            f"the executor takes no more members ({error}): give one that is open, or fewer workers. {GOES_ON}"
+        ) from error
+    if not callable(getattr(future, "add_done_callback", None)):
+        raise StatementError(f"executor.submit(...) returned {shown(future)}: give an executor that returns futures.")
+    return future
 
 
 def _result(future: Any) -> Done:
-    """Return what came of a chunk. Raises RunError where the executor gave up."""
+    """Return what came of a chunk. Raises RunError where the executor gave up; what members raise is raised here."""
     with _working():
-        found: Done = future.result()
+        found = future.result()
+    if not isinstance(found, Done):
+        raise RunError(f"the executor gave {shown(found)} as the results of members: it changes what it is to compute.")
     return found
 
 
@@ -97,11 +110,15 @@ def _working() -> Iterator[None]:
     """Say what it means for the ensemble that an executor gives up."""
     try:
         yield
-    except (BrokenExecutor, CancelledError) as error:
-        raise RunError(
-            f"the executor gave up ({str(error) or type(error).__name__}): a process of it was ended, or ran out of "
-            "memory. With store= the same call goes on where this one stopped."
-        ) from error
+    except ImportError as error:
+        raise RunError(f"a worker of the executor cannot run members: {error}. Install there what is here.") from error
+    except Exception as error:
+        if isinstance(error, (BrokenExecutor, CancelledError)) or type(error).__module__.startswith("distributed."):
+            raise RunError(
+                f"the executor gave up ({str(error) or type(error).__name__}): it was closed, or a process of it was "
+                f"ended or ran out of memory. {GOES_ON}"
+            ) from error
+        raise
 
 
 def _take_finished(under_way: dict[int, Any], done: SimpleQueue[tuple[int, int, Any]], take: Take) -> None:
@@ -110,7 +127,7 @@ def _take_finished(under_way: dict[int, Any], done: SimpleQueue[tuple[int, int, 
         first, _, future = done.get()
         under_way.pop(first, None)
         if not future.cancelled() and future.exception() is None:
-            take(first, future.result())
+            take(first, _result(future))
 
 
 def _chunks(blocks: Iterable[tuple[int, int]], pace: Pace) -> Iterator[tuple[int, int]]:

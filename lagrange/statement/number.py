@@ -98,7 +98,7 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
     try:
         found = np.asarray(_ended(value, entries, what))
     except (ValueError, TypeError, OverflowError) as error:
-        raise StatementError(f"{what} is no array: {error}. Give rows of one length.") from error
+        raise StatementError(f"{what} is no array: {str(error).rstrip('.')}. Give rows of one length.") from error
     if found.dtype.kind not in kinds:
         raise StatementError(
             f"{what} has entries of type {found.dtype}: give {'' if 'c' in kinds else 'real '}numbers."

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import ctypes
 import ctypes.util
+import hashlib
 import threading
 from collections.abc import Callable
 from functools import cache
 from typing import Any
+from weakref import WeakValueDictionary
 
 import llvmlite.binding as llvm
 
@@ -20,7 +22,10 @@ from lagrange.procedure.linear.inverse import invert
 from lagrange.procedure.linear.ldl import factor_dense, invert_dense, solve_columns, solve_factored, solve_lanes
 from lagrange.program.program import ARITY
 
-_LOADING = threading.Lock()
+_LOADING, _LINKING = threading.Lock(), threading.Lock()
+
+_ENGINES: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
+"""The engines that are in use, by the checksum of their object code."""
 
 COMPILED = ObjectCode()
 
@@ -71,12 +76,21 @@ def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None)
 
 
 def _loaded(code: bytes) -> Any:
-    """Return an engine that has linked some object code, and owns its memory."""
-    # An engine destroys its target machine with itself; this one compiles nothing.
-    idle = llvm.Target.from_default_triple().create_target_machine()
-    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), idle)
-    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-    engine.finalize_object()
+    """Return an engine that has linked some object code, and owns its memory: the same one while it is in use.
+
+    Threads that compile the same text at once make two modules, of which a cache keeps one; the addresses of the other
+    stay right.
+    """
+    key = hashlib.sha256(code).digest()
+    with _LINKING:
+        engine = _ENGINES.get(key)
+        if engine is None:
+            # An engine destroys its target machine with itself; this one compiles nothing.
+            idle = llvm.Target.from_default_triple().create_target_machine()
+            engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), idle)
+            engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+            engine.finalize_object()
+            _ENGINES[key] = engine
     return engine
 
 
@@ -169,6 +183,12 @@ def lanes() -> int:
     """Return how many doubles a vector register of this processor holds."""
     features = llvm.get_host_cpu_features()
     return 8 if features.get("avx512f") else 4 if features.get("avx2") else 2
+
+
+@cache
+def processor() -> str:
+    """Return what code is compiled for here: the processor by LLVM's name, and the doubles of its vectors."""
+    return f"{llvm.get_host_cpu_name()} with vectors of {lanes()}"
 
 
 @cache

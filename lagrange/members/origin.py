@@ -1,0 +1,97 @@
+"""What made the results of an ensemble, as JSON has it, and how that of two ensembles differs."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import json
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from lagrange.errors import listing, shown
+from lagrange.members.job import Job
+from lagrange.members.table import MemberTable
+from lagrange.statement.stored import stored
+from lagrange.trajectory.plan import Stepped
+
+VERSIONS = ("numpy", "llvmlite")
+"""Packages on whose versions the last digits may depend."""
+
+LONG = ("statement", "steps", "values", "events")
+"""What is too long for a sentence, or no more than a checksum."""
+
+
+def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
+    """Return what made the results, as JSON has it."""
+    problem, options = job.problem, job.options
+    varied = hashlib.sha256()
+    for values in table.varied.given.values():
+        varied.update(np.ascontiguousarray(values).tobytes())
+    return {
+        "lagrange": importlib.metadata.version("lagrange-mechanics"),
+        **{name: _version(name) for name in VERSIONS},
+        "statement": json.dumps(stored(problem.model.statement), sort_keys=True),
+        "target": problem.model.target,
+        "method": repr(options.method),
+        "steps": _steps(options.method),
+        "rtol": options.rtol,
+        "atol": options.atol,
+        "step": options.step,
+        "max_steps": options.step_limit,
+        "span": [problem.t0, problem.t1],
+        "t_eval": None if problem.t_eval is None else problem.t_eval.tolist(),
+        "events": [str(event) for event in problem.events],
+        "keep": [column.name for column in job.columns],
+        "varies": list(table.labels),
+        "values": varied.hexdigest(),
+        "state": table.state.tolist(),
+        "parameters": table.parameters.tolist(),
+        "axes": {name: len(values) for name, values in table.varied.axes.items()},
+        "members": len(table),
+        "block": block,
+    }
+
+
+def _version(package: str) -> str:
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
+
+
+def _steps(method: Any) -> str | None:
+    """Return a checksum of the steps of a method: two of one name may differ in their coefficients."""
+    if not isinstance(method, Stepped):
+        return None
+    program, numbers = method.program, dict[int, str]()
+    waiting = list(program.numbers)
+    while waiting:
+        number = waiting.pop()
+        if number.id not in numbers:
+            numbers[number.id] = repr(number)
+            waiting.extend(number.args)
+    written = f"{program}\n{program.control}\n{sorted(numbers.items())}"
+    return hashlib.sha256(written.encode()).hexdigest()
+
+
+def difference(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
+    """Return in what an ensemble that was found differs from the one that is wanted; nothing where it does not."""
+    differ = [name for name in wanted if found.get(name) != wanted[name]]
+    if not differ:
+        return ""
+    told = [f"{name} (its {listing(_parts(found, wanted))})" if name == "statement" else name for name in differ]
+    short = next((name for name in differ if name not in LONG), None)
+    return listing(told) + (f": {short} was {shown(found.get(short))} and is {shown(wanted[short])}" if short else "")
+
+
+def _parts(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
+    """Return which parts of two statements differ."""
+    try:
+        old = json.loads(str(found.get("statement")))
+    except ValueError:
+        old = {}
+    new = json.loads(wanted["statement"])
+    names = [name for name in new if name != "nodes" and old.get(name) != new[name]]
+    return names or ["expressions"]
