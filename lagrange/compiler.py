@@ -78,7 +78,7 @@ class Stages:
     @property
     def again(self) -> Callable[[Statement], Model]:
         """What makes the model of a statement on the same machine; it pickles without the equations of this one."""
-        return partial(_on_machine, self.machine)
+        return partial(_on_machine, self.machine.name)
 
 
 def state(**stated: Any) -> Statement:
@@ -104,7 +104,12 @@ def _laws(statement: Statement) -> Equations:
     return equations if len(kept) == len(statement.constraints) else euler_lagrange(statement, kept)
 
 
-def _on_machine(on: Machine, statement: Statement) -> Model:
+def _on_machine(target: str, statement: Statement) -> Model:
+    """Return a model that was pickled, on its machine; by numpy, as its target says, where that is not installed."""
+    try:
+        on = machine(target)
+    except StatementError:
+        on = machine("numpy")
     return model_of(statement, on)
 
 

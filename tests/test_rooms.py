@@ -37,7 +37,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "machine/series": ("machine records", "machine/llvm", "machine/kernel", "machine/dense"),
     "machine entries": (
         *("machine records", "machine/llvm", "machine/kernel"),
-        *("machine/dense", "machine/events", "machine/steps", "machine/series"),
+        *("machine/members", "machine/dense", "machine/events", "machine/steps", "machine/series"),
     ),
     "trajectory records": ("machine records", "machine entries"),
     "trajectory/tableaux": (),

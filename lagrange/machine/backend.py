@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -203,6 +203,27 @@ class Machine(Protocol):
 
         The dense output is computed on steps on which a cheaper `screen` leaves doubts, or on all without one.
         """
+
+    @property
+    def processor(self) -> str:
+        """The processor that code is compiled for, in a few words; empty where none is."""
+
+    def members(self, procedure: Procedure) -> MemberRuns | None:
+        """Compile a procedure over members of an ensemble; see `lagrange.procedure.members.queue`.
+
+        Returns None where members are not run side by side.
+        """
+
+
+class MemberRuns(Protocol):
+    """A procedure over members of an ensemble, several at once."""
+
+    @property
+    def lanes(self) -> int:
+        """How many members run side by side."""
+
+    def __call__(self, given: Mapping[str, Any]) -> None:
+        """Run members; arrays are C-contiguous, of doubles or 64-bit whole numbers. Other threads run meanwhile."""
 
 
 @runtime_checkable

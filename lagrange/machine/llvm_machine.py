@@ -10,6 +10,8 @@ from lagrange.machine.dense.llvm_dense import LlvmStepDense
 from lagrange.machine.events.llvm_event_steps import LlvmEventSteps
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm.called import CompiledProcedure, compiled
+from lagrange.machine.llvm.engine import processor
+from lagrange.machine.members.compiled import MembersCode
 from lagrange.machine.series.llvm_driver import LlvmSeries
 from lagrange.machine.steps.llvm_driver import LlvmDriver
 from lagrange.procedure.dense.block import StepPolynomial
@@ -50,6 +52,15 @@ class LlvmMachine:
     def called(self, procedure: Procedure) -> CompiledProcedure:
         """Compile a procedure, once per process."""
         return compiled(procedure)
+
+    @property
+    def processor(self) -> str:
+        """This processor, by LLVM's name, and the doubles of its vectors."""
+        return processor()
+
+    def members(self, procedure: Procedure) -> MembersCode:
+        """Compile a procedure over members for all lanes of a vector."""
+        return MembersCode(procedure)
 
     def dense(
         self, kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None

@@ -50,6 +50,14 @@ class NumpyMachine:
         """Print a procedure as Python, once per process."""
         return called(procedure)
 
+    @property
+    def processor(self) -> str:
+        """Nothing is compiled."""
+        return ""
+
+    def members(self, procedure: Procedure) -> None:
+        """Return None: Python runs one member after the other."""
+
     def dense(
         self, kind: StepPolynomial, kernel: Kernel, parameters: FloatArray, jacobian: Kernel | None = None
     ) -> NumpyStepDense:

@@ -7,12 +7,9 @@ import pickle
 import time
 from collections import OrderedDict
 from dataclasses import dataclass, replace
-from io import BytesIO
 from threading import Lock
-from typing import Any
 
 from lagrange.errors import StatementError
-from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.members.chunk import INTERRUPTED, Ends, Engine, Starts, Stopped
 from lagrange.members.keep import Column, Keep
 from lagrange.members.lanes import lane_engine
@@ -83,35 +80,12 @@ def run_chunk(job: bytes, starts: Starts) -> Done:
     key = hashlib.sha256(job).digest()
     with _LOCK:
         if key not in _ENGINES:
-            loaded: Job = _Unpickler(BytesIO(job)).load()
-            target = loaded.problem.model.target
-            _ENGINES[key] = loaded.engine(), processor_of(target)
+            loaded: Job = pickle.loads(job)
+            _ENGINES[key] = loaded.engine(), loaded.problem.model.machine.processor
             while len(_ENGINES) > ENGINES_KEPT:
                 _ENGINES.popitem(last=False)
         engine, processor = _ENGINES[key]
     return replace(timed(engine, starts, lambda: False), processor=processor)
-
-
-def processor_of(target: str) -> str:
-    """Return what machine code of a model is compiled for here; nothing where a model is not compiled."""
-    if target != "llvm":
-        return ""
-    from lagrange.machine.llvm.engine import processor
-
-    return processor()
-
-
-class _Unpickler(pickle.Unpickler):
-    """Reads a job; where llvmlite is missing its model runs by numpy."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        """Return a class or a function."""
-        try:
-            return super().find_class(module, name)
-        except ModuleNotFoundError as error:
-            if name != "LlvmMachine" or not (error.name or "").startswith("llvmlite"):
-                raise
-            return NumpyMachine
 
 
 def timed(engine: Engine, starts: Starts, stopped: Stopped) -> Done:

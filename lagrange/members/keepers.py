@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 from lagrange.errors import StatementError, counted, listing
-from lagrange.members.job import Done, Job, processor_of
+from lagrange.members.job import Done, Job
 from lagrange.members.results import Kept, Results
 from lagrange.members.singly import BY_NUMPY
 from lagrange.members.table import MemberTable
@@ -41,12 +41,11 @@ class Keeper(ABC):
     def form(self) -> str:
         """How members were run; where they ran as others would not here, that their last digits may differ."""
         said = ["; ".join(self.forms) or "all members were stored"]
-        target = self.job.problem.model.target
-        if target != "numpy" and any(form.endswith(BY_NUMPY) for form in self.forms):
+        machine = self.job.problem.model.machine
+        if machine.processor and any(form.endswith(BY_NUMPY) for form in self.forms):
             said.append("a worker has no llvmlite")
-        here = processor_of(target)
-        if others := [one for one in self.processors if one != here]:
-            said.append(f"workers compiled for {listing(others)}, not for {here}")
+        if others := [one for one in self.processors if one != machine.processor]:
+            said.append(f"workers compiled for {listing(others)}, not for {machine.processor}")
         return "; ".join(said) + (": the last digits may differ from those of this machine" if said[1:] else "")
 
     def reporting(self, report: Report, before: int) -> Callable[[int, Done], None]:

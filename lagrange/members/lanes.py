@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.machine.backend import MemberRuns
 from lagrange.machine.model import Model
 from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
 from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME
@@ -39,9 +40,6 @@ from lagrange.trajectory.conservation import NOTABLE_CHANGE, SMALL_CHANGE
 from lagrange.trajectory.methods.taylor import TaylorPlan
 from lagrange.trajectory.plan import Plan, StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Status
-
-if TYPE_CHECKING:
-    from lagrange.machine.members.compiled import MembersCode
 
 MOST_OPERATIONS = 20_000
 """Series with more operations are computed member by member: written out they would take minutes to compile."""
@@ -207,7 +205,7 @@ class Compiled:
     `prepare` makes the `size` numbers that all members have, unless each has its own.
     """
 
-    code: MembersCode
+    code: MemberRuns
     prepare: Procedure | None
     size: int
     observed: int
@@ -218,8 +216,6 @@ _COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()
 
 def _compiled(model: Model, plan: Plan, *, varying: bool) -> Compiled:
     """Compile the members of a model for a plan."""
-    from lagrange.machine.members.compiled import MembersCode  # needs llvmlite, without which models run by numpy
-
     laws = {name: model.law(name).program for name in ("rhs", "energy", "momenta")}
     step = plan.step if isinstance(plan, StepPlan) else None
     if step is not None:
@@ -240,7 +236,9 @@ def _compiled(model: Model, plan: Plan, *, varying: bool) -> Compiled:
         assert step is not None
         numbers = Numbers(size, parameters, preparing if varying else None)
         members = StepMembers(step, 2 * model.dimension, kernels["step"], numbers, observed)
-    return Compiled(MembersCode(members.build()), None if varying else Pruner().pruned(preparing), size, observed.size)
+    code = model.machine.members(members.build())
+    assert code is not None, f"{model.target} runs no members side by side"
+    return Compiled(code, None if varying else Pruner().pruned(preparing), size, observed.size)
 
 
 def _runs_in_lanes(alone: RunEngine, plan: Plan) -> bool:
