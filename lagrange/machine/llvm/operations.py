@@ -97,7 +97,7 @@ def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes
     if op == "select":
         return e.value(f"select {typed}")
     if op == "neg":
-        return e.value(f"fneg {typed}" if real else f"sub nsw {kind} 0, {args[0]}")
+        return e.value(f"fneg {typed}" if real else f"sub nsw {kind} {splat(e, '0', WHOLE, lanes)}, {args[0]}")
     if op in _COMPARED:
         return e.value(f"{'fcmp' if real else 'icmp'} {_COMPARED[op][not real]} {kind} {args[0]}, {args[1]}")
     if real and op in _REALS:

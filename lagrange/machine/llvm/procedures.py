@@ -65,11 +65,11 @@ METADATA = '!0 = !{!"branch_weights", i32 2000, i32 1}\n!1 = !{!"branch_weights"
 """What a back end may assume of a condition; a module ends with it."""
 
 ATTRIBUTES = (
-    'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" }\n'
+    'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" "stackrealign" }\n'
     "attributes #1 = { nounwind }\n"
 )
-"""Vectors of eight reals are one register where the processor has such, and two elsewhere. Procedures without them
-leave the width to LLVM: else it copies blocks of four in pairs, which wait for stores of single blocks."""
+"""Vectors of eight reals are one register where there are such. Other procedures leave the width to LLVM: else it
+copies blocks of four in pairs, which wait for stores of single ones. Spills are aligned to cache lines."""
 
 
 def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = ()) -> str:

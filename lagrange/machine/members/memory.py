@@ -81,7 +81,8 @@ class MemberMemory:
         if mask is None:
             self.e.store(value, address, vector)
             return
-        before = self.e.load(address, vector)
+        # Without `freeze` LLVM makes a masked store of it, whose value later loads wait for until it is in the cache.
+        before = self.e.value(f"freeze {vector} {self.e.load(address, vector)}")
         kept = self.e.value(f"select {type_of(FLAG, self.lanes)} {mask}, {vector} {value}, {vector} {before}")
         self.e.store(kept, address, vector)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from fractions import Fraction
+from functools import reduce
 
 from lagrange.procedure.form import FLAG, Procedure
 from lagrange.procedure.series.jet import Jet, divided
@@ -19,6 +20,13 @@ EXACT = 10
 """Up to this order a division by the order is rounded once.
 
 A later coefficient contributes so little to a step that the bias of its rounding is negligible.
+"""
+
+PART, LATEST = 4, 2
+"""A sum is made of parts of about so many products, but for its `LATEST` ones, which are added last.
+
+The products of a part wait for one another. In one chain a sum of order 26 waits longer than all else at that order
+takes: eight members of a pendulum took 154 ns, in parts 128 ns. The latest products wait for the order before.
 """
 
 
@@ -108,6 +116,12 @@ class WrittenJet(Jet):
         small = scale * low if low and self.k <= EXACT else None
         return divided(self, x, scale if high == 1.0 else scale * high, small)
 
+    def times_order(self, number: int, k: int) -> Term:
+        """Return a coefficient times its order: of a state it is that of the rate before, in the scale of time."""
+        if number < len(self.program.rates):
+            return self.orders[k - 1][self.program.rates[number]] * self.scale
+        return self.orders[k][number] * float(k)
+
     def part(self, x: Term) -> Term:
         """Return x / k; see `At`."""
         high, low = reciprocal(self.k)
@@ -141,15 +155,25 @@ class _ValueAt:
         """Return the sum over 0 < j < k, the oldest coefficients first."""
         k, p = self.jet.k, self.p
         a, b = self.chunk.sums[which]
-        total: Term = None
-        for j in sorted(range(1, k), key=lambda j: (max(j, k - j), j)):
-            if a != b or 2 * j < k:
-                total = fma(p, self.factor(a, j), self.factor(b, k - j), total)
+        pairs = sorted(range(1, k), key=lambda j: (max(j, k - j), j))
         if a != b:
-            return total
+            return self.products(a, b, pairs)
+        total = self.products(a, b, [j for j in pairs if 2 * j < k])
         total = plus(total, total)
         middle = self.factor(a, k // 2)
         return fma(p, middle, middle, total) if k % 2 == 0 else total
+
+    def products(self, a: Operand, b: Operand, pairs: Sequence[int]) -> Term:
+        """Return the sum of a[j] b[k-j] over some j; see `PART`."""
+        k, p = self.jet.k, self.p
+        parts: list[Term] = [None] * max(len(pairs) // PART, 1)
+        early = len(pairs) - LATEST
+        for place, j in enumerate(pairs):
+            if place == early:
+                parts = [reduce(plus, parts)]
+            which = place % len(parts)
+            parts[which] = fma(p, self.factor(a, j), self.factor(b, k - j), parts[which])
+        return reduce(plus, parts)
 
     def factor(self, operand: Operand, k: int) -> Term:
         """Return a factor of a sum at an order."""
@@ -158,7 +182,7 @@ class _ValueAt:
         if not operand.ranked or x is None or k == 1:
             return x
         if (number, k) not in jet.ranked:
-            jet.ranked[number, k] = x * float(k)
+            jet.ranked[number, k] = jet.times_order(number, k)
         return jet.ranked[number, k]
 
     def over(self, which: int) -> Real:
