@@ -7,6 +7,7 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -116,7 +117,8 @@ def _run(
     if keeper.left:
         _run_left(job, table, keeper, threads, executor, progress=progress)
     wall = time.perf_counter() - began
-    return Ensemble(table, keeper.results, job.columns, aimed, method.name, keeper.form, wall)
+    explain = partial(job.explained, table)
+    return Ensemble(table, keeper.results, job.columns, aimed, method.name, keeper.form, wall, explain)
 
 
 def _run_left(

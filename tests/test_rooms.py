@@ -19,7 +19,18 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "options", "tolerances", "trajectory"),
     "trajectory runs": (
-        *("inertia", "memory_limit", "messages", "outputs", "plan", "prepared", "run_loop", "shortened", "sizes"),
+        *(
+            "edge",
+            "inertia",
+            "memory_limit",
+            "messages",
+            "outputs",
+            "plan",
+            "prepared",
+            "run_loop",
+            "shortened",
+            "sizes",
+        ),
     ),
     "trajectory entries": ("conservation", "flow", "integrate", "over_crossings"),
 }

@@ -9,11 +9,13 @@ from collections import OrderedDict
 from dataclasses import dataclass, replace
 from threading import Lock
 
+import numpy as np
+
 from lagrange.errors import StatementError
-from lagrange.members.chunk import INTERRUPTED, Ends, Engine, Starts, Stopped
+from lagrange.members.chunk import INTERRUPTED, Ends, Engine, Starts, Stopped, Table
 from lagrange.members.keep import Column, Keep
 from lagrange.members.lanes import lane_engine
-from lagrange.members.singly import RunEngine
+from lagrange.members.singly import Explained, RunEngine
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.plan import Planned
@@ -40,12 +42,21 @@ class Job:
 
     def engine(self) -> Engine:
         """Return what runs members: side by side where there is machine code for them, else one after the other."""
-        problem, method = self.problem, self.options.method
-        span = problem.t0, problem.t1
-        alone = RunEngine(problem.model, span, self.options, problem.t_eval, self.keep, self.columns)
+        problem, method, alone = self.problem, self.options.method, self.alone
         if not isinstance(method, Planned) or problem.events or problem.t0 == problem.t1:
             return alone
         return lane_engine(alone, method.plan(problem), varying=self.varying) or alone
+
+    @property
+    def alone(self) -> RunEngine:
+        """What runs members one after the other."""
+        problem = self.problem
+        span = problem.t0, problem.t1
+        return RunEngine(problem.model, span, self.options, problem.t_eval, self.keep, self.columns)
+
+    def explained(self, table: Table, member: int) -> Explained:
+        """Return how a run of one member ends, in words."""
+        return self.alone.explained(table.starts(np.array([member])))
 
     def packed(self) -> bytes:
         """Return the job for another process. Raises StatementError for what cannot be sent."""

@@ -37,6 +37,7 @@ from lagrange.procedure.series.written_out import WrittenJet
 from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.program.actions import LAWS
 from lagrange.trajectory.conservation import NOTABLE_CHANGE, SMALL_CHANGE
+from lagrange.trajectory.edge import slope_ahead
 from lagrange.trajectory.methods.taylor import TaylorPlan
 from lagrange.trajectory.plan import Plan, StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Status
@@ -58,6 +59,9 @@ _CODES = np.array(
     [STATUSES.index(_STATUSES[one]) if one in _STATUSES else UNDECIDED for one in Outcome], dtype=np.uint8
 )
 """The code of the status of each outcome."""
+
+STUCK, LOST = STATUSES.index(Status.STEP_TOO_SMALL), STATUSES.index(Status.NON_FINITE)
+"""Codes of members whose steps became too small, and of those that left the domain of their equations."""
 
 ABOUT = "Write the parameters, and behind them what depends on them alone."
 
@@ -96,7 +100,7 @@ class LaneEngine:
         energies = Energies(starts.states, states, first, last)
         if alone.keep.drift:
             found[DRIFT] = energies.drift
-        doubtful = codes == UNDECIDED
+        doubtful = (codes == UNDECIDED) | self.unexplained(starts, states, times, codes)
         if alone.model.conservative:
             doubtful |= (codes == SUCCESS) & energies.moved
         ends = Ends({column.name: found[column.name] for column in alone.columns})
@@ -112,6 +116,23 @@ class LaneEngine:
             outputs[done, place] = states[done]
         behind = (wanted - times[:, None]) * (1.0 if t1 >= t0 else -1.0) > 0
         outputs[behind] = np.nan
+
+    def unexplained(
+        self, starts: Starts, states: FloatArray, times: FloatArray, codes: NDArray[np.uint8]
+    ) -> NDArray[np.bool_]:
+        """Return which members ended for a reason that a run alone has to find, and find the others.
+
+        These did not begin, or their inertia may have been lost. Where steps shrank ahead of a state without slopes, a
+        domain ends there.
+        """
+        model, (t0, t1) = self.alone.model, self.alone.span
+        stuck = codes == STUCK
+        for i in np.flatnonzero(stuck):
+            parameters = starts.parameters[i if len(starts.parameters) > 1 else 0]
+            if not np.isfinite(slope_ahead(model, times[i], states[i], parameters, t1 - t0)).all():
+                codes[i] = LOST
+        lost = stuck & (codes == STUCK) & (not model.equations.structure.constant_mass)
+        return np.asarray(lost | ((times == t0) & (codes != SUCCESS)))
 
     def settings(self, count: int) -> dict[str, Any]:
         """Return the numbers that all members have; see `Tolerances.begin`."""
@@ -158,7 +179,8 @@ class Energies:
 
     def kinetic(self, y: FloatArray, observed: FloatArray) -> FloatArray:
         """Return |v.p| / 2."""
-        return np.asarray(np.abs(np.sum(y[:, y.shape[1] // 2 :] * observed[:, 1:], axis=1)) / 2)
+        with np.errstate(all="ignore"):
+            return np.asarray(np.abs(np.sum(y[:, y.shape[1] // 2 :] * observed[:, 1:], axis=1)) / 2)
 
     @property
     def drift(self) -> FloatArray:

@@ -16,6 +16,9 @@ class Kept(Protocol):
     def column(self, name: str) -> Any:
         """Return a column, with a row for each member."""
 
+    def row(self, name: str, member: int) -> Any:
+        """Return the entry of a column for one member."""
+
     @property
     def messages(self) -> Mapping[int, str]:
         """Sentences of members that did not succeed, where they are known."""
@@ -36,6 +39,10 @@ class Results:
     def column(self, name: str) -> Any:
         """Return a column."""
         return self.columns[name]
+
+    def row(self, name: str, member: int) -> Any:
+        """Return the entry of a column for one member."""
+        return self.columns[name][member]
 
     def take(self, first: int, ends: Ends) -> None:
         """Put the results of members from a number on into their places; what is cut off was not run."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -43,6 +43,14 @@ NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
 """Gauss's rule of order 16 on each step."""
 
 
+class Explained(NamedTuple):
+    """How a run ended: its status, the time, and its sentence."""
+
+    status: Status
+    t: float
+    message: str
+
+
 @dataclass(frozen=True, eq=False)
 class RunEngine:
     """Runs of a model over a span with the same options; `columns` are kept."""
@@ -77,6 +85,14 @@ class RunEngine:
             if run.status is not Status.SUCCESS:
                 found.messages[i] = run.message
         return found
+
+    def explained(self, start: Starts) -> Explained:
+        """Return how a run of one member ends, in words."""
+        try:
+            run = self.alone(start)
+        except StatementError as refusal:
+            return Explained(Status.NON_FINITE, self.span[0], str(refusal))
+        return Explained(run.status, run.span[1], run.message)
 
     def alone(self, start: Starts) -> Trajectory:
         """Run one member."""

@@ -104,6 +104,15 @@ class StoredResults:
                 rows[k * self._block : (k + 1) * self._block] = blank
         return found[0] if parts == (name,) else np.stack(found, axis=-1)
 
+    def row(self, name: str, member: int) -> Any:
+        """Return the entry of a column for one member. Raises RunError where the store cannot be read."""
+        parts = _parts(name, self._job.problem.model.layout.names())
+        with reading(self._path):
+            if not self._group[DONE][member // self._block]:
+                return next(column for column in self._job.columns if column.name == name).empty(1)[0]
+            found = [np.asarray(self._group[one][member]) for one in parts]
+        return found[0] if parts == (name,) else np.stack(found, axis=-1)
+
 
 def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -> StoreKeeper:
     """Return what keeps results in a store, which is made, or goes on where it stopped.

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import html
 import os
-from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -30,6 +29,7 @@ from lagrange.members.keep import (
     event_times,
 )
 from lagrange.members.results import Kept
+from lagrange.members.singly import Explained
 from lagrange.members.table import MemberTable
 from lagrange.show.figures.ensemble_figure import plot_ensemble
 from lagrange.show.files.atomic_file import write_atomically
@@ -40,7 +40,7 @@ from lagrange.show.terminal.table import duration
 from lagrange.statement.choice import one_of
 from lagrange.statement.parameters import label_of
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.messages import message
+from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 if TYPE_CHECKING:
@@ -52,8 +52,8 @@ if TYPE_CHECKING:
 class Ensemble:
     """Runs of one model from many starts, or with many parameters; member i is the same in every array.
 
-    `problem` is the run of the first member, `columns` is what was kept, `form` says how members were run, and `wall`
-    is in seconds.
+    `problem` is the run of the first member, `columns` is what was kept, `form` says how members were run, `wall` is in
+    seconds, and `explain` runs one member again to say how it ends.
     """
 
     table: MemberTable
@@ -63,6 +63,7 @@ class Ensemble:
     method: str
     form: str
     wall: float
+    explain: Callable[[int], Explained]
 
     def __len__(self) -> int:
         return len(self.table)
@@ -217,8 +218,8 @@ class Ensemble:
 
     def __repr__(self) -> str:
         """Return the card of the ensemble."""
-        by_code = Counter(self._codes.tolist())
-        ended = ", ".join(f"{count} {STATUSES[code].value}" for code, count in sorted(by_code.items()))
+        counts = np.bincount(self._codes, minlength=len(STATUSES)).tolist()
+        ended = ", ".join(f"{count} {one.value}" for one, count in zip(STATUSES, counts, strict=True) if count)
         shape = [count for count in self.table.varied.shape if count > 1]
         many = f" ({' x '.join(map(str, shape))})" if len(shape) > 1 else ""
         lines = [
@@ -231,7 +232,10 @@ class Ensemble:
 
 @dataclass(frozen=True, repr=False)
 class Messages(Mapping[int, str]):
-    """The sentences of members that did not succeed: those of lanes are made when they are asked for."""
+    """The sentences of members that did not succeed, each made when it is asked for unless its run has left one.
+
+    It is that of a run of the member alone, where that ends at the same time to six digits: rounding differs in lanes.
+    """
 
     ensemble: Ensemble
     failed: tuple[int, ...] = field(init=False)
@@ -257,12 +261,15 @@ class Messages(Mapping[int, str]):
         results, ensemble = self.ensemble.results, self.ensemble
         if member in results.messages:
             return results.messages[member]
-        status = ensemble.status[member]
+        status = STATUSES[results.row(STATUS, member)]
         if status is Status.SUCCESS:
             raise KeyError(member)
-        t = float(results.column(TIME)[member])
+        t = float(results.row(TIME, member))
         if status is Status.INTERRUPTED and np.isnan(t):
             return "the ensemble was interrupted before this member was run."
+        alone = ensemble.explain(member)
+        if alone.status is status and number(alone.t) == number(t):
+            return alone.message
         kept = any(column.name == STATE for column in ensemble.columns)
-        y = results.column(STATE)[member] if kept else np.full(len(ensemble.names), np.nan)
+        y = results.row(STATE, member) if kept else np.full(len(ensemble.names), np.nan)
         return message(status, ensemble.problem, t, y, ensemble.method, rtol=ensemble.problem.rtol)

@@ -11,6 +11,7 @@ import numpy as np
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.calls import quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
+from lagrange.trajectory.edge import slope_ahead
 from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.events.event_log import EventLog
 from lagrange.trajectory.inertia import lost_inertia, rank_lost
@@ -44,12 +45,6 @@ small because a step may be slow; the largest bounds the memory for rows that ma
 MOST_GROWTH = 16
 """So many times as many steps after a call of which so many fit into `SECONDS_PER_CALL`, else twice as many: a call
 costs some 10 us, as much as 50 steps of a small system."""
-
-DOMAIN_PROBE = 1e-6
-"""Fraction of the run by which the right-hand side is evaluated ahead of a step that shrank to nothing.
-
-It shows whether the equations lose their value there.
-"""
 
 _STATUS = {
     Outcome.NON_FINITE: Status.NON_FINITE,
@@ -387,14 +382,6 @@ def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState,
 
 
 def _slope_ahead(problem: Problem, state: DriverState) -> FloatArray:
-    """Return the right-hand side a little ahead, or ones if the mass matrix is singular there.
-
-    Near the edge of the domain of a root or a logarithm, steps shrink before anything is NaN.
-    """
-    kernel, parameters = problem.model.kernel("rhs"), problem.parameter_array
-    h = DOMAIN_PROBE * (float(state.reals[DriverState.END]) - problem.t0)
-    with np.errstate(all="ignore"):
-        try:
-            return kernel(state.t + h, state.y + h * kernel(state.t, state.y, parameters), parameters)
-        except SingularMassMatrix:
-            return np.ones_like(state.y)
+    """Return the right-hand side a little ahead of a state; see `slope_ahead`."""
+    length = float(state.reals[DriverState.END]) - problem.t0
+    return slope_ahead(problem.model, state.t, state.y, problem.parameter_array, length)

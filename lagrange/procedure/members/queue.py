@@ -115,6 +115,14 @@ class Members(ABC):
         found: Whole = p.choose(asked, Outcome.PAUSED, outcome)
         return found
 
+    def explained(self, outcome: Whole) -> Whole:
+        """Return an outcome, that of the last trials where steps shrank because these had no value."""
+        p = self.p
+        stuck = outcome.equals(Outcome.STEP_TOO_SMALL) & (self.counts.after_reject > 0)
+        for cause in (Outcome.NON_FINITE, Outcome.SINGULAR):
+            outcome = p.choose(stuck & self.run.cause.equals(float(cause)), cause, outcome)
+        return outcome
+
     def begin_member(self) -> None:
         """Set up the run of the next member."""
         p, run, counts, n = self.p, self.run, self.counts, self.dimension
@@ -165,7 +173,7 @@ class Members(ABC):
                 target[i] = part[i]
         self.observe(self.run.t, self.last)
         self.times[member] = self.run.t
-        self.outcomes[member] = outcome
+        self.outcomes[member] = self.explained(outcome)
         for name, array in self.counted.items():
             array[member] = getattr(self.counts, name)
         self.member.value = member + self.lanes

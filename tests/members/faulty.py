@@ -1,0 +1,149 @@
+"""Faults that one member of an ensemble can have while its neighbours run on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any
+
+import numpy as np
+import sympy as sp
+from sympy import Piecewise, exp, log, sqrt
+
+import lagrange as lg
+from lagrange.machine.model import Model
+from lagrange.trajectory.trajectory import Status
+from tests.faults.motions import NO_NUMBER, on_a_line, particle, sphere, x
+
+t = lg.t
+c, onset = lg.parameters("c onset", positive=False)
+
+HEALTHY = 7
+
+
+@dataclass(frozen=True)
+class Faulty:
+    """A model, the key that varies, its value for the faulty member, and the range of the healthy ones."""
+
+    name: str
+    model: Callable[[], Model]
+    key: str
+    fault: float
+    healthy: tuple[float, float]
+    statuses: tuple[Status, ...]
+    end: float = 1.0
+    step: float = 0.01
+    held: Mapping[str, float] = field(default_factory=dict)
+    options: Mapping[str, Any] = field(default_factory=dict)
+
+    def starts(self, *places: int, count: int = HEALTHY) -> dict[str, Any]:
+        """Return the starts, or parameters, of so many healthy members, with a faulty one put before those places."""
+        values = np.insert(np.linspace(*self.healthy, count), places, self.fault)
+        return self.given(values)
+
+    def given(self, values: Any) -> dict[str, Any]:
+        """Return values as an ensemble or a run takes them."""
+        own = {self.key: values}
+        if self.key in {p.name for p in self.model().statement.parameters}:
+            return {"initial": dict(self.held), "parameters": own}
+        return {"initial": {**self.held, **own}}
+
+
+@cache
+def forced(force: Any, **initial: float) -> Model:
+    """A unit mass on a line under a force with parameters c and onset."""
+    return lg.System(
+        kinetic=x.dot**2 / 2,
+        forces={x: force},
+        coordinates=[x],
+        initial={x: initial.get("place", 0.0), x.dot: initial.get("speed", 0.0)},
+        parameters={c: 0.0, onset: 10.0},
+        name="particle",
+    ).compile()
+
+
+@cache
+def spring() -> Model:
+    """A spring whose stiffness is a parameter."""
+    return lg.System(
+        kinetic=x.dot**2 / 2, potential=c * x**2 / 2, parameters={c: 1.0}, initial={x: 1.0}, name="spring"
+    ).compile()
+
+
+@cache
+def weighed() -> Model:
+    """A body whose mass is a parameter."""
+    return lg.System(
+        kinetic=c * x.dot**2 / 2, potential=x**2 / 2, parameters={c: 1.0}, initial={x: 1.0}, name="weighed body"
+    ).compile()
+
+
+STUCK, WRONG = (*NO_NUMBER, Status.SINGULAR), (*NO_NUMBER, Status.UNRELIABLE)
+LONG = (*NO_NUMBER, Status.MAX_STEPS, Status.UNRELIABLE)
+"""How a run may end that loses its inertia, that a method with equal steps does not follow, or that takes too long."""
+LATE = Piecewise((0, t < onset), (2000, True))
+
+FAULTY = (
+    Faulty("nan force", lambda: forced(Piecewise((-x + c, t < onset)), place=1.0), "onset", 0.5, (5.0, 9.0), NO_NUMBER),
+    Faulty("inf force", lambda: forced(exp(LATE) - 1 - x + c, place=1.0), "onset", 0.5, (5.0, 9.0), NO_NUMBER),
+    Faulty("nan by a number", lambda: forced(log(onset) - x + c, place=1.0), "onset", -1.0, (0.5, 2.0), NO_NUMBER),
+    Faulty("inf by a number", lambda: forced(c / onset - x, place=1.0), "onset", 0.0, (0.5, 2.0), NO_NUMBER),
+    Faulty(
+        "sqrt domain", lambda: particle(-sqrt(1 - x) / 100, 0.0, 1.0), "x_dot", 1.0, (-2.0, 0.1), NO_NUMBER, end=5.0
+    ),
+    Faulty("log domain", lambda: particle(log(1 - x) / 100, 0.0, 1.0), "x_dot", 1.0, (-2.0, 0.1), NO_NUMBER, end=5.0),
+    Faulty(
+        "division",
+        lambda: particle(1 / (100 * sp.Max(0, 1 - x)), 0.0, 1.0),
+        "x_dot",
+        1.0,
+        (-2.0, 0.1),
+        NO_NUMBER,
+        end=3.0,
+    ),
+    Faulty("blow-up", lambda: particle(x.dot**2, 0.0, 1.0), "x_dot", 1.0, (-1.0, 0.3), NO_NUMBER, end=2.0),
+    Faulty(
+        "double pole",
+        lambda: on_a_line(x.dot**2 / 2, -2 * x**3, 1.0, 2.0),
+        "x",
+        1.0,
+        (-0.2, 0.1),
+        WRONG,
+        end=1.4,
+        held={"x_dot": 0.2},
+    ),
+    Faulty("collision", lambda: on_a_line(x.dot**2 / 2, -1 / x, 1.0), "x", 1.0, (4.0, 6.0), WRONG, end=3.0, step=1e-3),
+    Faulty("exp overflow", lambda: particle(exp(x), 1.0, 1.0), "x", 1.0, (-20.0, -10.0), NO_NUMBER, end=4.0),
+    Faulty(
+        "singular on the way",
+        lambda: on_a_line(x**2 * x.dot**2 / 2, 0, 1.0, -1.0),
+        "x_dot",
+        -1.0,
+        (0.1, 1.0),
+        STUCK,
+        step=1e-3,
+    ),
+    Faulty("no inertia", lambda: sphere(0.0, 1.0, 1.0), "theta", 0.0, (1.0, 1.5), (Status.SINGULAR,)),
+    Faulty("massless", weighed, "c", 0.0, (0.5, 2.0), (Status.SINGULAR,)),
+    Faulty("huge", lambda: particle(-(x**3), 1.0), "x", 1e300, (0.5, 1.0), NO_NUMBER),
+    Faulty(
+        "stiff",
+        lambda: forced(-c * x.dot - x, place=1.0),
+        "c",
+        1e9,
+        (0.5, 2.0),
+        LONG,
+        options={"max_steps": 3000},
+    ),
+    Faulty(
+        "fast",
+        spring,
+        "c",
+        1e10,
+        (0.5, 2.0),
+        LONG,
+        options={"max_steps": 200},
+    ),
+)
+"""One for each way in which `tests.faults` has a member end that another start, or another parameter, avoids."""

@@ -1,0 +1,88 @@
+"""A member with a fault beside healthy ones: these do not notice, and it ends as its run alone ends, in the same words.
+
+A lane that is stuck, or full of NaN, shares every instruction with its neighbours, and takes members after it.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.options import RunOptions
+from lagrange.trajectory.trajectory import Status
+from tests.members.faulty import FAULTY, HEALTHY, Faulty
+
+METHODS = ("taylor", "dop853", "rk4", "verlet")
+QUEUE = 3 * HEALTHY + 4
+"""So many healthy members that lanes take members before and behind those with a fault."""
+PLACES = [(HEALTHY, (0,)), (HEALTHY, (3,)), (HEALTHY, (HEALTHY,)), (QUEUE, (0, 9, 9, 10, QUEUE))]
+NUMBERS = re.compile(r"[-+]?[0-9.]+(e[-+]?[0-9]+)?|x(_dot)? is [^ ]+")
+
+
+def options(fault: Faulty, method: str) -> dict[str, Any]:
+    fixed = not find(method).claims.adaptive
+    return {"method": method, **fault.options, **({"step": fault.step} if fixed else {})}
+
+
+def run(fault: Faulty, method: str, *places: int, count: int) -> lg.Ensemble:
+    given = {**fault.starts(*places, count=count), **options(fault, method)}
+    return lg.ensemble(fault.model(), fault.end, keep=("end", "counts", "drift"), workers=1, **given)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("fault", FAULTY, ids=lambda fault: fault.name)
+def test_a_fault_beside_healthy_members(fault: Faulty, method: str) -> None:
+    given = fault.given(fault.fault)
+    asked = options(fault, method)
+    try:
+        alone = integrate(
+            fault.model(),
+            (0.0, fault.end),
+            given["initial"],
+            RunOptions(asked.pop("method"), parameters=given.get("parameters"), **asked),
+        )[0]
+    except lg.StatementError as refusal:
+        with pytest.raises(lg.StatementError, match=re.escape(str(refusal))):
+            run(fault, method, 0, count=HEALTHY)
+        return
+    assert alone.status in fault.statuses
+    healthy = {count: run(fault, method, count=count) for count in (HEALTHY, QUEUE)}
+    assert all(set(runs.status) == {Status.SUCCESS} for runs in healthy.values())
+    for count, places in PLACES:
+        runs = run(fault, method, *places, count=count)
+        faulty = np.array(places) + np.arange(len(places))
+        for column in (column.name for column in runs.columns):
+            others = np.delete(runs.results.column(column), faulty, axis=0)
+            assert others.tobytes() == healthy[count].results.column(column).tobytes(), column
+        assert list(runs.messages) == faulty.tolist()
+        for i in faulty.tolist():
+            assert runs.status[i] is alone.status
+            if alone.status is Status.MAX_STEPS:  # so many steps lead, by other rounding, to another time
+                assert NUMBERS.sub("", runs.messages[i]) == NUMBERS.sub("", alone.message)
+            else:
+                assert runs.messages[i] == alone.message
+                assert runs.t[i] == pytest.approx(alone.span[1], rel=1e-5)
+
+
+def test_the_faults_run_in_lanes() -> None:
+    """But for those with switching surfaces, which Taylor's method watches."""
+    for fault in FAULTY:
+        for method in ("dop853", "rk4"):
+            assert "side by side" in run(fault, method, 0, count=HEALTHY).form
+    taylor = [fault.name for fault in FAULTY if "side by side" in run(fault, "taylor", 0, count=HEALTHY).form]
+    assert len(taylor) >= len(FAULTY) - 4
+
+
+def test_a_store_has_the_sentences_of_memory(tmp_path: Any) -> None:
+    pytest.importorskip("zarr")
+    galaxy, starts = lg.scene("henon-heiles").compile(), {"x": [0.1, 1.0, 0.2, 1.1]}
+    for method in ("taylor", "radau5"):
+        memory = lg.ensemble(galaxy, 15.0, starts, method=method)
+        stored = lg.ensemble(galaxy, 15.0, starts, method=method, store=tmp_path / method)
+        assert dict(stored.messages) == dict(memory.messages) and set(memory.messages) == {1, 3}
