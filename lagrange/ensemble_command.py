@@ -22,6 +22,7 @@ from lagrange.arguments import (
 )
 from lagrange.errors import StatementError
 from lagrange.run_command import add_method, method
+from lagrange.show.files.atomic_file import check_place
 
 
 def add_ensemble(commands: Any) -> None:
@@ -59,6 +60,8 @@ def ensemble(request: argparse.Namespace) -> Answer:
         raise StatementError("--vary names something twice: give each name once.")
     out = None if request.out is None else Path(request.out)
     drawn = out is not None and out.suffix.lower() == ".png"
+    if out is not None and drawn:
+        check_place(out)  # before the runs, which may take long
     held = {**begun["initial"], **begun["parameters"]}
     if twice := next((name for name in axes if name in held), None):
         raise StatementError(f"{twice} varies, and has a value as well: give one of the two.")

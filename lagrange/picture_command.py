@@ -12,7 +12,7 @@ from lagrange.arguments import DONE, Answer, add_command, add_json, add_start, g
 from lagrange.errors import StatementError
 from lagrange.run_command import add_method, code_of, method
 from lagrange.show.animation.file_kinds import named_kind
-from lagrange.show.files.atomic_file import old_mode, real_path, write_atomically
+from lagrange.show.files.atomic_file import check_place, write_atomically
 from lagrange.show.files.resolution import FILE_DPI
 
 if TYPE_CHECKING:
@@ -98,7 +98,7 @@ def _file(request: argparse.Namespace, ending: str) -> Path:
     if request.out == "":
         raise StatementError(f"--out: the name of the file is empty. Give one, such as --out run{ending}.")
     wanted = Path(Path(request.scene).stem + ending if request.out is None else request.out)
-    old_mode(real_path(wanted))  # what cannot be written is refused before the run, which may take long
+    check_place(wanted)  # what cannot be written is refused before the run, which may take long
     return wanted
 
 

@@ -264,8 +264,7 @@ class System(Formulas):
         StatementError for what no scene can hold, such as a parameter without a value or a function without a formula,
         and for a path that cannot be written.
         """
-        text = scene_text(self.statement).encode()
-        return write_atomically(path, lambda file: file.write(text))
+        return write_atomically(path, lambda file: file.write(scene_text(self.statement).encode()))
 
     def consistent(
         self,

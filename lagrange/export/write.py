@@ -48,11 +48,11 @@ def export(
     """Write a model for a target into a folder, all files or none; see `System.export`."""
     chosen = find(target)
     declared = () if events is None else declare_events(events, model.statement)
-    module = module_of(model, wanted(chosen, model, contents, declared), declared, parameters)
-    check_operations(chosen, module)
-    files = chosen.files(module)
     folder, made = _folder(path)
     try:
+        module = module_of(model, wanted(chosen, model, contents, declared), declared, parameters)
+        check_operations(chosen, module)
+        files = chosen.files(module)
         written = write_together(folder, {name: _writer(text) for name, text in files.items()})
     except BaseException:
         for one in made:

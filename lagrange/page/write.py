@@ -34,8 +34,9 @@ def write_page(
     asked: Mapping[Any, Any] | None,
 ) -> Path:
     """Write the page of a model, whole or not at all, and return its path; see `System.to_page`."""
-    html = page_of(model, derivation, parameters, initial, asked).encode()
-    return write_atomically(path, lambda file: file.write(html))
+    return write_atomically(
+        path, lambda file: file.write(page_of(model, derivation, parameters, initial, asked).encode())
+    )
 
 
 def page_of(

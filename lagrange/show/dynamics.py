@@ -58,7 +58,7 @@ class Drawn(ABC):
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI, style: str = "light") -> Path:
         """Write the picture of `plot()`; see `Race.to_png`."""
-        return write_atomically(path, picture(self.plot(style=style), dpi))
+        return write_atomically(path, picture(lambda: self.plot(style=style), dpi))
 
     def __repr__(self) -> str:
         return f"{self._heading()}\n{text_table(('', ''), self._card())}"

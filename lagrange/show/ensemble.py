@@ -171,7 +171,7 @@ class Ensemble:
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI) -> Path:
         """Write the picture of `plot()`. Raises StatementError for a path that cannot be written."""
-        return write_atomically(path, picture(self.plot(), dpi))
+        return write_atomically(path, picture(self.plot, dpi))
 
     def _repr_html_(self) -> str:
         """Return the card for a notebook."""

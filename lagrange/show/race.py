@@ -148,7 +148,7 @@ class Race:
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI) -> Path:
         """Write the picture of `plot()`, of `dpi` dots to an inch; raises what `to_csv` does."""
-        return write_atomically(path, picture(self.plot(), dpi))
+        return write_atomically(path, picture(self.plot, dpi))
 
     def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write table.csv and plot.png, both or none, and return their paths.
@@ -157,7 +157,7 @@ class Race:
         earlier race is removed. Raises StatementError for a folder that cannot be written to, RunError if the disk is
         full.
         """
-        drawn = picture(self.plot()) if any(entry.complete for entry in self) else None
+        drawn = picture(self.plot) if any(entry.complete for entry in self) else None
         return write_together(folder, {"table.csv": self._csv, "plot.png": drawn})
 
     def _csv(self, file: BinaryIO) -> None:

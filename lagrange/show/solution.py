@@ -262,6 +262,9 @@ class Solution:
         With m constraints also constraint_error (N,), multipliers (m, N), and constraints (m,), their names; with
         events t_event_0 (k,), y_event_0 (k, 2n), and so on. `lagrange.load` reads it. Raises what `to_csv` does.
         """
+        return write_atomically(path, self._npz)
+
+    def _npz(self, file: BinaryIO) -> None:
         texts = {"card": json.dumps(self.card()), "statement": json.dumps(stored(self.model.statement))}
         arrays = {"t": self.t, "y": self.y, "names": np.array(self.names)}
         arrays |= {name: np.array(text) for name, text in texts.items()}
@@ -273,11 +276,11 @@ class Solution:
                 "constraint_error": self.constraint_error,
             }
         energy = self.energy if self.has_energy else np.full(len(self.t), np.nan)
-        return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, energy=energy, **arrays))
+        np.savez(file, allow_pickle=False, energy=energy, **arrays)
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI) -> Path:
         """Write the picture of `plot()`, of `dpi` dots to an inch; raises what `to_csv` does."""
-        return write_atomically(path, picture(self.plot(dpi=dpi), dpi))
+        return write_atomically(path, picture(lambda: self.plot(dpi=dpi), dpi))
 
     def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write trajectory.csv, trajectory.png and card.json, all of them or none, and return their paths.
@@ -285,14 +288,16 @@ class Solution:
         The folder exists, and keeps its other files. A run without output has no picture, and one of an earlier run
         is removed. Raises StatementError for a folder that cannot be written to, RunError if the disk is full.
         """
-        drawn = picture(self.plot()) if len(self.t) else None
-        card = json.dumps(self.card(), indent=2, allow_nan=False) + "\n"
+        drawn = picture(self.plot) if len(self.t) else None
         files: dict[str, Writer | None] = {
             "trajectory.csv": self._csv,
             "trajectory.png": drawn,
-            "card.json": lambda file: file.write(card.encode()),
+            "card.json": self._card,
         }
         return write_together(folder, files)
+
+    def _card(self, file: BinaryIO) -> None:
+        file.write(f"{json.dumps(self.card(), indent=2, allow_nan=False)}\n".encode())
 
     def _csv(self, file: BinaryIO) -> None:
         columns = self._columns

@@ -24,7 +24,7 @@ from lagrange.show.animation.mp4 import has_ffmpeg, write_mp4
 from lagrange.show.animation.sheet import Sheet
 from lagrange.show.animation.timing import Timing, timing
 from lagrange.show.figures.style import DARK, LIGHT
-from lagrange.show.files.atomic_file import write_atomically
+from lagrange.show.files.atomic_file import check_place, write_atomically
 from lagrange.show.notation.names import plain_text
 from lagrange.show.terminal.progress import progress_bar
 from lagrange.statement.choice import one_of
@@ -175,6 +175,7 @@ def animate(
 def _writable(path: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
     """Return the path to write, and a note if it is another one. Raises StatementError for no kind of file."""
     wanted = named_kind(path)
+    check_place(wanted)
     if wanted.suffix.lower() != ".mp4" or has_ffmpeg():
         return wanted, ()
     other = wanted.with_suffix(".html")

@@ -63,7 +63,7 @@ class PathPanel:
                 draw_density(axis, run, style)
             _draw_run(axis, run, self._shades(run, place, style), self.labels[place], box, style, place)
         self._frame(axis, runs, unit)
-        title = _title(runs[0], self.shape)
+        title = "\n".join(filter(None, (_title(runs[0], self.shape), *dict.fromkeys(run.note for run in runs))))
         axis.set_title(title, loc="left", fontsize=10, color=style.ink)
         if len(axis.get_legend_handles_labels()[1]) > 1:
             legend(axis, style, title, 10)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lagrange.show.figures.blow_up import Window, clipped, cut, notes_of, row_of, window_of
 from lagrange.show.figures.curve import Pixels, first_times, in_plane, lengths, outputs_alone
 from lagrange.show.figures.space_view import View, view_of
 from lagrange.show.measures.points import fixed_points, points_at
@@ -46,6 +47,8 @@ class Paths:
     fixed: tuple[bool, ...]
     view: View
     links: tuple[Link, ...]
+    note: str
+    """What is said of points that leave the panel."""
 
     def of(self, name: str) -> FloatArray:
         """Return the path of a point, (2, K)."""
@@ -77,7 +80,7 @@ def named_points(solution: Solution, t: FloatArray) -> dict[str, FloatArray]:
 
 def common_view(solutions: tuple[Solution, ...]) -> View | None:
     """Return the view in which the paths of some runs are seen together; None where no point was stated."""
-    runs = [named_points(run, first_times(run.trajectory)) for run in solutions]
+    runs = [placed_points(run, first_times(run.trajectory), _windows(run)) for run in solutions]
     found = {f"{name} {k}": points for k, run in enumerate(runs) for name, points in run.items()}
     return view_of(found) if found else None
 
@@ -88,14 +91,18 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
     Of a run that goes on for longer than a line can show, the last part.
     """
     names = tuple(named_points(solution, solution.t[:1]))
+    windows = _windows(solution)
+
+    def placed(t: FloatArray) -> list[FloatArray]:
+        return [*placed_points(solution, t, windows).values()]
 
     def seen(t: FloatArray) -> FloatArray:
-        return np.array([view.of(point) for point in named_points(solution, t).values()])
+        return np.array([view.of(point) for point in placed(t)])
 
     def seen_with_shadows(t: FloatArray) -> FloatArray:
-        points = named_points(solution, t)
-        flat = [point[:2] for point in points.values()] if view.spatial else []
-        return np.array([view.of(point) for point in [*points.values(), *flat]])
+        points = placed(t)
+        flat = [point[:2] for point in points] if view.spatial else []
+        return np.array([view.of(point) for point in [*points, *flat]])
 
     first = first_times(solution.trajectory)
     drawn, before = first, np.empty((2, 0))
@@ -104,7 +111,7 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
         if drawn[0] != first[0]:
             before = np.concatenate([*_moving(solution, seen(np.linspace(first[0], drawn[0], _DENSITY)))], axis=1)
         drawn = in_plane(seen_with_shadows, drawn, pixels, equal=False)[0]
-    space = np.array([*named_points(solution, drawn).values()])
+    space = np.array([cut(windows, point) for point in placed(drawn)])
     fixed = fixed_points(solution.model.statement)
     return Paths(
         drawn,
@@ -116,7 +123,23 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
         tuple(fixed[name] for name in names),
         view,
         solution.model.statement.links,
+        notes_of(windows),
     )
+
+
+def placed_points(solution: Solution, t: FloatArray, windows: Sequence[Window | None]) -> dict[str, FloatArray]:
+    """Return where the named points are, at the bounds of a panel where they are beyond these."""
+    return {name: clipped(windows, point) for name, point in named_points(solution, t).items()}
+
+
+def _windows(solution: Solution) -> list[Window | None]:
+    """Return what is shown in each direction of a run whose points leave the panel; empty where no point was stated."""
+    dimension = max(map(len, named_points(solution, solution.t[:1]).values()), default=0)
+
+    def entries(t: FloatArray) -> FloatArray:
+        return np.stack([*named_points(solution, t).values()], axis=1)
+
+    return [window_of(solution, row_of(entries, k)) for k in range(dimension)]
 
 
 def _moving(solution: Solution, points: FloatArray) -> list[FloatArray]:

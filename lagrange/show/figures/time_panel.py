@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from lagrange.show.figures.blow_up import Window, clipped, limits_of, window_of
 from lagrange.show.figures.colours import colours
 from lagrange.show.figures.curve import LEVEL, MOST_ROUNDS, Pixels, first_times, outputs_alone, over_time, thinned
 from lagrange.show.figures.quantities import Quantity
@@ -39,11 +40,15 @@ _FEW = 3
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Lines (2, K) of a quantity of one run, whether they are dots at the steps, and what is said of them."""
+    """Lines (2, K) of a quantity of one run, whether they are dots at the steps, and what is said of them.
+
+    `window` is what a panel shows of them where that is not all.
+    """
 
     lines: list[FloatArray]
     dots: bool = False
     note: str = ""
+    window: Window | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +68,7 @@ class TimePanel:
     def draw(self, axis: Axes, pixels: Pixels, style: Style) -> None:
         """Draw all curves, with a legend where there are several."""
         runs = [curves(one, run, pixels) for one, run in zip(self.quantities, self.solutions, strict=True)]
-        values = np.concatenate([np.empty(0), *(line[1] for run in runs for line in run.lines)])
+        values = np.concatenate([np.empty(0), *map(_values, runs)])
         values = values[np.isfinite(values)]
         quantity = self.quantities[0]
         base = 0.0 if quantity.drift else base_of(values)
@@ -76,6 +81,8 @@ class TimePanel:
         axis.margins(x=0.0)
         few_ticks(axis)
         _widen(axis, values - base, _ROUND_OFF if quantity.drift else 0.0)
+        if limits := limits_of([run.window for run in runs], [_values(run) for run in runs]):
+            axis.set_ylim(limits[0] - base, limits[1] - base)
         axis.locator_params(axis="y", nbins=4 if self.wide else 3)
         self._name(axis, base, "; ".join(dict.fromkeys(run.note for run in runs if run.note)), style)
 
@@ -128,23 +135,30 @@ def curves(quantity: Quantity, solution: Solution, pixels: Pixels) -> Curves:
     and a note has the largest value between them.
     """
     run = solution.trajectory
+    window = None if quantity.drift else window_of(solution, lambda t: quantity.values(solution.sampled(t)))
     if outputs_alone(run):
-        lines = [thinned(run.t, row, pixels) for row in quantity.values(solution)]
-        return Curves(lines, note="the outputs, joined by straight lines")
+        lines = [thinned(run.t, row, pixels) for row in clipped([window], quantity.values(solution)[None])[0]]
+        said = "the outputs, joined by straight lines"
+        return Curves(lines, note=f"{said}; {window.note}" if window else said, window=window)
     lines = over_time(
-        lambda t: quantity.values(solution.sampled(t)),
+        lambda t: clipped([window], quantity.values(solution.sampled(t))[None])[0],
         first_times(run),
         pixels,
         rounds=_DRIFT_ROUNDS if quantity.drift else MOST_ROUNDS,
     )
     if not quantity.drift or len(run.t) < _FEW:
-        return Curves(lines)
+        return Curves(lines, note=window.note if window else "", window=window)
     own = quantity.values(solution)
     at_steps, between = (_largest(rows) for rows in (own, np.concatenate([line[1] for line in lines])))
     if between <= max(_MORE * at_steps, _ROUND_OFF):
         return Curves(lines)
     steps = [thinned(run.t, row, pixels) for row in own]
     return Curves(steps, dots=True, note=f"at the steps (the dense output between them: up to {between:.1e})")
+
+
+def _values(run: Curves) -> FloatArray:
+    """Return all values of the lines of a run, (N,)."""
+    return np.concatenate([np.empty(0), *(line[1] for line in run.lines)])
 
 
 def base_of(values: FloatArray) -> float:

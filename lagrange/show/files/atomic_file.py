@@ -116,6 +116,14 @@ def real_path(path: str | os.PathLike[str]) -> Path:
         raise StatementError(f"Cannot write {os.fspath(path)!r}: {error}. Name another file.") from None
 
 
+def check_place(path: str | os.PathLike[str]) -> None:
+    """Refuse a path that no file can be written to, before what shall be in it is made."""
+    target = real_path(path)
+    old_mode(target)
+    if not os.access(target.parent, os.W_OK | os.X_OK):
+        raise in_words(target, PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
+
+
 def old_mode(target: Path) -> int | None:
     """Return the old file's permissions, None if there is none; refuse to replace what is not a file."""
     if not target.parent.is_dir():

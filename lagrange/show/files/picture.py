@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from io import BytesIO
 from typing import TYPE_CHECKING
 
@@ -20,10 +21,10 @@ MOST_BYTES = 300_000
 can be mailed."""
 
 
-def picture(figure: Figure, dpi: int = FILE_DPI) -> Writer:
-    """Return what writes a figure as PNG."""
+def picture(draw: Callable[[], Figure], dpi: int = FILE_DPI) -> Writer:
+    """Return what draws a figure and writes it as PNG: a place that cannot be written is refused before that."""
     dpi = whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI)
-    return lambda file: figure.savefig(file, format="png", dpi=dpi)
+    return lambda file: draw().savefig(file, format="png", dpi=dpi)
 
 
 def bounded_png(figure: Figure, dpi: int) -> bytes:
