@@ -21,8 +21,8 @@ from lagrange.recipes.model import Model
 from lagrange.run import integrate_since
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.notebook.explore_widgets import explore
+from lagrange.show.notebook.explored_sliders import explored_sliders
 from lagrange.show.notebook.shown_lists import SceneList
-from lagrange.show.notebook.slider_ranges import slider_ranges
 from lagrange.show.notebook.system_page import system_page
 from lagrange.show.solution import Solution
 from lagrange.show.terminal.progress import compiling
@@ -215,7 +215,7 @@ class System(Formulas):
         takes longer than a second, says so below. Needs ipywidgets, which the extra `notebook` has.
         Raises StatementError for a slider of what is no parameter, coordinate or velocity, and without ipywidgets.
         """
-        chosen = slider_ranges(self.statement, ranges, sliders)
+        chosen = explored_sliders(self.statement, ranges, sliders)
         return explore(self.statement, chosen, self.run, t_end=t_end, method=method, play=play, style=style)
 
     def export(

@@ -21,16 +21,19 @@ TURN = 2.0 * math.pi
 def angles(statement: Statement) -> tuple[bool, ...]:
     """Return for each coordinate whether a turn of 2 pi changes neither the Lagrangian nor a force.
 
-    A coordinate in which nothing depends on it, as that of a free particle, is none.
+    It stands in a sine or cosine of these or of a position. A coordinate on which nothing depends, as that of a free
+    particle, is none.
     """
     form = PlainForm(statement)
     parts = [form.lagrangian, *form.forces, *(form.read(one.expression) for one in statement.constraints)]
-    return tuple(_is_angle(form, q, parts) for q in form.q)
+    seen = [form.read(entry) for point in statement.positions.values() for entry in point]
+    return tuple(_is_angle(form, q, parts, seen) for q in form.q)
 
 
-def _is_angle(form: PlainForm, q: sympy.Symbol, parts: list[sympy.Expr]) -> bool:
+def _is_angle(form: PlainForm, q: sympy.Symbol, parts: list[sympy.Expr], seen: list[sympy.Expr]) -> bool:
     among = [part for part in parts if part.has(q)]
-    trigonometric = any(part.has(sympy.sin, sympy.cos, sympy.tan) for part in among)
+    circular = [f for part in (*among, *seen) for f in part.atoms(sympy.sin, sympy.cos, sympy.tan)]
+    trigonometric = any(f.has(q) for f in circular)
     return trigonometric and all(vanishes(form, part.xreplace({q: q + 2 * sympy.pi}) - part) for part in among)
 
 

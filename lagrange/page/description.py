@@ -10,12 +10,12 @@ import numpy as np
 
 from lagrange.equations.structure import Structure
 from lagrange.page.motion import MOST_STEPS, TOLERANCE, MotionSource
-from lagrange.page.sliders import Slider
 from lagrange.show.figures.space_view import AZIMUTH, ELEVATION
 from lagrange.show.figures.spring import spring
 from lagrange.show.measures.points import fixed_points
 from lagrange.show.notation.names import plain_text
 from lagrange.show.notation.text import UnicodeNotation
+from lagrange.show.sliders import Slider
 from lagrange.show.units import length_unit, unit_of
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.statement import Statement

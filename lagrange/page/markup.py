@@ -7,11 +7,11 @@ from html import escape
 
 from lagrange.page.description import moving_points
 from lagrange.page.formulas import FoldedFormulas
-from lagrange.page.sliders import PARAMETER, Slider
 from lagrange.show.figures.colours import colours
 from lagrange.show.figures.style import DARK, LIGHT, Style
 from lagrange.show.notation.names import plain_text
 from lagrange.show.notation.text import UnicodeNotation
+from lagrange.show.sliders import PARAMETER, Slider
 from lagrange.statement.statement import Statement
 
 FEW = 15

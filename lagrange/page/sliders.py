@@ -4,22 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import sympy
 
-from lagrange.errors import RunError, StatementError, listing, shown, suggestion
+from lagrange.dynamics.angles import TURN, angles
+from lagrange.errors import RunError, StatementError
 from lagrange.machine.model import Model
+from lagrange.show.sliders import PARAMETER, STATE, Slider, asked_bounds
 from lagrange.show.units import unit_of
-from lagrange.statement.declare import state_rows
-from lagrange.statement.expression import entries
-from lagrange.statement.number import real_number
 from lagrange.statement.statement import Statement
-
-PARAMETER, STATE = "parameter", "state"
-"""What a slider changes: a parameter, or an entry of the initial state."""
 
 NICE = (1.0, 2.0, 3.0, 5.0, 10.0)
 """First digits of a bound that is not stated."""
@@ -31,24 +26,6 @@ SHARE = 0.9
 """A coordinate that does not start at zero goes up and down by this part of its value, and so keeps its sign."""
 
 
-@dataclass(frozen=True)
-class Slider:
-    """A value that readers may change: the entry at a place of the parameters or of the initial state.
-
-    `chosen` are those that were asked for by name; `angle` says that the value is in radians.
-    """
-
-    name: str
-    kind: str
-    place: int
-    value: float
-    low: float
-    high: float
-    unit: str
-    chosen: bool
-    angle: bool
-
-
 def sliders(
     model: Model, parameters: tuple[float, ...], initial: tuple[float, ...], asked: Mapping[Any, Any] | None
 ) -> tuple[Slider, ...]:
@@ -58,7 +35,7 @@ def sliders(
     for bounds that do not hold the value.
     """
     statement = model.statement
-    bounds = _asked(statement, asked)
+    bounds = asked_bounds(statement, asked)
     every = [*_parameters(statement, parameters), *_states(model, parameters, initial)]
     found = {one.name: one for one in every}
     for name, (low, high) in bounds.items():
@@ -68,46 +45,8 @@ def sliders(
                 f"the slider of {name} goes from {low:g} to {high:g}, and {name} is {one.value:g}: give bounds that "
                 "hold it, or another value."
             )
-        found[name] = Slider(name, one.kind, one.place, one.value, low, high, one.unit, chosen=True, angle=one.angle)
+        found[name] = replace(one, low=low, high=high, chosen=True)
     return (*(found[name] for name in bounds), *(one for one in found.values() if not one.chosen))
-
-
-def _asked(statement: Statement, asked: Any) -> dict[str, tuple[float, float]]:
-    """Return the bounds that were asked for, by name."""
-    if asked is None:
-        return {}
-    if not isinstance(asked, Mapping):
-        raise StatementError(f"sliders is {shown(asked)}: give a dict from names to bounds, such as {{'l': (0.5, 2)}}.")
-    names = _names(statement)
-    found: dict[str, tuple[float, float]] = {}
-    for key, pair in asked.items():
-        name = names.get(key)
-        if name is None:
-            known = list(dict.fromkeys(names.values()))
-            given = key if isinstance(key, str) else str(key) if isinstance(key, sympy.Basic) else shown(key)
-            raise StatementError(
-                f"there is no slider of {shown(given)}, which is no parameter, coordinate or velocity of "
-                f"{statement.name}: they are {listing(known)}.{suggestion(given, known)}"
-            )
-        found[name] = _bounds(name, pair)
-    return found
-
-
-def _names(statement: Statement) -> dict[Any, str]:
-    """Return the name of each value, by its symbol and by its name."""
-    states = statement.state_names
-    rows = {key: states[row] for key, row in state_rows(statement.coordinates).items()}
-    return {**{key: p.name for p in statement.parameters for key in (p, p.name)}, **rows}
-
-
-def _bounds(name: str, pair: Any) -> tuple[float, float]:
-    listed = None if isinstance(pair, str) else entries(pair, f"the slider of {name}")
-    if listed is None or len(listed) != 2:
-        raise StatementError(f"the slider of {name} is {shown(pair)}: give its bounds (low, high), such as (0.5, 2).")
-    low, high = (real_number(one, f"a bound of the slider of {name}") for one in listed)
-    if not low < high:
-        raise StatementError(f"the slider of {name} goes from {low:g} to {high:g}: give the lower bound first.")
-    return low, high
 
 
 def _parameters(statement: Statement, values: tuple[float, ...]) -> Iterator[Slider]:
@@ -139,12 +78,12 @@ def _states(model: Model, parameters: tuple[float, ...], initial: tuple[float, .
     n = len(statement.names)
     circular = angles(statement)
     rates = _rates(model, parameters, initial)
-    free = [abs(value) for q, value in zip(statement.coordinates, initial, strict=False) if q not in circular]
+    free = [abs(value) for angle, value in zip(circular, initial, strict=False) if not angle]
     usual = max(free, default=0.0) or 1.0
-    for place, (q, name) in enumerate(zip(statement.coordinates, statement.names, strict=True)):
-        value, angle = initial[place], q in circular
-        half = math.pi if angle else nice(usual) if value == 0 else SHARE * abs(value)
-        middle = 2 * math.pi * round(value / (2 * math.pi)) if angle else value
+    for place, (angle, name) in enumerate(zip(circular, statement.names, strict=True)):
+        value = initial[place]
+        half = TURN / 2 if angle else nice(usual) if value == 0 else SHARE * abs(value)
+        middle = TURN * round(value / TURN) if angle else value
         unit = unit_of(statement, name)
         yield Slider(name, STATE, place, value, middle - half, middle + half, unit, chosen=False, angle=angle)
         speed, name = initial[n + place], f"{name}_dot"
@@ -165,15 +104,3 @@ def _rates(model: Model, parameters: tuple[float, ...], initial: tuple[float, ..
     except RunError:
         return [0.0] * n
     return [float(one) if math.isfinite(one) else 0.0 for one in rates]
-
-
-def angles(statement: Statement) -> frozenset[Any]:
-    """Return the coordinates that are angles: they stand in a sine or cosine, times a number and no parameter."""
-    stated = [statement.kinetic, statement.potential, *(one.expression for one in statement.constraints)]
-    stated += [entry for point in statement.positions.values() for entry in point]
-    found = set()
-    for formula in stated:
-        for circular in formula.atoms(sympy.sin, sympy.cos):
-            inside = circular.args[0]
-            found |= {q for q in statement.coordinates if inside.has(q) and inside.diff(q).is_number}
-    return frozenset(found)

@@ -292,12 +292,9 @@ class Solution:
         files: dict[str, Writer | None] = {
             "trajectory.csv": self._csv,
             "trajectory.png": drawn,
-            "card.json": self._card,
+            "card.json": lambda file: file.write(json.dumps(self.card(), indent=2, allow_nan=False).encode() + b"\n"),
         }
         return write_together(folder, files)
-
-    def _card(self, file: BinaryIO) -> None:
-        file.write(f"{json.dumps(self.card(), indent=2, allow_nan=False)}\n".encode())
 
     def _csv(self, file: BinaryIO) -> None:
         columns = self._columns

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from lagrange.errors import LagrangeError
 from lagrange.show.figures.style import Style
 from lagrange.show.notebook.explored_picture import ExploredPicture
-from lagrange.show.notebook.slider_ranges import Slider
+from lagrange.show.sliders import PARAMETER, Slider
 from lagrange.show.solution import Solution
 from lagrange.statement.statement import Statement
 
@@ -36,8 +36,8 @@ class Exploration:
     def change(self, values: Mapping[str, float]) -> None:
         """Give sliders values, run again and draw."""
         self.values |= values
-        parameters = {slider.name: self.values[slider.name] for slider in self.sliders if slider.parameter}
-        initial = {slider.name: self.values[slider.name] for slider in self.sliders if not slider.parameter}
+        parameters = {slider.name: self.values[slider.name] for slider in self.sliders if slider.kind == PARAMETER}
+        initial = {slider.name: self.values[slider.name] for slider in self.sliders if slider.kind != PARAMETER}
         try:
             solution = self._run(initial, parameters)
         except LagrangeError as refusal:

@@ -12,7 +12,7 @@ from lagrange.show.notation.names import plain_text
 from lagrange.show.notebook.exploration import Exploration
 from lagrange.show.notebook.explored_picture import SHOWN_WIDTH
 from lagrange.show.notebook.html_card import text
-from lagrange.show.notebook.slider_ranges import Slider
+from lagrange.show.sliders import PARAMETER, Slider
 from lagrange.show.solution import Solution
 from lagrange.show.units import with_unit
 from lagrange.statement.number import flag, real_number
@@ -99,7 +99,7 @@ def explore_widgets(exploration: Exploration, *, play: bool) -> Any:
 
 def _slider(ipywidgets: Any, slider: Slider) -> Any:
     """Return the widget of a slider. It has no steps: the browser would show the next one in place of the value."""
-    label = with_unit(slider.name if slider.parameter else f"{slider.name} at t = 0", slider.unit)
+    label = with_unit(slider.name if slider.kind == PARAMETER else f"{slider.name} at t = 0", slider.unit)
     return ipywidgets.FloatSlider(
         value=slider.value,
         min=slider.low,

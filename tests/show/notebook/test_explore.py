@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sys
 import time
 from collections.abc import Mapping
@@ -17,7 +18,8 @@ import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.show.figures.style import DARK, LIGHT, Style
 from lagrange.show.notebook.exploration import Exploration
-from lagrange.show.notebook.slider_ranges import slider_ranges
+from lagrange.show.notebook.explored_sliders import explored_sliders
+from lagrange.show.sliders import PARAMETER
 from tests.show.notebook.shown import HOSTILE
 
 needs_widgets = pytest.mark.skipif(find_spec("ipywidgets") is None, reason="ipywidgets is not installed")
@@ -34,7 +36,7 @@ def pixels(png: bytes) -> Any:
 
 
 def exploration(system: lg.System, ranges: Any, style: Style = LIGHT, t_end: float = 2.0) -> Exploration:
-    sliders = slider_ranges(system.statement, ranges, {})
+    sliders = explored_sliders(system.statement, ranges, {})
 
     def run(initial: Mapping[str, float], parameters: Mapping[str, float]) -> lg.Solution:
         return system.run(t_end, initial, parameters=parameters)
@@ -164,15 +166,23 @@ def test_a_change_takes_less_than_a_tenth_of_a_second() -> None:
 @pytest.mark.parametrize(
     ("ranges", "words"),
     [
-        ({"thetta1": (0, 1)}, "'thetta1' is no parameter, no coordinate and no velocity of double-pendulum"),
+        (
+            {"thetta1": (0, 1)},
+            "there is no slider of 'thetta1', which is no parameter, coordinate or velocity of ",
+        ),
         ({"thetta1": (0, 1)}, "Did you mean 'theta1'?"),
         ({"m3": (0, 1)}, "they are m1, m2, l1, l2, g, theta1, theta2, theta1_dot and theta2_dot."),
-        ({"l1": 2.0}, "the range of l1 is 2.0: give its two ends, such as (0.5, 2)."),
-        ({"l1": "ab"}, "the range of l1 is 'ab': give its two ends, such as (0.5, 2)."),
-        ({"l1": (2, 1)}, "the range of l1 goes from 2 to 1: give the smaller end first."),
-        ({"l1": (1, "x")}, "an end of the range of l1"),
-        ({}, "no slider was asked for: give ranges such as explore(m1=(0, 2)), of m1, m2,"),
-        ({f"p{k}": (0, 1) for k in range(13)}, "13 sliders were asked for, and there is room for 12."),
+        ({"l1": 2.0}, "the slider of l1 is 2.0: give its lower and its upper bound, such as (0.5, 2.0)."),
+        ({"l1": "ab"}, "the slider of l1 is 'ab': give its lower and its upper bound, such as (0.5, 2.0)."),
+        ({"l1": (2, 1)}, "the slider of l1 goes from 2 to 1: give the lower bound first, (1, 2)."),
+        ({"l1": (1, "x")}, "a bound of the slider of l1"),
+        ({}, "no slider was asked for: give bounds such as explore(m1=(0, 2)), of m1, m2,"),
+        ({"l1": (0, 0)}, "the slider of l1 goes from 0 to 0, and has no room to move: give a lower and an upper bound"),
+        ({"l1": (3, 3)}, "such as (1.5, 6.0)."),
+        ({"l1": (0, 1, 2)}, "the slider of l1 is (0, 1, 2): give its lower and its upper bound"),
+        ({"l1": ()}, "the slider of l1 is (): give its lower and its upper bound"),
+        ({"l1": {0: 1, 2: 3}}, "the slider of l1 is {0: 1, 2: 3}: give its lower and its upper bound"),
+        ({"l1": (0, math.nan)}, "a bound of the slider of l1 is nan"),
     ],
 )
 def test_what_is_no_slider_is_refused(ranges: dict[str, Any], words: str) -> None:
@@ -181,17 +191,23 @@ def test_what_is_no_slider_is_refused(ranges: dict[str, Any], words: str) -> Non
     assert words in str(refusal.value)
 
 
+def test_there_is_room_for_so_many_sliders() -> None:
+    names = [f"{q.func.__name__}{rate}" for q in lg.scene("pleiades").coordinates for rate in ("", "_dot")]
+    with pytest.raises(StatementError, match="28 sliders were asked for, and there is room for 12"):
+        lg.scene("pleiades").explore(dict.fromkeys(names, (0, 1)))
+
+
 def test_ranges_by_symbol_and_by_keyword_are_taken_together() -> None:
     system = lg.scene("pendulum")
     (theta,) = system.coordinates
-    found = slider_ranges(system.statement, {theta.dot: (-1, 1), theta: (3, 4)}, {"l": (2, 3)})
-    assert [(one.name, one.value, one.parameter) for one in found] == [
+    found = explored_sliders(system.statement, {theta.dot: (-1, 1), theta: (3, 4)}, {"l": (2, 3)})
+    assert [(one.name, one.value, one.kind == PARAMETER) for one in found] == [
         ("theta_dot", 0.0, False),
         ("theta", 3.0, False),
         ("l", 2.0, True),
     ]
-    with pytest.raises(StatementError, match="are no ranges: give a dict"):
-        slider_ranges(system.statement, [("l", (1, 2))], {})
+    with pytest.raises(StatementError, match="says no sliders: give a dict"):
+        explored_sliders(system.statement, [("l", (1, 2))], {})
 
 
 @pytest.mark.parametrize(
