@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange.equations.euler_lagrange import Equations
+from lagrange.equations.expressions import node_of
 from lagrange.errors import RunError, StatementError, counted, listing, shown
 from lagrange.graph.branches import square_roots
 from lagrange.graph.node import Node
@@ -22,12 +23,8 @@ from lagrange.machine.singular import singular_sentence
 from lagrange.program.catalogue import LAW_QUANTITIES, quantities_of
 from lagrange.program.switching import Switched
 from lagrange.statement.choice import one_of, text
-from lagrange.statement.event import check_multipliers
-from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.number import real_array, real_number, whole_number
-from lagrange.statement.parameters import in_own_parameters
 from lagrange.statement.statement import Statement
-from lagrange.statement.survey import Survey
 
 State = tuple[FloatArray, FloatArray]
 """Coordinates and velocities, (n,) each or (n, batch)."""
@@ -245,15 +242,7 @@ class Model:
 
         `y` has shape (2n, batch) and `t` (batch,). Raises StatementError for an expression with anything else in it.
         """
-        stated = expression_of(expression, "the expression")
-        expression = in_own_parameters(stated, self.statement.parameters)
-        survey = Survey()
-        survey.add(expression, "the expression", accelerations=True, multipliers=True)
-        check_multipliers(survey.multipliers, "the expression", self.statement)
-        for leaf in (*survey.coordinates, *survey.given, *survey.unknown, *survey.parameters):
-            if leaf not in self.equations.leaves:
-                raise StatementError(f"the expression contains {leaf}, which this system does not have.")
-        kernel = self.function("expression", (self.equations.translate(expression),))
+        kernel = self.function("expression", (node_of(expression, self.statement, self.equations),))
         return np.asarray(self._call(kernel, t, self._checked_state(y), parameters)[0])
 
     def parameter_values(self, given: Mapping[Any, Any] | None = None) -> dict[Any, float]:

@@ -45,7 +45,7 @@ class Job:
         problem, method, alone = self.problem, self.options.method, self.alone
         if not isinstance(method, Planned) or problem.events or problem.t0 == problem.t1:
             return alone
-        return lane_engine(alone, method.plan(problem), varying=self.varying) or alone
+        return lane_engine(alone, method.plan(problem), problem, varying=self.varying) or alone
 
     @property
     def alone(self) -> RunEngine:

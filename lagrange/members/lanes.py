@@ -6,7 +6,6 @@ status and its sentence are then those of that run.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 from weakref import WeakKeyDictionary
@@ -14,33 +13,28 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.machine.backend import MemberRuns
 from lagrange.machine.model import Model
 from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
+from lagrange.members.compiled import Compiled, Wanted, compiled_members
 from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME
 from lagrange.members.singly import RunEngine, relative_drift
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, Procedure
+from lagrange.procedure.dense.block import StepPolynomial
 from lagrange.procedure.interpreter import run as interpret
-from lagrange.procedure.kernel.kernels import kernel, prepare
-from lagrange.procedure.kernel.prepared import Prepared
-from lagrange.procedure.members.queue import COUNTED, Members, Numbers, Observed
-from lagrange.procedure.members.steps import StepMembers
-from lagrange.procedure.members.taylor import TaylorMembers
+from lagrange.procedure.members.along import table_of_points
+from lagrange.procedure.members.queue import COUNTED
 from lagrange.procedure.outcome import Outcome
-from lagrange.procedure.prune import Pruner
 from lagrange.procedure.series.cost import single_operations
 from lagrange.procedure.series.integrator import LANES as PACKED
-from lagrange.procedure.series.integrator import TaylorProcedures
 from lagrange.procedure.series.packing import pack
-from lagrange.procedure.series.written_out import WrittenJet
 from lagrange.procedure.step.constants import LEAST_FLOOR
-from lagrange.program.actions import LAWS
 from lagrange.trajectory.conservation import NOTABLE_CHANGE, SMALL_CHANGE
 from lagrange.trajectory.edge import slope_ahead
+from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.taylor import TaylorPlan
 from lagrange.trajectory.plan import Plan, StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Status
+
+_COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()
 
 MOST_OPERATIONS = 20_000
 """Series with more operations are computed member by member: written out they would take minutes to compile."""
@@ -62,8 +56,6 @@ _CODES = np.array(
 
 STUCK, LOST = STATUSES.index(Status.STEP_TOO_SMALL), STATUSES.index(Status.NON_FINITE)
 """Codes of members whose steps became too small, and of those that left the domain of their equations."""
-
-ABOUT = "Write the parameters, and behind them what depends on them alone."
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,12 +83,15 @@ class LaneEngine:
         given: dict[str, Any] = {"outputs": outputs, "ends": states, "times": times, "outcomes": outcomes, **counts}
         given |= {"first": first, "last": last, "starts": np.ascontiguousarray(starts.states)}
         given |= {"numbers": self.numbers(starts), "wanted": count}
+        reduced = np.zeros((m, len(alone.keep.reductions)))
+        given |= {"reduced": reduced, "points": table_of_points(), "table": self.compiled.table}
         given["output_times"] = np.append([] if alone.times is None else alone.times, np.nan)
         self.compiled.code({**self.settings(m), **given})
         codes = _CODES[outcomes]
         if alone.times is not None:
-            self.complete(outputs, alone.times, states, times, codes)
+            self.complete(outputs, alone.times, states, times)
         found = {STATE: states, TIME: times, STATUS: codes, OUTPUTS: outputs, **counts}
+        found |= {one.name: reduced[:, k] for k, one in enumerate(alone.keep.reductions)}
         energies = Energies(starts.states, states, first, last)
         if alone.keep.drift:
             found[DRIFT] = energies.drift
@@ -106,14 +101,12 @@ class LaneEngine:
         ends = Ends({column.name: found[column.name] for column in alone.columns})
         return self.again(starts, ends, np.flatnonzero(doubtful))
 
-    def complete(
-        self, outputs: FloatArray, wanted: FloatArray, states: FloatArray, times: FloatArray, codes: NDArray[np.uint8]
-    ) -> None:
-        """Write the last states at an output time at the end, and nothing behind the last accepted step."""
+    def complete(self, outputs: FloatArray, wanted: FloatArray, states: FloatArray, times: FloatArray) -> None:
+        """Write the last states at an output time where a run ended, and nothing behind the last accepted step."""
         t0, t1 = self.alone.span
-        done = np.flatnonzero(codes == SUCCESS)
-        for place in np.flatnonzero(wanted == t1):
-            outputs[done, place] = states[done]
+        for place in np.flatnonzero((wanted == times[:, None]).any(axis=0)):
+            ended = times == wanted[place]
+            outputs[ended, place] = states[ended]
         behind = (wanted - times[:, None]) * (1.0 if t1 >= t0 else -1.0) > 0
         outputs[behind] = np.nan
 
@@ -201,18 +194,26 @@ class Energies:
             return np.asarray(~(small | (change <= SMALL_CHANGE * kinetic)))
 
 
-def lane_engine(alone: RunEngine, plan: Plan, *, varying: bool) -> LaneEngine | None:
+def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool) -> LaneEngine | None:
     """Return the engine that runs members side by side, None where there is none for the model and the method.
 
     With `varying` each member has its own parameters. What is compiled is kept for the next ensemble of the model.
     """
     if not _runs_in_lanes(alone, plan):
         return None
+    wanted = Wanted(alone.keep.reductions, _path_kind(plan, problem, alone), varying)
     kept = _COMPILED.setdefault(alone.model, {})
-    key = _kind(plan), varying
+    key = _kind(plan), wanted
     if key not in kept:
-        kept[key] = _compiled(alone.model, plan, varying=varying)
+        kept[key] = compiled_members(alone.model, plan, wanted)
     return LaneEngine(kept[key], plan, alone)
+
+
+def _path_kind(plan: Plan, problem: Problem, alone: RunEngine) -> StepPolynomial | None:
+    """Return the dense output of a step program, where something is wanted inside of its steps."""
+    if not isinstance(plan, StepPlan) or (alone.times is None and not alone.keep.reductions):
+        return None
+    return plan.path_of(problem, np.array([problem.t0]), problem.y0[None]).kind
 
 
 def _kind(plan: Plan) -> Any:
@@ -220,67 +221,12 @@ def _kind(plan: Plan) -> Any:
     return plan.order if isinstance(plan, TaylorPlan) else plan.step if isinstance(plan, StepPlan) else None
 
 
-@dataclass(frozen=True, eq=False)
-class Compiled:
-    """Machine code for members, which observes so many numbers of a state, the energy and the momenta.
-
-    `prepare` makes the `size` numbers that all members have, unless each has its own.
-    """
-
-    code: MemberRuns
-    prepare: Procedure | None
-    size: int
-    observed: int
-
-
-_COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()
-
-
-def _compiled(model: Model, plan: Plan, *, varying: bool) -> Compiled:
-    """Compile the members of a model for a plan."""
-    laws = {name: model.law(name).program for name in ("rhs", "energy", "momenta")}
-    step = plan.step if isinstance(plan, StepPlan) else None
-    if step is not None:
-        laws["step"] = model.law(LAWS[step.law].quantity).program
-    prepared = Prepared.of([*laws.values()])
-    kernels = {name: kernel(program, prepared, name, f"The quantity {name}.") for name, program in laws.items()}
-    preparing, size = prepare(prepared, ABOUT), prepared.size
-    observed = _observed(kernels, model.dimension)
-    parameters = len(model.statement.parameters)
-    members: Members
-    if isinstance(plan, TaylorPlan):
-        series = TaylorProcedures(plan.series.program, prepared.size)
-        preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
-        jet = WrittenJet(series.packing, series.numbers, plan.order)
-        numbers = Numbers(size, parameters, preparing if varying else None)
-        members = TaylorMembers(jet.layout, plan.order, jet.build(), numbers, observed)
-    else:
-        assert step is not None
-        numbers = Numbers(size, parameters, preparing if varying else None)
-        members = StepMembers(step, 2 * model.dimension, kernels["step"], numbers, observed)
-    code = model.machine.members(members.build())
-    assert code is not None, f"{model.target} runs no members side by side"
-    return Compiled(code, None if varying else Pruner().pruned(preparing), size, observed.size)
-
-
 def _runs_in_lanes(alone: RunEngine, plan: Plan) -> bool:
     """Return whether there is machine code for all that a run needs."""
     model = alone.model
-    if model.target != "llvm" or len(model.equations.constraints) or model.statement.given or alone.keep.along:
+    if model.target != "llvm" or len(model.equations.constraints) or model.statement.given or alone.keep.events:
         return False
     if isinstance(plan, TaylorPlan):
         small = single_operations(pack(plan.series.program, PACKED), plan.order) <= MOST_OPERATIONS
         return small and not plan.series.program.watched and plan.series.program.projection is None
-    if not isinstance(plan, StepPlan) or alone.times is not None:
-        return False
-    return not plan.step.solves and plan.step.starter is None
-
-
-def _observed(kernels: Mapping[str, Procedure], dimension: int) -> Observed:
-    """Return the energy and the momenta of a state."""
-    p = Builder("observed", "The energy and the momenta.")
-    t, y = p.given("t", REAL), p.array("y", size=2 * dimension, read=True)
-    held, out = p.array("p", read=True), p.array("out", size=1 + dimension)
-    singular = p.call(kernels["energy"], t, y, held, out)
-    p.leave(singular | p.call(kernels["momenta"], t, y, held, out.at(1)))
-    return Observed(p.finish(FLAG), 1 + dimension)
+    return isinstance(plan, StepPlan) and not plan.step.solves and plan.step.starter is None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
+from lagrange.members.along import SampledRun
 from lagrange.members.chunk import STATUSES, Ends, Starts, Stopped
 from lagrange.members.keep import (
     DRIFT,
@@ -19,28 +19,16 @@ from lagrange.members.keep import (
     TIME,
     Column,
     Keep,
-    Reduction,
     event_states,
     event_times,
 )
 from lagrange.procedure.members.queue import COUNTED
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.options import RunOptions
-from lagrange.trajectory.paths.samples import divided
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
-
-SAMPLES_OF_STEP, MOST_SAMPLES = 32, 2**20
-"""An expression is sampled at so many times of each step, and at no more along a run."""
-
-
-REFINEMENTS = 4
-"""Each time the place of a largest value is found to a 16th; the error of the value falls with its square."""
 
 BY_NUMPY = " by numpy"
 """How the form of runs ends for which nothing is compiled."""
-
-NODES, WEIGHTS = np.polynomial.legendre.leggauss(8)
-"""Gauss's rule of order 16 on each step."""
 
 
 class Explained(NamedTuple):
@@ -122,8 +110,7 @@ class RunEngine:
             found |= {name: getattr(run, name) for name in COUNTED}
         if self.keep.drift:
             found[DRIFT] = self.drift(start, self.end(run))
-        for one in self.keep.reductions:
-            found[one.name] = self.reduced(one, run, start.parameters[0])
+        found |= SampledRun(self.model, run, start.parameters[0]).reduced(self.keep.reductions)
         for k in range(len(run.t_events) if self.keep.events else 0):
             most = self.keep.events
             times, states = np.full(most, np.nan), np.full((most, dimension), np.nan)
@@ -156,49 +143,9 @@ class RunEngine:
         kinetic = np.abs(np.sum(v * self.model.momenta(q, v, np.array(self.span), p), axis=0)) / 2
         return float(relative_drift(energies[:1], energies[1:], kinetic[:1], kinetic[1:])[0])
 
-    def reduced(self, one: Reduction, run: Trajectory, parameters: FloatArray) -> float:
-        """Return the largest or least value of an expression, or its mean over time, between the steps too."""
-
-        def value(times: FloatArray) -> FloatArray:
-            return self.model.evaluate_expression(one.expression, times, run.dense(times), parameters)
-
-        steps = run.t if len(run.t) > 1 else np.array(run.span)
-        if one.how == "mean":
-            return _mean(value, steps)
-        sign = 1.0 if one.how == "max" else -1.0
-        return sign * _largest(lambda times: sign * value(times), steps)
-
 
 def relative_drift(first: FloatArray, last: FloatArray, kinetic: FloatArray, after: FloatArray) -> FloatArray:
     """Return by how much an energy went from its first value, relative to the largest of it and kinetic energies."""
     scale = np.maximum(np.maximum(np.abs(first), kinetic), after)
     with np.errstate(all="ignore"):
         return np.asarray(np.where(scale > 0, (last - first) / scale, last - first))
-
-
-def _largest(value: Callable[[FloatArray], FloatArray], steps: FloatArray) -> float:
-    """Return the largest value along steps: that of the samples, refined by thirds about the largest."""
-    times = divided(steps, max(2, min(SAMPLES_OF_STEP, MOST_SAMPLES // len(steps))))
-    found = value(times)
-    if not np.isfinite(found).any():
-        return float("nan")
-    best = int(np.nanargmax(found))
-    low, high = times[max(best - 1, 0)], times[min(best + 1, len(times) - 1)]
-    most = float(found[best])
-    for _ in range(REFINEMENTS):
-        inner = np.linspace(low, high, SAMPLES_OF_STEP + 1)
-        values = value(inner)
-        place = int(np.nanargmax(values))
-        most = max(most, float(values[place]))
-        low, high = inner[max(place - 1, 0)], inner[min(place + 1, len(inner) - 1)]
-    return most
-
-
-def _mean(value: Callable[[FloatArray], FloatArray], steps: FloatArray) -> float:
-    """Return the mean over time of a value along steps."""
-    lengths = np.diff(steps)
-    if not lengths.sum():
-        return float(value(steps[:1])[0])
-    times = steps[:-1, None] + lengths[:, None] * (NODES + 1.0) / 2.0
-    values = value(times.ravel()).reshape(times.shape)
-    return float(np.sum(values @ WEIGHTS / 2.0 * lengths) / lengths.sum())

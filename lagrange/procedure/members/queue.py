@@ -12,6 +12,7 @@ from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.members.along import Along
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.constants import MOST_SURVEYS
 from lagrange.procedure.step.run import COUNTS, RUN
@@ -50,7 +51,9 @@ class Members(ABC):
 
     Of `count` members, `starts` has the states [q, v], and `numbers` their parameters or the numbers of all; see
     `Numbers`. The results are, by rows, the last states, times and outcomes, the counts, what is observed at the start
-    and at the end, and the states at `wanted` output times. A member that is not DONE is where its run stopped.
+    and at the end, the states at `wanted` output times, and what is made of expressions along the run; `points` are
+    those of its steps, and `table` has the numbers of the dense output. A member that is not DONE is where its run
+    stopped.
     """
 
     def __init__(self, dimension: int, numbers: Numbers, observed: Observed) -> None:
@@ -67,6 +70,8 @@ class Members(ABC):
         self.first, self.last = p.array("first"), p.array("last")
         self.outcomes = p.array("outcomes", WHOLE)
         self.counted = {name: p.array(name, WHOLE) for name in COUNTED}
+        self.points, self.table = p.array("points", read=True), p.array("table", read=True)
+        self.reduced = p.array("reduced")
         self.held = p.reserve(numbers.size, name="prepared") if numbers.prepare else self.numbers
         self.seen, self.found = p.reserve(dimension, name="seen"), p.reserve(max(observed.size, 1), name="found")
         self.run: Any = p.reserve_record(RUN)
@@ -81,6 +86,11 @@ class Members(ABC):
     def state(self) -> list[Memory]:
         """The state of the present member, in parts of equal length."""
 
+    @property
+    @abstractmethod
+    def along(self) -> Along | None:
+        """What is known of expressions along the run, if any are kept."""
+
     @abstractmethod
     def begin(self) -> None:
         """Set up what the method keeps of a run, at its start."""
@@ -88,6 +98,12 @@ class Members(ABC):
     @abstractmethod
     def advance(self, last: Flag) -> Whole:
         """Take a step, and return an outcome, PAUSED where the run goes on; after the `last` one it does not."""
+
+    @property
+    def attempts(self) -> Whole:
+        """How many steps of the present member were tried: no more than the budget."""
+        found: Whole = self.counts.steps + self.counts.rejected
+        return found
 
     def build(self) -> Procedure:
         """Return the procedure."""
@@ -97,7 +113,7 @@ class Members(ABC):
                 self.begin_member()
             last = self.tried.value >= self.budget
             outcome = self.without_sizes(self.advance(last)).called("outcome")
-            self.tried.value = self.tried.value + 1
+            self.tried.value = self.attempts
             done = ~outcome.equals(Outcome.PAUSED) | last
             self.fresh.value = done
             with p.when(done):
@@ -176,4 +192,6 @@ class Members(ABC):
         self.outcomes[member] = self.explained(outcome)
         for name, array in self.counted.items():
             array[member] = getattr(self.counts, name)
+        if self.along is not None:
+            self.along.write(self.run.t, self.reduced.at(member * len(self.along.sampled.reductions)))
         self.member.value = member + self.lanes

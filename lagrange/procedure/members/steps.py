@@ -6,15 +6,21 @@ from typing import Any
 
 from lagrange.procedure.bind import bound
 from lagrange.procedure.form import Procedure
+from lagrange.procedure.members.along import Along, Sampled, Step
+from lagrange.procedure.members.outputs import outstanding, write_outputs
+from lagrange.procedure.members.paths import DenseOutput, StepCoefficients, polynomial_path
 from lagrange.procedure.members.queue import Members, Numbers, Observed
 from lagrange.procedure.step.controlled_steps import steps_of
 from lagrange.procedure.step.memory import EFFORT, Layout
-from lagrange.procedure.values import Flag, Memory, Whole
+from lagrange.procedure.values import Flag, Memory, Real, Whole
 from lagrange.program.step import StepProgram
 
 
 class StepMembers(Members):
-    """Runs by the steps that the driver of single runs takes, with the law of the step program in a function."""
+    """Runs by the steps that the driver of single runs takes, with the law of the step program in a function.
+
+    With `dense` the states at output times are written, by the dense output of single runs, and what is `sampled`.
+    """
 
     def __init__(
         self,
@@ -23,6 +29,8 @@ class StepMembers(Members):
         law: Procedure,
         numbers: Numbers,
         observed: Observed,
+        dense: DenseOutput | None = None,
+        sampled: Sampled | None = None,
     ) -> None:
         super().__init__(dimension, numbers, observed)
         p = self.p
@@ -31,7 +39,9 @@ class StepMembers(Members):
         self.work = p.reserve(self.layout.size, name="work")
         self.effort: Any = p.reserve_record(EFFORT)
         self.none = p.reserve(1, name="none")
-        self.trials = self.budget if step.control is None else p.whole(1)
+        self.whole = dense is None and step.control is None
+        """Whether all steps are taken at once."""
+        self.follower = None if dense is None else _Follower(self, dense, sampled)
 
     @property
     def state(self) -> list[Memory]:
@@ -44,13 +54,94 @@ class StepMembers(Members):
             velocities = self.work.at(self.layout.argument + self.layout.length)
             with self.p.each(self.layout.length, width=1) as i:
                 velocities[i] = 0.0
+        if self.follower is not None:
+            self.follower.begin()
 
     def advance(self, last: Flag) -> Whole:
         """Take a trial step, or all of equal length: then all members are done at once."""
         p = self.p
+        trials = p.choose(last, 0, self.budget if self.whole else p.whole(1))
         given = {"parameters": self.held, "constants": self.held, "run": self.run, "counts": self.counts}
         given |= {"floors": self.floors, "effort": self.effort, "work": self.work}
-        given |= {"budget": self.trials, "times": self.none, "rows": self.none}
+        given |= {"budget": trials, "times": self.none, "rows": self.none}
         steps = bound(steps_of(self.layout), {"law": self.law, "jacobian": self.law}, prefix="run_")
+        before = None if self.follower is None else self.follower.before()
         found: Whole = p.call(steps, *(given[one.name] for one in steps.parameters))
+        if self.follower is not None:
+            with p.when(self.counts.steps > before):
+                self.follower.follow()
         return found
+
+    @property
+    def attempts(self) -> Whole:
+        """How many steps were tried; all at once are as many as there may be."""
+        return self.budget if self.whole else super().attempts
+
+    @property
+    def along(self) -> Along | None:
+        """What is known of expressions along the run, if any are kept."""
+        return None if self.follower is None else self.follower.along
+
+
+class _Follower:
+    """Follows the steps of members on their polynomials: states at output times, and expressions along a run."""
+
+    def __init__(self, members: StepMembers, dense: DenseOutput, sampled: Sampled | None) -> None:
+        p = self.p = members.p
+        self.members, self.dimension = members, members.dimension
+        self.step = StepCoefficients(p, dense, self.dimension)
+        self.written = p.variable(0, "written")
+        self.sign = p.real(p.choose(members.t1 < members.t0, -1.0, 1.0))
+        path = polynomial_path("path", range(self.dimension), self.dimension)
+        self.outputs = bound(write_outputs(), {"path": path}, prefix="path_")
+        self.along: Along | None = None
+        if sampled is not None:
+            path = polynomial_path("path_of_expressions", sampled.entries, self.dimension)
+            self.along = Along(p, sampled, path, members.points, members.held, self.dimension)
+
+    def begin(self) -> None:
+        """Begin at the start of a member."""
+        self.written.value = 0
+        if self.along is not None:
+            self.copy(self.step.step.new)
+            self.along.begin(self.members.run.t, self.step.step.new)
+
+    def copy(self, to: Memory) -> None:
+        """Copy the state, whose parts may stand apart."""
+        parts = self.members.state
+        length = self.dimension // len(parts)
+        for k, part in enumerate(parts):
+            with self.p.each(length, width=1) as i:
+                to.at(k * length)[i] = part[i]
+
+    def before(self) -> Whole:
+        """Note where the next step begins, and return how many were taken."""
+        self.step.step.t[0] = self.members.run.t
+        self.copy(self.step.step.y)
+        found: Whole = self.members.counts.steps
+        return found
+
+    def follow(self) -> None:
+        """Write the states at the output times on an accepted step, and look at the expressions along it."""
+        p, members, step = self.p, self.members, self.step.step
+        t, end = step.t[0], members.run.t
+        due = outstanding(members.output_times, self.written.value, end, self.sign)
+        step.h[0], step.side[0] = end - t, 0.0
+        self.copy(step.new)
+        if self.along is not None:
+            degree, h = p.whole(self.step.kind.degree), end - t
+            self.step.find(members.table, members.held)
+            self.along.follow(Step(t, end, h, h, self.step.c, step.new, degree))
+            self.along.accept()
+        with p.when(due, likely=False):
+            if self.along is None:
+                self.step.find(members.table, members.held)
+            self.write(t, end)
+
+    def write(self, t: Real, end: Real) -> None:
+        """Write the states at the output times on a step."""
+        p, members, sign = self.p, self.members, self.sign
+        states = members.outputs.at(members.member.value * (members.wanted * self.dimension))
+        numbers = p.whole(self.dimension), p.whole(self.step.kind.degree), self.written.value
+        arrays = members.output_times, self.step.c, states
+        self.written.value = p.call(self.outputs, t, end, sign, *arrays, *numbers)

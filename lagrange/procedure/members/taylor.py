@@ -6,6 +6,8 @@ from typing import Any
 
 from lagrange.procedure.bind import bound
 from lagrange.procedure.form import Procedure
+from lagrange.procedure.members.along import Along, Sampled, Step
+from lagrange.procedure.members.paths import series_path
 from lagrange.procedure.members.queue import Members, Numbers, Observed
 from lagrange.procedure.taylor.loop import begin_run, iteration
 from lagrange.procedure.taylor.memory import BLOCK, HELD, OUTPUTS, TAYLOR, TaylorLayout
@@ -23,6 +25,7 @@ class TaylorMembers(Members):
         jet: Procedure,
         numbers: Numbers,
         observed: Observed,
+        sampled: Sampled | None = None,
     ) -> None:
         super().__init__(layout.dimension, numbers, observed)
         p = self.p
@@ -32,6 +35,10 @@ class TaylorMembers(Members):
         self.before: Any = p.reserve_record(HELD)
         self.written: Any = p.reserve_record(OUTPUTS)
         self.none = p.reserve(1, name="none")
+        self._along: Along | None = None
+        if sampled is not None:
+            path = series_path(layout, sampled.entries)
+            self._along = Along(p, sampled, path, self.points, self.held, layout.dimension)
         self.digits = (-p.call(logarithm(), self.rtol)).called("digits")
 
     @property
@@ -39,11 +46,24 @@ class TaylorMembers(Members):
         """The state at the beginning of the work array."""
         return [self.work]
 
+    @property
+    def attempts(self) -> Whole:
+        """How many steps were tried, with the one that is not proven."""
+        found: Whole = super().attempts + self.before.unproven
+        return found
+
+    @property
+    def along(self) -> Along | None:
+        """What is known of expressions along the run, if any are kept."""
+        return self._along
+
     def begin(self) -> None:
         """Reset the compensation, the counters and the scale of time; no output has been written."""
         self.before.unproven = 0
         self.written.done = self.written.ahead = 0
         begin_run(self.p, self.layout, self.run, self.counts, self.taylor, self.before, self.work)
+        if self.along is not None:
+            self.along.begin(self.run.t, self.work)
 
     def advance(self, last: Flag) -> Whole:
         """Prove the step before, and take the next one."""
@@ -54,5 +74,17 @@ class TaylorMembers(Members):
         given |= {"output_states": self.outputs.at(self.member.value * (self.wanted * self.dimension))}
         given |= {"last": last, "digits": self.digits, "work": self.work, "order": p.whole(self.order)}
         step = bound(iteration(self.layout), {"jet": self.jet}, prefix="run_")
+        steps = self.counts.steps
         found: Whole = p.call(step, *(given[one.name] for one in step.parameters))
+        if self.along is not None:
+            self.follow(self.along, steps)
         return found
+
+    def follow(self, along: Along, steps: Whole) -> None:
+        """Look at expressions on a step that was taken, while its series is there; the one before may be proven."""
+        p, held = self.p, self.before
+        with p.when(self.counts.steps > steps):
+            along.accept()
+        with p.when(~held.unproven.equals(0)):
+            order, h = p.whole(self.order), held.h
+            along.follow(Step(held.t, self.run.t, h, h / held.scale, self.work, self.work, order))

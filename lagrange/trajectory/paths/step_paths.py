@@ -23,16 +23,20 @@ from lagrange.trajectory.tableaux.butcher import ButcherTableau
 class StepPath:
     """Accepted steps: times (S+1,), states (S+1, 2n), and the dense output of the method that took them.
 
-    Inside each step the path is a polynomial, of degree 16 at most: events are sought on it. `tableau` is that of an
-    explicit method, where the path is made of its stages. Where it `joins`, that of a step takes a slope from the step
-    before, for the first one from the step behind it.
+    Inside each step the path is a polynomial of a `kind`, of degree 16 at most: events are sought on it. `tableau` is
+    that of an explicit method, where the path is made of its stages.
     """
 
     dense: DensePath
     times: FloatArray
     states: FloatArray
+    kind: StepPolynomial
     tableau: ButcherTableau | None = None
-    joins: bool = False
+
+    @property
+    def joins(self) -> bool:
+        """Whether the path of a step takes a slope from the step before, for the first one from the step behind it."""
+        return self.kind.derivative
 
     def __call__(self, times: FloatArray) -> FloatArray:
         """Return the states at the times, in any order, (2n, K)."""
@@ -115,7 +119,7 @@ def step_path(
     """Return the path of a kind through accepted times (S+1,) and states (S+1, 2n)."""
     derivative = model.kernel("jacobian") if kind.derivative else None
     dense = model.machine.dense(kind, model.kernel("rhs"), parameters, derivative)
-    return StepPath(dense, times, states, tableau, kind.derivative)
+    return StepPath(dense, times, states, kind, tableau)
 
 
 def runge_kutta_path(problem: Problem, times: FloatArray, states: FloatArray, tableau: ButcherTableau) -> StepPath:

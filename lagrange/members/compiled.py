@@ -1,0 +1,105 @@
+"""Machine code for the members of a model: its laws and expressions as procedures, and the steps of a plan."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.equations.expressions import node_of
+from lagrange.machine.backend import MemberRuns
+from lagrange.machine.model import Model
+from lagrange.members.keep import Reduction
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.dense.block import StepPolynomial
+from lagrange.procedure.form import FLAG, REAL, Procedure
+from lagrange.procedure.kernel.kernels import kernel, prepare
+from lagrange.procedure.kernel.prepared import Prepared
+from lagrange.procedure.members.along import Sampled
+from lagrange.procedure.members.paths import DenseOutput
+from lagrange.procedure.members.queue import Members, Numbers, Observed
+from lagrange.procedure.members.steps import StepMembers
+from lagrange.procedure.members.taylor import TaylorMembers
+from lagrange.procedure.prune import Pruner
+from lagrange.procedure.series.integrator import TaylorProcedures
+from lagrange.procedure.series.written_out import WrittenJet
+from lagrange.program.actions import LAWS
+from lagrange.trajectory.methods.taylor import TaylorPlan
+from lagrange.trajectory.plan import Plan, StepPlan
+from lagrange.trajectory.trajectory import FloatArray
+
+ABOUT = "Write the parameters, and behind them what depends on them alone."
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What machine code does beside steps: expressions along them, their paths, and parameters of each member's own."""
+
+    reductions: tuple[Reduction, ...]
+    path: StepPolynomial | None
+    varying: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Compiled:
+    """Machine code for members, which observes so many numbers of a state, the energy and the momenta.
+
+    `prepare` makes the `size` numbers that all members have, unless each has its own. `table` has the numbers of the
+    dense output of a step program.
+    """
+
+    code: MemberRuns
+    prepare: Procedure | None
+    size: int
+    observed: int
+    table: FloatArray
+
+
+def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
+    """Compile the members of a model for a plan."""
+    laws = {name: model.law(name).program for name in ("rhs", "energy", "momenta")}
+    step = plan.step if isinstance(plan, StepPlan) else None
+    if step is not None:
+        laws["step"] = model.law(LAWS[step.law].quantity).program
+    nodes = tuple(node_of(one.expression, model.statement, model.equations) for one in wanted.reductions)
+    different = tuple(dict.fromkeys(nodes))
+    if nodes:
+        laws["expressions"] = model.function("expressions", different).program
+    prepared = Prepared.of([*laws.values()])
+    kernels = {name: kernel(program, prepared, name, f"The quantity {name}.") for name, program in laws.items()}
+    preparing, size = prepare(prepared, ABOUT), prepared.size
+    observed = _observed(kernels, model.dimension)
+    sampled = None
+    if nodes:
+        reductions = tuple((one.how, different.index(node)) for one, node in zip(wanted.reductions, nodes, strict=True))
+        entries = dict.fromkeys(one.place for one in laws["expressions"].instructions if one.op == "state")
+        sampled = Sampled(kernels["expressions"], len(different), tuple(entries), reductions)
+    parameters = len(model.statement.parameters)
+    members: Members
+    if isinstance(plan, TaylorPlan):
+        series = TaylorProcedures(plan.series.program, prepared.size)
+        preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
+        jet = WrittenJet(series.packing, series.numbers, plan.order)
+        numbers = Numbers(size, parameters, preparing if wanted.varying else None)
+        members = TaylorMembers(jet.layout, plan.order, jet.build(), numbers, observed, sampled)
+    else:
+        assert step is not None
+        numbers = Numbers(size, parameters, preparing if wanted.varying else None)
+        dense = None if wanted.path is None else DenseOutput(wanted.path, kernels["rhs"])
+        members = StepMembers(step, 2 * model.dimension, kernels["step"], numbers, observed, dense, sampled)
+    made = None if wanted.varying else Pruner().pruned(preparing)
+    table = np.zeros(1) if wanted.path is None else wanted.path.table
+    code = model.machine.members(members.build())
+    assert code is not None, f"{model.target} runs no members side by side"
+    return Compiled(code, made, size, observed.size, table)
+
+
+def _observed(kernels: Mapping[str, Procedure], dimension: int) -> Observed:
+    """Return the energy and the momenta of a state."""
+    p = Builder("observed", "The energy and the momenta.")
+    t, y = p.given("t", REAL), p.array("y", size=2 * dimension, read=True)
+    held, out = p.array("p", read=True), p.array("out", size=1 + dimension)
+    singular = p.call(kernels["energy"], t, y, held, out)
+    p.leave(singular | p.call(kernels["momenta"], t, y, held, out.at(1)))
+    return Observed(p.finish(FLAG), 1 + dimension)

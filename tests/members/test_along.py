@@ -1,0 +1,192 @@
+"""What members keep along their runs: states at output times, extremes and means, side by side as in runs alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+
+import lagrange as lg
+from lagrange.machine.array_source import arrays_loaded
+from lagrange.members import job, work
+from lagrange.procedure.members.along import lobatto
+from lagrange.procedure.members.extremum import largest_between, memory_size
+from tests.covering import share
+
+METHODS: dict[str, dict[str, Any]] = {
+    "taylor": {"rtol": 1e-9},
+    "dop853": {"rtol": 1e-9},
+    "tsit5": {"rtol": 1e-7},
+    "rk4": {"step": 0.01},
+    "forest-ruth4": {"step": 0.02},
+}
+"""Series, dense output by stages, by Hermite polynomials, and coordinates and velocities apart."""
+
+STARTS = 0.4 + np.linspace(-0.2, 0.25, 21)
+
+
+@cache
+def pendulum() -> lg.System:
+    return lg.scene("pendulum")
+
+
+@cache
+def oscillator() -> lg.System:
+    """An oscillator with mass 1 and frequency 2: x = a cos 2t."""
+    x, k = lg.coordinate("x"), lg.parameters("k")
+    return lg.System(kinetic=x.dot**2 / 2, potential=k * x**2 / 2, parameters={k: 4.0})
+
+
+def one_after_the_other(monkeypatch: pytest.MonkeyPatch, *args: Any, **options: Any) -> lg.Ensemble:
+    """Return the ensemble without machine code for several members."""
+    with monkeypatch.context() as changed:
+        changed.setattr(job, "lane_engine", lambda *_, **__: None)
+        return lg.ensemble(*args, workers=1, **options)
+
+
+@pytest.mark.parametrize("backward", [False, True])
+@pytest.mark.parametrize("method", list(METHODS)[: share(5)])
+def test_states_at_output_times_are_those_of_a_run(method: str, backward: bool) -> None:
+    """Times at the ends, twice at once, several in a step, and steps without one.
+
+    Machine code for one state adds some terms in another order: the pendulum keeps such differences small.
+    """
+    times = np.array([0.0, 0.3, 0.3, 1.2, 1.2001, 1.2002, 2.9, 3.0])
+    span, times = (-3.0, -times) if backward else (3.0, times)
+    given: dict[str, Any] = {"t_eval": times, "method": method, **METHODS[method]}
+    runs = lg.ensemble(pendulum(), span, {"theta": STARTS}, **given)
+    assert "side by side" in runs.form
+    for i in (0, 8, 20):
+        alone = pendulum().run(span, {"theta": STARTS[i]}, **given)
+        assert np.allclose(runs.y[:, :, i], alone.y, rtol=1e-13, atol=1e-14)
+    ends = lg.ensemble(pendulum(), span, {"theta": STARTS}, method=method, **METHODS[method])
+    assert np.array_equal(runs.y[:, -1], ends.y)
+
+
+def test_a_run_with_a_limit_of_steps_ends_where_it_ends_alone() -> None:
+    times = np.linspace(0.0, 3.0, 31)
+    for method, options in METHODS.items():
+        for extra in ({}, {"t_eval": times}):
+            given: dict[str, Any] = {"method": method, "max_steps": 7, **options, **extra}
+            runs = lg.ensemble(pendulum(), 3.0, {"theta": STARTS[:3]}, keep=("end", "counts"), **given)
+            alone = pendulum().run(3.0, {"theta": STARTS[1]}, **given)
+            assert runs.status[1] is alone.status is lg.Status.MAX_STEPS
+            assert runs.steps[1] == alone.steps and runs.results.column("t_end")[1] == alone.trajectory.span[1]
+            if extra:
+                reached = len(alone.t)
+                assert np.allclose(runs.y[:, :reached, 1], alone.y, rtol=1e-13)
+                assert np.isnan(runs.y[:, reached:, 1]).all()
+
+
+@pytest.mark.parametrize("method", list(METHODS)[: share(5)])
+def test_extremes_and_means_of_an_oscillator_have_closed_forms(method: str) -> None:
+    """x = a cos 2t over t = 5: three periods and a part.
+
+    The path errs by 1e-9 of its size at most where the error is controlled. The steps of rk4 and forest-ruth4 err by
+    (2h)**4 t / 60 and some ten times as much. The points, the rule and the search add only round-off to that.
+    """
+    (x,) = oscillator().coordinates
+    keep = ("end", ("max", x), ("min", x), ("max", x.dot), ("mean", x**2), ("min", sympy.Abs(x)))
+    a = np.linspace(1.0, 2.0, 11)
+    runs = lg.ensemble(oscillator(), 5.0, {"x": a}, keep=keep, method=method, **METHODS[method])
+    assert "side by side" in runs.form
+    bound = {"rk4": 1e-7, "forest-ruth4": 1e-5, "tsit5": 1e-6}.get(method, 1e-8)
+    assert np.allclose(runs["max(x)"], a, rtol=bound)
+    assert np.allclose(runs["min(x)"], -a, rtol=bound)
+    assert np.allclose(runs["max(x_dot)"], 2 * a, rtol=bound)
+    assert np.allclose(runs["mean(x**2)"], a**2 * (0.5 + np.sin(20.0) / 40.0), rtol=bound)
+    # The kink of |x| is found to 2**-27 of a step, which is at most 0.5 long and at speeds below 4.
+    assert (runs["min(Abs(x))"] < 2e-8).all()
+
+
+@pytest.mark.parametrize("method", list(METHODS)[: share(5)])
+def test_a_member_alone_keeps_the_same(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same points, rule and search: what differs is round-off of the path, some units of 2**-52."""
+    (theta,) = pendulum().coordinates
+    expressions = [theta, sympy.cos(3 * theta), theta.dot**2 - theta]
+    keep = ("end", *((how, one) for how in ("max", "min", "mean") for one in expressions))
+    given: dict[str, Any] = {"keep": keep, "method": method, **METHODS[method]}
+    together = lg.ensemble(pendulum(), 4.0, {"theta": STARTS}, **given)
+    alone = one_after_the_other(monkeypatch, pendulum(), 4.0, {"theta": STARTS}, **given)
+    assert "side by side" in together.form and "one after" in alone.form
+    for column in together.columns[3:]:
+        found, expected = (runs.results.column(column.name) for runs in (together, alone))
+        assert np.allclose(found, expected, rtol=1e-13, atol=1e-13), column.name
+
+
+def test_what_is_kept_depends_on_the_member_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Chunks, threads, order, and neighbours that escape: the same bytes."""
+    henon = lg.scene("henon-heiles")
+    x, y = henon.coordinates
+    grid = lg.grid({"x": (-1.0, 1.0, 7), "y": [-0.2, 0.1, 0.9]})
+    for method in ("taylor", "dop853"):
+        given: dict[str, Any] = {"keep": ("end", ("max", x * y), ("mean", y), ("min", x)), "method": method}
+        given |= {"t_eval": np.linspace(0.0, 6.0, 7), "rtol": 1e-8}
+        whole = lg.ensemble(henon, 6.0, grid, workers=1, **given)
+        assert {lg.Status.SUCCESS} < set(whole.status)
+        for size, workers in ((1, 1), (5, 2), (8, 1)):
+            with monkeypatch.context() as changed:
+                changed.setattr(work, "FIRST_CHUNK", size)
+                changed.setattr(work, "LARGEST_CHUNK", size)
+                runs = lg.ensemble(henon, 6.0, grid, workers=workers, **given)
+            for name in (column.name for column in whole.columns):
+                assert runs.results.column(name).tobytes() == whole.results.column(name).tobytes(), name
+        order = np.random.default_rng(2).permutation(len(whole))
+        mixed = lg.ensemble(henon, 6.0, {"x": whole.given("x")[order], "y": whole.given("y")[order]}, **given)
+        for name in (column.name for column in whole.columns):
+            assert mixed.results.column(name).tobytes() == whole.results.column(name)[order].tobytes(), name
+
+
+def test_a_rejected_taylor_step_leaves_no_trace(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A motion without forces meets a bump that its series do not show: steps that end beyond it are rejected.
+
+    What they pass lies behind the bump, also where the motion turns back before it: it must not count.
+    """
+    x = lg.coordinate("x")
+    bump = lg.System(kinetic=x.dot**2 / 2, potential=sympy.exp(-1000 * (x - 1) ** 2) / 5, initial={x: 0.0})
+    speeds = np.linspace(0.5, 1.5, 24)
+    given: dict[str, Any] = {"keep": ("counts", ("max", x), ("mean", x), ("min", x.dot)), "rtol": 1e-9}
+    together = lg.ensemble(bump, 3.0, {"x_dot": speeds}, **given)
+    alone = one_after_the_other(monkeypatch, bump, 3.0, {"x_dot": speeds}, **given)
+    rejected = together.results.column("rejected")
+    assert rejected.max() > 1
+    slow = speeds**2 / 2 < 0.2
+    turning = 1 - np.sqrt(np.log(0.2 / (speeds[slow] ** 2 / 2)) / 1000)
+    assert np.allclose(together["max(x)"][slow], turning, rtol=1e-9)
+    for name in ("max(x)", "mean(x)", "min(x_dot)"):
+        assert np.allclose(together.results.column(name), alone.results.column(name), rtol=1e-9, atol=1e-9)
+
+
+def test_the_rule_is_exact_to_degree_15() -> None:
+    points, weights = lobatto()
+    assert np.array_equal(points + points[::-1], np.ones(9)) and np.array_equal(weights, weights[::-1])
+    errors = [abs(weights @ points**k - 1 / (k + 1)) for k in range(17)]
+    assert max(errors[:16]) < 4e-16 and errors[16] > 1e-10
+
+
+def test_the_search_finds_the_largest_value_of_any_shape() -> None:
+    """A parabola, a sine, a kink, a flat top and an end: all brackets at once, on arrays."""
+    peaks = np.array([0.31, 0.5, 0.777, 0.4, 0.2])
+    shapes: list[Callable[[Any], Any]] = [
+        lambda u: 1 - (u - 0.31) ** 2,
+        lambda u: np.sin(np.pi * u),
+        lambda u: 1 - abs(u - 0.777),
+        lambda u: 1 - (u - 0.4) ** 4,
+        lambda u: 1 - u,
+    ]
+
+    def value(count: int, places: Any, out: Any, *_: Any) -> None:
+        out[:count] = [shape(u) for shape, u in zip(shapes, places[:count], strict=True)]
+
+    # The last place tried is two resolutions of 2**-27 from an end at most.
+    low, middle, high = np.full(5, 0.2), np.array([0.35, 0.52, 0.7, 0.5, 0.3]), np.full(5, 0.8)
+    values = [np.array([shape(u) for shape, u in zip(shapes, at, strict=True)]) for at in (low, middle, high)]
+    best, none = np.full(5, -np.inf), np.empty(0)
+    search = arrays_loaded(largest_between())
+    search(value, 5, 1.0, low, middle, high, *values, best, 0.0, 0.0, 0.0, 0, none, none, 0, np.zeros(memory_size(5)))
+    exact = np.array([shape(u) for shape, u in zip(shapes, peaks, strict=True)])
+    assert np.allclose(best, exact, rtol=0, atol=[1e-15, 1e-15, 2e-8, 1e-15, 2e-8])
