@@ -6,23 +6,34 @@ import argparse
 import re
 from collections import Counter
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import lagrange as lg
 from lagrange.arguments import (
     DONE,
     FAILED,
+    INTERRUPTED,
     Answer,
     add_command,
     add_json,
     add_start,
+    count,
     load_scene,
     number,
     start,
 )
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, listing, suggestion
+from lagrange.picture_command import PICTURES
 from lagrange.run_command import add_method, method
-from lagrange.show.files.atomic_file import check_place
+from lagrange.show.files.atomic_file import check_place, write_atomically
+from lagrange.show.files.resolution import FILE_DPI
+
+if TYPE_CHECKING:
+    from lagrange.show.ensemble import Ensemble
+    from lagrange.system import System
+
+TABLE, STORE = ".csv", ".zarr"
+"""Endings of a file with a line for each member, and of a folder that results are written to block by block."""
 
 
 def add_ensemble(commands: Any) -> None:
@@ -33,8 +44,8 @@ def add_ensemble(commands: Any) -> None:
         metavar="NAME=LOW:HIGH:COUNT",
         action="append",
         default=[],
-        help="equally spaced values of a coordinate, a velocity or a parameter, such as theta=-3:3:1000; given twice, "
-        "all combinations",
+        help="equally spaced values of a coordinate, a velocity or a parameter, such as theta=-3:3:1000 or "
+        "theta=-90deg:90deg:100; given twice, all combinations",
     )
     command.add_argument(
         "--keep",
@@ -43,8 +54,21 @@ def add_ensemble(commands: Any) -> None:
         help="names with commas: end, counts, drift, or max:NAME, min:NAME, mean:NAME of a coordinate or a velocity "
         "(default: end)",
     )
-    command.add_argument("--out", metavar="PATH", help="folder for the results, such as runs.zarr, or a picture, .png")
+    command.add_argument("--points", metavar="N", help="keep the states at N equally spaced times as well")
+    command.add_argument(
+        "--out",
+        metavar="FILE",
+        help="picture to write, .png, .svg or .pdf; table with a line for each member, .csv; or folder in the format "
+        "zarr, .zarr, with which the same command goes on where it was stopped",
+    )
+    command.add_argument(
+        "--what", metavar="NAME", help="what the picture shows, such as theta or max:theta (default: what is kept)"
+    )
+    command.add_argument("--style", choices=("light", "dark"), default="light", help="colours (default: light)")
     command.add_argument("--workers", metavar="N", help="threads (default: one for each core)")
+    command.add_argument(
+        "--progress", action="store_true", help="write progress as lines where standard error is no terminal"
+    )
     add_start(command)
     add_method(command)
     add_json(command)
@@ -52,40 +76,74 @@ def add_ensemble(commands: Any) -> None:
 
 def ensemble(request: argparse.Namespace) -> Answer:
     """Run a scene many times, and say how the runs ended."""
-    system, begun, how = load_scene(request.scene), start(request), method(request)
-    if not request.vary:
-        raise StatementError("nothing varies: give --vary NAME=LOW:HIGH:COUNT, such as --vary theta=-3:3:100.")
-    axes = dict(_axis(text) for text in request.vary)
-    if len(axes) < len(request.vary):
-        raise StatementError("--vary names something twice: give each name once.")
-    out = None if request.out is None else Path(request.out)
-    drawn = out is not None and out.suffix.lower() == ".png"
-    if out is not None and drawn:
-        check_place(out)  # before the runs, which may take long
-    held = {**begun["initial"], **begun["parameters"]}
-    if twice := next((name for name in axes if name in held), None):
-        raise StatementError(f"{twice} varies, and has a value as well: give one of the two.")
-    varied = lg.grid({**{name: [value] for name, value in held.items()}, **axes})
+    begun, how = start(request), method(request)
+    axes, out = _axes(request.vary), _target(request)
+    points = count("--points", request.points)
+    system = load_scene(request.scene)
+    varied = _varied(axes, {**begun["initial"], **begun["parameters"]})
+    kept = {text.strip(): _kept(system, text.strip()) for text in request.keep.split(",")}
+    what = _drawn(request, out, axes, [*dict.fromkeys([*axes, *system.statement.state_names, *_columns(kept)])], points)
+    workers: Any = None if request.workers is None else number("--workers", request.workers)
     end = system.statement.run.t_end if begun["t_end"] is None else begun["t_end"]
     runs = lg.ensemble(
         system,
         end,
         varied,
-        keep=tuple(_kept(system, text.strip()) for text in request.keep.split(",")),
-        workers=None if request.workers is None else int(number("--workers", request.workers)),
-        store=None if out is None or drawn else out,
-        progress=not request.json,
+        keep=tuple(kept.values()),
+        t_eval=None if points is None else _times(end, points),
+        workers=workers,
+        store=out if out is not None and out.suffix.lower() == STORE else None,
+        progress="lines" if request.progress else not request.json,
         **{key: value for key, value in how.items() if value is not None},
     )
-    said = repr(runs)
-    if out is not None:
-        if drawn:
-            runs.to_png(out)
-        said += f"\n  written to {out}"
     counts = Counter(runs.status.tolist())
     ended = {one.value: counts[one] for one in lg.Status if counts[one]}
+    stopped = counts[lg.Status.INTERRUPTED] > 0
+    said = repr(runs) + (_written(runs, out, what, request.style, stopped=stopped) if out is not None else "")
     data = {"members": len(runs), "shape": [n for n in varied.shape if n > 1], "status": ended, "wall": runs.wall}
-    return Answer(DONE if set(ended) <= {"success", "event"} else FAILED, said, {**data, "form": runs.form})
+    data |= {"form": runs.form, "file": None if out is None else str(out)}
+    code = INTERRUPTED if stopped else DONE if set(ended) <= {"success", "event"} else FAILED
+    return Answer(code, said, data)
+
+
+def _target(request: argparse.Namespace) -> Path | None:
+    """Return the file or the folder to write; what cannot be written is refused before the runs, which take long."""
+    if request.out is None:
+        return None
+    out = Path(request.out)
+    ending = out.suffix.lower()
+    if ending not in (*PICTURES, TABLE, STORE):
+        netcdf = " A netCDF file is made in Python, by runs.to_xarray().to_netcdf(path)." if ending == ".nc" else ""
+        raise StatementError(
+            f"--out {request.out}: name a picture, .png, .svg or .pdf, a table, {TABLE}, or a folder "
+            f"for any number of members, {STORE}.{netcdf}"
+        )
+    if ending != STORE:
+        check_place(out)
+    return out
+
+
+def _written(runs: Ensemble, out: Path, what: str | None, style: str, *, stopped: bool) -> str:
+    """Write the picture or the table, and return the line that says so."""
+    ending = out.suffix.lower()
+    if ending == STORE:
+        return f"\nwritten to {out}{'; the same command goes on from here' if stopped else ''}"
+    if ending == TABLE:
+        runs.to_csv(out)
+    else:
+        figure = runs.plot(what, style=style)
+        write_atomically(out, lambda file: figure.savefig(file, format=ending[1:], dpi=FILE_DPI))
+    return f"\nwritten to {out}"
+
+
+def _axes(given: list[str]) -> dict[str, tuple[float, float, int]]:
+    """Return the values of what varies, by name."""
+    if not given:
+        raise StatementError("nothing varies: give --vary NAME=LOW:HIGH:COUNT, such as --vary theta=-3:3:100.")
+    axes = dict(_axis(text) for text in given)
+    if len(axes) < len(given):
+        raise StatementError("--vary names something twice: give each name once.")
+    return axes
 
 
 def _axis(text: str) -> tuple[str, tuple[float, float, int]]:
@@ -95,10 +153,19 @@ def _axis(text: str) -> tuple[str, tuple[float, float, int]]:
     if not name.strip() or len(parts) != 3 or not re.fullmatch(r"[0-9]{1,12}", parts[2].strip()):
         raise StatementError(f"--vary {text[:80]}: write NAME=LOW:HIGH:COUNT, such as --vary theta=-3:3:100.")
     low, high = (number(f"--vary {name.strip()}", part.strip()) for part in parts[:2])
+    if low > high:
+        raise StatementError(f"--vary {text[:80]}: it goes from {low:g} down to {high:g}. Write the lower end first.")
     return name.strip(), (low, high, int(parts[2]))
 
 
-def _kept(system: Any, text: str) -> Any:
+def _varied(axes: dict[str, tuple[float, float, int]], held: dict[str, float]) -> Any:
+    """Return the grid of all members, in which what is held has one value."""
+    if twice := next((name for name in axes if name in held), None):
+        raise StatementError(f"{twice} varies, and has a value as well: give one of the two.")
+    return lg.grid({**{name: [value] for name, value in held.items()}, **axes})
+
+
+def _kept(system: System, text: str) -> Any:
     """Return what is kept by a name, or by a pair such as max:theta."""
     how, colon, name = text.partition(":")
     if not colon:
@@ -108,5 +175,45 @@ def _kept(system: Any, text: str) -> Any:
         known[q.func.__name__] = q
         known[f"{q.func.__name__}_dot"] = q.diff(lg.t)
     if name not in known:
-        raise StatementError(f"--keep {text[:80]}: {name[:80]!r} is no coordinate and no velocity of {system.name}.")
+        raise StatementError(
+            f"--keep {text[:80]}: {name[:80]!r} is no coordinate and no velocity of {system.name}; these are "
+            f"{listing(known)}.{suggestion(name[:80], known)}"
+        )
     return how, known[name]
+
+
+def _columns(kept: dict[str, Any]) -> list[str]:
+    """Return the names under which what is kept can be drawn."""
+    counted = ("steps", "rejected", "evaluations") if "counts" in kept else ()
+    return [text for text in kept if text == "drift" or ":" in text] + ["t_end", *counted]
+
+
+def _drawn(
+    request: argparse.Namespace, out: Path | None, axes: dict[str, Any], known: list[str], points: int | None
+) -> str | None:
+    """Return what a picture shows, None for what there is. What cannot be drawn is refused before the runs."""
+    ending = "" if out is None else out.suffix.lower()
+    if ending not in PICTURES:
+        if request.what is not None:
+            raise StatementError("--what says what a picture shows, and none is written: give --out map.png.")
+        if ending == TABLE and points is not None:
+            raise StatementError("--points: a table has one line for each member: write to a picture or to .zarr.")
+        return None
+    wide = [name for name, (_, _, values) in axes.items() if values > 1]
+    if len(wide) > 2 and points is None:
+        raise StatementError(f"{listing(wide)} vary, and a picture has two axes: vary one or two, or write to .zarr.")
+    if request.what is None:
+        return None
+    if request.what not in known:
+        raise StatementError(
+            f"--what {request.what[:80]}: it is nothing that varies or is kept; these are {listing(known)}."
+            f"{suggestion(request.what[:80], known)}"
+        )
+    how, colon, name = request.what.partition(":")
+    return f"{how}({name})" if colon else how
+
+
+def _times(end: float, points: int) -> Any:
+    import numpy as np
+
+    return np.linspace(0.0, end, points)

@@ -118,7 +118,7 @@ def _run(
         _run_left(job, table, keeper, threads, executor, progress=progress)
     wall = time.perf_counter() - began
     explain = partial(job.explained, table)
-    return Ensemble(table, keeper.results, job.columns, aimed, method.name, keeper.form, wall, explain)
+    return Ensemble(table, keeper.results, job.columns, aimed, method.name, keeper.form, keeper.ran, wall, explain)
 
 
 def _run_left(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 import lagrange as lg
 from lagrange.cli import main
+from lagrange.members import store, work
 
 VARY = ["--vary", "theta=0.1:2:3", "--vary", "l=0.5:1:2", "--t-end", "1"]
 
@@ -40,6 +42,51 @@ def test_a_store_is_written_and_gone_on_with(tmp_path: Path, capsys: pytest.Capt
     assert group["max(theta)"][5] == pytest.approx(2.0) and group["theta_end"][5] == pytest.approx(alone.y[0, -1])
 
 
+@pytest.mark.parametrize(
+    ("out", "more", "begins"),
+    [
+        ("a.svg", ["--what", "max:theta_dot", "--keep", "max:theta_dot", "--style", "dark"], b"<?xml"),
+        ("a.pdf", ["--points", "20"], b"%PDF"),
+        ("a.csv", ["--keep", "end,counts,drift"], b"member,theta,l,t_end,status,theta_end,theta_dot_end,steps"),
+    ],
+)
+def test_every_kind_of_file(out: str, more: list[str], begins: bytes, tmp_path: Path) -> None:
+    assert main(["ensemble", "pendulum", *VARY, "--out", str(tmp_path / out), *more]) == 0
+    assert (tmp_path / out).read_bytes().startswith(begins)
+
+
+def test_an_interrupted_store_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("zarr")
+    monkeypatch.setattr(store, "LARGEST_BLOCK", 2)
+    monkeypatch.setattr(work, "LARGEST_CHUNK", 2)
+    monkeypatch.setattr(work, "FIRST_CHUNK", 2)
+    command = ["ensemble", "pendulum", *VARY, "--workers", "1", "--out", str(tmp_path / "runs.zarr"), "--progress"]
+    with monkeypatch.context() as patch:
+        patch.setattr(store.StoreKeeper, "write", interrupting(store.StoreKeeper.write, 1))
+        assert main(command) == 130
+    said = capsys.readouterr()
+    assert "2 success and 4 interrupted" in said.out and "the same command goes on from here" in said.out
+    assert said.err.startswith("2 of 6 members, ") and said.err.endswith(" left\n")
+    assert main(command) == 0
+    said = capsys.readouterr()
+    assert "ended   6 success" in said.out and "2 were stored before" in said.out
+    assert said.err.startswith("6 of 6 members, ")
+
+
+def interrupting(function: Any, after: int) -> Any:
+    """Return a function that raises KeyboardInterrupt behind so many calls."""
+    calls = iter(range(after))
+
+    def called(*arguments: Any) -> Any:
+        if next(calls, None) is None:
+            raise KeyboardInterrupt
+        return function(*arguments)
+
+    return called
+
+
 def test_failures_are_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["ensemble", "henon-heiles", "--vary", "x=0:1:3", "--t-end", "15"]) == 1
     assert "step_too_small" in capsys.readouterr().out
@@ -52,6 +99,25 @@ def test_failures_are_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
         (["--vary", "theta=1"], "--vary theta=1: write NAME=LOW:HIGH:COUNT"),
         (["--vary", "theta=a:b:3"], "--vary theta: 'a' is not a number"),
         (["--vary", "thet=0:1:3"], "Did you mean 'theta'?"),
+        (["--vary", "theta=1:-1:3"], "--vary theta=1:-1:3: it goes from 1 down to -1. Write the lower"),
+        (["--vary", "theta=0:1:0"], "the number of values of theta = 0: give a whole number from 1"),
+        (["--vary", "theta=0:1:3", "--keep", "ende"], "Did you mean 'end'?"),
+        (["--vary", "theta=0:1:3", "--keep", "max:thet"], "these are theta and theta_dot. Did you mean 'theta'?"),
+        (["--vary", "theta=0:1:3", "--out", "a.foo"], "--out a.foo: name a picture, .png, .svg or .pdf, a table, .csv"),
+        (["--vary", "theta=0:1:3", "--out", "a.nc"], "A netCDF file is made in Python, by runs.to_xarray()"),
+        (["--vary", "theta=0:1:3", "--out", "runs"], "or a folder for any number of members, .zarr."),
+        (["--vary", "theta=0:1:3", "--out", "no/a.csv"], "there is no folder"),
+        (["--vary", "theta=0:1:3", "--workers", "1.5"], "workers = 1.5: give a whole number from 1 to 1024."),
+        (["--vary", "theta=0:1:3", "--what", "theta"], "--what says what a picture shows, and none is written"),
+        (["--vary", "theta=0:1:3", "--out", "a.png", "--what", "thet"], "theta, theta_dot and t_end. Did you mean"),
+        (
+            ["--vary", "theta=0:1:3", "--out", "a.csv", "--points", "9"],
+            "--points: a table has one line for each",
+        ),
+        (
+            ["--vary", "theta=0:1:3", "--vary", "l=1:2:2", "--vary", "g=9:10:2", "--out", "a.png"],
+            "theta, l and g vary, and a picture has two axes",
+        ),
         (["--vary", "theta=0:1:3", "--vary", "theta=0:1:3"], "--vary names something twice"),
         (["--vary", "l=1:2:3", "--set", "l=1"], "l varies, and has a value as well"),
         (["--vary", "l=1:2:3", "--keep", "max:phi"], "'phi' is no coordinate and no velocity of pendulum"),

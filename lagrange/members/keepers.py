@@ -16,12 +16,13 @@ Report = Callable[[float], None] | None
 
 
 class Keeper(ABC):
-    """Keeps results; `left` are the blocks of members that are still to be run."""
+    """Keeps results; `left` are the blocks of members that are still to be run, and `ran` counts those that were."""
 
     def __init__(self, job: Job, left: list[tuple[int, int]]) -> None:
         self.job, self.left = job, left
         self.forms: dict[str, None] = {}
         self.processors: dict[str, None] = {}
+        self.ran = 0
 
     @property
     @abstractmethod
@@ -50,17 +51,15 @@ class Keeper(ABC):
 
     def reporting(self, report: Report, before: int) -> Callable[[int, Done], None]:
         """Return what keeps the results of a chunk, and tells how many members are done, with those of before."""
-        finished = before
 
         def keep(first: int, done: Done) -> None:
-            nonlocal finished
             self.forms[done.form] = None
             if done.processor:
                 self.processors[done.processor] = None
             self.take(first, done)
-            finished += done.ends.members
+            self.ran += done.ends.members
             if report is not None:
-                report(finished)
+                report(before + self.ran)
 
         return keep
 

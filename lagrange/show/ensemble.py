@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import html
 import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from lagrange.errors import StatementError, counted, listing, suggestion
 from lagrange.machine.model import Model
-from lagrange.members.chunk import STATUSES, SUCCESS
+from lagrange.members.chunk import INTERRUPTED, STATUSES, SUCCESS
 from lagrange.members.keep import (
     COUNTS,
     END,
@@ -32,11 +32,13 @@ from lagrange.members.results import Kept
 from lagrange.members.singly import Explained
 from lagrange.members.table import MemberTable
 from lagrange.show.figures.ensemble_figure import plot_ensemble
-from lagrange.show.files.atomic_file import write_atomically
+from lagrange.show.figures.ensemble_quantity import COMPLETE
+from lagrange.show.files.atomic_file import write_atomically, write_rows
 from lagrange.show.files.picture import picture
 from lagrange.show.files.resolution import FILE_DPI
+from lagrange.show.notebook.html_card import image, pairs, sentences
 from lagrange.show.rows import row_label
-from lagrange.show.terminal.table import duration
+from lagrange.show.terminal.table import duration, text_table
 from lagrange.statement.choice import one_of
 from lagrange.statement.parameters import label_of
 from lagrange.trajectory.integrator import Problem
@@ -47,13 +49,20 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
+MOST_LETTERS = 240
+"""Letters on the card of what happened to the first member that failed; `messages` has all."""
+
+MOST_DRAWN = 1_000_000
+"""Members of an ensemble whose picture a notebook shows unasked: more take seconds to read and to draw."""
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Ensemble:
     """Runs of one model from many starts, or with many parameters; member i is the same in every array.
 
-    `problem` is the run of the first member, `columns` is what was kept, `form` says how members were run, `wall` is in
-    seconds, and `explain` runs one member again to say how it ends.
+    `problem` is the run of the first member, `columns` is what was kept, `form` says how members were run, `ran` how
+    many by this call, the others being stored before or interrupted, `wall` is in seconds, and `explain` runs one
+    member again to say how it ends.
     """
 
     table: MemberTable
@@ -62,6 +71,7 @@ class Ensemble:
     problem: Problem
     method: str
     form: str
+    ran: int
     wall: float
     explain: Callable[[int], Explained]
 
@@ -164,18 +174,52 @@ class Ensemble:
     def plot(self, what: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
         """Return a figure of a coordinate, a velocity or what was kept, by name: the first there is unless given.
 
-        Two axes of a grid give a map, one a curve, samples and arrays a histogram; with t_eval the median and the
-        quantiles of a row over time. Draws into `ax` where that is given. Raises StatementError where more varies.
+        Two axes of a grid give a map, the first to the right, one a curve, samples and arrays a histogram; with t_eval
+        the median and the quantiles of a row over time. Angles at the end are shown within one turn, members that
+        failed are marked. `style` is "light" or "dark". Draws into `ax` where that is given. Raises StatementError
+        where more varies, and where no member has a value.
         """
         return plot_ensemble(self, what, ax, style)
 
-    def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI) -> Path:
-        """Write the picture of `plot()`. Raises StatementError for a path that cannot be written."""
-        return write_atomically(path, picture(self.plot, dpi))
+    def to_png(
+        self, path: str | os.PathLike[str], what: Any = None, *, dpi: int = FILE_DPI, style: str = "light"
+    ) -> Path:
+        """Write the picture of `plot(what)`. Raises StatementError for a path that cannot be written."""
+        return write_atomically(path, picture(lambda: self.plot(what, style=style), dpi))
+
+    def to_csv(self, path: str | os.PathLike[str]) -> Path:
+        """Write a line for each member: its number, what varies, its status and what was kept; numbers round-trip.
+
+        States at the end are named theta_end, arrays t_event_0[0], t_event_0[1]. Raises StatementError with t_eval,
+        for a path that cannot be written, RunError if the disk is full.
+        """
+        if self.problem.t_eval is not None:
+            raise StatementError(
+                "a line for each member has no place for states at output times: use to_xarray(), or leave t_eval out."
+            )
+        columns: dict[str, Any] = {"member": np.arange(len(self))}
+        columns |= {name: self.given(name) for name in self.table.labels}
+        for column in self.columns:
+            for name, rows, _ in self._variables(column):
+                if column.name == STATE:
+                    columns[f"{name.removesuffix('_end')}_end"] = rows
+                elif rows.ndim == 1:
+                    columns[name] = rows
+                else:
+                    for place in np.ndindex(rows.shape[1:]):
+                        columns["".join([name, *(f"[{k}]" for k in place)])] = rows[(slice(None), *place)]
+        return write_atomically(path, lambda file: write_rows(file, [*columns], [c.tolist() for c in columns.values()]))
 
     def _repr_html_(self) -> str:
-        """Return the card for a notebook."""
-        return f"<pre>{html.escape(repr(self))}</pre>"
+        """Return the card for a notebook, with the picture where there is something to draw."""
+        heading, *lines = self._card()
+        card = pairs(heading[1], lines)
+        if len(self) > MOST_DRAWN:
+            return card
+        try:
+            return card + image(self.plot(), f"plot of {heading[1]}")
+        except StatementError as nothing_to_draw:
+            return card + sentences([str(nothing_to_draw)])
 
     def to_xarray(self) -> xarray.Dataset:
         """Return a Dataset: what was kept over what varies, with a dimension for each axis of a grid.
@@ -204,30 +248,51 @@ class Ensemble:
 
     def _variables(self, column: Column) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
         """Yield the variables of a column: name, rows, and the dimensions behind those of what varies."""
+        names = self._variables_of(column)
         rows = self.results.column(column.name)
         if column.name == STATUS:
             yield STATUS, np.array([one.value for one in STATUSES])[rows], ()
-        elif column.name == OUTPUTS:
-            yield from ((name, rows[..., i], ("t",)) for i, name in enumerate(self.names))
-        elif column.name == STATE:
-            apart = self.problem.t_eval is not None
-            for i, name in enumerate(self.names):
-                yield f"{name}_end" if apart or name in self.table.labels else name, rows[..., i], ()
+        elif column.name in (OUTPUTS, STATE):
+            more = ("t",) if column.name == OUTPUTS else ()
+            yield from ((name, rows[..., i], more) for i, name in enumerate(names))
         else:
             yield column.name, rows, ("occurrence", "row")[: rows.ndim - 1]
 
+    def _variables_of(self, column: Column) -> list[str]:
+        """Return the names of the variables of a column: of states one for each entry."""
+        if column.name not in (STATE, OUTPUTS):
+            return [column.name]
+        apart = column.name == STATE and self.problem.t_eval is not None
+        taken = () if column.name == OUTPUTS else self.table.labels
+        return [f"{name}_end" if apart or name in taken else name for name in self.names]
+
     def __repr__(self) -> str:
         """Return the card of the ensemble."""
-        counts = np.bincount(self._codes, minlength=len(STATUSES)).tolist()
-        ended = ", ".join(f"{count} {one.value}" for one, count in zip(STATUSES, counts, strict=True) if count)
+        (_, heading), *lines = self._card()
+        return f"{heading}\n{text_table(('', ''), lines)}"
+
+    def _card(self) -> list[tuple[str, str]]:
+        """Return the lines of the card, each with a name, the heading first."""
+        counts = np.bincount(self._codes, minlength=len(STATUSES))
+        ended = listing(f"{count:,} {one.value}" for one, count in zip(STATUSES, counts.tolist(), strict=True) if count)
         shape = [count for count in self.table.varied.shape if count > 1]
         many = f" ({' x '.join(map(str, shape))})" if len(shape) > 1 else ""
+        stored = len(self) - int(counts[INTERRUPTED]) - self.ran
+        kept = [name for column in self.columns if column.name != STATUS for name in self._variables_of(column)]
+        each = f", {duration(self.wall / self.ran)} each" if self.ran else ""
+        before = f"; {stored:,} were stored before" if stored > 0 and self.ran else ""
         lines = [
-            f"{self.model.statement.name}: {counted(len(self), 'member')}{many}, varying {listing(self.table.labels)}",
-            f"  {self.method}, {self.form}: {ended}",
-            f"  {duration(self.wall)}, {duration(self.wall / max(len(self), 1))} each",
+            ("", f"{self.model.statement.name}: {len(self):,} members{many}, varying {listing(self.table.labels)}"),
+            ("method", f"{self.method}, {self.form}"),
+            ("ended", ended),
+            ("kept", listing(kept)),
+            ("time", f"{duration(self.wall)}{each}{before}"),
         ]
-        return "\n".join(lines)
+        failed = np.flatnonzero(~COMPLETE[self._codes] & (self._codes != INTERRUPTED))
+        if len(failed):
+            said = shorten(self.messages[int(failed[0])], MOST_LETTERS, placeholder=" ...")
+            lines.append((f"member {failed[0]}", said))
+        return lines
 
 
 @dataclass(frozen=True, repr=False)

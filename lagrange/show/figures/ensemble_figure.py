@@ -6,20 +6,25 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lagrange.errors import StatementError, counted, listing
-from lagrange.members.chunk import SUCCESS
-from lagrange.members.keep import OUTPUTS, STATE, STATUS, TIME
+from lagrange.dynamics.angles import TURN, is_angle
+from lagrange.errors import StatementError, listing
+from lagrange.members.keep import OUTPUTS
+from lagrange.members.varied import Numbers
 from lagrange.show.figures.colours import colours
-from lagrange.show.figures.panel import colour_bar, label_of_entry, panel_on, say_below
+from lagrange.show.figures.ensemble_quantity import Quantity, first_drawn, label_of, quantity
+from lagrange.show.figures.panel import angle_ticks, colour_bar, panel_on, say_below
 from lagrange.show.figures.style import Style, dress, style_of
-from lagrange.show.units import unit_of, with_unit
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
 
     from lagrange.show.ensemble import Ensemble
+
+Values = FloatArray | Numbers
+"""Values along an axis: those that were stated, or numbers of members."""
 
 BANDS = ((0.05, 0.95), (0.25, 0.75))
 """Quantiles between which a fan is shaded, the wider band paler."""
@@ -30,99 +35,109 @@ FEW = 12
 BINS = 60
 """Most bins of a histogram."""
 
+MOST_CROSSES = 200
+"""Up to so many members that failed have a cross each on a map; more are seen by their colour."""
+
+EVEN = 1e-9
+"""Differences between values, relative to their range, within which they are equally spaced."""
+
 
 def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
     """Return the figure of a row or a kept quantity over what varies; see `Ensemble.plot`."""
-    look, label = style_of(style), _chosen(runs, what)
-    figure, axis = panel_on(ax, look, (7.2, 5.4))
-    axes = _axes(runs)
+    look, label = style_of(style), first_drawn(runs) if what is None else runs.label(what)
+    axes = {name: values for name, values in runs.table.varied.axes.items() if len(values) > 1}
     over_time = label in runs.names and any(column.name == OUTPUTS for column in runs.columns)
-    if over_time:
-        _fan(axis, runs, label, look)
-    elif len(axes) == 2:
-        _map(axis, runs, label, look)
-    elif len(axes) == 1 and "member" not in axes:
-        _curve(axis, runs, label, look)
-    elif len(axes) < 2:
-        _histogram(axis, runs, label, look)
-    else:
+    if len(axes) > 2 and not over_time:
         raise StatementError(
             f"{len(axes)} things vary, {listing(axes)}: a picture has two axes. Vary one or two, or draw "
             "a part of runs.to_xarray()."
         )
-    failed = int(np.count_nonzero(runs.results.column(STATUS) != SUCCESS))
-    said = f"{counted(failed, 'member')} of {len(runs)} did not get to the end." if failed else ""
-    say_below(figure, ax, look, said)
+    found = quantity(runs, label)
+    if not over_time and not np.isfinite(found.values).any():
+        raise StatementError(f"there is nothing to draw: {found.label} is not finite for any member.")
+    figure, axis = panel_on(ax, look, (7.2, 5.4))
+    remark = found.remark
+    if over_time:
+        _fan(axis, runs, label, look)
+    elif len(axes) == 2:
+        remark = _map(axis, runs, found, look)
+    elif len(axes) == 1 and "member" not in axes:
+        _curve(axis, runs, found, look)
+    else:
+        _histogram(axis, runs, found, look)
+    say_below(figure, ax, look, f"{remark}." if remark else "")
     return figure
 
 
-def _axes(runs: Ensemble) -> dict[str, Any]:
-    """Return the axes along which something varies."""
-    return {name: values for name, values in runs.table.varied.axes.items() if len(values) > 1}
+def _title(runs: Ensemble, what: str) -> str:
+    return f"{runs.model.statement.name}: {what}"
 
 
-def _chosen(runs: Ensemble, what: Any) -> str:
-    """Return the name of what is drawn: what was asked for, or the first that there is."""
-    if what is not None:
-        return runs.label(what)
-    own = [column.name for column in runs.columns if column.name not in (STATE, OUTPUTS, STATUS, TIME)]
-    kept = [name for name in own if runs.results.column(name).ndim == 1]
-    if kept:
-        return kept[0]
-    return runs.names[0] if any(one.name in (STATE, OUTPUTS) for one in runs.columns) else TIME
+def _map(axis: Axes, runs: Ensemble, found: Quantity, look: Style) -> str:
+    """Draw a colour for every combination of two axes, the first to the right; return the remark below."""
+    from matplotlib.colors import ListedColormap
 
-
-def _label(runs: Ensemble, name: str, *, end: bool = False) -> str:
-    """Return a name as a label of an axis."""
-    statement = runs.model.statement
-    if name in runs.names:
-        text = label_of_entry(statement, name)
-        return f"{text} at the end" if end else text
-    return with_unit(name, unit_of(statement, name))
-
-
-def _map(axis: Axes, runs: Ensemble, name: str, look: Style) -> None:
-    """Draw a colour for every combination of two axes."""
-    down, across = _axes(runs).items()
-    shape = len(down[1]), len(across[1])
-    values = np.asarray(runs[name] if name not in runs.table.labels else _end(runs, name), dtype=float).reshape(shape)
-    mesh = axis.pcolormesh(across[1], down[1], values, shading="nearest", cmap="viridis", rasterized=True)
-    colour_bar(axis, mesh, _label(runs, name, end=True), look)
-    dress(axis, look, f"{runs.model.statement.name}: {len(runs):,} runs")
+    across, up = ((name, values) for name, values in runs.table.varied.axes.items() if len(values) > 1)
+    shape = len(across[1]), len(up[1])
+    # Hues that come round for angles; the mark of failures is a colour that the scale does not have.
+    name, mark, said = ("twilight", look.colours[2], "green") if found.angle else ("viridis", look.colours[1], "red")
+    image = _image(axis, across[1], up[1], np.ma.masked_invalid(found.values.reshape(shape).T), cmap=name)
+    if found.angle:
+        image.set_clim(-np.pi, np.pi)
+    failed = found.failed.reshape(shape).T
+    if failed.any():
+        _image(axis, across[1], up[1], np.ma.masked_where(~failed, failed), cmap=ListedColormap([mark]))
+    if 0 < failed.sum() <= MOST_CROSSES:
+        rows, columns = np.nonzero(failed)
+        axis.plot(across[1][columns], up[1][rows], "x", color=look.ink, markersize=4, markeredgewidth=0.9)
+    colour_bar(axis, image, found.label, look)
+    if found.angle:
+        angle_ticks(axis.figure.axes[-1].yaxis, -np.pi, np.pi)
+    dress(axis, look, _title(runs, f"{len(runs):,} runs"))
     axis.grid(visible=False)
-    axis.set_xlabel(_label(runs, across[0]))
-    axis.set_ylabel(_label(runs, down[0]))
+    for side, label, (key, values) in (
+        (axis.xaxis, axis.set_xlabel, across),
+        (axis.yaxis, axis.set_ylabel, up),
+    ):
+        label(label_of(runs, key))
+        low, high = float(values.min()), float(values.max())
+        if key in runs.names and is_angle(runs.model.statement, runs.names.index(key)) and high - low > 0.45 * TURN:
+            angle_ticks(side, low, high)
+    return found.remark.replace("failed", f"failed, in {said}").replace("were not run", f"were not run, in {said}")
 
 
-def _end(runs: Ensemble, name: str) -> FloatArray:
-    """Return the last values of a coordinate that varies; what varies and is none has its own."""
-    if name not in runs.names:
-        return runs.given(name)
-    row: FloatArray = runs.y[runs.names.index(name)]
-    return row
+def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> ScalarMappable:
+    """Draw a colour for each value (k, m) at places (m,) and (k,): as an image where these are equally spaced."""
+    steps = np.diff(x), np.diff(y)
+    if all(step[0] > 0 and np.ptp(step) <= EVEN * step.sum() for step in steps):
+        (dx, dy) = (float(step[0]) / 2 for step in steps)
+        extent = (x[0] - dx, x[-1] + dx, y[0] - dy, y[-1] + dy)
+        return axis.imshow(values, extent=extent, origin="lower", aspect="auto", interpolation="nearest", **look)
+    return axis.pcolormesh(x, y, values, shading="nearest", rasterized=True, **look)
 
 
-def _curve(axis: Axes, runs: Ensemble, name: str, look: Style) -> None:
-    """Draw a quantity over the one that varies."""
-    ((varied, values),) = _axes(runs).items()
-    axis.plot(values, _end(runs, name) if name in runs.names else runs[name], color=look.colours[0], linewidth=1.3)
-    dress(axis, look, f"{runs.model.statement.name}: {len(runs):,} runs")
-    axis.set_xlabel(_label(runs, varied))
-    axis.set_ylabel(_label(runs, name, end=True))
+def _curve(axis: Axes, runs: Ensemble, found: Quantity, look: Style) -> None:
+    """Draw a quantity over the one that varies, with a cross at the bottom for each member that failed."""
+    (varied, values), *_ = ((name, one) for name, one in runs.table.varied.axes.items() if len(one) > 1)
+    axis.plot(values, found.values, color=look.colours[0], linewidth=1.3, marker="." if len(values) <= 100 else "")
+    bottom = axis.get_xaxis_transform()
+    if found.failed.any():
+        lost = values[found.failed]
+        axis.plot(lost, np.zeros(len(lost)), "x", color=look.colours[1], transform=bottom, clip_on=False, markersize=5)
+    dress(axis, look, _title(runs, f"{len(runs):,} runs"))
+    axis.set_xlabel(label_of(runs, varied))
+    axis.set_ylabel(found.label)
 
 
-def _histogram(axis: Axes, runs: Ensemble, name: str, look: Style) -> None:
+def _histogram(axis: Axes, runs: Ensemble, found: Quantity, look: Style) -> None:
     """Draw how often values occur, with their median and the middle nine tenths."""
-    values = np.asarray(_end(runs, name) if name in runs.names else runs[name], dtype=float)
-    values = values[np.isfinite(values)]
-    if not len(values):
-        raise StatementError(f"there is nothing to draw: {name} is not finite for any member.")
+    values = found.values[np.isfinite(found.values)]
     axis.hist(values, bins=min(BINS, max(8, round(len(values) ** 0.5))), color=look.colours[0], alpha=0.85)
     low, middle, high = np.quantile(values, [BANDS[0][0], 0.5, BANDS[0][1]])
-    for place, width in ((low, 0.9), (middle, 1.6), (high, 0.9)):
+    for place, width in ((low, 1.0), (middle, 1.8), (high, 1.0)):
         axis.axvline(place, color=look.ink, linewidth=width, linestyle="-" if width > 1 else "--")
-    dress(axis, look, f"{runs.model.statement.name}: median {middle:.4g}, nine tenths from {low:.4g} to {high:.4g}")
-    axis.set_xlabel(_label(runs, name, end=True))
+    dress(axis, look, _title(runs, f"median {middle:.4g}, nine tenths from {low:.4g} to {high:.4g}"))
+    axis.set_xlabel(found.label)
     axis.set_ylabel("members")
 
 
@@ -132,7 +147,7 @@ def _fan(axis: Axes, runs: Ensemble, name: str, look: Style) -> None:
     if len(runs) <= FEW:
         for values, colour in zip(row.T, colours(len(runs), look.colours), strict=True):
             axis.plot(times, values, color=colour, linewidth=1.0)
-        dress(axis, look, f"{runs.model.statement.name}: {len(runs)} runs")
+        dress(axis, look, _title(runs, f"{len(runs)} runs"))
     else:
         levels = [level for band in BANDS for level in band]
         found = np.full((len(levels) + 1, len(times)), np.nan)
@@ -141,6 +156,6 @@ def _fan(axis: Axes, runs: Ensemble, name: str, look: Style) -> None:
         for k, shade in enumerate((0.22, 0.4)):
             axis.fill_between(times, found[2 * k], found[2 * k + 1], color=look.colours[0], alpha=shade, linewidth=0)
         axis.plot(times, found[-1], color=look.colours[0], linewidth=1.6)
-        dress(axis, look, f"{runs.model.statement.name}: median, middle half and nine tenths of {len(runs):,} runs")
-    axis.set_xlabel(_label(runs, "t"))
-    axis.set_ylabel(_label(runs, name))
+        dress(axis, look, _title(runs, f"median, middle half and nine tenths of {len(runs):,} runs"))
+    axis.set_xlabel(label_of(runs, "t"))
+    axis.set_ylabel(label_of(runs, name))
