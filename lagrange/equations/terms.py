@@ -273,12 +273,14 @@ class Algebra:
         return tuple(sorted(powers.items())), number
 
     def _absorb_directions(self, powers: dict[int, Any]) -> None:
-        """Write sign(x) x as |x|."""
+        """Write sign(x) x as |x|, and sign(x) |x| as x."""
         for direction, (plain, magnitude) in self._directions.items():
-            if direction in powers and isinstance(powers.get(plain), int) and powers[plain] > 0:
-                raise_power(powers, direction, -1)
-                raise_power(powers, plain, -1)
-                raise_power(powers, magnitude, 1)
+            for one, other in ((plain, magnitude), (magnitude, plain)):
+                exponent = powers.get(one)
+                if direction in powers and isinstance(exponent, int) and exponent > 0:
+                    raise_power(powers, direction, -1)
+                    raise_power(powers, one, -1)
+                    raise_power(powers, other, 1)
 
     def _slope(self, number: int, symbol: Any) -> MonomialSum:
         key = (number, symbol)
@@ -304,7 +306,7 @@ class Algebra:
             if isinstance(base, (sympy.sin, sympy.cos)):
                 self._angles[number] = (base.func, base.args[0])
                 self._circle[self._angles[number]] = number
-            if isinstance(base, Direction) and base.args[0].is_Symbol:
+            if isinstance(base, Direction) and (base.args[0].is_Symbol or isinstance(base.args[0], Function)):
                 self._directions[number] = (self._number(base.args[0]), self._number(Magnitude(base.args[0])))
         return number
 
