@@ -18,6 +18,7 @@ from lagrange.errors import listing
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.mechanics.equation_row import HELD, EquationRow, row_of
 from lagrange.mechanics.motion_samples import MotionSample, motion_samples
+from lagrange.mechanics.multiplier_multiples import multiples_of_multipliers, told_of
 from lagrange.mechanics.student_equations import StudentEquation
 from lagrange.mechanics.wrong_term import wrong_term
 from lagrange.statement.notebook_page import ShownAsPage
@@ -64,24 +65,16 @@ def compare_equations(
     """Compare equations with those of a statement. Raises StatementError where they are not linear in accelerations."""
     rows = [row_of(equation, statement) for equation in equations]
     samples = motion_samples(statement, SAMPLES)
-    sign = _sign_of_multipliers(rows, samples)
-    wrong = tuple(i for i, row in enumerate(rows) if not row.holds(samples, sign))
+    wrong = tuple(i for i, row in enumerate(rows) if not row.holds(samples))
+    multiples = multiples_of_multipliers(rows, samples) if wrong else None
+    wrong = () if multiples else wrong
     if wrong:
         return _refuted(derivation, rows, wrong, samples)
     free = _undetermined(rows, samples)
     if free:
         return EquationsComparison(right=False, message=_incomplete(statement, rows, free))
     right = "The equations are right: they are equivalent to those of the system."
-    turned = " The multipliers have the opposite sign." if sign < 0 else ""
-    return EquationsComparison(right=True, message=right + turned)
-
-
-def _sign_of_multipliers(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> int:
-    """Return -1 where the equations hold with the multipliers turned, and not as they stand."""
-    held = any(slope != 0 for row in rows for slope in list(row.slopes.values())[len(row.statement.names) :])
-    if held and not all(row.holds(samples) for row in rows) and all(row.holds(samples, -1) for row in rows):
-        return -1
-    return 1
+    return EquationsComparison(right=True, message=right + (told_of(multiples) if multiples else ""))
 
 
 def _undetermined(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[str]:

@@ -47,21 +47,21 @@ class EquationRow:
         *slopes, rest = values_at(self._tape, sample)
         return slopes, rest
 
-    def residual(self, sample: MotionSample, sign: int = 1) -> tuple[Any, Any]:
-        """Return what the equation leaves for the motion, and the size of its terms; `sign` is that of multipliers."""
+    def residual(self, sample: MotionSample) -> tuple[Any, Any]:
+        """Return what the equation leaves for the motion, and the size of its terms."""
         slopes, rest = self.numbers(sample)
-        solved = [*sample.accelerations, *(sign * x for x in sample.multipliers)]
+        solved = [*sample.accelerations, *sample.multipliers]
         terms = [slope * x for slope, x in zip(slopes, solved, strict=True)]
         # An acceleration that is zero is known to as many digits as the others are, and not to more.
         floor = ZERO * (1 + max(map(abs, solved))) * sum(map(abs, slopes))
         return sum(terms) + rest, sum(map(abs, terms)) + abs(rest) + floor
 
-    def holds(self, samples: Sequence[MotionSample], sign: int = 1) -> bool:
+    def holds(self, samples: Sequence[MotionSample]) -> bool:
         """Return whether the motion satisfies the equation at all states where it has a value."""
         found = []
         for sample in samples:
             try:
-                found.append(self.residual(sample, sign))
+                found.append(self.residual(sample))
             except OutsideDomain:
                 continue
         return bool(found) and all(abs(left) <= HELD * size for left, size in found)

@@ -16,6 +16,9 @@ from lagrange.statement.statement import Statement
 LEAST = 1e-9
 """The least size of a coordinate or velocity that is not zero: derivatives are differences in units of it."""
 
+ROUND_OFF = 1e-14
+"""The size of an entry, among others of order one, that a constraint makes zero."""
+
 ATTEMPTS = 120
 """Draws for one state before the search is given up."""
 
@@ -53,7 +56,7 @@ def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[Moti
         try:
             if statement.constraints:
                 q, v = surface.nearest(point.q, point.v, point.t, point.parameters)
-                point = replace(point, q=tuple(map(float, q)), v=tuple(map(float, v)))
+                point = replace(point, q=tuple(map(_rounded, q)), v=tuple(map(_rounded, v)))
             if any(0 < abs(x) < LEAST for x in (*point.q, *point.v)):
                 continue
             found.append(_sample(point, reference, len(statement.constraints)))
@@ -63,6 +66,11 @@ def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[Moti
         f"{statement.name} has no state, of {ATTEMPTS} that were drawn, at which its motion is determined: give "
         "initial values and parameters at which it runs."
     )
+
+
+def _rounded(value: Any) -> float:
+    """Return an entry of a state on the constraints, zero where it is the round-off of zero."""
+    return 0.0 if abs(value) < ROUND_OFF else float(value)
 
 
 def _sample(point: Point, reference: Reference, held: int) -> MotionSample:

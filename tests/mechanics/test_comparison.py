@@ -323,3 +323,44 @@ def test_a_name_in_letters_of_other_alphabets_is_named_whole() -> None:
     for word in ("φ_ddot", "thêta", "θ\u0301_ddot", "φ1"):
         with pytest.raises(StatementError, match=rf"^equation 1 contains '{word}', which this system does not have"):
             system.compare([f"2*{word} + 1 = 0"])
+
+
+def on_rod(factor: str) -> list[str]:
+    """Return the equations of a pendulum on a rod, with its multiplier times a factor."""
+    return [f"m*x_ddot - 2*x*{factor}*lambda_rod = 0", f"m*y_ddot + m*g = 2*y*{factor}*lambda_rod"]
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [
+        ("1", "of the system."),
+        ("1/2", "Their multipliers are 2 times those of the system."),
+        ("(-3)", "Their multipliers are -1/3 times those of the system."),
+        ("1/l", "Their multipliers are multiples of those of the system."),
+        ("(1 + x**2)", "Their multipliers are multiples of those of the system."),
+    ],
+)
+def test_a_multiple_of_a_multiplier_is_another_name_for_it(factor: str, said: str) -> None:
+    result = lg.scene("cartesian-pendulum").compare(on_rod(factor))
+    assert result and result.message.endswith(said)
+
+
+@pytest.mark.parametrize(
+    "equations",
+    [
+        [on_rod("1")[0], on_rod("1/2")[1]],  # two names for one multiplier
+        [on_rod("1/2")[0], "m*y_ddot + 2*m*g = y*lambda_rod"],
+        ["2*m*x_ddot - 2*x*lambda_rod = 0", on_rod("1")[1]],
+        [on_rod("1")[0], "m*y_ddot + m*g = 0"],
+    ],
+)
+def test_no_multiple_of_a_multiplier_hides_another_error(equations: list[str]) -> None:
+    assert not lg.scene("cartesian-pendulum").compare(equations)
+
+
+@pytest.mark.parametrize(("weight", "right"), [("m*g", True), ("2*m*g", False), ("-m*g", False)])
+def test_a_wrong_weight_on_a_table_is_no_other_multiplier(weight: str, right: bool) -> None:
+    y, (mass, g) = lg.coordinate("y"), lg.parameters("m g")
+    table = lg.System(mass * y.dot**2 / 2, mass * g * y, constraints={"table": y}, parameters={mass: 1, g: 9.81})
+    assert bool(table.compare([f"m*y_ddot + {weight} = lambda_table"])) == right
+    assert bool(table.compare([f"m*y_ddot + {weight} = -3*m*lambda_table"])) == right
