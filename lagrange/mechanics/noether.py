@@ -130,12 +130,17 @@ def _refusal(
     if worst is None:
         return (
             f"it was not found that this is a symmetry of {model.statement.name}: no proof was found that its quantity "
-            f"{str(quantity)[:LONGEST_SHOWN]} is conserved, and no state at which it changes."
+            f"{_spelled(model, quantity)} is conserved, and no state at which it changes."
         )
-    rate = stated.show(equation.defect(symmetry))
-    formula = "" if across or len(str(rate)) > LONGEST_SHOWN else f" {rate}, which is"
+    rate = str(stated.show(equation.defect(symmetry)).xreplace(dict(model.statement.plain)))
+    formula = "" if across or len(rate) > LONGEST_SHOWN else f" {rate}, which is"
     cause = f" It does not keep the constraint {listing(across)}." if across else ""
     return (
-        f"this is no symmetry of {model.statement.name}: its quantity {str(quantity)[:LONGEST_SHOWN]} changes at the "
+        f"this is no symmetry of {model.statement.name}: its quantity {_spelled(model, quantity)} changes at the "
         f"rate{formula} {found.values[worst]:.4g} at {found.described(worst)}.{cause}"
     )
+
+
+def _spelled(model: Model, quantity: Any) -> str:
+    """Return a quantity in the spelling of scenes, cut where it is long."""
+    return str(quantity.xreplace(dict(model.statement.plain)))[:LONGEST_SHOWN]

@@ -169,3 +169,10 @@ def test_what_several_runs_cannot_have_is_refused() -> None:
     run = solved(still, np.linspace(0, 1, 3), lambda t: np.array([np.sin(t), np.cos(t)]))
     with pytest.raises(StatementError, match="nothing was found that pushed conserves: there are no invariants"):
         run.plot("invariants")
+
+
+def test_an_invariant_that_is_zero_is_said_to_be() -> None:
+    x, y = lg.coordinates("x y")
+    central = lg.System((x.dot**2 + y.dot**2) / 2, (x**2 + y**2) / 2, initial={x: 1.0}, name="central")
+    figure = central.run(1.0).plot("invariants")
+    assert "drift of angular momentum z, which is 0 at every output" in [a.get_title("left") for a in figure.axes]

@@ -10,6 +10,7 @@ import numpy as np
 
 from lagrange.dynamics.angles import TURN
 from lagrange.errors import StatementError, shown
+from lagrange.show.figures.number_labels import number_labels
 from lagrange.show.figures.shown_figure import new_figure
 from lagrange.show.figures.style import Style, of_figure, on_paper
 from lagrange.show.notation.names import letters
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
+
+
+FEWEST_TICKS, MOST_TICKS = 3, 10
+"""Numbers beside a logarithmic scale."""
 
 
 def panel_on(ax: Any, style: Style, size: tuple[float, float]) -> tuple[Figure, Axes]:
@@ -40,11 +45,28 @@ def figure_of(ax: Any) -> Figure:
 
 def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: Style) -> None:
     """Put the scale of the colours of a map beside its panel."""
+    from matplotlib.colors import LogNorm
+
     bar = of_figure(axis).colorbar(image, ax=axis, pad=0.02, aspect=30)
     bar.set_label(label, color=style.ink, fontsize=9)
+    if isinstance(image.norm, LogNorm):
+        ticks = log_ticks(*image.get_clim())
+        bar.set_ticks(ticks, labels=[number_labels([one])[0] for one in ticks])
+        bar.minorticks_off()
     bar.ax.tick_params(which="both", color=style.quiet, labelcolor=style.ink, labelsize=8)
     outline: Any = bar.outline
     outline.set_edgecolor(style.quiet)
+
+
+def log_ticks(low: float, high: float) -> list[float]:
+    """Return round values for a logarithmic scale: 1, 2 and 5 times powers of ten, or finer ones where it is short."""
+    powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 1)
+    found = [first * 10.0**power for power in powers for first in (1, 2, 5) if low <= first * 10.0**power <= high]
+    if len(found) >= FEWEST_TICKS:
+        return found if len(found) <= MOST_TICKS else [one for one in found if math.log10(one) % 1 < 0.1]
+    from matplotlib.ticker import MaxNLocator
+
+    return [float(one) for one in MaxNLocator(nbins=MOST_TICKS // 2).tick_values(low, high) if low <= one <= high]
 
 
 def say_below(figure: Figure, ax: Any, style: Style, message: str) -> None:

@@ -132,7 +132,7 @@ def invariants(solution: Solution) -> list[Quantity]:
 def _invariant(solution: Solution, name: str) -> Quantity:
     own = solution.invariants[name]
     size = float(np.max(np.abs(own)))
-    scale, against = (size, " relative to its largest value") if size > 0 else (1.0, "")
+    scale, against = (size, " relative to its largest value") if size > 0 else (1.0, ", which is 0 at every output")
 
     def values(run: Solution) -> FloatArray:
         return np.asarray((run.invariants[name][None] - own[0]) / scale)
