@@ -13,6 +13,7 @@ import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.members.chunk import INTERRUPTED, Ends, Engine, Starts, Stopped, Table
+from lagrange.members.flows import flow_engine
 from lagrange.members.keep import Column, Keep
 from lagrange.members.lanes import lane_engine
 from lagrange.members.singly import Explained, RunEngine
@@ -45,7 +46,7 @@ class Job:
         problem, method, alone = self.problem, self.options.method, self.alone
         if not isinstance(method, Planned) or problem.events or problem.t0 == problem.t1:
             return alone
-        return lane_engine(alone, method.plan(problem), problem, varying=self.varying) or alone
+        return lane_engine(alone, method.plan(problem), problem, varying=self.varying) or flow_engine(alone) or alone
 
     @property
     def alone(self) -> RunEngine:

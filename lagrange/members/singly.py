@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lagrange.errors import StatementError
 from lagrange.machine.model import Model
@@ -73,6 +74,16 @@ class RunEngine:
             if run.status is not Status.SUCCESS:
                 found.messages[i] = run.message
         return found
+
+    def again(self, starts: Starts, ends: Ends, which: NDArray[np.intp]) -> Ends:
+        """Run some members, and put what they give in the place of what is there."""
+        if not len(which):
+            return ends
+        found = self.run(starts.of(which), lambda: False)
+        for name, rows in found.columns.items():
+            ends.columns[name][which] = rows
+        ends.messages.update({int(which[i]): text for i, text in found.messages.items()})
+        return ends
 
     def explained(self, start: Starts) -> Explained:
         """Return how a run of one member ends, in words."""
