@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+from collections.abc import Iterator
 
 import hypothesis
 import matplotlib as mpl
@@ -34,12 +35,15 @@ def load_profile(*, whole: bool) -> None:
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--all", action="store_true", help="run every case of every product of parameters")
+    parser.addoption("--remaining", action="store_true", help="run what --all has beyond a run without options")
     parser.addoption("--conformance", action="store_true", help="export every scene to every target, for an hour")
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    covering.WHOLE = config.option.all
-    load_profile(whole=covering.WHOLE)
+    if config.option.all and config.option.remaining:
+        raise pytest.UsageError("--all has what --remaining takes: give one of them.")
+    covering.ALL = config.option.all or config.option.remaining
+    load_profile(whole=covering.ALL)
     if getattr(config.option, "dist", "no") == "load":
         # Each process gets whole files, in their order: models and machine code are made once per file.
         config.option.dist, config.option.loadscopereorder = "loadfile", False
@@ -47,13 +51,22 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def chosen_by_hand(config: pytest.Config) -> bool:
     """Whether all cases were asked for, or tests by their names."""
-    return bool(config.option.all or config.option.keyword or any("::" in given for given in config.args))
+    named = bool(config.option.keyword or any("::" in given for given in config.args))
+    return config.option.all or (named and not config.option.remaining)
 
 
 def pytest_report_header(config: pytest.Config) -> str:
-    return (
-        "cases: all" if chosen_by_hand(config) else "cases: every value of every parameter; --all takes every product"
-    )
+    if chosen_by_hand(config):
+        return "cases: all"
+    if config.option.remaining:
+        return "cases: those that a run without options leaves out, and those that are larger in a run of all"
+    return "cases: every value of every parameter; --all takes every product"
+
+
+def larger(item: pytest.Item) -> bool:
+    """Return whether a case does more in a run of all: one that says so, or a law on examples of Hypothesis."""
+    marked = item.get_closest_marker("larger") is not None
+    return marked or hypothesis.is_hypothesis_test(getattr(item, "obj", None))
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -64,10 +77,12 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         items[:] = [item for item in items if not item.get_closest_marker("conformance")]
     if chosen_by_hand(config):
         return
-    quick = [item for item in items if item.get_closest_marker("exhaustive") is None]
-    kept, others = covering.thinned(quick)
-    config.hook.pytest_deselected(items=[*others, *(item for item in items if item.get_closest_marker("exhaustive"))])
-    items[:] = kept
+    chosen, left = covering.thinned(items)
+    if config.option.remaining:
+        chosen, left = [*left, *filter(larger, chosen)], [item for item in chosen if not larger(item)]
+    config.hook.pytest_deselected(items=left)
+    kept = set(chosen)
+    items[:] = [item for item in items if item in kept]
 
 
 def pytest_collection() -> None:
@@ -77,6 +92,14 @@ def pytest_collection() -> None:
 
 DECLARED: list[tuple[DeclaredOrder, list[str]]] = []
 """The orders of declared names when all files of tests have been imported."""
+
+
+@pytest.fixture(autouse=True)
+def _larger(request: pytest.FixtureRequest) -> Iterator[None]:
+    """Tell what asks how much is tested whether the test runs in both parts of a run of all."""
+    covering.LARGER = larger(request.node)
+    yield
+    covering.LARGER = None
 
 
 @pytest.fixture(autouse=True)

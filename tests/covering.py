@@ -11,18 +11,20 @@ from __future__ import annotations
 import itertools
 import zlib
 from collections import Counter
-from collections.abc import Hashable, Iterable, Sequence
-from typing import TypeVar
+from collections.abc import Container, Hashable, Iterable, Sequence
+from typing import Any, TypeVar
 
 import pytest
 
-WHOLE = False
-"""Whether everything was asked for; `conftest.py` says so before tests are collected."""
+ALL = False
+"""Whether more than a default run was asked for; `conftest.py` says so before tests are collected."""
+
+LARGER: bool | None = None
+"""Whether the test that runs is marked `larger`; None between tests, and while they are collected."""
 
 PART, LEAST = 6, 2
 """Of what is drawn at random a default run takes one in `PART`, and so many at least."""
 
-T = TypeVar("T", bound=tuple[Hashable, ...])
 R = TypeVar("R")
 
 Value = tuple[str, Hashable]
@@ -70,21 +72,63 @@ def _pairs(case: Case) -> list[tuple[Value, Value]]:
     return list(itertools.combinations(case, 2))
 
 
+def waiting(*rows: object) -> list[Any]:
+    """Return parameters that a default run leaves out."""
+    return [pytest.param(*(row if isinstance(row, tuple) else (row,)), marks=pytest.mark.exhaustive) for row in rows]
+
+
+def spread(rows: Sequence[object], count: int) -> list[Any]:
+    """Return parameters, of which a default run takes `count`, at equal distances from the first to the last."""
+    taken = {k * (len(rows) - 1) // (count - 1) for k in range(count)} if len(rows) > count else range(len(rows))
+    return parameters(rows, taken)
+
+
+def dealt(rows: Sequence[tuple[Hashable, ...]]) -> list[Any]:
+    """Return the rows of a product that has gaps as parameters, of which a default run takes every value."""
+    return parameters(rows, places(rows))
+
+
+def places(rows: Sequence[tuple[Hashable, ...]]) -> list[int]:
+    """Return which rows of a product that has gaps a default run takes: every value occurs."""
+    return covering([tuple((str(k), value) for k, value in enumerate(row)) for row in rows])
+
+
+def drawn(count: int) -> list[Any]:
+    """Return the seeds of random cases as parameters, of which a default run takes its share."""
+    return parameters(range(count), range(_share(count)))
+
+
+def parameters(rows: Sequence[object], taken: Container[int]) -> list[Any]:
+    """Return rows as parameters, of which a default run takes those at the given places."""
+    return [one for k, row in enumerate(rows) for one in ([row] if k in taken else waiting(row))]
+
+
+def examples(count: int) -> int:
+    """Return the number of examples of a law that Hypothesis draws, which runs in both parts of a run of all."""
+    return count if ALL else _share(count)
+
+
+def whole() -> bool:
+    """Return whether a test does all that it can, inside a test that is marked `larger`."""
+    if LARGER is None:
+        raise RuntimeError("How much is tested is asked inside a test; a list of parameters is spread, dealt or drawn.")
+    if not LARGER:
+        raise RuntimeError("This test does more in a run of all: mark it as `@pytest.mark.larger`.")
+    return ALL
+
+
 def share(count: int) -> int:
-    """Return how often a default run does what everything does `count` times, each time with other random numbers."""
-    return count if WHOLE else min(count, max(LEAST, count // PART))
+    """Return how often a test repeats what it does `count` times in a run of all, with other random numbers."""
+    return count if whole() else _share(count)
 
 
-def spread(rows: Sequence[R], count: int) -> list[R]:
-    """Return `count` of the rows in a default run, at equal distances from the first to the last of them."""
-    whole = WHOLE or len(rows) <= count
-    return list(rows) if whole else [rows[k * (len(rows) - 1) // (count - 1)] for k in range(count)]
+def some(rows: Sequence[R], count: int) -> list[R]:
+    """Return `count` of the rows, at equal distances, inside a test that takes all of them in a run of all."""
+    return [rows[k * (len(rows) - 1) // (count - 1)] for k in range(count)] if not whole() else list(rows)
 
 
-def dealt(rows: Sequence[T]) -> list[T]:
-    """Return what a default run takes of the rows of a product that has gaps, written as one list of parameters."""
-    names = [tuple((str(k), value) for k, value in enumerate(row)) for row in rows]
-    return list(rows) if WHOLE else [rows[k] for k in covering(names)]
+def _share(count: int) -> int:
+    return min(count, max(LEAST, count // PART))
 
 
 def case_of(item: pytest.Item) -> Case:
@@ -105,10 +149,11 @@ def _identity(values: Sequence[object]) -> Hashable:
 
 
 def thinned(items: Sequence[pytest.Item]) -> tuple[list[pytest.Item], list[pytest.Item]]:
-    """Return the tests to run, in their order, and the rest."""
+    """Return the tests that a default run takes, in their order, and the rest."""
     tests: dict[str, list[pytest.Item]] = {}
     for item in items:
-        tests.setdefault(item.nodeid.partition("[")[0], []).append(item)
+        if item.get_closest_marker("exhaustive") is None:
+            tests.setdefault(item.nodeid.partition("[")[0], []).append(item)
     kept: set[pytest.Item] = set()
     for name, cases in tests.items():
         # The text decides where to begin, so that not all tests pair the same method with the same system.

@@ -7,11 +7,12 @@ import random
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from tests import covering
-from tests.covering import Case, dealt, share
+from tests.covering import Case, dealt, drawn, examples, share, some, spread
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -61,45 +62,93 @@ def test_one_list_of_parameters_is_taken_as_a_whole() -> None:
     assert covering.covering([(), ()]) == [0, 1]
 
 
+@pytest.mark.larger
 def test_shares(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts = (2, 3, 10, 100)
+    for everything, found in ((False, [2, 2, 2, 16]), (True, [2, 3, 10, 100])):
+        monkeypatch.setattr(covering, "ALL", everything)
+        assert [share(count) for count in counts] == [examples(count) for count in counts] == found
+        assert some("abcdefg", 3) == [*("abcdefg" if everything else "adg")]
+
+
+def test_how_much_is_tested_is_asked_where_a_run_of_the_remaining_cases_knows_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    with pytest.raises(RuntimeError, match=r"mark it as `@pytest\.mark\.larger`"):
+        share(12)
+    monkeypatch.setattr(covering, "LARGER", None)
+    with pytest.raises(RuntimeError, match="is asked inside a test"):
+        share(12)
+
+
+def test_parameters() -> None:
+    """All are there, and those that a default run leaves out are marked."""
+
+    def parts(parameters: list[Any]) -> tuple[list[Any], list[Any]]:
+        left = [one for one in parameters if isinstance(one, type(pytest.param()))]
+        assert all([mark.name for mark in one.marks] == ["exhaustive"] for one in left)
+        return [one for one in parameters if one not in left], [one.values for one in left]
+
     rows = [(a, b) for a in "abcd" for b in "xy"]
-    monkeypatch.setattr(covering, "WHOLE", False)
-    assert [share(count) for count in (2, 3, 10, 100)] == [2, 2, 2, 16]
-    assert covering.spread("abcdefg", 3) == ["a", "d", "g"] and covering.spread("ab", 3) == ["a", "b"]
-    assert len(dealt(rows)) == 4 and {value for row in dealt(rows) for value in row} == set("abcdxy")
-    monkeypatch.setattr(covering, "WHOLE", True)
-    assert [share(count) for count in (2, 3, 10, 100)] == [2, 3, 10, 100] and dealt(rows) == rows
-    assert covering.spread("abcdefg", 3) == [*"abcdefg"]
+    taken, left = parts(dealt(rows))
+    assert len(taken) == 4 and {value for row in taken for value in row} == set("abcdxy")
+    assert sorted([*taken, *left]) == rows
+    assert parts(spread("abcdefg", 3)) == ([*"adg"], [("b",), ("c",), ("e",), ("f",)])
+    assert parts(spread("ab", 3)) == ([*"ab"], [])
+    assert parts(drawn(12)) == ([0, 1], [(k,) for k in range(2, 12)])
 
 
 FILE = """
 import pytest
-from tests.covering import share
+from hypothesis import given, strategies
+from tests.covering import drawn
 
 @pytest.mark.parametrize("target", ["numpy", "llvm"])
 @pytest.mark.parametrize("name", [object() for _ in range(5)])
 def test_product(name, target): ...
 
-@pytest.mark.parametrize("seed", range(share(40)))
+@pytest.mark.parametrize("seed", drawn(40))
 def test_chance(seed): ...
 
 @pytest.mark.exhaustive
 def test_long(): ...
+
+@pytest.mark.larger
+@pytest.mark.parametrize("target", ["numpy", "llvm"])
+@pytest.mark.parametrize("name", [object() for _ in range(3)])
+def test_sizes(name, target): ...
+
+@given(strategies.none())
+def test_law(nothing): ...
+"""
+
+COLLECT = """
+import sys
+import pytest
+for options in sys.argv[1:]:
+    print("\\n# " + options)
+    pytest.main("-q --collect-only -p no:cacheprovider -c pyproject.toml --confcutdir=. -p tests.conftest".split()
+                + options.split())
 """
 
 
-@pytest.mark.parametrize(
-    ("options", "count"), [([], 5 + 6), (["--all"], 10 + 40 + 1), (["-k", "product"], 10), (["::test_long"], 1)]
-)
-def test_what_a_run_takes(options: list[str], count: int, tmp_path: Path) -> None:
-    """Tests of their own name run whole, whatever is asked for otherwise."""
+def test_what_a_run_takes(tmp_path: Path) -> None:
+    """Tests of their own name run whole; what is left out remains, and what is larger in a run of all runs in both."""
     file = tmp_path / "test_taken.py"
     file.write_text(FILE, encoding="utf-8")
-    named = [f"{file}{option}" for option in options if option.startswith("::")]
-    given = [option for option in options if not option.startswith("::")]
-    command = [sys.executable, "-m", "pytest", "-q", "--collect-only", "-p", "no:cacheprovider", "-c", "pyproject.toml"]
-    found = subprocess.run(
-        [*command, "--confcutdir=.", "-p", "tests.conftest", *given, *(named or [str(file)])],
-        cwd=ROOT, capture_output=True, text=True, check=False,
-    )  # fmt: skip
-    assert sum("::" in line for line in found.stdout.splitlines()) == count, found.stdout + found.stderr
+    default, everything, remaining, by_keyword, by_name = runs = [
+        str(file), f"--all {file}", f"--remaining {file}", f"-k product {file}", f"{file}::test_long"
+    ]  # fmt: skip
+    found = subprocess.run([sys.executable, "-c", COLLECT, *runs], cwd=ROOT, capture_output=True, text=True, check=True)
+    taken: dict[str, list[str]] = {}
+    for line in found.stdout.splitlines():
+        if line.startswith("# "):
+            cases = taken[line[2:]] = []
+        elif "::" in line:
+            cases.append(line.partition("::")[2])
+    assert len(taken[by_keyword]) == 10 and taken[by_name] == ["test_long"]
+    assert len(taken[default]) == 5 + 6 + 3 + 1 and len(taken[everything]) == 10 + 40 + 1 + 6 + 1
+    both = {case for case in taken[default] if "sizes" in case or "law" in case}
+    assert sorted(taken[everything]) == sorted({*taken[default], *taken[remaining]})
+    assert {*taken[default]} & {*taken[remaining]} == both and len(both) == 4
+    assert all(len(set(cases)) == len(cases) for cases in taken.values())

@@ -26,7 +26,6 @@ from lagrange.trajectory.methods.splitting import Verlet, splitting_step
 from tests.covering import share
 from tests.models import SYSTEMS
 
-PROCESSES = share(6)
 NAMES = ("double pendulum", "chain of 7", "cart and pole", "blocks", "friction", "8 carried masses", "saddle")
 CHOSEN = ("rhs", "energy")
 VECTOR_NAMES = {"sin": "_ZGVdN4v_sin", "exp": "_ZGVdN4v_exp"}
@@ -76,7 +75,7 @@ def in_processes() -> tuple[Any, ...]:
     code = "import json; from tests.test_determinism import digests, reports; print(json.dumps([reports(), digests()]))"
     root = str(Path(__file__).resolve().parent.parent)
     runs = []
-    for seed in [0, 1, *(str(s) for s in ("random",) * (PROCESSES - 2))]:
+    for seed in [0, 1, *(str(s) for s in ("random",) * (share(6) - 2))]:
         environment = {**os.environ, "PYTHONHASHSEED": str(seed), "PYTHONPATH": root}
         runs.append(
             subprocess.Popen(
@@ -91,6 +90,7 @@ def in_processes() -> tuple[Any, ...]:
     return tuple(answers)
 
 
+@pytest.mark.larger
 def test_every_process_prints_the_same_check() -> None:
     first, *others = (found for found, _ in in_processes())
     assert sum(report.count("Everything holds.") for report in first) == 2
@@ -102,6 +102,7 @@ def test_a_second_build_gives_the_same_text() -> None:
         assert texts(name) == texts(name)
 
 
+@pytest.mark.larger
 def test_every_process_gives_the_same_text() -> None:
     first, *others = (found for _, found in in_processes())
     assert sum("scalar" in name for name in first) == 4 * len(CHOSEN)

@@ -22,7 +22,7 @@ import pytest
 
 from tests.covering import share
 
-COUNT, SEED = int(os.environ.get("LAGRANGE_SIGNALS", share(20))), int(os.environ.get("LAGRANGE_SEED", "20"))
+SEED = int(os.environ.get("LAGRANGE_SEED", "20"))
 
 NAMES = ("card.json", "trajectory.csv", "trajectory.png")
 
@@ -125,11 +125,13 @@ def listens(process: int) -> bool:
     return bool(caught >> (signal.SIGHUP - 1) & 1)
 
 
+@pytest.mark.larger
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc to know when signals are handled")
 def test_signals_at_random_moments(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     runs, chance = Runs(tmp_path), random.Random(SEED)
-    for k in range(COUNT):
+    count = int(os.environ.get("LAGRANGE_SIGNALS", share(20)))
+    for k in range(count):
         if k % 20 == 0:
             runs.measure()
         number, writing = (signal.SIGINT, signal.SIGTERM)[k % 2], k % 4 in (1, 2)
@@ -137,4 +139,4 @@ def test_signals_at_random_moments(tmp_path: Path) -> None:
     for what, times in sorted(runs.seen.items()):
         sys.stdout.write(f"{times:4} {what}\n")
     sys.stdout.write(f"a whole run {runs.whole:.2f} s, slowest end {runs.slowest:.2f} s after the signal\n")
-    assert sum(runs.seen.values()) == COUNT
+    assert sum(runs.seen.values()) == count

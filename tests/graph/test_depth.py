@@ -17,11 +17,11 @@ from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.program.lower import lower
 from lagrange.program.program import Program
-from tests.covering import WHOLE
+from tests.covering import waiting
 
-TERMS, FACTORS = (100_000, 448) if WHOLE else (20_000, 201)
+TERMS = [(20_000, 201), *waiting((100_000, 448))]
 """How many products of so many factors, which have some more."""
-DEPTH = 20_000 if WHOLE else 5_000
+DEPTHS = [5_000, *waiting(20_000)]
 
 
 def program_of(outputs: list[Node], state: list[Node]) -> Program:
@@ -29,34 +29,34 @@ def program_of(outputs: list[Node], state: list[Node]) -> Program:
     return lower("deep", {"out": outputs}, {"y": state}, graph.symbol("t", Binding.TIME), [])
 
 
-@pytest.fixture
-def shallow() -> int:
+@pytest.fixture(autouse=True)
+def shallow() -> None:
     """The limit must be far below what is walked, or this file tests nothing."""
-    assert sys.getrecursionlimit() < DEPTH / 4
-    return sys.getrecursionlimit()
+    assert sys.getrecursionlimit() < 5_000 / 4
 
 
-def test_a_sum_of_many_terms_through_sympy(shallow: int) -> None:
-    names = [f"x{i}" for i in range(FACTORS)]
+@pytest.mark.parametrize(("terms", "factors"), TERMS)
+def test_a_sum_of_many_terms_through_sympy(terms: int, factors: int) -> None:
+    names = [f"x{i}" for i in range(factors)]
     symbols = sp.symbols(names)
-    pairs = [sp.Mul(a, b, evaluate=False) for i, a in enumerate(symbols) for b in symbols[:i]][:TERMS]
+    pairs = [sp.Mul(a, b, evaluate=False) for i, a in enumerate(symbols) for b in symbols[:i]][:terms]
     expression = sp.Add(*pairs, evaluate=False)
-    assert len(expression.args) == TERMS
+    assert len(expression.args) == terms
     graph = Graph()
     leaves = [graph.symbol(name, Binding.CONFIGURATION) for name in names]
     (node,) = share_sums(graph, [Translator(graph, dict(zip(symbols, leaves, strict=True)))(expression)])
-    assert len(node.args) == TERMS
+    assert len(node.args) == terms
     slopes = gradient(node, leaves)
     direction = dict.fromkeys(leaves[:3], graph.one)
     program = program_of([node, *slopes[:3], tangents([node], direction)(node)], leaves)
-    x = np.sqrt(np.arange(float(FACTORS)) + 1)
+    x = np.sqrt(np.arange(float(factors)) + 1)
     found = NumpyMachine().load(program)(0.0, x, np.empty(0))
     rows = np.cumsum(x) - x  # row i of the triangle has the terms x_i x_j, j < i
-    cut = TERMS - (FACTORS - 1) * (FACTORS - 2) // 2
+    cut = terms - (factors - 1) * (factors - 2) // 2
     total = (x * rows)[:-1].sum() + x[-1] * x[:cut].sum()
     partial = [x.sum() - x[k] for k in range(3)]
     assert found == pytest.approx([total, *partial, sum(partial)], rel=1e-12)
-    assert scalar_module(program).count("fma") > TERMS
+    assert scalar_module(program).count("fma") > terms
 
 
 def nest(graph: Graph, x: Node, depth: int) -> Node:
@@ -67,28 +67,30 @@ def nest(graph: Graph, x: Node, depth: int) -> Node:
     return node
 
 
-def test_a_deep_nesting_built_directly(shallow: int) -> None:
+@pytest.mark.parametrize("depth", DEPTHS)
+def test_a_deep_nesting_built_directly(depth: int) -> None:
     graph = Graph()
     x = graph.symbol("x", Binding.CONFIGURATION)
-    node = nest(graph, x, DEPTH)
+    node = nest(graph, x, depth)
     assert share_sums(graph, [node]) == [node]
     (slope,) = gradient(node, [x])
     program = program_of([node, slope], [x])
     found = NumpyMachine().load(program)(0.0, np.array([0.3]), np.empty(0))
     value, expected = 0.3, 1.0
-    for _ in range(DEPTH):
+    for _ in range(depth):
         value, expected = np.sin(value) + 0.3, np.cos(value) * expected + 1
     assert found == pytest.approx([value, expected], rel=1e-9)
     text = scalar_module(program)
-    assert text.count("@sin") > DEPTH
+    assert text.count("@sin") > depth
 
 
-def test_the_forward_derivative_of_a_deep_nesting(shallow: int) -> None:
+@pytest.mark.parametrize("depth", DEPTHS)
+def test_the_forward_derivative_of_a_deep_nesting(depth: int) -> None:
     graph = Graph()
     x = graph.symbol("x", Binding.CONFIGURATION)
-    node = nest(graph, x, DEPTH)
+    node = nest(graph, x, depth)
     forward = tangents([node], {x: graph.one})(node)
-    assert DEPTH < len(reachable([forward])) < 5 * DEPTH
+    assert depth < len(reachable([forward])) < 5 * depth
 
 
 def test_the_adjoints_of_a_nesting_grow_linearly() -> None:
@@ -110,7 +112,7 @@ def test_a_long_nesting_runs_in_machine_code() -> None:
     assert found == pytest.approx(NumpyMachine().load(program)(0.0, state, np.empty(0)), rel=1e-13)
 
 
-def test_a_deep_choice_is_walked_too(shallow: int) -> None:
+def test_a_deep_choice_is_walked_too() -> None:
     graph = Graph()
     x = graph.symbol("x", Binding.CONFIGURATION)
     node = x

@@ -20,7 +20,7 @@ from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinates, t
 from lagrange.statement.declare import declare
-from tests.covering import share
+from tests.covering import examples
 
 Vector = NDArray[np.float64]
 
@@ -56,7 +56,7 @@ def potentials(*leaves: Any) -> st.SearchStrategy[Any]:
 
 
 some = settings(
-    max_examples=share(12),
+    max_examples=examples(12),
     phases=(Phase.explicit, Phase.reuse, Phase.generate),
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large, HealthCheck.filter_too_much],
 )

@@ -20,11 +20,11 @@ from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Status
-from tests.covering import share
+from tests.covering import examples
 
 x, y = coordinates("x y")
-few = settings(max_examples=share(6), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
-some = settings(max_examples=share(10), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+few = settings(max_examples=examples(6), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+some = settings(max_examples=examples(10), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
 rationals = st.fractions(-2, 2, max_denominator=4).filter(bool).map(lambda f: sp.Rational(f.numerator, f.denominator))
 

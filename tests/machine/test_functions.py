@@ -155,9 +155,10 @@ ANGLES = {
 }
 
 
+@pytest.mark.larger
 @pytest.mark.parametrize("where", ANGLES)
 def test_sine_and_cosine_are_good_to_little_more_than_a_unit(where: str) -> None:
-    angles = ANGLES[where][:: 1 if covering.WHOLE else covering.PART]
+    angles = ANGLES[where][:: 1 if covering.whole() else covering.PART]
     angles = np.concatenate([angles, -angles])
     code = (Instruction("state"), Instruction("sin", (0,)), Instruction("cos", (0,)))
     program = Program(

@@ -17,10 +17,10 @@ from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.program.lower import lower
 from lagrange.program.program import Program
 from lagrange.program.solve_groups import SolveGroup, scheduled
-from tests import covering
+from tests.covering import waiting, whole
 from tests.machine.matrices import REGULAR, SINGULAR, Matrix, hollow, positive
 
-ORDERS = (2, 3, 7, 6, 12) if covering.WHOLE else (2, 3, 7)
+ORDERS = (2, 3, 7, *waiting(6, 12))
 """Of these 6 and 12 are written in loops, as 7 is, and take the longest to compile."""
 WIDTH = 9
 
@@ -80,12 +80,13 @@ def steps_of(program: Program, most: int = 32) -> list[int | SolveGroup]:
     return scheduled(program, range(program.hoisted, len(program.instructions)), lambda _: most)
 
 
+@pytest.mark.larger
 @pytest.mark.parametrize("n", ORDERS)
 @pytest.mark.parametrize("kind", REGULAR, ids=lambda kind: kind.__name__)
 def test_together_is_one_by_one_to_the_last_bit(n: int, kind: Matrix, monkeypatch: pytest.MonkeyPatch) -> None:
     """Matrices with trusted pivots and without, from the state and from the parameters, alone and in columns."""
     rng = np.random.default_rng([n, REGULAR.index(kind)])
-    for hoisted in (False, True) if covering.WHOLE else (n % 2 == 0,):
+    for hoisted in (False, True) if whole() else (n % 2 == 0,):
         program = random_program(rng, n, hoisted=hoisted)
         matrices = np.concatenate([triangle(kind(rng, n)), triangle(positive(rng, n))])
         right = rng.normal(size=(n, WIDTH))

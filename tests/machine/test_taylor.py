@@ -27,7 +27,7 @@ from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.events.surfaces import stated_sides
-from tests.covering import share
+from tests.covering import examples
 from tests.laws.test_random_systems import bent_energies, functions_of, kinetic_energies, potentials
 from tests.models import SYSTEMS, TARGETS, k, stated, x, y
 from tests.series import NUMBER, jet, numbers
@@ -40,7 +40,7 @@ ALL = {**LARGER, **HELD}
 WRITTEN_OUT = {1: 4, 2: 7, 4: 11, 8: 6}
 """The order of the code that is written out, by lanes."""
 
-few = settings(max_examples=share(8), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+few = settings(max_examples=examples(8), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
 
 @cache

@@ -11,9 +11,9 @@ import sympy as sp
 import lagrange as lg
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from tests.covering import share
+from tests.covering import drawn
 
-SEEDS = range(share(6))
+SEEDS = drawn(6)
 
 
 @cache

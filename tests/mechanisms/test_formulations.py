@@ -39,6 +39,7 @@ def test_a_scene_starts_where_its_formulation_does_and_on_its_constraints(name: 
     assert np.abs(off).max() <= 1e-15 * size**2
 
 
+@pytest.mark.larger
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("name", FORMULATIONS)
 def test_the_accelerations_are_those_of_the_formulation(name: str, target: str) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.covering import spread
+from tests.covering import some
 from tests.mutants.mutate import Mutant, mutants, mutated, population, sample
 from tests.mutants.order import Reached, chosen, distance
 
@@ -66,10 +66,11 @@ def test_names_stay_where_lines_move_and_other_functions_change() -> None:
     assert not {mutant.name for mutant in twice} & {mutant.name for mutant in mutants(FILE, before, 2)}
 
 
+@pytest.mark.larger
 def test_every_mutant_of_the_package_is_python_and_another_one() -> None:
     every = population(ROOT, 1)
     assert len({mutant.name for mutant in every}) == len(every) > 5000
-    for mutant in spread(every, 10):
+    for mutant in some(every, 10):
         source = (ROOT / mutant.file).read_text("utf-8")
         changed = mutated(source, mutant)
         compile(changed, mutant.file, "exec", ast.PyCF_ONLY_AST)

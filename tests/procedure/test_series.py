@@ -32,7 +32,7 @@ from lagrange.program.series import SeriesProgram
 from lagrange.program.taylor import series_program
 from lagrange.statement.statement import Statement
 from lagrange.system import System
-from tests.covering import share
+from tests.covering import examples
 from tests.laws.test_random_systems import kinetic_energies, potentials
 from tests.models import stated, x, y
 from tests.series_systems import HELD, LARGER
@@ -49,7 +49,7 @@ SMOOTH = {
 }
 RUNS = ("double-pendulum", "kepler", "pleiades", "cartesian-double-pendulum", "rolling-disc", "chain-of-springs")
 
-few = settings(max_examples=share(12), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+few = settings(max_examples=examples(12), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
 
 def view(values: Any) -> memoryview:

@@ -19,7 +19,6 @@ from tests.covering import share
 from tests.public.surface import INSTANCES, Public, arguments, classes, surface
 from tests.public.values import KINDS, MADE
 
-CALLS = share(2000)
 SEED = 20_240_229
 LONGEST = 10.0
 """Seconds of one call, on a busy machine; the slowest takes a tenth of that."""
@@ -110,12 +109,13 @@ def raw(public: Public, positional: list[Any], named: dict[str, Any]) -> str:
     return f"{type(error).__name__}: {str(error)[:80]} at {place}"
 
 
+@pytest.mark.larger
 def test_wrong_calls_end_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     chance = random.Random(SEED)
     found = surface()
     failures = []
-    for number in range(CALLS):
+    for number in range(share(2000)):
         public = found[number % len(found)]
         positional, named = call(public, chance, tmp_path)
         if failure := raw(public, positional, named):

@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 
 from lagrange.recipes.model import Model
 from lagrange.statement.coordinate import t
-from tests.covering import share, spread
+from tests.covering import examples, spread
 from tests.laws.test_random_systems import kinetic_energies, potentials, states, x, y
 from tests.models import build
 from tests.recipes.agreement import EPS, OWN, SCENES, apart, named, sensitivity
@@ -21,7 +21,7 @@ from tests.recipes.agreement import states as states_of
 
 Function = Callable[[float, Any, Any], Any]
 CASADI, JAX, NUMBA, SYMPY = "casadi", "jax", "numba", "sympy"
-few = settings(max_examples=share(12), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
+few = settings(max_examples=examples(12), suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
 
 
 @cache

@@ -157,7 +157,7 @@ CROWDED = ("pleiades", "sun-earth-moon")
 """Scenes with many names, and with long numbers."""
 
 
-@pytest.mark.parametrize("name", dict.fromkeys([*CROWDED, *spread(tuple(lg.scenes()), 3)]))
+@pytest.mark.parametrize("name", [*CROWDED, *spread([name for name in lg.scenes() if name not in CROWDED], 3)])
 def test_no_text_overlaps_another_or_is_cut(name: str) -> None:
     nothing_overlaps(lg.scene(name).run(max_steps=2000).plot())
 

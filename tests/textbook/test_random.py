@@ -79,6 +79,7 @@ def numbers(count: int) -> st.SearchStrategy[list[Fraction]]:
     return st.lists(st.fractions(-2, 2, max_denominator=64), min_size=count, max_size=count)
 
 
+@pytest.mark.larger
 @pytest.mark.parametrize(("n", "examples"), [(1, 15), (2, 10), (3, 5)])
 def test_random_lagrangians_agree_with_lagranges_method(n: int, examples: int) -> None:
     # An example costs a tenth of a second and more: shrinking one would take minutes.

@@ -183,6 +183,7 @@ def test_every_other_method_goes_through(name: str, method: str) -> None:
     assert found.y[:, -1] == pytest.approx(truth(name), abs=3e-5 if adaptive else 2e-2)
 
 
+@pytest.mark.larger
 @pytest.mark.parametrize("name", CASES)
 def test_the_check_holds_in_every_branch(name: str) -> None:
     report = check(system(name), points=share(6))

@@ -17,7 +17,7 @@ from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.covering import WHOLE, share
+from tests.covering import drawn, whole
 from tests.models import build, model, x, y
 from tests.trajectory.runs import FIXED, IMPLICIT, SPLITTINGS, STEPPED, run
 from tests.trajectory.watched import FALL, G, ball, floor
@@ -73,7 +73,7 @@ def settings(name: str, rng: np.random.Generator) -> dict[str, Any]:
 def taken(place: int) -> list[tuple[str, tuple[Model, dict[str, float]]]]:
     """Return the systems that a method meets: all, or two in a default run, others for the next method."""
     found = list(systems().items())
-    return found if WHOLE else [found[k % len(found)] for k in (place, place + 1)]
+    return found if whole() else [found[k % len(found)] for k in (place, place + 1)]
 
 
 def both(monkeypatch: pytest.MonkeyPatch, go: Callable[[], Trajectory]) -> tuple[Trajectory, Trajectory]:
@@ -96,7 +96,8 @@ def alike(one: Trajectory, other: Trajectory, off: float = 1e-9) -> None:
         assert states == pytest.approx(right, abs=off, rel=1e-9)
 
 
-@pytest.mark.parametrize("seed", range(share(8)))
+@pytest.mark.larger
+@pytest.mark.parametrize("seed", drawn(8))
 @pytest.mark.parametrize("name", METHODS)
 def test_events_of_random_systems(name: str, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng([METHODS.index(name), seed])
@@ -192,6 +193,7 @@ def test_the_terminal_count_of_bounces_ends_the_run(monkeypatch: pytest.MonkeyPa
     assert found.y[1, -1] == pytest.approx(G * FALL) and found.y_events[0][-1][1] == pytest.approx(-G * FALL)
 
 
+@pytest.mark.larger
 @pytest.mark.parametrize("name", ["dop853", "rk4", "radau5", "gauss2", "implicit-midpoint", "bdf2", "verner9"])
 def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
     name: str, monkeypatch: pytest.MonkeyPatch
@@ -205,7 +207,7 @@ def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
         monkeypatch.setattr("lagrange.trajectory.events.event_loop.WORTH_COMPILING", least)
         for several in (events, [*events, wall]):
             found = []
-            for most in (16384, 64, 7, 2) if WHOLE else (16384, 7):
+            for most in (16384, 64, 7, 2) if whole() else (16384, 7):
                 monkeypatch.setattr("lagrange.trajectory.run_loop.MOST_STEPS_PER_CALL", most)
                 found.append(run(of, 20.0, name, initial=initial, events=several, **options))
             for other in found[1:]:

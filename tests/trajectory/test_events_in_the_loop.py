@@ -25,11 +25,11 @@ from lagrange.trajectory.events.planned_step import PlannedStep
 from lagrange.trajectory.events.series_watch import Watch
 from lagrange.trajectory.events.shared_watch import SharedWatch
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.covering import share
+from tests.covering import drawn
 from tests.models import TARGETS, build, x, y
 from tests.trajectory.runs import run
 
-SEEDS = range(share(40))
+SEEDS = drawn(40)
 
 
 def random_model(chance: np.random.Generator, target: str) -> Model:

@@ -13,7 +13,7 @@ import pytest
 
 from lagrange.trajectory.events.roots import Root, Side, may_vanish, roots
 from lagrange.trajectory.trajectory import FloatArray
-from tests.covering import share
+from tests.covering import drawn, share
 
 pytestmark = pytest.mark.usefixtures("isolation")
 
@@ -115,12 +115,13 @@ def sturm_count(c: FloatArray) -> int:
     return changes(0) - changes(1)
 
 
-@pytest.mark.parametrize("seed", range(share(10)))
+@pytest.mark.larger
+@pytest.mark.parametrize("seed", drawn(10))
 def test_every_root_of_a_random_polynomial_is_found_once(seed: int) -> None:
     """A thousand with known roots in each block; the location is right to the round-off of g over its slope."""
     rng = np.random.default_rng(seed)
-    drawn = [random_case(rng) for _ in range(share(1500))]
-    cases = [case for case in drawn if resolved(case)][: share(1000)]
+    every = [random_case(rng) for _ in range(share(1500))]
+    cases = [case for case in every if resolved(case)][: share(1000)]
     assert len(cases) == share(1000), "the coefficients resolve most of what is drawn"
     for scaled, inside, outside in cases:
         h = float(rng.choice((-1, 1)) * 10 ** rng.uniform(-6, 6))
@@ -137,6 +138,7 @@ def test_every_root_of_a_random_polynomial_is_found_once(seed: int) -> None:
             assert abs(root.time / h - s) <= 2 * 4 * EPSILON * size / slope + 2 * EPSILON
 
 
+@pytest.mark.larger
 @pytest.mark.parametrize("seed", range(4))
 def test_the_count_is_that_of_sturm(seed: int) -> None:
     """Of the polynomial with the rounded coefficients, in exact arithmetic."""
@@ -154,6 +156,7 @@ def test_sturm_counts_for_itself() -> None:
     assert sturm_count(rounded([0.25, 0.5, 1.0], [2.0, 0.5 + 1j])) == 3 and sturm_count(rounded([0.25] * 2, [0.0])) == 1
 
 
+@pytest.mark.larger
 @pytest.mark.parametrize("seed", range(4))
 def test_any_coefficients_keep_the_order_and_the_signs(seed: int) -> None:
     """Also beyond what they resolve: times in order, crossings in turn, and the side at the end that of g there."""
@@ -214,6 +217,7 @@ def wave(t: float, turns: int) -> FloatArray:
     return np.array([derivatives[(k + turns) % 4] / math.factorial(k) for k in range(30)])
 
 
+@pytest.mark.larger
 @pytest.mark.parametrize("digits", range(1, 13))
 def test_grazing(digits: int) -> None:
     """cos t - (1 - e): two crossings for e > 0, none for e < 0, one touch for 0, wherever the series stands."""

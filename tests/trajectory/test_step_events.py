@@ -16,7 +16,7 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.methods.registry import find, table
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.covering import share
+from tests.covering import drawn
 from tests.models import TARGETS, build, x, y
 from tests.trajectory import watched
 from tests.trajectory.runs import ADAPTIVE, FIXED, IMPLICIT, NAMES, OUTSIDE, STEPPED, run
@@ -271,7 +271,7 @@ def test_control_c_keeps_events_and_states_together(name: str) -> None:
     assert len(found.t_events[1]) in (len(found.t_events[0]), len(found.t_events[0]) + 1)
 
 
-@pytest.mark.parametrize("seed", range(share(30)))
+@pytest.mark.parametrize("seed", drawn(30))
 def test_random_polynomials_with_known_roots(seed: int) -> None:
     """Up to 7 roots at least 0.05 apart in [0, 2], single, double or triple, which are touches and crossings."""
     rng = np.random.default_rng(seed)
@@ -287,7 +287,7 @@ def test_random_polynomials_with_known_roots(seed: int) -> None:
         assert found.t_events[1] == pytest.approx(rising, abs=1e-9), name
 
 
-@pytest.mark.parametrize("seed", range(share(20)))
+@pytest.mark.parametrize("seed", drawn(20))
 def test_random_systems_agree_with_the_taylor_method(seed: int) -> None:
     rng = np.random.default_rng(seed)
     a = [round(float(value), 3) for value in rng.uniform(0.3, 1.5, 4)]

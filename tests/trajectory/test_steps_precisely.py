@@ -19,8 +19,7 @@ from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.tableaux.verner9 import MATRIX, B
-from tests import covering
-from tests.covering import dealt, share
+from tests.covering import dealt, share, whole
 from tests.models import SYSTEMS, TARGETS, build, laws, model, phi, theta
 from tests.trajectory.precisely import (
     DIGITS,
@@ -71,6 +70,7 @@ def verner9_in_digits(f: Rhs, t: Any, y: Any, h: Any) -> Any:
     return y + h * sum(mpmath.mpf(b) * s for b, s in zip(B.split(), slopes, strict=True))
 
 
+@pytest.mark.larger
 @pytest.mark.parametrize(("name", "law"), dealt(PRECISE))
 def test_the_order_without_round_off(name: str, law: Law) -> None:
     """At 60 digits, one step less two of half the size is of order p + 1, in the mean over some places.
@@ -86,7 +86,7 @@ def test_the_order_without_round_off(name: str, law: Law) -> None:
     rng, changes = np.random.default_rng(1), []
     with mpmath.workdps(DIGITS):
         size = 2 if law is DRIVEN_PENDULUM else 4
-        count = 2 if name not in EXPLICIT else 6 if covering.WHOLE else 3
+        count = 2 if name not in EXPLICIT else 6 if whole() else 3
         starts = [array(map(mpmath.mpf, rng.uniform(-0.5, 0.5, size))) for _ in range(count)]
         for power in range(1, 10):
             t, h = mpmath.mpf("0.3"), mpmath.mpf(2) ** -power
@@ -212,6 +212,7 @@ def compiled(law: Law, target: str) -> Model:
     return build(target, kinetic=kinetic, potential=-2 * sp.cos(a) - sp.cos(b), coordinates=[a, b])
 
 
+@pytest.mark.larger
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize(
     ("name", "law"), dealt([(name, law) for name, law in EACH if name in EXPLICIT or name in FIXED])
