@@ -12,7 +12,7 @@ import itertools
 import zlib
 from collections import Counter
 from collections.abc import Container, Hashable, Iterable, Sequence
-from typing import Any, TypeVar
+from typing import Any
 
 import pytest
 
@@ -24,8 +24,6 @@ LARGER: bool | None = None
 
 PART, LEAST = 6, 2
 """Of what is drawn at random a default run takes one in `PART`, and so many at least."""
-
-R = TypeVar("R")
 
 Value = tuple[str, Hashable]
 """The names of what is given together, and which of the values it is."""
@@ -120,11 +118,6 @@ def whole() -> bool:
 def share(count: int) -> int:
     """Return how often a test repeats what it does `count` times in a run of all, with other random numbers."""
     return count if whole() else _share(count)
-
-
-def some(rows: Sequence[R], count: int) -> list[R]:
-    """Return `count` of the rows, at equal distances, inside a test that takes all of them in a run of all."""
-    return [rows[k * (len(rows) - 1) // (count - 1)] for k in range(count)] if not whole() else list(rows)
 
 
 def _share(count: int) -> int:

@@ -39,7 +39,7 @@ def file_for(shell: str, folder: Path, capsys: pytest.CaptureFixture[str]) -> Pa
 
 def answers(command: list[str], folder: Path) -> list[set[str]]:
     """Return the words that a program of a shell printed for each case, one block of lines each."""
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=True, timeout=600)
     assert done.stderr == ""
     return [set(block.split()) for block in done.stdout.split("=\n")[:-1]]
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from tests import covering
-from tests.covering import Case, dealt, drawn, examples, share, some, spread
+from tests.covering import Case, dealt, drawn, examples, share, spread
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -68,7 +68,6 @@ def test_shares(monkeypatch: pytest.MonkeyPatch) -> None:
     for everything, found in ((False, [2, 2, 2, 16]), (True, [2, 3, 10, 100])):
         monkeypatch.setattr(covering, "ALL", everything)
         assert [share(count) for count in counts] == [examples(count) for count in counts] == found
-        assert some("abcdefg", 3) == [*("abcdefg" if everything else "adg")]
 
 
 def test_how_much_is_tested_is_asked_where_a_run_of_the_remaining_cases_knows_it(

@@ -28,7 +28,7 @@ NAMES = ("card.json", "trajectory.csv", "trajectory.png")
 
 SENTENCE = "lagrange: interrupted; no file was left half written.\n"
 
-FACTOR, PATIENCE = 2.0, 10.0
+FACTOR, PATIENCE = 2.0, 120.0
 """A run that was sent a signal ends within `FACTOR` times what is measured for a whole run, and `PATIENCE` seconds."""
 
 

@@ -11,6 +11,7 @@ import subprocess
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -97,6 +98,7 @@ TITLES = ("while", "θ", "a" * 64, "end", "math", "numpy", "class", "program", "
 AT_ONCE, COORDINATES = 250, 8
 
 
+@cache
 def awkward() -> list[str]:
     """Return words, with other cases, that are names of coordinates and parameters."""
     cases = dict.fromkeys(one for word in WORDS for one in (word, word.capitalize(), word.upper()))

@@ -23,11 +23,11 @@ from lagrange.trajectory.methods.registry import BUILT_IN, find
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
-ENDLESS = 40.0
+ENDLESS = 300.0
 """Seconds after which a run is called endless."""
 
-LIMITS = {"max_steps": 30_000, "max_wall": 20.0}
-SLOW_LIMITS = {"max_steps": 1_500, "max_wall": 20.0}
+LIMITS = {"max_steps": 30_000, "max_wall": 120.0}
+SLOW_LIMITS = {"max_steps": 1_500, "max_wall": 120.0}
 """Limits of a run. The second are for methods from other packages, which call Python at every step; these may use them
 up. Steps decide, not seconds: what comes of a cell must not depend on how busy the machine is."""
 

@@ -46,8 +46,8 @@ def go(model: Model, end: float, name: str, step: float = 0.01, **options: Any) 
     if name in FIXED:
         options["step"] = step
     found = run(model, end, name, max_wall=TIME_LIMIT, max_steps=300_000, **options)
-    # An interpreted Taylor step takes some milliseconds, and a brief force a thousand steps.
-    assert time.process_time() - began < (120.0 if model.target == "numpy" else 10.0)
+    # A hang guard: an interpreted Taylor step takes some milliseconds, and a brief force a thousand steps.
+    assert time.process_time() - began < (600.0 if model.target == "numpy" else 60.0)
     assert np.isfinite(found.t).all() and np.isfinite(found.y).all()
     assert found.y.shape == (2, len(found.t)) and len(found.t) == found.steps + 1
     assert found.span == (found.t[0], found.t[-1]) and found.t[-1] <= end

@@ -22,13 +22,13 @@ FLAGS = (
 READS, WRITES = 3, 4
 """The descriptors from which the browser reads commands, and to which it writes answers."""
 
-ANSWER = 60.0
+ANSWER = 300.0
 """Seconds for an answer, beyond which the browser counts as dead: the longest here takes some two."""
 
 ASKED = {"awaitPromise": True, "returnByValue": True, "allowUnsafeEvalBlockedByCSP": False}
 """How scripts are evaluated: as the page's own policy allows."""
 
-PATIENCE = 20.0
+PATIENCE = 300.0
 """Seconds until something becomes true in a page; what takes longest here is half a second of motion."""
 
 COMPLAINTS = ("Runtime.exceptionThrown", "Log.entryAdded", "Runtime.consoleAPICalled")

@@ -71,7 +71,7 @@ def test_an_mp4_lasts_as_long(tmp_path: Path) -> None:
         pytest.skip("ffprobe is not installed")
     made = double_pendulum((0.0, 1.0)).animate(tmp_path / "a.mp4", speed=2.0, size=(201, 241))
     asked = ("-v", "error", "-count_frames", "-show_entries", "stream=nb_read_frames,width,height", "-of", "csv=p=0")
-    said = subprocess.run(["ffprobe", *asked, str(made.path)], capture_output=True, text=True, check=True, timeout=60)
+    said = subprocess.run(["ffprobe", *asked, str(made.path)], capture_output=True, text=True, check=True, timeout=600)
     assert said.stdout.strip() == f"202,242,{len(made.t)}"
 
 
@@ -172,7 +172,7 @@ def browsed(made: Animation, folder: Path, *more: str) -> subprocess.CompletedPr
     made.save(folder / "a.html")
     own = (f"--user-data-dir={folder / 'profile'}", *more)
     return subprocess.run(
-        [CHROMIUM, *FLAGS, *own, f"file://{folder / 'a.html'}"], capture_output=True, text=True, check=True, timeout=120
+        [CHROMIUM, *FLAGS, *own, f"file://{folder / 'a.html'}"], capture_output=True, text=True, check=True, timeout=600
     )
 
 
@@ -217,4 +217,4 @@ def test_frames_are_drawn_without_pyplot() -> None:
         "from tests.show.animations import double_pendulum as d; import sys; d().animate(size=(200, 240)).frame(1)\n"
         "sys.exit('matplotlib.pyplot' in sys.modules)"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=600)

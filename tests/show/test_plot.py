@@ -201,7 +201,7 @@ def test_matplotlib_comes_with_the_first_picture_only_and_none_of_its_global_sta
         "from tests.show.examples import oscillator; before = settings(); oscillator().plot()\n"
         "sys.exit('matplotlib.pyplot' in sys.modules or settings() != before)"
     )
-    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=600)
 
 
 def test_the_title_of_a_path_that_is_shaded_stays_in_the_picture() -> None:

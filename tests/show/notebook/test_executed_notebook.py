@@ -53,7 +53,7 @@ def executed() -> dict[str, list[dict[str, Any]]]:
     sources = {"begin": BEGIN, **{name: source for name, (source, _) in CELLS.items()}}
     cells = [nbformat.v4.new_code_cell(source) for source in sources.values()]
     notebook = nbformat.v4.new_notebook(cells=cells)
-    NotebookClient(notebook, timeout=120, kernel_name="python3").execute()
+    NotebookClient(notebook, timeout=600, kernel_name="python3").execute()
     nbformat.validate(notebook)
     return {name: cell["outputs"] for name, cell in zip(sources, notebook.cells, strict=True)}
 
