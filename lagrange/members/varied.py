@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import qmc
 
 from lagrange.errors import StatementError, shown
 from lagrange.statement.choice import one_of
@@ -145,6 +144,8 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
     scrambled; "latin", a Latin hypercube; or "random", independent values. Source: `scipy.stats.qmc`. Raises
     StatementError for a range that has no values.
     """
+    from scipy.stats import qmc  # takes as long to import as all else that a run needs
+
     start = whole_number(seed, "seed", 0)
     one_of(method, METHODS, "method is {given}; the methods of a sample are {known}.")
     given = list(_named(ranges, "ranges", "coordinate, velocity or parameter to (low, high)"))
