@@ -16,7 +16,7 @@ from tests import covering
 
 mpl.use("Agg")
 
-# Dozens of processes that tests start import the package. Without the files that Python keeps, each takes twice as long.
+# Dozens of processes that tests start import the package. Without what Python keeps, each takes twice as long.
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 
 # A shell that starts the tests in the background lets them ignore Ctrl-C; what is tested is what a terminal does.
