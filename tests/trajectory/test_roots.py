@@ -13,7 +13,7 @@ import pytest
 
 from lagrange.trajectory.events.roots import Root, Side, may_vanish, roots
 from lagrange.trajectory.trajectory import FloatArray
-from tests.covering import drawn, share
+from tests.covering import drawn, share, waiting
 
 pytestmark = pytest.mark.usefixtures("isolation")
 
@@ -138,12 +138,11 @@ def test_every_root_of_a_random_polynomial_is_found_once(seed: int) -> None:
             assert abs(root.time / h - s) <= 2 * 4 * EPSILON * size / slope + 2 * EPSILON
 
 
-@pytest.mark.larger
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *waiting(1, 2, 3)])
 def test_the_count_is_that_of_sturm(seed: int) -> None:
     """Of the polynomial with the rounded coefficients, in exact arithmetic."""
     rng = np.random.default_rng(100 + seed)
-    for _ in range(share(50)):
+    for _ in range(50):
         case = random_case(rng)
         found, _ = roots(case[0], 1.0)
         if resolved(case):
@@ -156,12 +155,11 @@ def test_sturm_counts_for_itself() -> None:
     assert sturm_count(rounded([0.25, 0.5, 1.0], [2.0, 0.5 + 1j])) == 3 and sturm_count(rounded([0.25] * 2, [0.0])) == 1
 
 
-@pytest.mark.larger
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", [0, *waiting(1, 2, 3)])
 def test_any_coefficients_keep_the_order_and_the_signs(seed: int) -> None:
     """Also beyond what they resolve: times in order, crossings in turn, and the side at the end that of g there."""
     rng = np.random.default_rng(200 + seed)
-    for _ in range(share(500)):
+    for _ in range(500):
         m = int(rng.integers(1, 42))
         c = rng.standard_normal(m) * rng.choice((0.1, 0.6, 1.0, 1.5)) ** np.arange(m)
         if rng.random() < 0.3:
@@ -217,17 +215,15 @@ def wave(t: float, turns: int) -> FloatArray:
     return np.array([derivatives[(k + turns) % 4] / math.factorial(k) for k in range(30)])
 
 
-@pytest.mark.larger
 @pytest.mark.parametrize("digits", range(1, 13))
 def test_grazing(digits: int) -> None:
     """cos t - (1 - e): two crossings for e > 0, none for e < 0, one touch for 0, wherever the series stands."""
     rng, e = np.random.default_rng(digits), 10.0**-digits
-    for _ in range(share(50)):
+    for _ in range(50):
         t, end = rng.uniform(-1.2, -0.6), rng.uniform(0.6, 0.9)
         for depth, expected in ((e, [1, -1]), (-e, []), (0.0, [0])):
             c = wave(t, 0)
-            # cos t - 1 without cancellation
-            c[0] = -2 * math.sin(t / 2) ** 2 + depth
+            c[0] = -2 * math.sin(t / 2) ** 2 + depth  # cos t - 1 without cancellation
             for start, length in ((t, end - t), (-t, t - end)):
                 series = c * np.sign(length) ** np.arange(len(c))
                 found, after = roots(series, length)
