@@ -87,6 +87,8 @@ def range_of(span: Any, what: str, count: int) -> tuple[float, float, int]:
     if size not in (2, 3):
         raise StatementError(f"{what} is {shown(span)}: give (low, high), or (low, high, count).")
     numbers = real_array(list(span), what)
+    if numbers.ndim != 1:
+        raise StatementError(f"{what} is {shown(span)}: give (low, high), or (low, high, count).")
     low, high = float(numbers[0]), float(numbers[1])
     if not (np.isfinite([low, high]).all() and low < high):
         raise StatementError(f"{what} is empty: {low:g} to {high:g}. Give (low, high) with low < high.")

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.errors import listing
+from lagrange.errors import StatementError, listing
 from lagrange.mechanics.identity import vanishes
 from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.plain_form import PlainForm, numeric
@@ -39,6 +39,10 @@ class Verdict:
     reason: str
 
 
+NO_INERTIA = "the mass matrix is singular at these values of the parameters: give others."
+"""What is said of an equilibrium at which some motion has no inertia."""
+
+
 def matrix_values(lin: Linearization, point: StatedPoint) -> Mapping[Any, Any] | None:
     """Return numbers for all symbols of M, C and K, or None where one is missing."""
     known = point.numbers
@@ -47,9 +51,15 @@ def matrix_values(lin: Linearization, point: StatedPoint) -> Mapping[Any, Any] |
 
 
 def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
-    """Return the matrix A of d/dt [x, v] = A [x, v] for M dv/dt + C v + K x = 0, numbers, (2n, 2n)."""
+    """Return the matrix A of d/dt [x, v] = A [x, v] for M dv/dt + C v + K x = 0, numbers, (2n, 2n).
+
+    Raises StatementError for a mass matrix that is singular.
+    """
     n = mass.shape[0]
-    lower = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
+    try:
+        lower = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
+    except np.linalg.LinAlgError:
+        raise StatementError(NO_INERTIA) from None
     return np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), lower])
 
 
@@ -64,6 +74,8 @@ def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
     parts = [numeric(x, values) for x in (lin.M, lin.C, lin.K)]
     if any(np.iscomplexobj(part) or not np.isfinite(part).all() for part in parts):
         return Verdict(stable=None, reason="the point does not exist at the values of the parameters.")
+    if np.linalg.matrix_rank(parts[0]) < len(parts[0]):
+        return Verdict(stable=None, reason=NO_INERTIA)
     mass, damping, stiffness = at_fixed_momenta(parts[0], parts[1], parts[2], gone)
     return _numeric_verdict(mass, damping, stiffness, energetic=has_energy(form))
 

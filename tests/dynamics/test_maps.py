@@ -265,3 +265,9 @@ def test_maps_and_ensembles_run_on_the_processors_that_this_process_may_use(monk
     for call in calls:
         with pytest.raises(StatementError, match="workers = 2000: give a whole number from 1 to 1024"):
             call()
+
+
+def test_a_range_that_is_a_matrix_is_refused() -> None:
+    theta = lg.coordinate("theta")
+    with pytest.raises(lg.StatementError, match=r"the range of theta is .*: give \(low, high\)"):
+        lg.first_passage(lg.scene("pendulum"), {theta: np.zeros((2, 2)), theta.dot: (0, 1, 2)})

@@ -238,3 +238,10 @@ def test_a_wrong_frequency_without_values_is_found_by_number(monkeypatch: pytest
     monkeypatch.setattr(modes_module, "_root_of", lambda given: 2 * sqrt(given))
     with pytest.raises(RunError, match="is wrong"):
         lg.System(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2).modes()
+
+
+def test_a_mass_of_zero_is_refused_in_a_sentence() -> None:
+    massless = lg.System(m * l**2 * theta.dot**2 / 2, -m * g * l * cos(theta), parameters={m: 0, g: 9.81, l: 1})
+    with pytest.raises(StatementError, match="the mass matrix is singular at these values of the parameters"):
+        massless.modes()
+    assert {one.stable for one in massless.equilibria()} == {None}

@@ -176,3 +176,9 @@ def test_an_invariant_that_is_zero_is_said_to_be() -> None:
     central = lg.System((x.dot**2 + y.dot**2) / 2, (x**2 + y**2) / 2, initial={x: 1.0}, name="central")
     figure = central.run(1.0).plot("invariants")
     assert "drift of angular momentum z, which is 0 at every output" in [a.get_title("left") for a in figure.axes]
+
+
+def test_a_figure_that_is_too_small_for_its_panels_is_refused() -> None:
+    with pytest.raises(StatementError, match=r"size = \(3, 2\) leaves no room for 5 panels: give a width of "):
+        double_pendulum().plot(size=(3, 2))
+    drawn(double_pendulum(), what="coordinates", size=(3, 2))

@@ -32,6 +32,10 @@ DPI = 200
 _LEFT, _RIGHT, _NARROW = 6.0, 4.6, 1.9
 """Inches of panels over time, of a plane, and of paths on an upright line."""
 
+_LEAST, _LEAST_PLANE, _BESIDE, _NARROWEST = 0.45, 1.5, 0.8, 0.4
+"""The least height in inches of a coordinate, of a plane and of what stands beside them, and the least part of the
+natural width: smaller panels collapse."""
+
 _ONE_COLUMN = 4
 """More coordinates than this stand in two columns."""
 
@@ -131,6 +135,12 @@ def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: 
     upright = bool(right) and all(panel.shape == "column" for panel in right)
     widths = (_LEFT * bool(left or rows), columns * (_NARROW if upright else _RIGHT) * bool(right))
     width, height = size or (sum(widths), round(max(own.height, down * 4.2 if right else 0.0), 1))
+    least = max(_BESIDE + _LEAST * sum(own.ratios) if own.ratios else 0.0, _LEAST_PLANE * down if right else 0.0)
+    if width < _NARROWEST * sum(widths) or height < least:
+        raise StatementError(
+            f"size = ({width:g}, {height:g}) leaves no room for {counted(len(panels), 'panel')}: give a width of "
+            f"{_NARROWEST * sum(widths):.2g} and a height of {least:.2g} or more, or choose less with what=."
+        )
     figure = new_figure(figsize=(width, height), layout="constrained")
     share = width / sum(widths)
     if not right:

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lagrange.show.animation.axis import around
 from lagrange.show.figures.colours import colours
 from lagrange.show.figures.shown_figure import SCREEN_DPI, new_figure
 from lagrange.show.figures.space_view import View, view_of
 from lagrange.show.figures.spring import spring
 from lagrange.show.figures.style import Style, dress, on_paper
-from lagrange.show.measures.points import points_at
+from lagrange.show.measures.points import fixed_points, points_at
 from lagrange.show.notation.names import letters, plain_text
 from lagrange.show.units import length_unit, unit_of, with_unit
 from lagrange.statement.declare import ORIGIN
@@ -71,8 +72,9 @@ class ExploredPicture:
         (self._curve,) = self._energy.plot([], [], color=style.ink, linewidth=1.2, animated=True)
         panels = [self._energy] if statement.positions else [self._energy, self._place]
         self._cursors = {axis: axis.axvline(0.0, color=style.quiet, linewidth=1.0, animated=True) for axis in panels}
-        named = list(statement.positions)
-        self._names = tuple(named) or statement.names
+        named, fixed = list(statement.positions), fixed_points(statement)
+        self._names = tuple(name for name in named if not fixed[name]) if named else statement.names
+        self._fixed = tuple(name for name in (*named, ORIGIN) if fixed[name])
         own = colours(len(self._names), style.colours)
         self._paths = [self._place.plot([], [], color=c, linewidth=1.0, alpha=0.6, animated=True)[0] for c in own]
         self._dots = [
@@ -83,7 +85,10 @@ class ExploredPicture:
             self._place.plot([], [], color=style.quiet, linewidth=1.8, animated=True, zorder=3)[0]
             for _ in statement.links
         ]
-        (self._origin,) = self._place.plot([], [], "s", color=style.ink, markersize=4, animated=True, zorder=4)
+        self._marks = [
+            self._place.plot([], [], "s", color=style.ink, markersize=4, animated=True, zorder=4)[0]
+            for _ in self._fixed
+        ]
         if not named:
             self._place.set_xlabel(time)
         if not named and len(self._names) == 1:
@@ -95,7 +100,7 @@ class ExploredPicture:
         self._points: dict[str, FloatArray] = {}
         self._rows: FloatArray = np.zeros((len(statement.names), 1))
         self._view: View | None = None
-        self._placed = False
+        self._placed = self._shown = False
         sheet: Any = {"transform": self._figure.transFigure, "facecolor": style.paper, "edgecolor": "none"}
         self._sheets = {
             self._place: Rectangle((0.0, 0.0), 0.5, 1.0, **sheet),
@@ -125,6 +130,7 @@ class ExploredPicture:
         """Take a run, whose picture is then drawn at any time. A run without output leaves the last one."""
         if not len(solution.t):
             return
+        self._shown = True
         start, end = solution.trajectory.span
         self._times = np.linspace(start, end, SAMPLES)
         states = solution.at(self._times)
@@ -196,6 +202,8 @@ class ExploredPicture:
 
     def _move(self, place: int) -> None:
         """Put what moves where it is at one of the times, and draw it."""
+        if not self._shown:
+            return
         time = self._times[place]
         for axis, cursor in self._cursors.items():
             cursor.set_xdata([time, time])
@@ -214,12 +222,10 @@ class ExploredPicture:
             ends = here[start], here[end]
             line.set_data(*(spring(*ends, 0.03 * size) if kind == SPRING else np.array(ends).T))
             self._place.draw_artist(line)
-        if ORIGIN in here:
-            self._origin.set_data(*here[ORIGIN][:, None])
-            self._place.draw_artist(self._origin)
-        for dot, name in zip(self._dots, self._names, strict=True):
-            dot.set_data(*here[name][:, None])
-            self._place.draw_artist(dot)
+        for dot, name in zip([*self._marks, *self._dots], [*self._fixed, *self._names], strict=True):
+            if name in here:
+                dot.set_data(*here[name][:, None])
+                self._place.draw_artist(dot)
 
     def _encoded(self) -> bytes:
         from PIL import Image
@@ -290,8 +296,6 @@ def _about_zero(limits: tuple[float, float], low: float, high: float) -> tuple[f
 
 def _kept(limits: tuple[float, float], low: float, high: float) -> tuple[float, float]:
     """Return limits around values: those that are there while the values fill them, else others with some room."""
-    extent = high - low
-    if limits[0] <= low and high <= limits[1] and extent > _TOO_SMALL * (limits[1] - limits[0]):
+    if limits[0] <= low and high <= limits[1] and high - low > _TOO_SMALL * (limits[1] - limits[0]):
         return limits
-    room = _ROOM * extent if extent > 0 else abs(high) * 0.1 or 1.0
-    return low - room, high + room
+    return around(np.array([low, high]), _ROOM)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
+from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.errors import StatementError
@@ -248,3 +249,35 @@ def test_widgets_move_the_picture_and_show_the_message() -> None:
     speed.value = -3.0
     assert message.value.startswith("<b>The run did not get to its end.</b> ")
     assert len(system.explore(k=(1, 2), play=False).children[2].children) == 1
+
+
+def test_a_first_run_that_is_refused_leaves_an_empty_picture_and_says_why() -> None:
+    system = lg.scene("henon-heiles")
+
+    def refused(*_: Any) -> Any:
+        raise StatementError("no run today.")
+
+    sliders = explored_sliders(system.statement, {"x": (0.0, 1.0)}, {})
+    made = Exploration(system.statement, sliders, refused, LIGHT)
+    assert (made.complete, made.message) == (False, "no run today.") and made.picture.startswith(b"\x89PNG")
+    made.move(0.5)
+
+
+def test_fixed_points_are_marks_without_a_colour_and_a_legend_entry() -> None:
+    theta, l = lg.coordinate("theta"), lg.parameters("l")
+    system = lg.System(
+        l**2 * theta.dot**2 / 2,
+        -l * cos(theta),
+        parameters={l: 1},
+        initial={theta: 1},
+        positions={"pivot": (0, l), "bob": (l * sin(theta), l - l * cos(theta)), "tip": (2 * l * sin(theta), l)},
+    )
+    drawn = exploration(system, {"l": (0.5, 2)})._drawn
+    legend = drawn._place.get_legend()
+    assert legend is not None and [text.get_text() for text in legend.get_texts()] == ["bob", "tip"]
+
+
+def test_a_level_energy_of_any_size_has_limits() -> None:
+    x = lg.coordinate("x")
+    system = lg.System(lagrangian=x.dot**2 / 2 + 1e12 * x.dot - sin(lg.t) * 1e-9, initial={x: 0, x.dot: 1e6})
+    assert exploration(system, {"x": (0.0, 1.0)}).picture
