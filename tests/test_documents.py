@@ -15,6 +15,7 @@ import pytest
 import lagrange as lg
 from lagrange import cli
 from lagrange.trajectory.methods import registry
+from tests.covering import PART
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -93,7 +94,14 @@ def test_the_readme_has_a_first_result_in_six_lines() -> None:
     assert len([line for line in first.splitlines() if line.strip()]) <= 6
 
 
-@pytest.mark.parametrize("body", [pytest.param(body, id=page) for page, body in snippets()])
+PROGRAMS = [
+    pytest.param(body, id=page, marks=[pytest.mark.exhaustive] * (k % PART > 0))
+    for k, (page, body) in enumerate(snippets())
+]
+"""The Python of all pages, of which a default run takes one in `PART`, the readme's first."""
+
+
+@pytest.mark.parametrize("body", PROGRAMS)
 def test_the_python_on_the_page_runs(body: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     if lacking := missing(body):
         pytest.skip(f"not installed: {', '.join(lacking)}")
