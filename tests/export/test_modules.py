@@ -28,6 +28,14 @@ TARGETS = [
 every_target = pytest.mark.parametrize("target", TARGETS)
 
 
+def every_second(first: int) -> pytest.MarkDecorator:
+    """Return all languages as parameters, of which a default run takes every second one: compilers take their time."""
+    return pytest.mark.parametrize("target", [
+        pytest.param(*one.values, marks=[*one.marks, *[pytest.mark.exhaustive] * ((k + first) % 2)])
+        for k, one in enumerate(TARGETS)
+    ])  # fmt: skip
+
+
 def conforms(target: str, scene: str, folder: Path) -> None:
     """Compile all contents of a scene, run the self-test, and compare the table of main with our trajectory."""
     system = lg.scene(scene)
@@ -113,7 +121,7 @@ def check_graphs(target: str, count: int, folder: Path) -> None:
         np.testing.assert_array_equal(np.array(one.values)[rest], np.array(rarer_results(a, b))[rest])
 
 
-@every_target
+@every_second(0)
 def test_random_graphs(target: str, tmp_path: Path) -> None:
     check_graphs(target, 12, tmp_path)
 
@@ -135,7 +143,7 @@ AWKWARD = (
 )
 
 
-@every_target
+@every_second(1)
 def test_awkward_names(target: str, tmp_path: Path) -> None:
     system = named(AWKWARD[:8], AWKWARD[8:], "while")
     made = system.export(target, tmp_path, ["rhs", "energy", "rk4"])
@@ -170,7 +178,7 @@ def coupled() -> lg.System:
     )
 
 
-@every_target
+@every_second(0)
 @pytest.mark.parametrize("stated", [coupled, on_a_sphere])
 def test_a_singular_matrix_is_a_status(target: str, stated: Callable[[], lg.System], tmp_path: Path) -> None:
     system = stated()
@@ -190,7 +198,7 @@ def test_a_singular_matrix_is_a_status(target: str, stated: Callable[[], lg.Syst
     assert found[7].values[2:] == pytest.approx(system.compile().accelerations(good[:2], good[2:]), rel=1e-14)
 
 
-@every_target
+@every_second(1)
 def test_a_matrix_of_parameters_that_is_singular_is_a_status(target: str, tmp_path: Path) -> None:
     x, z = lg.coordinates("x z")
     m, k = lg.parameters("m k")
@@ -245,7 +253,7 @@ def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
     assert " && ".join(made.commands) in lines  # how the self-test is run
 
 
-@every_target
+@every_second(0)
 def test_operations_on_constants_have_the_values_of_doubles(target: str, tmp_path: Path) -> None:
     code = [Instruction("constant", value=value) for value in (1.0, 0.0, 1e300, -1.0)]
     code += [
@@ -266,7 +274,7 @@ def test_operations_on_constants_have_the_values_of_doubles(target: str, tmp_pat
     np.testing.assert_array_equal(found.values, [inf, inf, nan, -inf, nan, -inf, 1e-300])
 
 
-@every_target
+@every_second(1)
 def test_main_writes_the_times_of_the_grid_and_says_why_it_ends_early(target: str, tmp_path: Path) -> None:
     x = lg.coordinate("x")
     falls = lg.System(kinetic=x.dot**2 / 2, potential=-1 / x**2, initial={x: 1}, name="falls")

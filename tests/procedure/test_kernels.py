@@ -17,6 +17,7 @@ from lagrange.machine.python_source import loaded
 from lagrange.procedure.kernel.kernels import kernel, prepare
 from lagrange.procedure.kernel.prepared import WRITTEN_OUT, Prepared
 from lagrange.program.program import Instruction, Program, ProgramBlock
+from tests.covering import spread
 
 NAMES = ("rhs", "jacobian", "energy", "mass_matrix", "momenta")
 
@@ -34,7 +35,7 @@ def evaluated(programs: list[Program], t: float, y: np.ndarray, parameters: np.n
     return found
 
 
-@pytest.mark.parametrize("scene", lg.scenes())
+@pytest.mark.parametrize("scene", spread(lg.scenes(), 10))
 def test_every_scene(scene: str) -> None:
     system = lg.scene(scene)
     model: Model = system.compile("numpy")

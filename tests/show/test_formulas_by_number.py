@@ -29,6 +29,7 @@ from lagrange.show.notation.sections import (
     sections,
 )
 from lagrange.show.notation.text import AsciiNotation, UnicodeNotation
+from tests.covering import spread, waiting
 from tests.models import shared_scene
 from tests.show import formula_readers
 
@@ -43,7 +44,7 @@ LONG = (
     "four-bar-ladder",
     "four-bar-change-point",
 )
-SCENES = [pytest.param(name, marks=[pytest.mark.exhaustive] if name in LONG else []) for name in lg.scenes()]
+SCENES = [*spread([name for name in lg.scenes() if name not in LONG], 10), *waiting(*LONG)]
 DIGITS = 80
 STEP = mpmath.mpf(10) ** -20
 """Central differences, nested once, leave 20 digits or more of what they are taken of."""
