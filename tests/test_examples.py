@@ -13,7 +13,16 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from examples import double_pendulum, euler_against_rk4, pendulum_period, phase_portraits, poincare_section
+from examples import (
+    double_pendulum,
+    euler_against_rk4,
+    flip_times,
+    magnet_pendulum,
+    pendulum_period,
+    phase_portraits,
+    poincare_section,
+    throw_in_wind,
+)
 
 
 def assert_is_a_picture(path: Path) -> None:
@@ -132,3 +141,70 @@ def test_orbits_of_the_section_are_those_of_another_solver() -> None:
     assert len(theirs) >= 10
     # SciPy's dense output is of order 7: its states between steps are good to 1e-9 or so.
     assert ours == pytest.approx(theirs, abs=1e-8)
+
+
+def test_flip_times(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(flip_times.flip_times, "__defaults__", (40, 20.0))
+    found = flip_times.main(tmp_path)
+    assert found.times.shape == (40, 40)
+    assert 0.3 < np.isfinite(found.times).mean() < 0.69
+    assert "0 of these flipped" in capsys.readouterr().out
+    # Another solver, which knows nothing of the equations but Newton's for two masses on rods.
+    for row, column in ((3, 6), (20, 4), (30, 36)):
+        start = [found.plane[0].values[column], found.plane[1].values[row], 0.0, 0.0]
+        assert found.times[row, column] == pytest.approx(flip_by_scipy(start), rel=1e-5)
+    assert_is_a_picture(tmp_path / "flip_times.png")
+
+
+def flip_by_scipy(start: list[float]) -> float:
+    """The first time at which an angle of two equal pendulums passes an odd number of half turns; g = l = m = 1."""
+
+    def rhs(_: float, s: NDArray[np.float64]) -> list[float]:
+        a, b, u, v = s
+        mass = np.array([[2.0, math.cos(a - b)], [math.cos(a - b), 1.0]])
+        pull = [-math.sin(a - b) * v**2 - 2 * math.sin(a), math.sin(a - b) * u**2 - math.sin(b)]
+        return [u, v, *np.linalg.solve(mass, pull)]
+
+    tops = [lambda _, s: math.cos(s[0] / 2), lambda _, s: math.cos(s[1] / 2)]
+    solved = solve_ivp(rhs, (0.0, 20.0), start, "DOP853", events=tops, rtol=1e-10, atol=1e-10)
+    assert solved.t_events is not None
+    return float(min(np.concatenate(solved.t_events)))
+
+
+def test_magnet_pendulum(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(magnet_pendulum.basins, "__defaults__", (41,))
+    found = magnet_pendulum.main(tmp_path)
+    places = np.array([one.states[0, :2] for one in found.attractors])
+    # At rest on the line from the middle to a magnet, where spring and magnets balance: three times the same distance.
+    distances = np.linalg.norm(places, axis=1)
+    assert distances == pytest.approx([distances[0]] * 3, rel=1e-9) and 0.95 < distances[0] < 1.0
+    assert np.sort(np.degrees(np.arctan2(places[:, 1], places[:, 0]))) == pytest.approx([-150.0, -30.0, 90.0])
+    # The mirror x -> -x exchanges the magnets to the left and to the right.
+    (left,), (right,) = (np.flatnonzero(sign * places[:, 0] < -0.1) for sign in (1, -1))
+    exchanged = found.labels.copy()
+    exchanged[found.labels == left], exchanged[found.labels == right] = right, left
+    off_axis = np.abs(found.plane[0].values) > 1e-9
+    assert (exchanged[:, ::-1] == found.labels)[:, off_axis].mean() > 0.99  # a border is sensitive to rounding
+    assert_is_a_picture(tmp_path / "magnet_pendulum.png")
+
+
+def test_throw_in_wind(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(throw_in_wind.throws, "__defaults__", (256, 1))
+    runs = throw_in_wind.main(tmp_path)
+    landed = runs.y_events[0][:, 0]
+    assert np.abs(landed[:, 1]).max() < 1e-12 and (landed[:, 3] < 0).all()
+    # Sobol's points are spread evenly: the mean of 256 is that of the distribution, 4 Gamma(3/2), within a hundredth.
+    assert runs.given("w").mean() == pytest.approx(4 * math.gamma(1.5), rel=0.01)
+    i, k, m = 7, 0.004, 0.145
+    wind = float(runs.given("w")[i])
+
+    def rhs(_: float, s: NDArray[np.float64]) -> list[float]:
+        drag = k / m * math.hypot(s[2] - wind, s[3])
+        return [s[2], s[3], -drag * (s[2] - wind), -9.81 - drag * s[3]]
+
+    start = [0.0, 1.5, float(runs.given("x_dot")[i]), float(runs.given("y_dot")[i])]
+    solved = solve_ivp(rhs, (0.0, 10.0), start, "DOP853", events=lambda _, s: float(s[1]), rtol=1e-10, atol=1e-10)
+    assert solved.y_events is not None
+    assert landed[i, 0] == pytest.approx(solved.y_events[0][0][0], rel=1e-7)
+    assert "correlation of the distance with the wind: +0.9" in capsys.readouterr().out
+    assert_is_a_picture(tmp_path / "throw_in_wind.png")

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,7 @@ class Settling:
 
     def __init__(self, runs: Runs, plane: Plane, base: FloatArray, t_end: float | None, *, many: bool) -> None:
         model, statement = runs.model, runs.model.statement
-        self.runs, self.model, self.parameters = runs, model, runs.parameters
+        self.model, self.parameters = model, runs.parameters
         values = dict(zip(statement.parameters, runs.parameters.tolist(), strict=True))
         self.period = driving_period(statement, values) if depends_on_time(statement) else None
         corners = states_of(plane, base, np.array([[i, j] for i in (0, -1) for j in (0, -1)]))
@@ -83,8 +83,9 @@ class Settling:
         self.leg = self.period or LEG * self.scale
         self.end = DEFAULT_PERIODS * self.scale if t_end is None else t_end
         self.periodic = angles(statement)
-        self.flow, self.values = Flow(model, runs.options), None if _are_defaults(runs) else values
         self.sizes = _sizes(plane, self.periodic, self.scale)
+        runs = _within(runs, CLOSE * float(self.sizes.min()))
+        self.flow, self.values = Flow(model, runs.options), None if _are_defaults(runs) else values
         # A flow is faster than an engine that runs members one by one.
         engine = runs.job(0.0, self.leg, (END,)).engine() if many else None
         self.lanes = engine if isinstance(engine, LaneEngine) else None
@@ -233,6 +234,18 @@ class Settling:
             if turns:
                 found[:, i] -= TURN * np.ceil(np.round(found[:, i] / TURN, 12) - 0.5)
         return found
+
+
+def _within(runs: Runs, size: float) -> Runs:
+    """Return runs whose error is bounded relative to a size, where a relative tolerance alone is given.
+
+    Next to an equilibrium the state is as small as the rounding of forces that cancel, and a tolerance relative to it
+    would ask for ever shorter steps.
+    """
+    options = runs.options
+    if options.rtol is None or options.atol is not None:
+        return runs
+    return replace(runs, options=replace(options, atol=options.rtol * size))
 
 
 def _are_defaults(runs: Runs) -> bool:
