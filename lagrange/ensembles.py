@@ -18,9 +18,9 @@ from lagrange.machine.model import Model
 from lagrange.members.job import Job
 from lagrange.members.keep import DEFAULT as DEFAULT_KEEP
 from lagrange.members.keep import keep_of
-from lagrange.members.keepers import Keeper, kept_in_memory
 from lagrange.members.processors import threads_of
 from lagrange.members.runners import ExecutorRunner, Runner, ThreadRunner
+from lagrange.members.storage import ResultStorage, kept_in_memory
 from lagrange.members.store import kept_in_store
 from lagrange.members.table import MemberTable, member_table
 from lagrange.members.work import run_members
@@ -113,20 +113,20 @@ def _run(
     problem, method = job.problem, job.options.method
     plan = method.plan(problem) if isinstance(method, Planned) else None
     aimed = problem if plan is None else replace(problem, rtol=plan.tolerances.rtol or None)
-    keeper = kept_in_memory(job, table) if store is None else kept_in_store(job, table, store)
-    if keeper.left:
-        _run_left(job, table, keeper, threads, executor, progress=progress)
+    storage = kept_in_memory(job, table) if store is None else kept_in_store(job, table, store)
+    if storage.left:
+        _run_left(job, table, storage, threads, executor, progress=progress)
     wall = time.perf_counter() - began
     explain = partial(job.explained, table)
-    return Ensemble(table, keeper.results, job.columns, aimed, method.name, keeper.form, keeper.ran, wall, explain)
+    return Ensemble(table, storage.results, job.columns, aimed, method.name, storage.form, storage.ran, wall, explain)
 
 
 def _run_left(
-    job: Job, table: MemberTable, keeper: Keeper, threads: int, executor: Any, *, progress: bool | str
+    job: Job, table: MemberTable, storage: ResultStorage, threads: int, executor: Any, *, progress: bool | str
 ) -> None:
     """Run the members that are left, until all are done or Ctrl-C; a member that was not run counts as INTERRUPTED."""
     with compiling(job.problem.model.statement.name, wanted=bool(progress)):
         runner: Runner = ThreadRunner(job.engine(), threads) if executor is None else ExecutorRunner(executor, job)
-    before = len(table) - keeper.members_left
+    before = len(table) - storage.members_left
     with counter(len(table), "member", wanted=progress, before=before) as report, suppress(KeyboardInterrupt):
-        run_members(table, keeper.left, runner, keeper.reporting(report, before))
+        run_members(table, storage.left, runner, storage.reporting(report, before))

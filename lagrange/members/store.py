@@ -24,9 +24,9 @@ from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.members.chunk import INTERRUPTED, STATUSES
 from lagrange.members.job import Done, Job
 from lagrange.members.keep import OUTPUTS, STATE, STATUS, TIME
-from lagrange.members.keepers import Keeper
 from lagrange.members.origin import difference, origin
 from lagrange.members.results import Results
+from lagrange.members.storage import ResultStorage
 from lagrange.members.table import MemberTable
 
 BLOCK_BYTES, LARGEST_BLOCK = 2**23, 2**16
@@ -41,8 +41,8 @@ DAMAGE = (KeyError, TypeError, ValueError, RuntimeError, AttributeError)
 """What zarr raises where files of a store are missing or are none of its own."""
 
 
-class StoreKeeper(Keeper):
-    """Keeps results in a store; blocks that are not whole yet are in memory."""
+class ZarrStorage(ResultStorage):
+    """Results kept in a store on a disk; blocks that are not whole yet are in memory."""
 
     def __init__(self, job: Job, table: MemberTable, path: Path, group: Any, block: int) -> None:
         members = len(table)
@@ -114,7 +114,7 @@ class StoredResults:
         return found[0] if parts == (name,) else np.stack(found, axis=-1)
 
 
-def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -> StoreKeeper:
+def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -> ZarrStorage:
     """Return what keeps results in a store, which is made, or goes on where it stopped.
 
     Raises StatementError for a folder that holds something else, and without zarr; RunError for a full disk.
@@ -144,7 +144,7 @@ def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -
         ]
     if missing:
         raise RunError(f"{path} is damaged: it has no {listing(missing)}. Give another store, or restore this one.")
-    return StoreKeeper(job, table, path, group, block)
+    return ZarrStorage(job, table, path, group, block)
 
 
 def _folder(store: str | os.PathLike[str]) -> Path:

@@ -33,7 +33,7 @@ Take = Callable[[int, Done], None]
 
 
 @dataclass
-class Pace:
+class ChunkSize:
     """How many members take as long as a chunk should, by what former chunks took."""
 
     size: int
@@ -50,8 +50,8 @@ def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner,
     `take` is called in this thread with the results of each chunk, in the order in which chunks are done. Where
     anything stops it, what is under way is waited for and taken.
     """
-    pace = Pace(FIRST_CHUNK)
-    chunks = _chunks(blocks, pace)
+    chunk_size = ChunkSize(FIRST_CHUNK)
+    chunks = _chunks(blocks, chunk_size)
     done: SimpleQueue[tuple[int, int, Any]] = SimpleQueue()
     under_way: dict[int, Any] = {}
 
@@ -59,7 +59,7 @@ def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner,
         first, count, future = done.get()
         del under_way[first]
         found = _result(future)
-        pace.note(count, found.seconds)
+        chunk_size.note(count, found.seconds)
         take(first, found)
 
     try:
@@ -130,11 +130,11 @@ def _take_finished(under_way: dict[int, Any], done: SimpleQueue[tuple[int, int, 
             take(first, _result(future))
 
 
-def _chunks(blocks: Iterable[tuple[int, int]], pace: Pace) -> Iterator[tuple[int, int]]:
-    """Yield the first and the number of the next members, as many as the pace says when they are asked for."""
+def _chunks(blocks: Iterable[tuple[int, int]], chunk_size: ChunkSize) -> Iterator[tuple[int, int]]:
+    """Yield the first and the number of the next members, as many as the chunk_size says when they are asked for."""
     for begin, end in blocks:
         first = begin
         while first < end:
-            count = min(pace.size, end - first)
+            count = min(chunk_size.size, end - first)
             yield first, count
             first += count

@@ -66,15 +66,15 @@ def test_a_call_goes_on_where_another_one_stopped(tmp_path: Path, monkeypatch: p
     run(store=tmp_path / "whole.zarr")
     blocks = -(-len(GRID) // 37)
     written: list[int] = []
-    write = store.StoreKeeper.write
+    write = store.ZarrStorage.write
 
-    def stops(keeper: Any, k: int, *rest: Any) -> None:
+    def stops(storage: Any, k: int, *rest: Any) -> None:
         if len(written) == stops_at:
             raise KeyboardInterrupt
         written.append(k)
-        write(keeper, k, *rest)
+        write(storage, k, *rest)
 
-    monkeypatch.setattr(store.StoreKeeper, "write", stops)
+    monkeypatch.setattr(store.ZarrStorage, "write", stops)
     for stops_at in range(1, blocks + 1):
         partial = run(store=tmp_path / "runs.zarr", workers=1)
         assert len(written) == stops_at and len(set(written)) == stops_at

@@ -18,7 +18,7 @@ from lagrange.show.animation import player
 from lagrange.show.animation.canvas import Canvas, Pixels
 from lagrange.show.animation.file_kinds import named_kind
 from lagrange.show.animation.gif import write_gif
-from lagrange.show.animation.layout import sheet_of, wish
+from lagrange.show.animation.layout import frame_options, sheet_of
 from lagrange.show.animation.motion import motion_of
 from lagrange.show.animation.mp4 import has_ffmpeg, write_mp4
 from lagrange.show.animation.sheet import Sheet
@@ -155,7 +155,7 @@ def animate(
 ) -> Animation:
     """Return the animation of a run, written to `path` if there is one; see `Solution.animate`."""
     one_of(style, STYLES, "style = {given}: give one of {known}.")
-    wanted = wish(size, trail)
+    wanted = frame_options(size, trail)
     if path is not None:
         _writable(path)
     if not len(solution.t):

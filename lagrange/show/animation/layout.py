@@ -59,14 +59,14 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class Wish:
+class FrameOptions:
     """What was asked for: the size in pixels, None for one that fits the motion, and the time that trails go back."""
 
     size: tuple[int, int] | None
     trail: float | None
 
 
-def wish(size: Any, trail: Any) -> Wish:
+def frame_options(size: Any, trail: Any) -> FrameOptions:
     """Return what was asked for. Raises StatementError for what cannot be drawn."""
     if size is not None:
         if not isinstance(size, (tuple, list)) or len(size) != 2:
@@ -75,10 +75,10 @@ def wish(size: Any, trail: Any) -> Wish:
         size = width, height
     if trail is not None and (trail := real_number(trail, "trail")) < 0:
         raise StatementError(f"trail = {trail:g}: give the time that trails go back, or 0 for none.")
-    return Wish(size, trail)
+    return FrameOptions(size, trail)
 
 
-def sheet_of(statement: Statement, motion: Motion, timing: Timing, wanted: Wish) -> Sheet:
+def sheet_of(statement: Statement, motion: Motion, timing: Timing, wanted: FrameOptions) -> Sheet:
     """Return the whole animation in pixels, with as many samples between frames as are seen."""
     scene = scene_of(motion.points, statement) if motion.points else None
     panels = _panels(statement, motion, scene)

@@ -15,8 +15,8 @@ from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
 Report = Callable[[float], None] | None
 
 
-class Keeper(ABC):
-    """Keeps results; `left` are the blocks of members that are still to be run, and `ran` counts those that were."""
+class ResultStorage(ABC):
+    """Where results are kept: `left` are blocks of members that are still to be run, `ran` counts those that were."""
 
     def __init__(self, job: Job, left: list[tuple[int, int]]) -> None:
         self.job, self.left = job, left
@@ -64,8 +64,8 @@ class Keeper(ABC):
         return keep
 
 
-class MemoryKeeper(Keeper):
-    """Keeps results in arrays."""
+class ArrayStorage(ResultStorage):
+    """Results kept in arrays."""
 
     def __init__(self, job: Job, results: Results, members: int) -> None:
         super().__init__(job, [(0, members)])
@@ -81,7 +81,7 @@ class MemoryKeeper(Keeper):
         self._results.take(first, done.ends)
 
 
-def kept_in_memory(job: Job, table: MemberTable) -> MemoryKeeper:
+def kept_in_memory(job: Job, table: MemberTable) -> ArrayStorage:
     """Return what keeps results in memory. Raises StatementError where they take more than a quarter of it."""
     members, columns = len(table), job.columns
     taken, limit = members * sum(column.bytes for column in columns), machine_memory() / MEMORY_DIVISOR
@@ -91,4 +91,4 @@ def kept_in_memory(job: Job, table: MemberTable) -> MemoryKeeper:
             f'{limit:.3g} bytes: give store="runs.zarr", which writes them to a folder block by block, or fewer '
             "members or output times."
         )
-    return MemoryKeeper(job, Results.empty(members, columns), members)
+    return ArrayStorage(job, Results.empty(members, columns), members)
