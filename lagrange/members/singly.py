@@ -159,4 +159,6 @@ def relative_drift(first: FloatArray, last: FloatArray, kinetic: FloatArray, aft
     """Return by how much an energy went from its first value, relative to the largest of it and kinetic energies."""
     scale = np.maximum(np.maximum(np.abs(first), kinetic), after)
     with np.errstate(all="ignore"):
-        return np.asarray(np.where(scale > 0, (last - first) / scale, last - first))
+        found = np.where(scale > 0, (last - first) / scale, last - first)
+    # The sign of a NaN depends on its place in the array.
+    return np.asarray(np.where(np.isnan(found), np.nan, found))

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
-import sys
-import time
 from concurrent.futures import Future, ProcessPoolExecutor, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -85,40 +82,6 @@ def test_a_call_goes_on_where_another_one_stopped(tmp_path: Path, monkeypatch: p
     assert files(tmp_path / "runs.zarr") == files(tmp_path / "whole.zarr")
 
 
-KILLED = """
-import sys
-import lagrange as lg
-from lagrange.members import store
-from tests.members.test_store import run
-
-store.LARGEST_BLOCK = 37
-run(store=sys.argv[1], workers=1)
-"""
-
-
-@pytest.mark.exhaustive
-@pytest.mark.parametrize("seed", range(10))
-def test_a_program_that_is_killed_loses_nothing(tmp_path: Path, seed: int) -> None:
-    target = tmp_path / "runs.zarr"
-    root = Path(__file__).resolve().parents[2]
-    began = time.monotonic()
-    for attempt in range(20):
-        process = subprocess.Popen(
-            [sys.executable, "-c", KILLED, str(target)], cwd=root, env={**os.environ, "PYTHONPATH": str(root)}
-        )
-        while not target.exists() and process.poll() is None and time.monotonic() - began < 300:
-            time.sleep(0.002)
-        time.sleep(0.004 * ((seed + 3 * attempt) % 10))
-        if process.poll() is not None:
-            break
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    process.wait()
-    whole = run(store=tmp_path / "whole.zarr")
-    assert columns(run(store=target)) == columns(whole)
-    assert files(target) == files(tmp_path / "whole.zarr")
-
-
 def test_a_store_of_something_else_is_left_as_it_is(tmp_path: Path) -> None:
     target = tmp_path / "runs.zarr"
     run(store=target)
@@ -151,30 +114,6 @@ def test_arrays_that_differ_late_are_another_ensemble(tmp_path: Path, monkeypatc
     values[-1] = 1.0
     with pytest.raises(lg.StatementError, match="differs in values"):
         stored()
-
-
-def test_a_disk_that_fails_is_told_and_the_call_goes_on_later(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    target = tmp_path / "runs.zarr"
-    full = OSError(28, "No space left on device")
-    put = zarr.storage._local._put
-    left = [0]
-
-    def fills(*args: Any, **options: Any) -> int:
-        left[0] -= 1
-        if left[0] < 0:
-            raise full
-        return int(put(*args, **options))
-
-    monkeypatch.setattr(zarr.storage._local, "_put", fills)
-    for room in (0, 1, 5, 20, 30, 45):
-        left[0] = room
-        with pytest.raises(lg.RunError, match="No space left on device"):
-            run(store=target)
-        assert not list(tmp_path.glob(".runs*"))
-    monkeypatch.setattr(zarr.storage._local, "_put", put)
-    run(store=target)
-    run(store=tmp_path / "whole.zarr")
-    assert files(target) == files(tmp_path / "whole.zarr")
 
 
 def test_executors_give_the_same_bytes(whole: lg.Ensemble) -> None:

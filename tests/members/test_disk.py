@@ -1,0 +1,159 @@
+"""A disk that fills up at any write: the call says so, and the next one goes on with what is whole."""
+
+from __future__ import annotations
+
+import errno
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import lagrange as lg
+from lagrange.members import store, work
+
+zarr = pytest.importorskip("zarr")
+
+PAGE = 4096
+"""Bytes by which a file system in memory grows."""
+
+
+@pytest.fixture(autouse=True)
+def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "LARGEST_BLOCK", 8)
+    monkeypatch.setattr(work, "LARGEST_CHUNK", 8)
+
+
+@cache
+def model() -> Any:
+    return lg.scene("henon-heiles").compile()
+
+
+def run(target: Path) -> lg.Ensemble:
+    """Three blocks of members, some of which leave."""
+    return lg.ensemble(model(), 15.0, {"x": [0.05 * k for k in range(24)]}, store=target)
+
+
+def files(folder: Path) -> dict[str, bytes]:
+    return {str(one.relative_to(folder)): one.read_bytes() for one in sorted(folder.rglob("*")) if one.is_file()}
+
+
+class Filling:
+    """Writing to files, until the disk is full: of the write that fails a part may be there."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self.room, self.writes = 10**9, 0
+        self.put = zarr.storage._local._put
+        monkeypatch.setattr(zarr.storage._local, "_put", self)
+
+    def __call__(self, path: Path, value: Any, *args: Any, **options: Any) -> Any:
+        self.writes += 1
+        if self.writes > self.room:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            (path.parent / f"{path.name}.{self.writes}.partial").write_bytes(b"half")
+            raise OSError(errno.ENOSPC, "No space left on device")
+        return self.put(path, value, *args, **options)
+
+
+def goes_on_after(room: int, disk: Filling, target: Path, whole: dict[str, bytes]) -> None:
+    """Run until a write fails, and again when there is room."""
+    disk.room, disk.writes = room, 0
+    with pytest.raises(lg.RunError, match="No space left on device") as error:
+        run(target)
+    assert "make the same call again" in str(error.value) and "\n" not in str(error.value)
+    made = target.exists()
+    flags = {one.name for one in (target / "done" / "c").glob("*") if not one.name.endswith("partial")}
+    disk.room, disk.writes = 10**9, 0
+    found = run(target)
+    assert lg.Status.INTERRUPTED not in found.status
+    assert files(target) == whole
+    assert not [one for one in target.parent.iterdir() if one.name.startswith(".")]
+    if made:
+        block = sum(name.endswith("/c/0") for name in whole)
+        assert disk.writes == (3 - len(flags)) * block, "what was stored was written again"
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> dict[str, bytes]:
+    run(tmp_path / "whole.zarr")
+    return files(tmp_path / "whole.zarr")
+
+
+def writes_of(disk: Filling, target: Path) -> int:
+    disk.writes = 0
+    run(target)
+    return disk.writes
+
+
+def test_some_writes_that_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: dict[str, bytes]) -> None:
+    disk = Filling(monkeypatch)
+    count = writes_of(disk, tmp_path / "counted.zarr")
+    for room in (0, count // 3, count // 2, count - 1):
+        goes_on_after(room, disk, tmp_path / f"{room}.zarr", whole)
+
+
+@pytest.mark.exhaustive
+def test_every_write_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: dict[str, bytes]) -> None:
+    disk = Filling(monkeypatch)
+    for room in range(writes_of(disk, tmp_path / "counted.zarr")):
+        goes_on_after(room, disk, tmp_path / f"{room}.zarr", whole)
+
+
+def mount(*options: str) -> None:
+    done = subprocess.run(["mount", *options], capture_output=True, text=True, check=False)
+    if done.returncode:
+        pytest.skip(f"no file system can be mounted here: {done.stderr.strip()}")
+
+
+@contextmanager
+def small_disk(folder: Path, options: str) -> Iterator[Path]:
+    """A file system in memory with little room."""
+    folder.mkdir()
+    mount("-t", "tmpfs", "-o", options, "tmpfs", str(folder))
+    try:
+        yield folder
+    finally:
+        subprocess.run(["umount", str(folder)], check=True)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("kind", ["size", "nr_inodes"])
+def test_a_disk_of_every_size(tmp_path: Path, kind: str, whole: dict[str, bytes]) -> None:
+    """It has one more page, or room for one more file, each time, until a call is through from the start.
+
+    Each call that fails is made again when there is room.
+    """
+    unit, plenty = (PAGE, 64 * 2**20) if kind == "size" else (1, 10_000)
+    fails = 0
+    for count in range(1, 1000):
+        with small_disk(tmp_path / f"{count}", f"{kind}={unit * (count + 1)}") as disk:
+            target = disk / "runs.zarr"
+            try:
+                run(target)
+                through = True
+            except lg.RunError as error:
+                said, through = str(error), False
+            if not through:
+                fails += 1
+                assert "No space left on device" in said and "make the same call again" in said
+                mount("-o", f"remount,{kind}={plenty}", str(disk))
+                assert lg.Status.INTERRUPTED not in run(target).status
+            assert files(target) == whole
+        if through:
+            break
+    assert fails > 20
+
+
+@pytest.mark.exhaustive
+def test_a_disk_that_grows_page_by_page(tmp_path: Path, whole: dict[str, bytes]) -> None:
+    with small_disk(tmp_path / "disk", f"size={PAGE}") as disk:
+        for count in range(2, 1000):
+            try:
+                run(disk / "runs.zarr")
+                break
+            except lg.RunError:
+                mount("-o", f"remount,size={count * PAGE}", str(disk))
+        assert files(disk / "runs.zarr") == whole

@@ -1,0 +1,204 @@
+"""One ensemble in twenty partitions: what a member gives does not depend on them, to the last bit."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import subprocess
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.members import store, work
+from tests.members import kills
+
+ROOT = Path(__file__).resolve().parents[2]
+COUNT = 53
+"""Members: lanes run out of them at different times, and some leave."""
+ORDER = np.random.default_rng(1).permutation(COUNT)
+VALUES = np.linspace(-1.0, 1.0, COUNT)
+
+Columns = dict[str, Any]
+
+
+@cache
+def model() -> Any:
+    return lg.scene("henon-heiles").compile()
+
+
+def run(which: Any = slice(None), **options: Any) -> Columns:
+    """Return what some members give."""
+    starts = {"x": VALUES[which], "y": 0.3 * VALUES[::-1][which]}
+    x, y = model().statement.coordinates
+    keep = ("end", "counts", "drift", ("max", x), ("min", x**2 - y), ("mean", y))
+    runs = lg.ensemble(model(), 15.0, starts, keep=keep, t_eval=[1.0, 7.5, 15.0], **options)
+    return {column.name: runs.results.column(column.name) for column in runs.columns}
+
+
+@cache
+def whole(method: str) -> Columns:
+    return run(method=method, workers=1)
+
+
+def ordered(order: Any, **options: Any) -> Columns:
+    """Run members in another order, and return them in their own."""
+    return {name: rows[np.argsort(order)] for name, rows in run(order, **options).items()}
+
+
+def in_parts(parts: list[Any], **options: Any) -> Columns:
+    """Run members in ensembles of their own."""
+    found = {name: np.empty_like(rows) for name, rows in whole(options["method"]).items()}
+    for part in parts:
+        for name, rows in run(part, **options).items():
+            found[name][part] = rows
+    return found
+
+
+@contextmanager
+def spawned() -> Iterator[Any]:
+    with ProcessPoolExecutor(2, mp_context=multiprocessing.get_context("spawn")) as pool:
+        yield pool
+
+
+@contextmanager
+def clustered(**options: Any) -> Iterator[Any]:
+    distributed: Any = pytest.importorskip("distributed")
+    with (
+        distributed.LocalCluster(dashboard_address=None, **options) as cluster,
+        distributed.Client(cluster) as client,
+    ):
+        yield client
+
+
+def executed(made: Callable[[], Any], **options: Any) -> Columns:
+    with made() as executor:
+        return run(executor=executor, **options)
+
+
+def stored(folder: Path, **options: Any) -> Columns:
+    pytest.importorskip("zarr")
+    run(store=folder / "runs.zarr", **options)
+    return run(store=folder / "runs.zarr", **options)
+
+
+EVERY = list(range(COUNT))
+PARTITIONS: Mapping[str, tuple[int, Callable[..., Columns]]] = {
+    **{
+        f"chunks of {size} on {workers} threads": (size, lambda folder, w=workers, **o: run(workers=w, **o))
+        for size, workers in ((1, 1), (1, 3), (5, 2), (8, 1), (8, 3), (11, 2), (64, 2))
+    },
+    "last first": (64, lambda folder, **o: ordered(np.array(EVERY[::-1]), **o)),
+    "any order": (64, lambda folder, **o: ordered(ORDER, **o)),
+    "any order in small chunks": (3, lambda folder, **o: ordered(ORDER, workers=2, **o)),
+    "every other one": (64, lambda folder, **o: in_parts([EVERY[::2], EVERY[1::2]], **o)),
+    "one by one": (64, lambda folder, **o: in_parts([[i] for i in EVERY], workers=1, **o)),
+    "parts of different lengths": (64, lambda folder, **o: in_parts([EVERY[:3], EVERY[3:20], EVERY[20:]], **o)),
+    "a pool of threads": (7, lambda folder, **o: executed(lambda: ThreadPoolExecutor(3), **o)),
+    "a store": (64, stored),
+    "a store of small blocks": (5, lambda folder, **o: stored(folder, workers=2, **o)),
+}
+ELSEWHERE: Mapping[str, tuple[int, Callable[..., Columns]]] = {
+    "processes": (7, lambda folder, **o: executed(spawned, **o)),
+    "processes and a store": (7, lambda folder, **o: executed(spawned, store=folder / "runs.zarr", **o)),
+    "a cluster": (7, lambda folder, **o: executed(lambda: clustered(n_workers=2, threads_per_worker=1), **o)),
+    "a cluster of threads": (9, lambda folder, **o: executed(lambda: clustered(n_workers=1, processes=False), **o)),
+}
+"""Partitions whose workers take seconds to start."""
+
+METHODS = ("taylor", "dop853", "rk4", "verlet", "radau5")
+
+
+def same(partition: tuple[int, Callable[..., Columns]], method: str, folder: Path, patch: pytest.MonkeyPatch) -> None:
+    size, found = partition
+    right = dict(whole(method))
+    patch.setattr(work, "FIRST_CHUNK", min(size, 8))
+    patch.setattr(work, "LARGEST_CHUNK", size)
+    patch.setattr(store, "LARGEST_BLOCK", size)
+    given = found(folder, method=method)
+    assert set(given) == set(right)
+    for name, rows in right.items():
+        assert given[name].tobytes() == rows.tobytes(), name
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("partition", PARTITIONS)
+def test_a_partition(partition: str, method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    same(PARTITIONS[partition], method, tmp_path, monkeypatch)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("method", ["taylor", "radau5"])
+@pytest.mark.parametrize("partition", ELSEWHERE)
+def test_a_partition_elsewhere(partition: str, method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    same(ELSEWHERE[partition], method, tmp_path, monkeypatch)
+
+
+def test_there_are_twenty() -> None:
+    assert len(PARTITIONS) + len(ELSEWHERE) == 20
+    codes = whole("taylor")["status"]
+    assert len(set(codes.tolist())) == 2, "all members end in the same way"
+
+
+def killed(kind: str, trials: int) -> dict[str, Any]:
+    pytest.importorskip("zarr")
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-m", "tests.members.kills", kind, str(trials)],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
+def test_a_program_that_is_killed_and_called_again() -> None:
+    found = killed("program", 1)
+    assert found["sound"] and found["kills"] and found["trials"] == 1, found
+
+
+@pytest.mark.exhaustive
+@pytest.mark.parametrize("kind", sorted(kills.KINDS))
+def test_kills_at_random_moments(kind: str) -> None:
+    if kind == "dask":
+        pytest.importorskip("distributed")
+    found = killed(kind, 4)
+    assert found["sound"] and found["kills"] and found["trials"] == 4, found
+    assert found["gave_up"] <= (found["kills"] if kind == "processes" else 0), found
+
+
+MEMORY = """
+import resource, sys
+import lagrange as lg
+model = lg.scene("double-pendulum").compile()
+grid = lg.grid({"theta1": (-3, 3, 1000), "theta2": (-3, 3, int(sys.argv[1]) // 1000)})
+options = {"store": sys.argv[2]} if len(sys.argv) > 2 else {}
+runs = lg.ensemble(model, 0.05, grid, **options)
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
+kept = 0 if options else sum(column.bytes for column in runs.columns) * len(runs)
+print(peak - kept)
+"""
+
+
+def peak(*arguments: str) -> int:
+    done = subprocess.run([sys.executable, "-c", MEMORY, *arguments], capture_output=True, text=True, check=True)
+    return int(done.stdout)
+
+
+@pytest.mark.exhaustive
+@pytest.mark.skipif(sys.platform != "linux", reason="the largest memory is told in other units")
+def test_memory_is_bounded(tmp_path: Path) -> None:
+    """A million members take less than 500 MB beside their results, and a store no more with five times the members."""
+    pytest.importorskip("zarr")
+    assert peak("1000000") < 500e6
+    few, many = (peak(str(count), str(tmp_path / f"{count}.zarr")) for count in (400_000, 2_000_000))
+    # An allocator keeps some of what it was given back.
+    assert many < 500e6 and many - few < 50e6
