@@ -235,11 +235,18 @@ def dask(trials: int, seed: int, folder: Path) -> Figures:
 
         def clients() -> Iterator[Any]:
             while True:
+                # A nanny whose worker is killed before it has begun gives up: then the cluster gets others.
+                while sum(running(nanny) for nanny in cluster.workers.values()) < 2:
+                    cluster.scale(2)
+                    time.sleep(0.1)
                 client.wait_for_workers(2)
                 yield client
 
+        def running(nanny: Any) -> bool:
+            return bool(nanny.pid) and nanny.status.name == "running"
+
         def pids(_: Any) -> list[int]:
-            return [nanny.pid for nanny in cluster.workers.values() if nanny.pid]
+            return [nanny.pid for nanny in cluster.workers.values() if running(nanny)]
 
         return trials_of(trials, seed, folder, clients(), pids)
 
