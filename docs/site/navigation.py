@@ -24,7 +24,7 @@ SECTIONS = {
 }
 """Pages of the sidebar by heading."""
 
-PAGES_WITH_PICTURES = ("tour", "dynamics", "howto/homework", "howto/teaching", "howto/research")
+PAGES_WITH_PICTURES = ("tour", "dynamics", "howto/homework", "howto/teaching", "howto/ensembles", "howto/research")
 """Pages whose code draws: what it saves is shown behind it."""
 
 FOLDERS = ("benchmarks", "export", "recipes")
