@@ -228,27 +228,24 @@ def processes(trials: int, seed: int, folder: Path) -> Figures:
 
 
 def dask(trials: int, seed: int, folder: Path) -> Figures:
-    """Kill a worker of a local cluster of Dask, whose nanny starts another one."""
-    distributed: Any = import_module("distributed")
-    made = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
-    with made as cluster, distributed.Client(cluster) as client:
+    """Kill a worker of a local cluster of Dask, whose nanny starts another one.
 
-        def clients() -> Iterator[Any]:
-            while True:
-                # A nanny whose worker is killed before it has begun gives up: then the cluster gets others.
-                while sum(running(nanny) for nanny in cluster.workers.values()) < 2:
-                    cluster.scale(2)
-                    time.sleep(0.1)
+    Each call has a cluster of its own: a nanny whose worker is killed while it starts gives up, and a client without
+    workers waits for more.
+    """
+    distributed: Any = import_module("distributed")
+
+    def clients() -> Iterator[Any]:
+        while True:
+            made = distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None)
+            with made as cluster, distributed.Client(cluster) as client:
                 client.wait_for_workers(2)
                 yield client
 
-        def running(nanny: Any) -> bool:
-            return bool(nanny.pid) and nanny.status.name == "running"
+    def pids(client: Any) -> list[int]:
+        return [nanny.pid for nanny in client.cluster.workers.values() if nanny.pid]
 
-        def pids(_: Any) -> list[int]:
-            return [nanny.pid for nanny in cluster.workers.values() if running(nanny)]
-
-        return trials_of(trials, seed, folder, clients(), pids)
+    return trials_of(trials, seed, folder, clients(), pids)
 
 
 KINDS = {"program": programs, "dask": dask, "processes": processes}
