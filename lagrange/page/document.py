@@ -10,12 +10,12 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
+from lagrange.show.files.template import filled
+
 TEMPLATE = Path(__file__).resolve().parent / "template"
 
 SCRIPTS = ("numbers", "motion", "view", "picture", "plots", "sliders", "controls", "page")
 """The scripts of every page, in the order in which they use one another."""
-
-FIELD = re.compile(r"\{\{(\w+)\}\}")
 
 ENDS = re.compile(r"<(?=/script|script|!--)", re.IGNORECASE)
 """What would end a script element early, or begin another inside it."""
@@ -47,7 +47,7 @@ class Document:
             "shared": scripts[0],
             "module": scripts[1],
         }
-        return FIELD.sub(lambda match: fields[match[1]], template("page.html"))
+        return filled(template("page.html"), fields)
 
 
 @cache

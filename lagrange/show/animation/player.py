@@ -33,6 +33,7 @@ from lagrange.show.animation.sheet import FIXED, Sheet, Words, palette
 from lagrange.show.figures.spring import spring
 from lagrange.show.figures.style import DARK, LIGHT, Style
 from lagrange.show.files.script_data import as_json
+from lagrange.show.files.template import filled
 from lagrange.statement.link import SPRING
 
 CONTROLS = 46
@@ -59,12 +60,7 @@ def page(sheet: Sheet, *, style: str, interval: float, title: str, notes: Sequen
         "SHEET": as_json(_data(sheet, style, interval)),
         "SCRIPT": (_HERE / "player.js").read_text("utf-8").rstrip(),
     }
-    before, *rest = template.split("{{")
-    pieces = [before]
-    for piece in rest:
-        name, _, behind = piece.partition("}}")
-        pieces += [parts[name], behind]
-    return "".join(pieces)
+    return filled(template, parts)
 
 
 def frame(text: str, sheet: Sheet, notes: Sequence[str] = ()) -> str:
