@@ -269,7 +269,8 @@ def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]
         values = states[:, axis.row]
         if axis.row < len(work.periodic) and work.periodic[axis.row]:
             values = wrapped(values, axis.low)
-        found.append(np.clip(np.floor((values - axis.low) / axis.width * CELLS).astype(int) + 1, 0, CELLS + 1))
+        places = np.floor((values - axis.low) / axis.width * CELLS)
+        found.append(np.clip(np.nan_to_num(places, nan=-1.0), -1, CELLS).astype(int) + 1)
     return found[0], found[1]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,8 @@ from scipy.special import ellipk
 from sympy import Eq, cos
 
 import lagrange as lg
+from lagrange.dynamics import portrait
+from lagrange.dynamics.axes import Axis
 from lagrange.dynamics.orbits import CLOSED
 from lagrange.dynamics.runs import Runs
 from lagrange.dynamics.separatrices import LINEAR_ERROR
@@ -206,3 +209,10 @@ def test_constraints_and_what_is_no_system_are_refused() -> None:
     held = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=cos(x), constraints=[Eq(x, y)])
     with pytest.raises(StatementError, match="has constraints, and its states fill no plane: eliminate"):
         lg.phase_portrait(held)
+
+
+def test_cells_of_states_beyond_all_bounds_are_the_border() -> None:
+    work: Any = SimpleNamespace(plane=(Axis("x", 0, -1.0, 1.0, 3), Axis("x_dot", 1, -1.0, 1.0, 3)), periodic=(False,))
+    rows, columns = portrait._cells(work, np.array([[1e300, -np.inf], [-1e25, np.nan], [0.0, 0.0]]))
+    assert columns.tolist()[:2] == [portrait.CELLS + 1, 0] and rows.tolist()[:2] == [0, 0]
+    assert 1 <= rows[2] <= portrait.CELLS and 1 <= columns[2] <= portrait.CELLS

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -269,3 +270,10 @@ def test_states_and_constraints_near_the_ends_of_doubles_are_refused_in_words() 
     tiny = pendulum((x**2 + y**2 - l**2) * 1e-170)
     run = tiny.run(0.1, check=False)
     assert run.status is lg.Status.SINGULAR or np.abs(run[x] ** 2 + run[y] ** 2 - 1).max() < 1e-9
+
+
+@pytest.mark.parametrize("entry", ["theta1", "theta1_dot"])
+def test_a_start_beyond_all_bounds_gives_no_warning(entry: str) -> None:
+    with suppress(lg.StatementError):  # where rounding leaves no state on the constraints
+        found = lg.scene("four-bar").consistent({entry: 1e300})
+        assert all(map(np.isfinite, found.initial.values()))

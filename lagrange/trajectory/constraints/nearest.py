@@ -118,4 +118,6 @@ class Nearest:
         return step
 
     def _length(self, displacement: FloatArray) -> float:
-        return math.sqrt(max(float(displacement @ self._metric @ displacement), 0.0))
+        with np.errstate(over="ignore", invalid="ignore"):  # a start far off has a square beyond the doubles
+            square = float(displacement @ self._metric @ displacement)
+        return math.sqrt(max(square, 0.0)) if not math.isnan(square) else math.inf
