@@ -217,13 +217,16 @@ def rival(case: Case, system: lg.System, mode: str, tolerance: float) -> Rival:
     return Rival(mode, tolerance, made, perf_counter() - begun)
 
 
-def reference(case: Case, system: lg.System) -> NDArray[Any]:
-    """Return the states at the end in 80-bit arithmetic, for two tolerances: (2, starts, 2n)."""
+def reference(case: Case, system: lg.System, starts: NDArray[Any] | None = None) -> NDArray[Any]:
+    """Return the states at the end in 80-bit arithmetic, for two tolerances: (2, starts, 2n).
+
+    `starts` (m, 2n) stand in the place of those of the case.
+    """
     real = np.longdouble
     right = equations(case, system, real)
     ends = []
     for tolerance in (REFERENCE, CHECK):
-        y0 = case.starts().astype(real)
+        y0 = (case.starts() if starts is None else starts).astype(real)
         taylor = hy.taylor_adaptive(
             right, y0[0], tol=real(tolerance), fp_type=real, compact_mode=True, high_accuracy=True
         )
