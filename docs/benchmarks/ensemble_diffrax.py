@@ -59,8 +59,8 @@ def against_diffrax(page: Page, options: Namespace) -> None:
     page.text(
         f"## Against diffrax {diffrax.__version__}, with `jit` and `vmap`, jax {jax.__version__}\n\n"
         f"{len(y0)} double pendulums at an error of {ERROR:g}, on one core, processor time of all threads. "
-        f"The fastest of diffrax takes {shown(theirs / mine)} times as long as the fastest of ours; at least {BAR:g} was "
-        f"aimed at: {met}."
+        f"The fastest of diffrax takes {shown(theirs / mine)} times as long as the fastest of ours; at least {BAR:g} "
+        f"was aimed at: {met}."
     )
     page.table(("method", "tolerance", "error", "us a member"), rows)
 

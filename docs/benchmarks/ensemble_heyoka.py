@@ -115,8 +115,8 @@ def against_heyoka(page: Page, options: Namespace) -> None:
             )
     page.text(
         "## Against heyoka's batch mode\n\nTimes are microseconds a member, heyoka's with its mode and its batch. The "
-        "first ratio is at the same tolerance, the second one at the tolerance of ours whose error is at most heyoka's; "
-        "`at least` is what was aimed at, at equal errors."
+        "first ratio is at the same tolerance, the second one at the tolerance of ours whose error is at most "
+        "heyoka's; `at least` is what was aimed at, at equal errors."
     )
     head = (
         "system",
