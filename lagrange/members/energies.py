@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from lagrange.machine.model import Model
 from lagrange.members.chunk import Starts
-from lagrange.members.singly import relative_drift
 from lagrange.trajectory.conservation import NOTABLE_CHANGE, SMALL_CHANGE
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -45,6 +44,18 @@ class Energies:
             kinetic = np.maximum(self.kinetic(self.before, self.first), self.kinetic(self.after, self.last))
             small = change <= NOTABLE_CHANGE * np.abs(self.first[:, 0])
             return np.asarray(~(small | (change <= SMALL_CHANGE * kinetic)))
+
+
+def relative_drift(first: FloatArray, last: FloatArray, kinetic: FloatArray, after: FloatArray) -> FloatArray:
+    """Return by how much energies (m,) went from their first values, relative to the largest of these and the others.
+
+    `kinetic` (m,) are the kinetic energies at the start, `after` (m,) those at the end.
+    """
+    scale = np.maximum(np.maximum(np.abs(first), kinetic), after)
+    with np.errstate(all="ignore"):
+        found = np.where(scale > 0, (last - first) / scale, last - first)
+    # The sign of a NaN depends on its place in the array.
+    return np.asarray(np.where(np.isnan(found), np.nan, found))
 
 
 def energies_of(model: Model, starts: Starts, after: FloatArray, span: tuple[float, float]) -> Energies:

@@ -12,6 +12,7 @@ from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from lagrange.members.along import SampledRun
 from lagrange.members.chunk import STATUSES, Ends, Starts, Stopped
+from lagrange.members.energies import energies_of
 from lagrange.members.keep import (
     DRIFT,
     OUTPUTS,
@@ -116,11 +117,11 @@ class RunEngine:
         if self.keep.end:
             found[STATE] = self.end(run)
         if self.times is not None:
-            found[OUTPUTS] = self.outputs(run, self.times, dimension)
+            found[OUTPUTS] = self.outputs(run, self.times)
         if self.keep.counts:
             found |= {name: getattr(run, name) for name in COUNTED}
         if self.keep.drift:
-            found[DRIFT] = self.drift(start, self.end(run))
+            found[DRIFT] = energies_of(self.model, start, self.end(run)[None], run.span).drift[0]
         found |= SampledRun(self.model, run, start.parameters[0]).reduced(self.keep.reductions)
         for k in range(len(run.t_events) if self.keep.events else 0):
             most = self.keep.events
@@ -134,9 +135,9 @@ class RunEngine:
         """Return the last state that a run reached."""
         return run.dense(np.array([run.span[1]]))[:, 0]
 
-    def outputs(self, run: Trajectory, times: FloatArray, dimension: int) -> FloatArray:
-        """Return the states at the output times that the run reached, NaN behind."""
-        found = np.full((len(times), dimension), np.nan)
+    def outputs(self, run: Trajectory, times: FloatArray) -> FloatArray:
+        """Return the states (K, 2n) at the output times (K,) that the run reached, NaN behind."""
+        found = np.full((len(times), self.model.layout.size), np.nan)
         if not self.keep.reductions:
             found[: len(run.t)] = run.y.T
             return found
@@ -144,21 +145,3 @@ class RunEngine:
         reached = (times >= low) & (times <= high)
         found[reached] = run.dense(times[reached]).T
         return found
-
-    def drift(self, start: Starts, end: FloatArray) -> float:
-        """Return the change of the energy; see `relative_drift`."""
-        layout, p = self.model.layout, start.parameters[0]
-        both = np.stack([start.states[0], end], axis=1)
-        q, v = layout.split(both)
-        energies = self.model.energy(q, v, np.array(self.span), p)
-        kinetic = np.abs(np.sum(v * self.model.momenta(q, v, np.array(self.span), p), axis=0)) / 2
-        return float(relative_drift(energies[:1], energies[1:], kinetic[:1], kinetic[1:])[0])
-
-
-def relative_drift(first: FloatArray, last: FloatArray, kinetic: FloatArray, after: FloatArray) -> FloatArray:
-    """Return by how much an energy went from its first value, relative to the largest of it and kinetic energies."""
-    scale = np.maximum(np.maximum(np.abs(first), kinetic), after)
-    with np.errstate(all="ignore"):
-        found = np.where(scale > 0, (last - first) / scale, last - first)
-    # The sign of a NaN depends on its place in the array.
-    return np.asarray(np.where(np.isnan(found), np.nan, found))
