@@ -68,11 +68,6 @@ class Keep:
     events: int
     reductions: tuple[Reduction, ...]
 
-    @property
-    def along(self) -> bool:
-        """Whether something is kept that only a run with all its steps knows."""
-        return bool(self.events or self.reductions)
-
     def columns(self, dimension: int, outputs: int | None, events: int, interrupted: int) -> tuple[Column, ...]:
         """Return the columns for states, output times and events; `interrupted` is the code of a status."""
         found = [Column(TIME, (), "f8", np.nan), Column(STATUS, (), "u1", interrupted)]

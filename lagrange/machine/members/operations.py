@@ -59,8 +59,6 @@ def declarations(lanes: int) -> str:
         tail = f"v{lanes}{'f64' if kind is REAL else 'i64'}"
         lines.append(f"declare {vector} @llvm.masked.gather.{tail}.v{lanes}p0(<{lanes} x ptr>, i32, {mask}, {vector})")
         lines.append(f"declare void @llvm.masked.scatter.{tail}.v{lanes}p0({vector}, <{lanes} x ptr>, i32, {mask})")
-        if kind is WHOLE:
-            lines.append(f"declare void @llvm.masked.store.{tail}.p0({vector}, ptr, i32, {mask})")
     real = type_of(REAL, lanes)
     for op in LIBRARY:
         name = routine(op, lanes)

@@ -71,7 +71,7 @@ class MemberPrinter:
         self.open = True
         """Whether the present block can be left behind its last statement."""
 
-    def function(self, linkage: str) -> str:
+    def function(self) -> str:
         """Return the IR of the procedure."""
         given = [f"{type_of(FLAG, self.lanes)} {MASK}"]
         for parameter, share in zip(self.procedure.parameters, self.signature, strict=True):
@@ -87,7 +87,7 @@ class MemberPrinter:
             self.give([self.held[self.result(k)] for k in range(len(self.procedure.results))])
         name = self.program.name(self.procedure, self.signature)
         attributes = "noinline #0" if self.procedure.apart else "#0"
-        return self.e.function(f"define {linkage}{self.returned()} @{name}({', '.join(given)}) {attributes}")
+        return self.e.function(f"define internal {self.returned()} @{name}({', '.join(given)}) {attributes}")
 
     def parameter(self, ref: int, name: str, kind: Type, share: Share) -> str:
         """Define a parameter and return how it is announced."""
@@ -349,5 +349,5 @@ class MemberProgram:
         made = []
         while self.waiting:
             procedure, signature = self.waiting.pop()
-            made.append(MemberPrinter(self, procedure, signature).function("internal "))
+            made.append(MemberPrinter(self, procedure, signature).function())
         return made
