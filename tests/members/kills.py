@@ -188,12 +188,13 @@ def trials_of(
     run(folder / "whole.zarr", workers=2)
     whole, starts, lasts = files(folder / "whole.zarr"), table.MemberTable.starts, 0.0
     for trial in range(-WARMING, trials):
-        path, killed, before, began = folder / f"{trial}.zarr", list[int](), set[int](), time.monotonic()
+        path, killed, before = folder / f"{trial}.zarr", list[int](), set[int]()
         for call in range(MOST_CALLS):
             executor, log, timers = next(executors), folder / f"{trial}-{call}.log", list[threading.Timer]()
             if trial >= 0 and not call:
                 timers.append(killer(partial(pids, executor), generator.uniform(0.0, lasts), generator, killed))
             watch(noted(log))
+            began = time.monotonic()
             try:
                 run(path, executor=executor)
                 through = True
