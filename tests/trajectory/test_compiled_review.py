@@ -97,7 +97,7 @@ def alike(one: Trajectory, other: Trajectory, off: float = 1e-9) -> None:
 
 
 @pytest.mark.larger
-@pytest.mark.parametrize("seed", drawn(8))
+@pytest.mark.parametrize("seed", drawn(5))
 @pytest.mark.parametrize("name", METHODS)
 def test_events_of_random_systems(name: str, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng([METHODS.index(name), seed])
