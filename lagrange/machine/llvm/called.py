@@ -17,7 +17,7 @@ from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module
-from lagrange.machine.llvm.operations import KINDS, argument_type, declarations, result_type
+from lagrange.machine.llvm.operations import KINDS, argument_type, declarations, result_type, separated
 from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, function
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 
@@ -91,7 +91,7 @@ def _run(procedure: Procedure) -> str:
     kind = result_type(procedure.results)
     call = f"call {kind} @{procedure.name}({', '.join(given)})"
     if procedure.results:
-        _keep(e, procedure, kind, e.value(call))
+        _keep(e, procedure, e.value(call))
     else:
         e.do(call)
     e.do("ret void")
@@ -106,10 +106,9 @@ def _argument(e: Emitter, place: int, kind: Any) -> str:
     return f"{argument_type(kind)} {e.get('%words', place, argument_type(kind))}"
 
 
-def _keep(e: Emitter, procedure: Procedure, kind: str, value: str) -> None:
+def _keep(e: Emitter, procedure: Procedure, value: str) -> None:
     """Put the results behind the arguments."""
-    single = len(procedure.results) == 1
-    for i, one in enumerate(procedure.results):
-        found = value if single else e.value(f"extractvalue {kind} {value}, {i}")
+    results = separated(e, [KINDS[one] for one in procedure.results], value)
+    for i, (one, found) in enumerate(zip(procedure.results, results, strict=True)):
         word = e.value(f"zext i1 {found} to i64") if one is FLAG else found
         e.put(word, "%words", len(procedure.parameters) + i, KINDS[WHOLE] if one is FLAG else KINDS[one])

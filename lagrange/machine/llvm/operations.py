@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 from lagrange.machine.llvm.emitter import Emitter, literal, suffix
 from lagrange.procedure.form import FLAG, REAL, WHOLE, WIDTHS, Kind, Let, Type
@@ -186,6 +186,31 @@ def result_type(results: Sequence[Kind]) -> str:
 def together(types: Sequence[str]) -> str:
     """Return the type of several values as one."""
     return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
+
+
+def separated(e: Emitter, types: Sequence[str], value: str) -> Iterator[str]:
+    """Yield the values that were returned as one; see `together`."""
+    for i in range(len(types)):
+        yield value if len(types) == 1 else e.value(f"extractvalue {together(types)} {value}, {i}")
+
+
+def give(e: Emitter, types: Sequence[str], values: Sequence[str]) -> None:
+    """Print the return of several values as one; see `together`."""
+    kind = together(types)
+    if len(types) < 2:
+        e.do(f"ret {kind} {values[0]}" if types else "ret void")
+        return
+    made = "poison"
+    for i, (one, value) in enumerate(zip(types, values, strict=True)):
+        made = e.value(f"insertvalue {kind} {made}, {one} {value}, {i}")
+    e.do(f"ret {kind} {made}")
+
+
+def phi(e: Emitter, kind: str, ways: Sequence[tuple[str, str]]) -> str:
+    """Return the value where some ways meet, of each the block that it comes from and the value there."""
+    if all(value == ways[0][1] for _, value in ways):
+        return ways[0][1]
+    return e.value(f"phi {kind} {', '.join(f'[ {value}, %{block} ]' for block, value in ways)}")
 
 
 def argument_type(kind: Type) -> str:

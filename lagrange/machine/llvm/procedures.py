@@ -18,7 +18,10 @@ from lagrange.machine.llvm.operations import (
     argument_type,
     constant,
     declarations,
+    give,
+    phi,
     result_type,
+    separated,
     spell,
     splat,
     together,
@@ -288,21 +291,12 @@ class Printer:
             e.do(made)
             return
         value = e.value(made)
-        for i, (ref, kind) in enumerate(zip(call.refs, results, strict=True)):
-            picked = value if len(results) == 1 else e.value(f"extractvalue {whole} {value}, {i}")
-            self.define(ref, e.value(f"icmp ne i32 {picked}, 0") if types[i] == "i32" else picked, kind)
+        for ref, kind, one, found in zip(call.refs, results, types, separated(e, types, value), strict=True):
+            self.define(ref, e.value(f"icmp ne i32 {found}, 0") if one == "i32" else found, kind)
 
     def leave(self, refs: Sequence[int]) -> None:
         """Print the end of the procedure."""
-        e, kind = self.e, result_type(self.procedure.results)
-        pairs = [(KINDS[k], self.values[ref]) for k, ref in zip(self.procedure.results, refs, strict=True)]
-        if len(pairs) < 2:
-            e.do(f"ret {kind} {pairs[0][1]}" if pairs else "ret void")
-        else:
-            made = "poison"
-            for i, (one, value) in enumerate(pairs):
-                made = e.value(f"insertvalue {kind} {made}, {one} {value}, {i}")
-            e.do(f"ret {kind} {made}")
+        give(self.e, [KINDS[kind] for kind in self.procedure.results], [self.values[ref] for ref in refs])
         self.open = False
 
     # --- control
@@ -343,15 +337,10 @@ class Printer:
         if not ways:
             return
         e.label(f"{name}.end")
-        self.held = {ref: self.joined(ref, ways) for ref in before}
-
-    def joined(self, variable: int, ways: Sequence[tuple[str, dict[int, str]]]) -> str:
-        """Return the value of a variable where ways meet."""
-        found = [held[variable] for _, held in ways]
-        if all(value == found[0] for value in found):
-            return found[0]
-        entries = ", ".join(f"[ {held[variable]}, %{label} ]" for label, held in ways)
-        return self.e.value(f"phi {type_of(self.kinds[variable], self.lanes(variable))} {entries}")
+        self.held = {
+            ref: phi(e, type_of(self.kinds[ref], self.lanes(ref)), [(block, held[ref]) for block, held in ways])
+            for ref in before
+        }
 
     @contextmanager
     def repeated(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from lagrange.machine.llvm.emitter import literal
 from lagrange.machine.llvm.iterations import joined, neutral
-from lagrange.machine.llvm.operations import spell, splat, type_of
+from lagrange.machine.llvm.operations import phi, spell, splat, type_of
 from lagrange.machine.llvm.procedures import LIKELY
 from lagrange.machine.members.operations import CHEAP
 from lagrange.procedure.form import (
@@ -142,15 +142,10 @@ class Control:
 
     def meeting(self, known: dict[int, str], ways: Sequence[Way]) -> dict[int, str]:
         """Return what variables hold where ways meet."""
-        found = {}
-        for variable in known:
-            values = [held[variable] for _, held in ways]
-            if all(value == values[0] for value in values):
-                found[variable] = values[0]
-                continue
-            entries = ", ".join(f"[ {held[variable]}, %{label} ]" for label, held in ways)
-            found[variable] = self.e.value(f"phi {self.type(variable)} {entries}")
-        return found
+        return {
+            variable: phi(self.e, self.type(variable), [(block, held[variable]) for block, held in ways])
+            for variable in known
+        }
 
     def type(self, variable: int) -> str:
         """Return LLVM's type of a variable."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.operations import declarations as all_declarations
-from lagrange.machine.llvm.operations import together, type_of
+from lagrange.machine.llvm.operations import separated, together, type_of
 from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA
 from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.members.operations import declarations
@@ -49,11 +49,10 @@ def entry(program: MemberProgram, procedure: Procedure, signature: Signature) ->
     called = program.name(procedure, signature)
     own = program.spreads.of(procedure, signature).results
     types = [type_of(kind, lanes if one else 1) for kind, one in zip(procedure.results, own, strict=True)]
-    whole = together(types)
-    call = f"call {whole} @{called}({', '.join(args)})"
+    call = f"call {together(types)} @{called}({', '.join(args)})"
     if types:
         value = e.value(call)
-        _write(e, value, whole, types, procedure.results, lanes)
+        _write(e, value, types, procedure.results, lanes)
     else:
         e.do(call)
     e.do("ret void")
@@ -68,10 +67,9 @@ def _read(e: Emitter, pointer: str, kind: Kind, lanes: int) -> str:
     return e.value(f"icmp ne {whole} {e.load(pointer, whole)}, zeroinitializer")
 
 
-def _write(e: Emitter, value: str, whole: str, types: Sequence[str], kinds: Sequence[Kind], lanes: int) -> None:
+def _write(e: Emitter, value: str, types: Sequence[str], kinds: Sequence[Kind], lanes: int) -> None:
     """Write the results, each in a row of its own."""
-    for k, (one, kind) in enumerate(zip(types, kinds, strict=True)):
-        found = value if len(types) == 1 else e.value(f"extractvalue {whole} {value}, {k}")
+    for k, (one, kind, found) in enumerate(zip(types, kinds, separated(e, types, value), strict=True)):
         if kind is FLAG:
             one = type_of(WHOLE, lanes if one.startswith("<") else 1)
             found = e.value(f"zext {type_of(FLAG, lanes if one.startswith('<') else 1)} {found} to {one}")

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 from lagrange.errors import LagrangeError
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.operations import KINDS, constant, spell, splat, together, type_of
+from lagrange.machine.llvm.operations import KINDS, constant, give, separated, spell, splat, together, type_of
 from lagrange.machine.members.control import ALIVE, Control
 from lagrange.machine.members.memory import Held, MemberMemory
 from lagrange.machine.members.operations import computed
@@ -84,10 +84,14 @@ class MemberPrinter:
         self.kinds[ALIVE] = FLAG
         self.block(self.procedure.body)
         if self.open:
-            self.give([self.held[self.result(k)] for k in range(len(self.procedure.results))])
+            give(
+                self.e, self.types_of_results(), [self.held[self.result(k)] for k in range(len(self.procedure.results))]
+            )
         name = self.program.name(self.procedure, self.signature)
         attributes = "noinline #0" if self.procedure.apart else "#0"
-        return self.e.function(f"define internal {self.returned()} @{name}({', '.join(given)}) {attributes}")
+        return self.e.function(
+            f"define internal {together(self.types_of_results())} @{name}({', '.join(given)}) {attributes}"
+        )
 
     def parameter(self, ref: int, name: str, kind: Type, share: Share) -> str:
         """Define a parameter and return how it is announced."""
@@ -261,9 +265,8 @@ class MemberPrinter:
             self.e.do(made)
             return
         value = self.e.value(made)
-        for i, (ref, kind) in enumerate(zip(call.refs, callee.results, strict=True)):
-            picked = value if len(types) == 1 else self.e.value(f"extractvalue {together(types)} {value}, {i}")
-            self.define(ref, picked, kind)
+        for ref, kind, found in zip(call.refs, callee.results, separated(self.e, types, value), strict=True):
+            self.define(ref, found, kind)
 
     def handed(self, kind: Type, arg: int) -> str:
         """Return an argument of a call."""
@@ -283,7 +286,7 @@ class MemberPrinter:
             kept = [self.held[self.result(k)] for k in range(len(values))]
             values = [self.chosen(self.mask, v, old, kind) for (v, kind), old in zip(pairs, kept, strict=True)]
         if self.level == 0:
-            self.give(values)
+            give(self.e, self.types_of_results(), values)
             self.open = False
             return
         for k, value in enumerate(values):
@@ -310,21 +313,6 @@ class MemberPrinter:
         """Return LLVM's types of the results."""
         pairs = zip(self.procedure.results, self.spread.results, strict=True)
         return [type_of(kind, self.lanes if own else 1) for kind, own in pairs]
-
-    def returned(self) -> str:
-        """Return LLVM's type of all results."""
-        return together(self.types_of_results())
-
-    def give(self, values: Sequence[str]) -> None:
-        """Print the return of the results."""
-        types, kind = self.types_of_results(), self.returned()
-        if len(types) < 2:
-            self.e.do(f"ret {kind} {values[0]}" if types else "ret void")
-            return
-        made = "poison"
-        for i, (one, value) in enumerate(zip(types, values, strict=True)):
-            made = self.e.value(f"insertvalue {kind} {made}, {one} {value}, {i}")
-        self.e.do(f"ret {kind} {made}")
 
 
 class MemberProgram:
