@@ -62,14 +62,14 @@ def ensemble(
     tolerances, `t_eval` and `events` are those of a run. `keep` names what is kept of each member: "end", "counts",
     "drift", ("events", k), ("max", x), ("min", x) and ("mean", x) for an expression x.
 
-    Members run side by side in machine code where the method is explicit and the system has no constraints, switching
-    surfaces or events, else one after the other, on as many threads as `workers` says, by default one for each core.
-    With an `executor`, of `concurrent.futures` or a `dask.distributed.Client`, they run where that has its workers.
-    With a `store`, the name of a folder such as "runs.zarr", results are written there block by block and not kept in
-    memory; the same call goes on where another one stopped. `progress` shows members done, their rate and the time
-    left, in a terminal and in a notebook; "lines" writes a line now and then elsewhere too. What a member gives does
-    not depend on the others, nor on where it runs. Its failure is in `.status` and `.messages`; after Ctrl-C members
-    that were not run are INTERRUPTED.
+    Members run side by side in machine code where the method is explicit and the system has no constraints or switching
+    surfaces, with events for `taylor` alone and without resets; else one after the other. They do so on as many threads
+    as `workers` says, by default one for each core. With an `executor`, of `concurrent.futures` or a
+    `dask.distributed.Client`, they run where that has its workers. With a `store`, the name of a folder such as
+    "runs.zarr", results are written there block by block and not kept in memory; the same call goes on where another
+    one stopped. `progress` shows members done, their rate and the time left, in a terminal and in a notebook; "lines"
+    writes a line now and then elsewhere too. What a member gives does not depend on the others, nor on where it runs.
+    Its failure is in `.status` and `.messages`; after Ctrl-C members that were not run are INTERRUPTED.
 
     Raises StatementError for what cannot be meant, RunError where an executor or a disk fails.
     """

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from lagrange.equations.expressions import node_of
+from lagrange.graph.node import Node
 from lagrange.machine.backend import MemberRuns
+from lagrange.machine.event_memory import EventMemory, Reaction
 from lagrange.machine.model import Model
 from lagrange.members.keep import Reduction
 from lagrange.procedure.builder import Builder
@@ -16,7 +19,8 @@ from lagrange.procedure.dense.block import StepPolynomial
 from lagrange.procedure.form import FLAG, REAL, Procedure
 from lagrange.procedure.kernel.kernels import kernel, prepare
 from lagrange.procedure.kernel.prepared import Prepared
-from lagrange.procedure.members.along import Sampled
+from lagrange.procedure.members.along import Sampled, table_of_points
+from lagrange.procedure.members.occurrences import Events
 from lagrange.procedure.members.paths import DenseOutput
 from lagrange.procedure.members.queue import Members, Numbers, Observed
 from lagrange.procedure.members.steps import StepMembers
@@ -27,12 +31,36 @@ from lagrange.procedure.series.integrator import MOST_WRITTEN_OUT, TaylorProcedu
 from lagrange.procedure.series.looped import LoopedJet
 from lagrange.procedure.series.packing import pack
 from lagrange.procedure.series.written_out import WrittenJet
+from lagrange.procedure.taylor.memory import SIZES
 from lagrange.program.actions import LAWS
 from lagrange.trajectory.methods.taylor import TaylorPlan
 from lagrange.trajectory.plan import Plan, StepPlan
-from lagrange.trajectory.trajectory import FloatArray
 
 ABOUT = "Write the parameters, and behind them what depends on them alone."
+
+
+@dataclass(frozen=True)
+class Watched:
+    """What is watched along series: nodes, of which the first are the `events` of the user, and what they do."""
+
+    nodes: tuple[Node, ...]
+    reactions: tuple[Reaction, ...]
+    events: int
+
+    @classmethod
+    def of(cls, plan: TaylorPlan) -> Watched | None:
+        """Return what a plan watches, None where it watches nothing."""
+        impacts = plan.impacts
+        if not impacts:
+            return None
+        reactions = [Reaction(one.direction, one.terminal, root=one.root, smooth=one.smooth) for one in impacts]
+        nodes = tuple(one.node for one in impacts)
+        return cls(nodes, tuple(reactions), sum(not one.root for one in impacts))
+
+    def arrays(self, dimension: int) -> dict[str, Any]:
+        """Return the arrays that the loop over steps only reads."""
+        memory = EventMemory(dimension, 0, self.reactions)
+        return {"settings": memory.settings, "tilts": memory.tilts}
 
 
 @dataclass(frozen=True)
@@ -42,21 +70,23 @@ class Wanted:
     reductions: tuple[Reduction, ...]
     path: StepPolynomial | None
     varying: bool
+    watched: Watched | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
     """Machine code for members, which observes so many numbers of a state, the energy and the momenta.
 
-    `prepare` makes the `size` numbers that all members have, unless each has its own. `table` has the numbers of the
-    dense output of a step program.
+    `prepare` makes the `size` numbers that all members have, unless each has its own. `read` has arrays that are only
+    read, by the names of arguments; so many `events` are watched.
     """
 
     code: MemberRuns
     prepare: Procedure | None
     size: int
     observed: int
-    table: FloatArray
+    read: Mapping[str, Any]
+    events: int
 
 
 def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
@@ -69,6 +99,8 @@ def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
     different = tuple(dict.fromkeys(nodes))
     if nodes:
         laws["expressions"] = model.function("expressions", different).program
+    if wanted.watched is not None and isinstance(plan, TaylorPlan):
+        laws["watched"] = plan.series.program.values
     prepared = Prepared.of([*laws.values()])
     kernels = {name: kernel(program, prepared, name, f"The quantity {name}.") for name, program in laws.items()}
     preparing, size = prepare(prepared, ABOUT), prepared.size
@@ -78,32 +110,47 @@ def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
         reductions = tuple((one.how, different.index(node)) for one, node in zip(wanted.reductions, nodes, strict=True))
         entries = dict.fromkeys(one.place for one in laws["expressions"].instructions if one.op == "state")
         sampled = Sampled(kernels["expressions"], len(different), tuple(entries), reductions)
+    read: dict[str, Any] = {"points": table_of_points()}
     parameters = len(model.statement.parameters)
     members: Members
     if isinstance(plan, TaylorPlan):
-        series = TaylorProcedures(plan.series.program, prepared.size)
+        series = TaylorProcedures(plan.series.program, prepared.size, watches=wanted.watched is not None)
         preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
         jet = _jet(series, plan.order)
         numbers = Numbers(size, parameters, preparing if wanted.varying else None)
-        members = TaylorMembers(jet.layout, plan.order, jet.build(), numbers, observed, sampled)
+        events = None if wanted.watched is None else _events(plan, wanted.watched, kernels["watched"])
+        members = TaylorMembers(jet.layout, plan.order, jet.build(), numbers, observed, sampled, events)
+        if wanted.watched is not None:
+            sizes = np.array([getattr(jet.layout, name) for name in SIZES.places], dtype=np.int64)
+            read |= {"sizes": sizes, **wanted.watched.arrays(2 * model.dimension)}
     else:
         assert step is not None
         numbers = Numbers(size, parameters, preparing if wanted.varying else None)
         dense = None if wanted.path is None else DenseOutput(wanted.path, kernels["rhs"])
+        if wanted.path is not None:
+            read["table"] = wanted.path.table
         members = StepMembers(step, 2 * model.dimension, kernels["step"], numbers, observed, dense, sampled)
     made = None if wanted.varying else Pruner().pruned(preparing)
-    table = np.zeros(1) if wanted.path is None else wanted.path.table
     code = model.machine.members(members.build())
     assert code is not None, f"{model.target} runs no members side by side"
-    return Compiled(code, made, size, observed.size, table)
+    return Compiled(code, made, size, observed.size, read, 0 if wanted.watched is None else wanted.watched.events)
+
+
+def _events(plan: TaylorPlan, watched: Watched, values: Procedure) -> Events:
+    """Return what members watch."""
+    program = plan.series.program
+    changing = any(one.terminal for one in watched.reactions)
+    flags = {"hides_growth": program.hides_growth, "steep": program.watched_degree > plan.order}
+    return Events(values, len(watched.reactions), watched.events, changing=changing, **flags)
 
 
 def _jet(series: TaylorProcedures, order: int) -> WrittenJet | LoopedJet:
     """Return what builds the series: value by value, or in a loop over orders where there are many operations.
 
     Members stand side by side already: no like values do. A chain of five links takes 14 us in a loop, 20 us without.
+    What is watched has rows in a series that is written out alone.
     """
-    if single_operations(series.packing, order) > MOST_WRITTEN_OUT:
+    if not series.watches and single_operations(series.packing, order) > MOST_WRITTEN_OUT:
         return LoopedJet(pack(series.program, 1, aligned=True), series.numbers)
     return WrittenJet(series.packing, series.numbers, order)
 

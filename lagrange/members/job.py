@@ -44,7 +44,7 @@ class Job:
     def engine(self) -> Engine:
         """Return what runs members: side by side where there is machine code for them, else one after the other."""
         problem, method, alone = self.problem, self.options.method, self.alone
-        if not isinstance(method, Planned) or problem.events or problem.t0 == problem.t1:
+        if not isinstance(method, Planned) or problem.t0 == problem.t1:
             return alone
         return lane_engine(alone, method.plan(problem), problem, varying=self.varying) or flow_engine(alone) or alone
 

@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 
 from lagrange.machine.model import Model
 from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
-from lagrange.members.compiled import Compiled, Wanted, compiled_members
+from lagrange.members.compiled import Compiled, Wanted, Watched, compiled_members
 from lagrange.members.energies import Energies
-from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME
+from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, event_states, event_times
 from lagrange.members.singly import RunEngine
 from lagrange.procedure.dense.block import StepPolynomial
 from lagrange.procedure.interpreter import run as interpret
-from lagrange.procedure.members.along import table_of_points
 from lagrange.procedure.members.queue import COUNTED
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.series.cost import single_operations
@@ -52,13 +51,15 @@ _STATUSES = {
     Outcome.SINGULAR: Status.SINGULAR,
     Outcome.STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
 }
-_CODES = np.array(
-    [STATUSES.index(_STATUSES[one]) if one in _STATUSES else UNDECIDED for one in Outcome], dtype=np.uint8
-)
-"""The code of the status of each outcome."""
-
 STUCK, LOST = STATUSES.index(Status.STEP_TOO_SMALL), STATUSES.index(Status.NON_FINITE)
 """Codes of members whose steps became too small, and of those that left the domain of their equations."""
+
+EVENT, UNFINISHED = STATUSES.index(Status.EVENT), STATUSES.index(Status.MAX_STEPS)
+"""Codes of members that an event ended, and of those that took as many steps as they may."""
+
+_OUTCOMES = [STATUSES.index(_STATUSES[one]) if one in _STATUSES else UNDECIDED for one in Outcome]
+_CODES = np.array([*_OUTCOMES, EVENT], dtype=np.uint8)
+"""The code of the status of each outcome, and behind them that of `ENDED_BY_EVENT`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +88,10 @@ class LaneEngine:
         given |= {"first": first, "last": last, "starts": np.ascontiguousarray(starts.states)}
         given |= {"numbers": self.numbers(starts), "wanted": count}
         reduced = np.zeros((m, len(alone.keep.reductions)))
-        given |= {"reduced": reduced, "points": table_of_points(), "table": self.compiled.table}
+        given |= {"reduced": reduced, "points": np.zeros(1), "table": np.zeros(1), **self.compiled.read}
+        events, most = self.compiled.events, max(alone.keep.events, 1)
+        event_t, event_y = np.full((m, events, most), np.nan), np.full((m, events, most, n), np.nan)
+        given |= {"most": alone.keep.events, "occurrence_times": event_t, "occurrence_states": event_y}
         given["output_times"] = np.append([] if alone.times is None else alone.times, np.nan)
         self.compiled.code({**self.settings(m), **given})
         codes = _CODES[outcomes]
@@ -95,12 +99,14 @@ class LaneEngine:
             self.complete(outputs, alone.times, states, times)
         found = {STATE: states, TIME: times, STATUS: codes, OUTPUTS: outputs, **counts}
         found |= {one.name: reduced[:, k] for k, one in enumerate(alone.keep.reductions)}
+        found |= {event_times(k): event_t[:, k] for k in range(events)}
+        found |= {event_states(k): event_y[:, k] for k in range(events)}
         energies = Energies(starts.states, states, first, last)
         if alone.keep.drift:
             found[DRIFT] = energies.drift
         doubtful = (codes == UNDECIDED) | self.unexplained(starts, states, times, codes)
         if alone.model.conservative:
-            doubtful |= (codes == SUCCESS) & energies.moved
+            doubtful |= ((codes == SUCCESS) | (codes == EVENT)) & energies.moved
         ends = Ends({column.name: found[column.name] for column in alone.columns})
         return alone.again(starts, ends, np.flatnonzero(doubtful))
 
@@ -127,6 +133,9 @@ class LaneEngine:
             parameters = starts.parameters[i if len(starts.parameters) > 1 else 0]
             if not np.isfinite(slope_ahead(model, times[i], states[i], parameters, t1 - t0)).all():
                 codes[i] = LOST
+        if self.compiled.events:
+            # A run that watches may go on where no series begins.
+            return np.asarray((codes != SUCCESS) & (codes != EVENT) & (codes != UNFINISHED))
         lost = stuck & (codes == STUCK) & (not model.equations.structure.constant_mass)
         return np.asarray(lost | ((times == t0) & (codes != SUCCESS)))
 
@@ -159,9 +168,10 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
 
     With `varying` each member has its own parameters. What is compiled is kept for the next ensemble of the model.
     """
-    if not _runs_in_lanes(alone, plan):
+    if not _runs_in_lanes(alone, plan, problem):
         return None
-    wanted = Wanted(alone.keep.reductions, _path_kind(plan, problem, alone), varying)
+    watched = Watched.of(plan) if isinstance(plan, TaylorPlan) else None
+    wanted = Wanted(alone.keep.reductions, _path_kind(plan, problem, alone), varying, watched)
     kept = _COMPILED.setdefault(alone.model, {})
     key = _kind(plan), wanted
     if key not in kept:
@@ -181,12 +191,13 @@ def _kind(plan: Plan) -> Any:
     return plan.order if isinstance(plan, TaylorPlan) else plan.step if isinstance(plan, StepPlan) else None
 
 
-def _runs_in_lanes(alone: RunEngine, plan: Plan) -> bool:
+def _runs_in_lanes(alone: RunEngine, plan: Plan, problem: Problem) -> bool:
     """Return whether there is machine code for all that a run needs."""
     model = alone.model
-    if model.target != "llvm" or len(model.equations.constraints) or model.statement.given or alone.keep.events:
+    if model.target != "llvm" or len(model.equations.constraints) or model.statement.given:
         return False
     if isinstance(plan, TaylorPlan):
         small = single_operations(pack(plan.series.program, PACKED), plan.order) <= MOST_OPERATIONS
-        return small and not plan.series.program.watched and plan.series.program.projection is None
-    return isinstance(plan, StepPlan) and not plan.step.solves and plan.step.starter is None
+        resets = any(one.reset for one in plan.impacts)
+        return small and not resets and not plan.series.program.sides and plan.series.program.projection is None
+    return isinstance(plan, StepPlan) and not problem.events and not plan.step.solves and plan.step.starter is None

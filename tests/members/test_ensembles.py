@@ -103,7 +103,7 @@ def test_an_energy_that_moves_is_told_as_in_a_run() -> None:
         assert runs.status[i] is lg.Status.SUCCESS or runs.messages[i] == alone.message
 
 
-def test_runs_with_events_and_constraints_are_runs_one_after_the_other() -> None:
+def test_an_event_ends_a_member_and_constraints_are_runs_one_after_the_other() -> None:
     ball = lg.ensemble(
         system("thrown-ball"),
         10.0,

@@ -72,6 +72,7 @@ class Members(ABC):
         self.counted = {name: p.array(name, WHOLE) for name in COUNTED}
         self.points, self.table = p.array("points", read=True), p.array("table", read=True)
         self.reduced = p.array("reduced")
+        self.announce()
         self.held = p.reserve(numbers.size, name="prepared") if numbers.prepare else self.numbers
         self.seen, self.found = p.reserve(dimension, name="seen"), p.reserve(max(observed.size, 1), name="found")
         self.run: Any = p.reserve_record(RUN)
@@ -80,6 +81,10 @@ class Members(ABC):
         self.member = p.variable(self.lane, "member")
         self.tried = p.variable(0, "tried")
         self.fresh = p.variable(p.true, "fresh")
+
+    @abstractmethod
+    def announce(self) -> None:
+        """Announce the arguments of the method's own, behind all others."""
 
     @property
     @abstractmethod

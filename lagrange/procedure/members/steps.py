@@ -43,6 +43,9 @@ class StepMembers(Members):
         """Whether all steps are taken at once."""
         self.follower = None if dense is None else _Follower(self, dense, sampled)
 
+    def announce(self) -> None:
+        """Announce nothing: steps have no arguments of their own."""
+
     @property
     def state(self) -> list[Memory]:
         """The state, or coordinates and velocities apart."""

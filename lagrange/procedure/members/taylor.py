@@ -7,6 +7,7 @@ from typing import Any
 from lagrange.procedure.bind import bound
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.members.along import Along, Sampled, Step
+from lagrange.procedure.members.occurrences import ENDED_BY_EVENT, Events, Occurrences
 from lagrange.procedure.members.paths import series_path
 from lagrange.procedure.members.queue import Members, Numbers, Observed
 from lagrange.procedure.taylor.loop import begin_run, iteration
@@ -26,7 +27,10 @@ class TaylorMembers(Members):
         numbers: Numbers,
         observed: Observed,
         sampled: Sampled | None = None,
+        events: Events | None = None,
     ) -> None:
+        self.events = events
+        self.occurrences: Occurrences | None = None
         super().__init__(layout.dimension, numbers, observed)
         p = self.p
         self.layout, self.order, self.jet = layout, order, jet
@@ -39,7 +43,14 @@ class TaylorMembers(Members):
         if sampled is not None:
             path = series_path(layout, sampled.entries)
             self._along = Along(p, sampled, path, self.points, self.held, layout.dimension)
+        if self.occurrences is not None:
+            self.occurrences.reserve(layout)
         self.digits = (-p.call(logarithm(), self.rtol)).called("digits")
+
+    def announce(self) -> None:
+        """Announce what is watched, if anything is."""
+        if self.events is not None:
+            self.occurrences = Occurrences(self.p, self.events, self.dimension)
 
     @property
     def state(self) -> list[Memory]:
@@ -64,6 +75,8 @@ class TaylorMembers(Members):
         begin_run(self.p, self.layout, self.run, self.counts, self.taylor, self.before, self.work)
         if self.along is not None:
             self.along.begin(self.run.t, self.work)
+        if self.occurrences is not None:
+            self.occurrences.begin(self.taylor)
 
     def advance(self, last: Flag) -> Whole:
         """Prove the step before, and take the next one."""
@@ -73,11 +86,25 @@ class TaylorMembers(Members):
         given |= {"output_times": self.output_times, "times": self.none, "rows": self.none}
         given |= {"output_states": self.outputs.at(self.member.value * (self.wanted * self.dimension))}
         given |= {"last": last, "digits": self.digits, "work": self.work, "order": p.whole(self.order)}
-        step = bound(iteration(self.layout), {"jet": self.jet}, prefix="run_")
+        functions = {"jet": self.jet}
+        if self.occurrences is not None:
+            given |= self.occurrences.handed(self.held)
+            functions["values"] = self.occurrences.events.values
+        step = bound(iteration(self.layout), functions, prefix="run_")
         steps = self.counts.steps
         found: Whole = p.call(step, *(given[one.name] for one in step.parameters))
         if self.along is not None:
             self.follow(self.along, steps)
+        return found if self.occurrences is None else self.watch(self.occurrences, found, last)
+
+    def watch(self, occurrences: Occurrences, outcome: Whole, last: Flag) -> Whole:
+        """Take over what has happened, and return the outcome: ENDED_BY_EVENT where an event ends the run."""
+        p, member = self.p, self.member.value
+        occurrences.take(member)
+        ended = occurrences.ended(outcome, self.before.unproven, last)
+        with p.when(ended, likely=False):
+            occurrences.keep(member, occurrences.record.due - 1, self.run.t, self.work)
+        found: Whole = p.choose(ended, ENDED_BY_EVENT, outcome)
         return found
 
     def follow(self, along: Along, steps: Whole) -> None:

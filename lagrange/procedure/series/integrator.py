@@ -52,16 +52,18 @@ class TaylorProcedures:
     """The integrator of a series program whose numbers stand from `begin` on in the prepared array.
 
     With `steps_at_least` the run takes at least so many steps. `projection` are the corrections of a state of a system
-    with constraints, see `CORRECTIONS`, from the same array. Raises StatementError for what it cannot integrate.
+    with constraints, see `CORRECTIONS`, from the same array. With `watches` the series has event functions, for who
+    calls its parts. Raises StatementError for what it cannot integrate.
     """
 
     program: SeriesProgram
     begin: int
     steps_at_least: int = 0
     projection: Procedure | None = None
+    watches: bool = False
 
     def __post_init__(self) -> None:
-        if self.program.sides or self.program.watched:
+        if self.program.sides or (self.program.watched and not self.watches):
             raise StatementError(
                 "an exported Taylor integrator crosses no switching surfaces (abs, sign, Piecewise, min, max): leave "
                 "out the content taylor."

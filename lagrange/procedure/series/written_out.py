@@ -33,11 +33,11 @@ takes: eight members of a pendulum took 154 ns, in parts 128 ns. The latest prod
 def written_layout(packing: Packing) -> TaylorLayout:
     """Return where things stand."""
     program = packing.program
-    n = 2 * program.dimension
+    n, watched = 2 * program.dimension, len(program.watched)
     scratch = sum(system_size(stage.plan) for stage in program.stages)
     projected, crossing = program.projection is not None, program.may_cross
-    ways = {"projected": projected, "crossing": crossing}
-    return TaylorLayout(n, n, 0, n, block=1, scratch=scratch, chains=True, **ways)
+    ways = {"projected": projected, "crossing": crossing, "observes": watched > 0}
+    return TaylorLayout(n, n + watched, watched, n, block=1, scratch=scratch, chains=True, **ways)
 
 
 class WrittenJet(Jet):
@@ -67,7 +67,7 @@ class WrittenJet(Jet):
 
     def add_order(self, k: int) -> None:
         """Build the coefficients of an order; the highest one ends with its row."""
-        p, packing, self.k = self.p, self.packing, k
+        packing, self.k = self.packing, k
         self.x = {i: self.share(self.before(rate)) for i, rate in enumerate(self.program.rates)}
         self.orders.append(self.x)
         self.fill(packing.before)
@@ -78,12 +78,19 @@ class WrittenJet(Jet):
                 self.fill(packed.trial)
                 guesses = self.solved(place, guesses)
             self.x |= zip(stage.unknowns, guesses, strict=True)
-            if packed is packing.stages[-1]:
-                self.write()
-                if LOWEST_ORDER <= k < self.highest:
-                    p.leave_if(self.order.equals(k), self.singular)
-            if k < self.highest or packed is not packing.stages[-1]:
+            last = packed is packing.stages[-1]
+            if last and not self.program.watched:
+                self.end_order()
+            if k < self.highest or self.program.watched or not last:
                 self.fill(packed.found)
+        if self.program.watched:
+            self.end_order()
+
+    def end_order(self) -> None:
+        """Write the row of an order, and return behind it if no more is wanted; the highest one is the last."""
+        self.write()
+        if LOWEST_ORDER <= self.k < self.highest:
+            self.p.leave_if(self.order.equals(self.k), self.singular)
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
         """Build the coefficients of some chunks."""
@@ -102,8 +109,9 @@ class WrittenJet(Jet):
     def write(self) -> None:
         """Write the row."""
         row, zero = self.rows.at(self.k * self.layout.width), self.p.real(0.0)
-        for i in range(2 * self.program.dimension):
-            row[i] = zero if self.x[i] is None else self.x[i]
+        for i, number in enumerate((*range(2 * self.program.dimension), *self.program.watched)):
+            value = None if number is None else self.x[number]
+            row[i] = zero if value is None else value
 
     def before(self, number: int) -> Term:
         """Return a coefficient of the order before."""

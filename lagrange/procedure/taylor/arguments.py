@@ -58,7 +58,7 @@ class Arguments:
     @property
     def numbers(self) -> tuple[Any, ...]:
         """The numbers of the series: with surfaces, those for the sides that hold."""
-        if self.watched is None:
+        if self.watched is None or self.layout.observes:
             return self.prepared, self.constants
         place = self.watched.record.numbers
         return self.prepared.at(place), self.constants.at(place)

@@ -104,7 +104,8 @@ class TaylorLayout(Offsets):
     functions begin at `watched_at`. With an order of 0 the code serves every order. Vectors are computed on `block`
     entries at once. `scratch` doubles follow the rows. With `projected` the state is moved onto the constraints of the
     system behind each step, and with `crossing` the radius of convergence does not bound the step. With `by_rows` a
-    series is summed row by row, for compilers that compute at once what an innermost loop does, and nothing else.
+    series is summed row by row, for compilers that compute at once what an innermost loop does, and nothing else. With
+    `observes` what is watched are events without resets: the loop returns where one ends the run.
     """
 
     dimension: int
@@ -117,6 +118,7 @@ class TaylorLayout(Offsets):
     projected: bool = False
     crossing: bool = False
     by_rows: bool = False
+    observes: bool = False
 
     @cached_property
     def padded(self) -> int:

@@ -148,6 +148,9 @@ class _TaylorStep:
     def reset(self, watched: Watched) -> None:
         """Do what is due at the state, if that can be done here."""
         p, given, record = self.p, self.given, watched.record
+        if self.layout.observes:
+            p.leave_if(~record.due.equals(0), Outcome.WATCHED, likely=False)
+            return
         with p.when(~record.due.equals(0) & ~record.enabled.equals(0), likely=False):
             records, kept = (self.t, self.run.rtol, self.counts, self.taylor), (*watched.handed, *self.series.handed)
             done = p.variable(p.false, "done")

@@ -1,0 +1,120 @@
+"""Events of members on Taylor steps: what is watched, and the first occurrences of each event.
+
+The loop over steps finds events as in single runs. What it leaves to who watches, such as a double zero that it cannot
+tell from none, ends the member here: a run of its own decides.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.taylor.memory import BLOCK, SIZES, TaylorLayout
+from lagrange.procedure.taylor.watching import MOST_ZEROS, SIDES, WATCH, scratch_sizes
+from lagrange.procedure.values import Flag, Memory, Real, Whole
+
+ENDED_BY_EVENT = len(Outcome)
+"""What stands among outcomes for a member that an event ended."""
+
+ROOM = 2 * MOST_ZEROS
+"""So many events have room until they are taken over, which is done behind each step."""
+
+
+@dataclass(frozen=True)
+class Events:
+    """What members watch: so many things, of which the first are the `events` of the user.
+
+    `values` gives all from a time, a state and the numbers of the system. See `WATCH` for the flags.
+    """
+
+    values: Procedure
+    count: int
+    events: int
+    changing: bool
+    hides_growth: bool
+    steep: bool
+
+
+class Occurrences:
+    """What is known of the events of a member, in memory of a procedure whose arguments this announces."""
+
+    def __init__(self, p: Builder, events: Events, dimension: int) -> None:
+        self.p, self.events, self.dimension = p, events, dimension
+        self.sizes = p.record("sizes", SIZES)
+        self.settings, self.tilts = p.array("settings", WHOLE, read=True), p.array("tilts", read=True)
+        self.most: Whole = p.given("most", WHOLE)
+        self.all_times, self.all_states = p.array("occurrence_times"), p.array("occurrence_states")
+
+    def reserve(self, layout: TaylorLayout) -> None:
+        """Reserve memory, behind all arguments."""
+        p, count, n = self.p, self.events.count, self.dimension
+        reals, wholes = scratch_sizes(count, n)
+        self.record: Any = p.reserve_record(WATCH)
+        self.sides = p.reserve(2 * SIDES * count, WHOLE, name="sides")
+        self.times, self.states = (
+            p.reserve(ROOM, name="event_times"),
+            p.reserve(ROOM * n, room=BLOCK, name="event_states"),
+        )
+        self.places = p.reserve(ROOM, WHOLE, name="event_places")
+        self.unused = p.reserve(1, WHOLE, name="unused")
+        self.scratch = p.reserve(reals, room=BLOCK, name="scratch")
+        self.whole_scratch = p.reserve(wholes, WHOLE, name="whole_scratch")
+        self.seen = p.reserve(max(self.events.events, 1), WHOLE, name="seen")
+        self.taken = p.variable(0, "taken")
+
+    def handed(self, numbers: Memory) -> dict[str, Any]:
+        """Return the arguments of the loop over steps, by name."""
+        given = {"watch": self.record, "sizes": self.sizes, "value_numbers": numbers, "reset_numbers": numbers}
+        given |= {"tilts": self.tilts, "sides": self.sides, "settings": self.settings}
+        given |= {"event_times": self.times, "event_states": self.states, "event_places": self.places}
+        given |= {"combinations": self.unused, "switch_rows": self.unused, "switch_combinations": self.unused}
+        return given | {"scratch": self.scratch, "whole_scratch": self.whole_scratch}
+
+    def begin(self, taylor: Any) -> None:
+        """Begin at the start of a member: nothing has happened, and no sides are known."""
+        p, record, events = self.p, self.record, self.events
+        for name, kind in WATCH.fields:
+            setattr(record, name, 0.0 if kind is REAL else 0)
+        record.enabled = record.fresh = taylor.inspect = 1
+        record.changing, record.room = int(events.changing), ROOM
+        record.hides_growth, record.steep = int(events.hides_growth), int(events.steep)
+        record.changed = -math.inf
+        with p.each(2 * SIDES * events.count, width=1) as i:
+            self.sides[i] = 0
+        for place in range(events.events):
+            self.seen[place] = 0
+        self.taken.value = 0
+
+    def take(self, member: Whole) -> None:
+        """Take over the events on steps that are proven."""
+        p, record = self.p, self.record
+        with p.when(record.done > self.taken.value, likely=False):
+            with p.repeat(lambda: self.taken.value < record.done):
+                slot = self.taken.value
+                self.keep(member, self.places[slot], self.times[slot], self.states.at(slot * self.dimension))
+                self.taken.value = slot + 1
+            with p.when(record.ahead.equals(record.done)):
+                record.done = record.ahead = self.taken.value = 0
+
+    def keep(self, member: Whole, place: Whole, t: Real, state: Memory) -> None:
+        """Keep an occurrence of an event, if it is among the first."""
+        p, n, events = self.p, self.dimension, self.events.events
+        number = self.seen[p.smaller(place, max(events - 1, 0))]
+        with p.when((place < events) & (number < self.most)):
+            slot = (member * events + place) * self.most + number
+            self.all_times[slot] = t
+            target = self.all_states.at(slot * n)
+            with p.each(n, width=1) as i:
+                target[i] = state[i]
+            self.seen[place] = number + 1
+
+    def ended(self, outcome: Whole, unproven: Whole, last: Flag) -> Flag:
+        """Return whether an event ends the run where it stands."""
+        due = ~self.record.due.equals(0) & unproven.equals(0)
+        stopped = outcome.equals(Outcome.DONE) | outcome.equals(Outcome.WATCHED)
+        found: Flag = due & (stopped | (outcome.equals(Outcome.PAUSED) & last))
+        return found
