@@ -14,7 +14,7 @@ import sympy
 import lagrange as lg
 from lagrange.members import job, work
 from lagrange.members.singly import RunEngine
-from tests.covering import share
+from tests.covering import spread
 
 
 @cache
@@ -111,7 +111,7 @@ BEYOND = ("a transcendental one",)
 that is as right as the tolerance of 1e-10 makes it."""
 
 
-@pytest.mark.parametrize("case", list(HENON)[: share(8)])
+@pytest.mark.parametrize("case", spread(list(HENON), 3))
 @pytest.mark.parametrize("end", [20.0, -7.0])
 def test_events_of_a_member_are_those_of_its_run(case: str, end: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """Also what a lane leaves to the run. Lyapunov growth over t = 20 multiplies round-off by less than 100."""
