@@ -24,6 +24,7 @@ from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.members.chunk import INTERRUPTED, STATUSES
 from lagrange.members.job import Done, Job
 from lagrange.members.keep import OUTPUTS, STATE, STATUS, TIME
+from lagrange.members.names import BLOCK, DONE, MEMBER, OCCURRENCE, OUTPUT_TIME, ROW, start_name, stored_names
 from lagrange.members.origin import difference, origin
 from lagrange.members.results import Results
 from lagrange.members.storage import ResultStorage
@@ -32,7 +33,7 @@ from lagrange.members.table import MemberTable
 BLOCK_BYTES, LARGEST_BLOCK = 2**23, 2**16
 """A block takes about 8 MB, or has 65,536 members: some thousand files for a billion numbers, each quickly written."""
 
-MEMBER, OUTPUT_TIME, DONE, ATTRIBUTES = "member", "t", "done", "lagrange"
+ATTRIBUTES = "lagrange"
 
 MOST_BLOCKS = 10**6
 """A store has no more blocks, each of which has a file for every variable: 8 TB of results are enough for one."""
@@ -94,7 +95,7 @@ class StoredResults:
 
     def column(self, name: str) -> Any:
         """Return a column, with a row for each member. Raises RunError where the store cannot be read."""
-        parts = _parts(name, self._job.problem.model.layout.names())
+        parts = stored_names(name, self._job.problem.model.layout.names())
         with reading(self._path):
             left = np.flatnonzero(np.asarray(self._group[DONE][:]) == 0)
             found = [np.asarray(self._group[one][:]) for one in parts]
@@ -102,16 +103,16 @@ class StoredResults:
         for k in left:
             for rows in found:
                 rows[k * self._block : (k + 1) * self._block] = blank
-        return found[0] if parts == (name,) else np.stack(found, axis=-1)
+        return np.stack(found, axis=-1) if name in (STATE, OUTPUTS) else found[0]
 
     def row(self, name: str, member: int) -> Any:
         """Return the entry of a column for one member. Raises RunError where the store cannot be read."""
-        parts = _parts(name, self._job.problem.model.layout.names())
+        parts = stored_names(name, self._job.problem.model.layout.names())
         with reading(self._path):
             if not self._group[DONE][member // self._block]:
                 return next(column for column in self._job.columns if column.name == name).empty(1)[0]
             found = [np.asarray(self._group[one][member]) for one in parts]
-        return found[0] if parts == (name,) else np.stack(found, axis=-1)
+        return np.stack(found, axis=-1) if name in (STATE, OUTPUTS) else found[0]
 
 
 def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -> ZarrStorage:
@@ -231,7 +232,7 @@ def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[
                 dimension_names=(MEMBER, *_dimensions(name))[: rows.ndim],
             )
         blocks = -(-members // block)
-        group.create_array(DONE, shape=(blocks,), chunks=(1,), dtype="u1", fill_value=0, dimension_names=("block",))
+        group.create_array(DONE, shape=(blocks,), chunks=(1,), dtype="u1", fill_value=0, dimension_names=(BLOCK,))
         if job.problem.t_eval is not None:
             shape = job.problem.t_eval.shape
             times = group.create_array(OUTPUT_TIME, shape=shape, dtype="f8", dimension_names=(OUTPUT_TIME,))
@@ -255,14 +256,7 @@ def _not_made(path: Path, error: OSError) -> StatementError | RunError:
 
 def _dimensions(name: str) -> tuple[str, ...]:
     """Return the names of the dimensions of a variable behind that of the members."""
-    return ("occurrence", "row") if re.fullmatch(r"[ty]_event_[0-9]+", name) else (OUTPUT_TIME,)
-
-
-def _parts(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the variables that a column is stored as: one for each entry of a state, by its name."""
-    if column == STATE:
-        return tuple(f"{name}_end" for name in names)
-    return names if column == OUTPUTS else (column,)
+    return (OCCURRENCE, ROW) if re.fullmatch(r"[ty]_event_[0-9]+", name) else (OUTPUT_TIME,)
 
 
 def _columns(job: Job, table: MemberTable, begin: int, end: int, results: Results) -> dict[str, Any]:
@@ -270,9 +264,10 @@ def _columns(job: Job, table: MemberTable, begin: int, end: int, results: Result
     names = job.problem.model.layout.names()
     found: dict[str, Any] = {}
     for column in job.columns:
-        rows, parts = results.column(column.name), _parts(column.name, names)
-        found |= {column.name: rows} if parts == (column.name,) else {one: rows[..., i] for i, one in enumerate(parts)}
+        rows, parts = results.column(column.name), stored_names(column.name, names)
+        apart = column.name in (STATE, OUTPUTS)
+        found |= {one: rows[..., i] for i, one in enumerate(parts)} if apart else {parts[0]: rows}
     which = np.arange(begin, end)
     for key, label in zip(table.varied.keys, table.labels, strict=True):
-        found[f"{label}_start" if label in names else label] = table.varied.values(key, which)
+        found[start_name(label, names)] = table.varied.values(key, which)
     return found

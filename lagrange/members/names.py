@@ -1,0 +1,47 @@
+"""Names of what a store has of each member, and of what a table or a data set has."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+from lagrange.errors import StatementError
+from lagrange.members.keep import OUTPUTS, STATE, Column
+
+MEMBER, OUTPUT_TIME, DONE, BLOCK = "member", "t", "done", "block"
+"""Arrays and dimensions of a store: the members, the output times, and which blocks of members are done."""
+
+OCCURRENCE, ROW = "occurrence", "row"
+"""Dimensions of what is kept of events."""
+
+OVER = "÷"
+"""Stands for a slash in a name of a store, where a slash would divide folders."""
+
+
+def stored_names(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the variables that a column is stored as: one for each entry of a state, by its name."""
+    if column == STATE:
+        return tuple(f"{name}_end" for name in names)
+    return names if column == OUTPUTS else (column.replace("/", OVER),)
+
+
+def start_name(label: str, names: Collection[str]) -> str:
+    """Return what the values are called with which something varies, where a state has the name as well."""
+    return f"{label}_start" if label in names else label
+
+
+def check_names(columns: Sequence[Column], names: Sequence[str], labels: Sequence[str], *, store: bool) -> None:
+    """Refuse a coordinate or a varying parameter that is called as something else that is kept of each member."""
+    kept = {column.name for column in columns}
+    taken = {MEMBER, *kept - {STATE, OUTPUTS}, *((DONE,) if store else ())}
+    if any(column.name.startswith("t_event_") for column in columns):
+        taken |= {OCCURRENCE, ROW}
+    taken |= {f"{name}_start" for name in names if name in labels}
+    if STATE in kept:
+        taken |= {f"{name}_end" for name in names}
+    own = [*(names if kept & {STATE, OUTPUTS} else ()), *labels]
+    twice = next((name for name in own if name in taken), None)
+    if twice is not None:
+        raise StatementError(
+            f"{twice} is a name of the system, and the results of an ensemble have one of this name: give the system "
+            "another name for it, or keep something else."
+        )
