@@ -28,6 +28,7 @@ from typing import Any
 import lagrange as lg
 from lagrange.errors import RunError
 from lagrange.members import store, table, work
+from tests.members.store_files import files
 
 BLOCK, LARGEST = 256, 64
 """Members of a block of the store, and at most of a chunk: so a run of some seconds has many of both."""
@@ -44,8 +45,6 @@ LATER = 3.0
 
 MOST_CALLS = 200
 """A trial that is not done after so many calls goes round in a circle."""
-
-Files = dict[str, bytes]
 
 
 @dataclass
@@ -83,11 +82,6 @@ STARTS = "starts"
 MODEL = lg.scene("henon-heiles").compile()
 
 
-def files(folder: Path) -> Files:
-    """Return the content of each file of a store."""
-    return {str(one.relative_to(folder)): one.read_bytes() for one in sorted(folder.rglob("*")) if one.is_file()}
-
-
 def stored(folder: Path) -> set[int]:
     """Return the blocks that a store has: the flag of each has a file of its own."""
     return {int(one.name) for one in (folder / "done" / "c").glob("*") if one.name.isdigit()}
@@ -113,7 +107,7 @@ def watch(starts: Callable[..., Any]) -> None:
     setattr(table.MemberTable, STARTS, starts)
 
 
-def judge(figures: Figures, path: Path, log: Path, before: set[int], whole: Files | None) -> None:
+def judge(figures: Figures, path: Path, log: Path, before: set[int], whole: dict[str, bytes] | None) -> None:
     """Count what a call computed again, and what it lost; at the end, `whole` is what the store has to be."""
     computed = [int(line) // BLOCK for line in log.read_text().split()] if log.exists() else []
     figures.calls += 1

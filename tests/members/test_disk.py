@@ -14,6 +14,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.members import store, work
+from tests.members.store_files import files
 
 zarr = pytest.importorskip("zarr")
 
@@ -35,10 +36,6 @@ def model() -> Any:
 def run(target: Path) -> lg.Ensemble:
     """Three blocks of members, some of which leave."""
     return lg.ensemble(model(), 15.0, {"x": [0.05 * k for k in range(24)]}, store=target)
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {str(one.relative_to(folder)): one.read_bytes() for one in sorted(folder.rglob("*")) if one.is_file()}
 
 
 class Filling:
