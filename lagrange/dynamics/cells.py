@@ -13,9 +13,9 @@ from lagrange.dynamics.axes import Plane
 from lagrange.dynamics.runs import Report
 from lagrange.machine.backend import FloatArray
 from lagrange.members.chunk import Ends, Engine, Starts
-from lagrange.members.job import Done
+from lagrange.members.job import ChunkResult
 from lagrange.members.runners import ThreadRunner
-from lagrange.members.varied import Numbers
+from lagrange.members.varied import MemberNumbers
 from lagrange.members.work import run_members
 
 NOT_COMPUTED, NONE = -2, -1
@@ -56,7 +56,7 @@ class Cells:
     def __len__(self) -> int:
         return self.plane[1].count * self.plane[0].count
 
-    def starts(self, which: Numbers) -> Starts:
+    def starts(self, which: MemberNumbers) -> Starts:
         """Return where some members start."""
         return Starts(states_of(self.plane, self.base, self.places[which]), self.parameters[None])
 
@@ -82,7 +82,7 @@ def each_cell(
     """
     done = 0
 
-    def keep(first: int, found: Done) -> None:
+    def keep(first: int, found: ChunkResult) -> None:
         nonlocal done
         count = found.ends.members
         take(cells.places[first : first + count], found.ends)

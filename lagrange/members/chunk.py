@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
-from lagrange.members.varied import Numbers
+from lagrange.members.varied import MemberNumbers
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 STATUSES = tuple(Status)
@@ -51,7 +51,7 @@ class Ends:
 class Table(Protocol):
     """Members by their numbers, from 0 on."""
 
-    def starts(self, which: Numbers) -> Starts:
+    def starts(self, which: MemberNumbers) -> Starts:
         """Return where some members start."""
 
 

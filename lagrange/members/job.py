@@ -71,7 +71,7 @@ class Job:
 
 
 @dataclass(frozen=True, eq=False)
-class Done:
+class ChunkResult:
     """What came of a chunk: the seconds that its members took, how they were run, and what they were compiled for.
 
     `processor` is empty where that is the processor of this process, or none.
@@ -87,7 +87,7 @@ _ENGINES: OrderedDict[bytes, tuple[Engine, str]] = OrderedDict()
 _LOCK = Lock()
 
 
-def run_chunk(job: bytes, starts: Starts) -> Done:
+def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
     """Run members in the process that this is called in, which compiles a job when it first comes."""
     key = hashlib.sha256(job).digest()
     with _LOCK:
@@ -100,8 +100,8 @@ def run_chunk(job: bytes, starts: Starts) -> Done:
     return replace(timed(engine, starts, lambda: False), processor=processor)
 
 
-def timed(engine: Engine, starts: Starts, stopped: Stopped) -> Done:
+def timed(engine: Engine, starts: Starts, stopped: Stopped) -> ChunkResult:
     """Run members, and note how long that takes."""
     began = time.perf_counter()
     ends = engine.run(starts, stopped)
-    return Done(ends, time.perf_counter() - began, engine.form)
+    return ChunkResult(ends, time.perf_counter() - began, engine.form)

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import chain, count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -32,6 +31,9 @@ DEFAULT = (END,)
 STATE, TIME, STATUS, OUTPUTS = "state", "t_end", "status", "outputs"
 """Columns: last states, times, codes of statuses, and states at output times."""
 
+OUTPUT_TIME = "t"
+"""The dimension of output times, and the variable that has them."""
+
 
 class Column(NamedTuple):
     """An array with a row for each member: its name, shape and type of a row, and what stands where nothing does."""
@@ -44,6 +46,13 @@ class Column(NamedTuple):
     def empty(self, members: int) -> Any:
         """Return the array of members of which nothing is known."""
         return np.full((members, *self.shape), self.blank, dtype=self.kind)
+
+    @property
+    def dimensions(self) -> tuple[str, ...]:
+        """The names of the dimensions behind that of the members; the entries of a state are variables of their own."""
+        if self.name in (STATE, OUTPUTS):
+            return (OUTPUT_TIME,) if self.name == OUTPUTS else ()
+        return ("occurrence", "row")[: len(self.shape)]
 
     @property
     def bytes(self) -> int:
@@ -103,8 +112,7 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
     if not listed:
         raise StatementError(f'keep is {shown(given)}: give names, such as ("end", ("max", theta)).')
     names: dict[str, None] = {}
-    occurrences = 0
-    reductions: list[Reduction] = []
+    occurrences, reductions = 0, []
     for one in listed:
         if isinstance(one, str) and one in (END, COUNTS, DRIFT):
             names[one] = None
@@ -116,7 +124,7 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
             # An expression of something that the system does not have is refused here, not by the first member.
             state = np.array(model.statement.initial)[:, None]
             model.evaluate_expression(one[1], np.zeros(1), state, np.ones(len(model.statement.parameters)))
-            _add(reductions, Reduction(f"{one[0]}({_written(one[1], model)})", one[0], one[1]))
+            reductions.append(Reduction(f"{one[0]}({_written(one[1], model)})", one[0], one[1]))
         else:
             known = [END, COUNTS, DRIFT, EVENTS]
             hint = suggestion(one, known) if isinstance(one, str) else ""
@@ -125,15 +133,6 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
                 f"('min', theta), ('mean', theta) or ('events', 3).{hint}"
             )
     return Keep(END in names, COUNTS in names, DRIFT in names, occurrences, tuple(reductions))
-
-
-def _add(reductions: list[Reduction], given: Reduction) -> None:
-    """Add what is made of an expression, once; another one whose first letters are the same has a number behind."""
-    if any((one.how, one.expression) == (given.how, given.expression) for one in reductions):
-        return
-    names = {one.name for one in reductions}
-    numbered = (f"{given.name} {k}" for k in count(2))
-    reductions.append(given._replace(name=next(name for name in chain([given.name], numbered) if name not in names)))
 
 
 def _is_pair(one: Any) -> bool:

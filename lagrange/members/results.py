@@ -10,7 +10,7 @@ from lagrange.members.chunk import Ends
 from lagrange.members.keep import STATUS, Column
 
 
-class Kept(Protocol):
+class MemberResults(Protocol):
     """The results of all members: in memory, or in a store, where each column is read when it is asked for."""
 
     def column(self, name: str) -> Any:

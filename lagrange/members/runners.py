@@ -27,7 +27,7 @@ class Runner(Protocol):
         """The number of chunks under way."""
 
     def submit(self, starts: Starts) -> Any:
-        """Return the future of a chunk, whose result is a `Done`."""
+        """Return the future of a chunk, whose result is a `ChunkResult`."""
 
     def stop(self) -> None:
         """Begin no more members of the chunks that are under way, where that can be said to who runs them."""

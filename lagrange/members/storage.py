@@ -6,8 +6,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 from lagrange.errors import StatementError, counted, listing
-from lagrange.members.job import Done, Job
-from lagrange.members.results import Kept, Results
+from lagrange.members.job import ChunkResult, Job
+from lagrange.members.results import MemberResults, Results
 from lagrange.members.singly import BY_NUMPY
 from lagrange.members.table import MemberTable
 from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
@@ -26,11 +26,11 @@ class ResultStorage(ABC):
 
     @property
     @abstractmethod
-    def results(self) -> Kept:
+    def results(self) -> MemberResults:
         """The results of all members."""
 
     @abstractmethod
-    def take(self, first: int, done: Done) -> None:
+    def take(self, first: int, done: ChunkResult) -> None:
         """Keep the results of members from a number on."""
 
     @property
@@ -49,10 +49,10 @@ class ResultStorage(ABC):
             said.append(f"workers compiled for {listing(others)}, not for {machine.processor}")
         return "; ".join(said) + (": the last digits may differ from those of this machine" if said[1:] else "")
 
-    def reporting(self, report: Report, before: int) -> Callable[[int, Done], None]:
+    def reporting(self, report: Report, before: int) -> Callable[[int, ChunkResult], None]:
         """Return what keeps the results of a chunk, and tells how many members are done, with those of before."""
 
-        def keep(first: int, done: Done) -> None:
+        def keep(first: int, done: ChunkResult) -> None:
             self.forms[done.form] = None
             if done.processor:
                 self.processors[done.processor] = None
@@ -76,7 +76,7 @@ class ArrayStorage(ResultStorage):
         """The arrays."""
         return self._results
 
-    def take(self, first: int, done: Done) -> None:
+    def take(self, first: int, done: ChunkResult) -> None:
         """Put the results into their places."""
         self._results.take(first, done.ends)
 

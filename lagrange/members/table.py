@@ -12,7 +12,7 @@ import numpy as np
 from lagrange.errors import StatementError, counted, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.members.chunk import Starts
-from lagrange.members.varied import Arrays, Numbers, Varied
+from lagrange.members.varied import Arrays, MemberNumbers, Varied
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.number import real_array, real_number
 from lagrange.statement.parameters import label_of
@@ -45,7 +45,7 @@ class MemberTable:
         """The names of what varies."""
         return tuple(label_of(key) for key in self.varied.keys)
 
-    def starts(self, which: Numbers) -> Starts:
+    def starts(self, which: MemberNumbers) -> Starts:
         """Return where some members start."""
         states = np.repeat(self.state[None], len(which), axis=0)
         for row, key in self.rows.items():
@@ -74,6 +74,18 @@ def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
             "lg.sample(...)."
         )
     varied = _together(sources)
+    rows, columns = _places(model, varied)
+    _check_held(varied, plain)
+    state = np.array(initial_state(plain["initial"], statement.coordinates, statement.initial))
+    first = {statement.parameters[i]: float(varied.values(key, np.zeros(1, int))[0]) for i, key in columns.items()}
+    values = model.parameter_array({**plain["parameters"], **first})
+    _check_signs(model, varied, columns)
+    return MemberTable(varied, state, values, rows, columns)
+
+
+def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[int, Any]]:
+    """Return the keys that vary by their rows of the state, and by their places among the parameters."""
+    statement = model.statement
     rows, by_name = state_rows(statement.coordinates), {p.name: i for i, p in enumerate(statement.parameters)}
     of_state, of_parameters = dict[int, Any](), dict[int, Any]()
     for key in varied.keys:
@@ -88,14 +100,7 @@ def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
                 f"{label!r} varies, and is no coordinate, velocity or parameter of {statement.name}; they are "
                 f"{listing(names)}.{suggestion(label, names)}"
             )
-    _check_held(varied, plain)
-    state = np.array(initial_state(plain["initial"], statement.coordinates, statement.initial))
-    first = {
-        statement.parameters[i]: float(varied.values(key, np.zeros(1, int))[0]) for i, key in of_parameters.items()
-    }
-    values = model.parameter_array({**plain["parameters"], **first})
-    _check_signs(model, varied, of_parameters)
-    return MemberTable(varied, state, values, of_state, of_parameters)
+    return of_state, of_parameters
 
 
 def _check_signs(model: Model, varied: Varied, columns: Mapping[int, Any]) -> None:
@@ -139,7 +144,7 @@ def _divided(what: str, given: Any) -> tuple[dict[Any, Any], list[Varied]]:
 def _varies(given: Any) -> bool:
     """Return whether a value is one for each member: a list, an array, or what NumPy takes for one, such as a Series.
 
-    Numbers of NumPy and SymPy are none, and neither is an array without dimensions.
+    MemberNumbers of NumPy and SymPy are none, and neither is an array without dimensions.
     """
     if isinstance(given, (list, tuple, range)):
         return True

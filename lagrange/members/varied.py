@@ -18,7 +18,7 @@ from lagrange.statement.number import MOST_NUMBERS, real_array, real_number, who
 from lagrange.statement.parameters import label_of, table_of
 from lagrange.trajectory.trajectory import FloatArray
 
-Numbers = NDArray[np.int64]
+MemberNumbers = NDArray[np.int64]
 """Numbers of members, from 0 on."""
 
 
@@ -37,11 +37,11 @@ class Varied(ABC):
 
     @property
     @abstractmethod
-    def axes(self) -> Mapping[str, FloatArray | Numbers]:
+    def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
         """The independent axes by name, with their values: one for each member of a product, else their numbers."""
 
     @abstractmethod
-    def values(self, key: Any, which: Numbers) -> FloatArray:
+    def values(self, key: Any, which: MemberNumbers) -> FloatArray:
         """Return the values of a key for some members."""
 
     @property
@@ -70,11 +70,11 @@ class Arrays(Varied):
     """Arrays of one length, a value for each member."""
 
     @cached_property
-    def axes(self) -> Mapping[str, FloatArray | Numbers]:
+    def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
         """The numbers of the members."""
         return {"member": np.arange(len(next(iter(self.given.values()))))}
 
-    def values(self, key: Any, which: Numbers) -> FloatArray:
+    def values(self, key: Any, which: MemberNumbers) -> FloatArray:
         """Return the values of a key for some members."""
         return self.given[key][which]
 
@@ -83,11 +83,11 @@ class Grid(Varied):
     """Every combination of the values of some axes; see `grid`."""
 
     @cached_property
-    def axes(self) -> Mapping[str, FloatArray | Numbers]:
+    def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
         """The values of each axis."""
         return {label_of(key): values for key, values in self.given.items()}
 
-    def values(self, key: Any, which: Numbers) -> FloatArray:
+    def values(self, key: Any, which: MemberNumbers) -> FloatArray:
         """Return the values of a key for some members."""
         place = self.keys.index(key)
         behind = math.prod(self.shape[place + 1 :])

@@ -17,7 +17,7 @@ import numpy as np
 
 from lagrange.errors import RunError, StatementError, shown
 from lagrange.members.chunk import Starts, Table
-from lagrange.members.job import Done
+from lagrange.members.job import ChunkResult
 from lagrange.members.runners import Runner
 
 CHUNK_SECONDS = 0.1
@@ -28,7 +28,7 @@ FIRST_CHUNK, LARGEST_CHUNK = 8, 65536
 
 GOES_ON = "With store= the same call goes on where this one stopped."
 
-Take = Callable[[int, Done], None]
+Take = Callable[[int, ChunkResult], None]
 """What is done with the results of members from a number on."""
 
 
@@ -96,11 +96,11 @@ def _submitted(runner: Runner, starts: Starts) -> Any:
     return future
 
 
-def _result(future: Any) -> Done:
+def _result(future: Any) -> ChunkResult:
     """Return what came of a chunk. Raises RunError where the executor gave up; what members raise is raised here."""
     with _working():
         found = future.result()
-    if not isinstance(found, Done):
+    if not isinstance(found, ChunkResult):
         raise RunError(f"the executor gave {shown(found)} as the results of members: it changes what it is to compute.")
     return found
 

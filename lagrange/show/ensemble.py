@@ -20,6 +20,7 @@ from lagrange.members.keep import (
     COUNTS,
     END,
     EVENTS,
+    OUTPUT_TIME,
     OUTPUTS,
     STATE,
     STATUS,
@@ -28,8 +29,7 @@ from lagrange.members.keep import (
     event_states,
     event_times,
 )
-from lagrange.members.names import MEMBER, OCCURRENCE, OUTPUT_TIME, ROW, start_name
-from lagrange.members.results import Kept
+from lagrange.members.results import MemberResults
 from lagrange.members.singly import Explained
 from lagrange.members.table import MemberTable
 from lagrange.show.figures.ensemble_figure import plot_ensemble
@@ -67,7 +67,7 @@ class Ensemble:
     """
 
     table: MemberTable
-    results: Kept
+    results: MemberResults
     columns: tuple[Column, ...]
     problem: Problem
     method: str
@@ -225,7 +225,7 @@ class Ensemble:
     def to_xarray(self) -> xarray.Dataset:
         """Return a Dataset: what was kept over what varies, with a dimension for each axis of a grid.
 
-        With t_eval a coordinate or a velocity that varies is called theta_start: theta has the states.
+        With t_eval a coordinate theta that varies is named theta_start: theta are the states at output times.
         Raises StatementError without xarray.
         """
         try:
@@ -235,35 +235,33 @@ class Ensemble:
                 "to_xarray() needs xarray, which is not installed: pip install xarray, or in a checkout "
                 "pip install '.[data]'."
             ) from error
-        axes, labels = self.table.varied.axes, self.table.labels
-        shape, dims = self.table.varied.shape, tuple(self._start_name(name) for name in axes)
+        axes = {self._start_name(name): values for name, values in self.table.varied.axes.items()}
+        labels = {self._start_name(label): label for label in self.table.labels}
+        shape, dims = self.table.varied.shape, tuple(axes)
         data: dict[str, Any] = {}
         for column in self.columns:
             for name, rows, more in self._variables(column):
                 data[name] = ((*dims, *more), rows.reshape(*shape, *rows.shape[1:]))
-        called = {name: self._start_name(name) for name in (*axes, *labels)}
-        coordinates: dict[str, Any] = {called[name]: (called[name], values) for name, values in axes.items()}
-        coordinates |= {called[name]: (MEMBER, self.given(name)) for name in labels if name not in axes}
+        coordinates: dict[str, Any] = {name: (name, values) for name, values in axes.items()}
+        coordinates |= {name: ("member", self.given(label)) for name, label in labels.items() if name not in axes}
         if self.problem.t_eval is not None:
             coordinates[OUTPUT_TIME] = (OUTPUT_TIME, self.problem.t_eval)
         attributes = {"system": self.model.statement.name, "method": self.method, "form": self.form}
         return xarray.Dataset(data, coords=coordinates, attrs=attributes)
 
     def _start_name(self, label: str) -> str:
-        """Return what the values are called with which something varies: states at output times have their names."""
-        return label if self.problem.t_eval is None else start_name(label, self.names)
+        """Return the name of what varies in a Dataset, where states at output times may have its own."""
+        return f"{label}_start" if self.problem.t_eval is not None and label in self.names else label
 
     def _variables(self, column: Column) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
         """Yield the variables of a column: name, rows, and the dimensions behind those of what varies."""
-        names = self._variables_of(column)
-        rows = self.results.column(column.name)
+        names, rows = self._variables_of(column), self.results.column(column.name)
         if column.name == STATUS:
             yield STATUS, np.array([one.value for one in STATUSES])[rows], ()
         elif column.name in (OUTPUTS, STATE):
-            more = (OUTPUT_TIME,) if column.name == OUTPUTS else ()
-            yield from ((name, rows[..., i], more) for i, name in enumerate(names))
+            yield from ((name, rows[..., i], column.dimensions) for i, name in enumerate(names))
         else:
-            yield column.name, rows, (OCCURRENCE, ROW)[: rows.ndim - 1]
+            yield column.name, rows, column.dimensions
 
     def _variables_of(self, column: Column) -> list[str]:
         """Return the names of the variables of a column: of states one for each entry."""

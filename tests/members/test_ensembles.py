@@ -121,6 +121,9 @@ def test_a_grid_is_every_combination_and_a_sample_is_repeated_by_its_seed() -> N
     assert runs["l"].tolist() == [1.0, 2.0] * 3 and runs.given("theta").tolist() == [0.0, 0.0, 0.5, 0.5, 1.0, 1.0]
     found = runs.to_xarray()
     assert dict(found.sizes) == {"theta": 3, "l": 2} and found["theta_dot"].dims == ("theta", "l")
+    path = lg.ensemble(system("pendulum"), 0.1, lg.grid({"theta": (0.0, 1.0, 3)}), t_eval=[0.0, 0.1]).to_xarray()
+    assert path["theta"].dims == ("theta_start", "t")
+    assert np.array_equal(path["theta"][:, 0], path["theta_start"]) and path["theta_start"][2] == 1.0
     for method in ("sobol", "latin", "random"):
         one, other, third = (lg.sample({"m": (0.9, 1.1)}, 37, seed=seed, method=method) for seed in (5, 5, 6))
         every = np.arange(37)

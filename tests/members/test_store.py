@@ -13,6 +13,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.members import store
+from tests.members.store_files import files
 
 zarr = pytest.importorskip("zarr")
 
@@ -25,10 +26,6 @@ def run(**options: Any) -> lg.Ensemble:
 
 def columns(runs: lg.Ensemble) -> list[bytes]:
     return [runs.results.column(column.name).tobytes() for column in runs.columns]
-
-
-def files(folder: Path) -> dict[str, bytes]:
-    return {str(one.relative_to(folder)): one.read_bytes() for one in sorted(folder.rglob("*")) if one.is_file()}
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +53,19 @@ def test_xarray_opens_a_store(tmp_path: Path, whole: lg.Ensemble) -> None:
     run(store=tmp_path / "runs.zarr")
     with xarray.open_zarr(str(tmp_path / "runs.zarr"), consolidated=False) as data:
         assert np.array_equal(data["y_end"].to_numpy(), whole.y[1]) and data["y_end"].dims == ("member",)
+
+
+def test_a_store_has_the_dimensions_of_a_data_set(tmp_path: Path) -> None:
+    xarray = pytest.importorskip("xarray")
+    system = lg.scene("henon-heiles")
+    given: dict[str, Any] = {"keep": ("end", ("events", 2)), "events": [system.coordinates[0]], "t_eval": [1.0, 2.0]}
+    runs = lg.ensemble(system, 8.0, {"y": [0.1, 0.2]}, **given, store=tmp_path / "runs.zarr")
+    made = runs.to_xarray()
+    with xarray.open_zarr(str(tmp_path / "runs.zarr"), consolidated=False) as data:
+        found = {name: data[name].dims for name in made.data_vars}
+        assert np.array_equal(data["y_start"], made["y_start"])
+    assert found == {name: values.dims for name, values in made.data_vars.items()}
+    assert found["x"] == ("member", "t") and found["y_event_0"] == ("member", "occurrence", "row")
 
 
 def test_a_call_goes_on_where_another_one_stopped(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

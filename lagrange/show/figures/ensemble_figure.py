@@ -9,7 +9,7 @@ import numpy as np
 from lagrange.dynamics.angles import TURN, is_angle
 from lagrange.errors import StatementError, listing
 from lagrange.members.keep import OUTPUTS
-from lagrange.members.varied import Numbers
+from lagrange.members.varied import MemberNumbers
 from lagrange.show.figures.colours import colours
 from lagrange.show.figures.ensemble_quantity import Quantity, first_drawn, label_of, quantity
 from lagrange.show.figures.panel import angle_ticks, colour_bar, panel_on, say_below
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from lagrange.show.ensemble import Ensemble
 
-Values = FloatArray | Numbers
+Values = FloatArray | MemberNumbers
 """Values along an axis: those that were stated, or numbers of members."""
 
 BANDS = ((0.05, 0.95), (0.25, 0.75))
@@ -52,8 +52,6 @@ def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
             f"{len(axes)} things vary, {listing(axes)}: a picture has two axes. Vary one or two, or draw "
             "a part of runs.to_xarray()."
         )
-    if over_time and not len(runs.t):
-        raise StatementError("there is nothing to draw: t_eval has no times. Give some, or leave it out.")
     found = quantity(runs, label)
     if not over_time and not np.isfinite(found.values).any():
         raise StatementError(f"there is nothing to draw: {found.label} is not finite for any member.")

@@ -1,0 +1,175 @@
+"""The folder of a store: made whole or not at all, never written to if it holds anything else, and its variables."""
+
+from __future__ import annotations
+
+import errno
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from lagrange.errors import RunError, StatementError, listing, shown
+from lagrange.members.chunk import INTERRUPTED, STATUSES
+from lagrange.members.job import Job
+from lagrange.members.keep import OUTPUT_TIME, OUTPUTS, STATE, STATUS
+from lagrange.members.origin import difference
+from lagrange.members.results import Results
+from lagrange.members.table import MemberTable
+
+MEMBER, DONE, ATTRIBUTES = "member", "done", "lagrange"
+"""The dimension of the members, the variable with a flag for each block, and the attributes that say what was run."""
+
+DAMAGE = (KeyError, TypeError, ValueError, RuntimeError, AttributeError)
+"""What zarr raises where files of a store are missing or are none of its own."""
+
+
+def folder_of(store: Any) -> Path:
+    """Return the path of a store. Raises StatementError for what no folder can be called."""
+    if not isinstance(store, (str, os.PathLike)) or not str(store):
+        raise StatementError(f'store is {shown(store)}: give the name of a folder, such as "runs.zarr".')
+    if "://" in str(store):
+        raise StatementError(f"store is {shown(store)}: give the name of a folder of this machine, such as runs.zarr.")
+    if "\0" in str(store):
+        raise StatementError(f"store is {shown(store)}, which no folder can be called: give a name, such as runs.zarr.")
+    return Path(store).expanduser()
+
+
+def open_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> Any:
+    """Return the group of a store, which is made where there is none; see `lagrange.members.store.kept_in_store`."""
+    zarr = _zarr()
+    if os.path.lexists(path):
+        _check(zarr, path, made_of)
+    else:
+        _make(zarr, path, job, table, made_of)
+    with writing(path), reading(path):
+        for rest in path.rglob("*.partial"):
+            rest.unlink()
+        group = zarr.open_group(str(path), mode="r+")
+        variables = variables_of(job, table, 0, 0, Results.empty(0, job.columns))
+        missing = [name for name in (DONE, *variables) if name not in group]
+    if missing:
+        raise RunError(f"{path} is damaged: it has no {listing(missing)}. Give another store, or restore this one.")
+    return group
+
+
+def _zarr() -> Any:
+    try:
+        import zarr
+    except ModuleNotFoundError as error:
+        raise StatementError(
+            "store= needs zarr, which is not installed: pip install zarr xarray, or in a checkout "
+            "pip install '.[store]'."
+        ) from error
+    return zarr
+
+
+def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
+    """Refuse a folder that holds anything but this ensemble."""
+    try:
+        found = dict(zarr.open_group(str(path), mode="r").attrs).get(ATTRIBUTES)
+    except PermissionError as error:
+        raise StatementError(f"{path} may not be read: give another store, or the right to read it.") from error
+    except (OSError, *DAMAGE):
+        found = None
+    if not isinstance(found, dict):
+        raise StatementError(f"{path} exists and is no store of an ensemble: give another name. It was left as it is.")
+    if differs := difference(found, made_of):
+        raise StatementError(
+            f"{path} holds another ensemble, which differs in {differs}. It was left as it is: give another store, or "
+            "make the call that it was made by."
+        )
+
+
+def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
+    """Make a store whose blocks are all to be written; it has its name when it is whole."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    except OSError as error:
+        raise _not_made(path, error) from error
+    try:
+        members, block = len(table), made_of["block"]
+        attributes = {ATTRIBUTES: dict(made_of), "statuses": [one.value for one in STATUSES]}
+        group = zarr.open_group(str(folder), mode="w", attributes=attributes)
+        names = job.problem.model.layout.names()
+        dimensions = {part: column.dimensions for column in job.columns for part in parts_of(column.name, names)}
+        for name, rows in variables_of(job, table, 0, 0, Results.empty(0, job.columns)).items():
+            rest = rows.shape[1:]
+            group.create_array(
+                name,
+                shape=(members, *rest),
+                chunks=(min(block, members), *rest),
+                dtype=rows.dtype,
+                fill_value=INTERRUPTED if name == STATUS else np.nan if rows.dtype.kind == "f" else 0,
+                dimension_names=(MEMBER, *dimensions.get(name, ())),
+            )
+        blocks = -(-members // block)
+        group.create_array(DONE, shape=(blocks,), chunks=(1,), dtype="u1", fill_value=0, dimension_names=("block",))
+        if job.problem.t_eval is not None:
+            shape = job.problem.t_eval.shape
+            times = group.create_array(OUTPUT_TIME, shape=shape, dtype="f8", dimension_names=(OUTPUT_TIME,))
+            times[:] = job.problem.t_eval
+        folder.chmod(0o755)
+        folder.rename(path)
+    except BaseException as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, OSError):
+            raise _not_made(path, error) from error
+        raise
+
+
+def _not_made(path: Path, error: OSError) -> StatementError | RunError:
+    """Return what to say of a store that could not be made: of a full disk, or of a place that cannot have it."""
+    reason = error.strerror or str(error)
+    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
+        return RunError(f"{path} could not be made ({reason}): make room, and make the same call again.")
+    return StatementError(f"{path} cannot be made ({reason}): give a folder that can be written to, such as runs.zarr.")
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Say that files of a store are damaged."""
+    try:
+        yield
+    except DAMAGE as error:
+        raise RunError(
+            f"{path} is damaged and cannot be read ({str(error) or type(error).__name__}): give another store, or "
+            "restore this one."
+        ) from error
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Say what a disk that fails means for the ensemble."""
+    try:
+        yield
+    except OSError as error:
+        raise RunError(
+            f"{path} could not be written ({error.strerror or error}). The blocks of members that were written before "
+            "are kept: make room, or mend what is wrong, and make the same call again; it goes on from there."
+        ) from error
+
+
+def parts_of(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the variables that a column is stored as: one for each entry of a state, by its name."""
+    if column == STATE:
+        return tuple(f"{name}_end" for name in names)
+    return names if column == OUTPUTS else (column,)
+
+
+def variables_of(job: Job, table: MemberTable, begin: int, end: int, results: Results) -> dict[str, Any]:
+    """Return the variables of members by name, each with a row for every member."""
+    names = job.problem.model.layout.names()
+    found: dict[str, Any] = {}
+    for column in job.columns:
+        rows, parts = results.column(column.name), parts_of(column.name, names)
+        found |= {column.name: rows} if parts == (column.name,) else {one: rows[..., i] for i, one in enumerate(parts)}
+    which = np.arange(begin, end)
+    for key, label in zip(table.varied.keys, table.labels, strict=True):
+        found[f"{label}_start" if label in names else label] = table.varied.values(key, which)
+    return found
