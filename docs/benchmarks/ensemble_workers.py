@@ -13,6 +13,8 @@ from measure import Page, shown
 import lagrange as lg
 
 THREADS_BAR, CLUSTER_BAR = 1.8, 1.7
+PILOT = 100_000
+"""Members by which it is estimated how many take the time that is asked for."""
 
 
 def run(system: lg.System, members: int, **options: Any) -> tuple[float, bytes]:
@@ -27,8 +29,8 @@ def run(system: lg.System, members: int, **options: Any) -> tuple[float, bytes]:
 def with_workers(page: Page, options: Namespace) -> None:
     """Measure two workers against one thread; nothing else may run."""
     system = lg.scene("double-pendulum")
-    seconds, _ = run(system, 100_000, workers=1)
-    members = int(100_000 * options.seconds / seconds)
+    seconds = min(run(system, PILOT, workers=1)[0] for _ in range(3))
+    members = int(PILOT * options.seconds / seconds)
     one, ends = run(lg.scene("double-pendulum"), members, workers=1)
     two, ends_of_two = run(lg.scene("double-pendulum"), members, workers=2)
     with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster, Client(cluster) as client:
