@@ -20,9 +20,6 @@ from lagrange.members.chunk import Starts, Table
 from lagrange.members.job import ChunkResult
 from lagrange.members.runners import Runner
 
-CHUNK_SECONDS = 0.1
-"""A chunk takes about so long; a tenth of a second is what a person takes for at once."""
-
 FIRST_CHUNK, LARGEST_CHUNK = 8, 65536
 """Members of the first chunks, those of one vector, before it is known how long one takes; the most of any chunk."""
 
@@ -34,13 +31,14 @@ Take = Callable[[int, ChunkResult], None]
 
 @dataclass
 class ChunkSize:
-    """How many members take as long as a chunk should, by what former chunks took."""
+    """How many members take as long as a chunk should, the seconds `fitting`, by what former chunks took."""
 
     size: int
+    fitting: float
 
     def note(self, members: int, seconds: float) -> None:
         """Note how long some members took."""
-        fitting = int(members * CHUNK_SECONDS / max(seconds, 1e-9))
+        fitting = int(members * self.fitting / max(seconds, 1e-9))
         self.size = min(max(fitting, 1), 4 * self.size, LARGEST_CHUNK)
 
 
@@ -50,7 +48,7 @@ def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner,
     `take` is called in this thread with the results of each chunk, in the order in which chunks are done. Where
     anything stops it, what is under way is waited for and taken.
     """
-    chunk_size = ChunkSize(FIRST_CHUNK)
+    chunk_size = ChunkSize(FIRST_CHUNK, runner.chunk_seconds)
     chunks = _chunks(blocks, chunk_size)
     done: SimpleQueue[tuple[int, int, Any]] = SimpleQueue()
     under_way: dict[int, Any] = {}
