@@ -19,8 +19,8 @@ AHEAD = 2
 """Chunks that wait for each worker of an executor, so that none has to wait for the next."""
 
 AT_ONCE, SENT = 0.1, 0.5
-"""Seconds that chunks take: what a person takes for at once, and more where an executor sends them somewhere, which costs
-this process some milliseconds. With a tenth of a second two workers of Dask take 1.07 times as long."""
+"""Seconds that chunks take: what a person takes for at once, and more where an executor sends them somewhere, which
+costs this process some milliseconds. With a tenth of a second two workers of Dask take 1.07 times as long."""
 
 
 class Runner(Protocol):
