@@ -56,12 +56,11 @@ def throws(count: int = THROWS, seed: int = 1) -> lg.Ensemble:
     """Return an ensemble of throws, each until it is on the ground."""
     system = ball()
     drawn = lg.sample({"speed": SPEED, "angle": ANGLE, "w": WIND}, count, seed=seed)
-    every = np.arange(count)
-    speed, angle = drawn.values("speed", every), drawn.values("angle", every)
+    speed, angle = drawn["speed"], drawn["angle"]
     initial = {"x_dot": speed * np.cos(angle), "y_dot": speed * np.sin(angle)}
     ground = lg.event(system.coordinates[1], direction=-1, terminal=True)
     return lg.ensemble(
-        system, 10.0, initial, parameters={"w": drawn.values("w", every)}, events=[ground], keep=("end", ("events", 1))
+        system, 10.0, initial, parameters={"w": drawn["w"]}, events=[ground], keep=("end", ("events", 1))
     )
 
 

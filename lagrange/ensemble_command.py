@@ -23,6 +23,7 @@ from lagrange.arguments import (
     start,
 )
 from lagrange.errors import StatementError, listing, suggestion
+from lagrange.members.keep import REDUCTIONS
 from lagrange.picture_command import PICTURES
 from lagrange.run_command import add_method, method
 from lagrange.show.files.atomic_file import check_place, write_atomically
@@ -170,16 +171,13 @@ def _kept(system: System, text: str) -> Any:
     how, colon, name = text.partition(":")
     if not colon:
         return text
-    known = {}
-    for q in system.coordinates:
-        known[q.func.__name__] = q
-        known[f"{q.func.__name__}_dot"] = q.diff(lg.t)
+    known = system.statement.state_names
     if name not in known:
         raise StatementError(
             f"--keep {text[:80]}: {name[:80]!r} is no coordinate and no velocity of {system.name}; these are "
             f"{listing(known)}.{suggestion(name[:80], known)}"
         )
-    return how, known[name]
+    return how, name
 
 
 def _columns(kept: dict[str, Any]) -> list[str]:
@@ -204,12 +202,13 @@ def _drawn(
         raise StatementError(f"{listing(wide)} vary, and a picture has two axes: vary one or two, or write to .zarr.")
     if request.what is None:
         return None
+    how, colon, name = request.what.partition(":")
     if request.what not in known:
+        hint = f" Add --keep {request.what}." if how in REDUCTIONS and name in known else ""
         raise StatementError(
             f"--what {request.what[:80]}: it is nothing that varies or is kept; these are {listing(known)}."
-            f"{suggestion(request.what[:80], known)}"
+            f"{hint or suggestion(request.what[:80], known)}"
         )
-    how, colon, name = request.what.partition(":")
     return f"{how}({name})" if colon else how
 
 

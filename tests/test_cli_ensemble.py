@@ -120,6 +120,11 @@ def test_failures_are_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
         ),
         (["--vary", "theta=0:1:3", "--vary", "theta=0:1:3"], "--vary names something twice"),
         (["--vary", "l=1:2:3", "--set", "l=1"], "l varies, and has a value as well"),
+        (
+            ["--vary", "l=1:2:3", "--out", "a.png", "--what", "max:theta"],
+            "l, theta, theta_dot and t_end. Add --keep max:theta.",
+        ),
+        (["--vary", "l=1:2:3", "--keep", "mex:theta"], "keep has ('mex', 'theta'), which is none of"),
         (["--vary", "l=1:2:3", "--keep", "max:phi"], "'phi' is no coordinate and no velocity of pendulum"),
     ],
 )

@@ -21,6 +21,7 @@ import numpy as np
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.procedure.members.queue import COUNTED
+from lagrange.statement.choice import one_of
 from lagrange.statement.expression import entries
 from lagrange.statement.number import whole_number
 
@@ -108,7 +109,7 @@ def event_states(k: int) -> str:
 
 def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
     """Return what is to be kept. Raises StatementError for a name that is none, and for an expression that is none."""
-    listed = entries((given,) if isinstance(given, str) else given, "keep")
+    listed = entries((given,) if isinstance(given, str) or _is_reduction(given) else given, "keep")
     if not listed:
         raise StatementError(f'keep is {shown(given)}: give names, such as ("end", ("max", theta)).')
     names: dict[str, None] = {}
@@ -120,23 +121,58 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
             occurrences = 1 if one == EVENTS else whole_number(one[1], "the number of occurrences that are kept", 1)
             if not events:
                 raise StatementError("keep has events, and the ensemble has none: give events=[...].")
-        elif _is_pair(one) and one[0] in REDUCTIONS:
-            # An expression of something that the system does not have is refused here, not by the first member.
-            state = np.array(model.statement.initial)[:, None]
-            model.evaluate_expression(one[1], np.zeros(1), state, np.ones(len(model.statement.parameters)))
-            reductions.append(Reduction(f"{one[0]}({_written(one[1], model)})", one[0], one[1]))
+        elif _is_reduction(one):
+            reductions.append(_reduction(one[0], one[1], model))
         else:
             known = [END, COUNTS, DRIFT, EVENTS]
             hint = suggestion(one, known) if isinstance(one, str) else ""
             raise StatementError(
-                f"keep has {shown(one)}, which is none of {listing(known)}, nor a pair such as ('max', theta), "
-                f"('min', theta), ('mean', theta) or ('events', 3).{hint}"
+                f"keep has {_quoted(one, model)}, which is none of {listing(known)}, nor a pair such as "
+                f"('max', theta), ('min', theta), ('mean', theta) or ('events', 3).{hint}"
             )
     return Keep(END in names, COUNTS in names, DRIFT in names, occurrences, tuple(reductions))
 
 
+def reduction_label(key: Any, model: Model) -> str | None:
+    """Return the name of the column of a pair such as ("max", theta), None for what is no such pair."""
+    return f"{key[0]}({_written(key[1], model)})" if _is_reduction(key) else None
+
+
+def entry_for(label: str) -> str:
+    """Return what keep has to name for a column to be there, empty for what is no column."""
+    if label == DRIFT or label in COUNTED:
+        return f'"{DRIFT if label == DRIFT else COUNTS}"'
+    how, bracket, rest = label.partition("(")
+    return f'("{how}", {rest[:-1]})' if how in REDUCTIONS and bracket and rest.endswith(")") else ""
+
+
 def _is_pair(one: Any) -> bool:
     return isinstance(one, (tuple, list)) and len(one) == 2 and isinstance(one[0], str)
+
+
+def _is_reduction(one: Any) -> bool:
+    return _is_pair(one) and one[0] in REDUCTIONS
+
+
+def _reduction(how: str, given: Any, model: Model) -> Reduction:
+    """Return what is kept of an expression, or of a coordinate or a velocity by its name."""
+    statement = model.statement
+    expression = given
+    if isinstance(given, str):
+        names = statement.state_names
+        one_of(given, names, "{given} in keep is no coordinate and no velocity; these are {known}.")
+        expression = (*statement.coordinates, *statement.velocities)[names.index(given)]
+    # An expression of something that the system does not have is refused here, not by the first member.
+    model.evaluate_expression(
+        expression, np.zeros(1), np.array(statement.initial)[:, None], np.ones(len(statement.parameters))
+    )
+    return Reduction(f"{how}({_written(expression, model)})", how, expression)
+
+
+def _quoted(one: Any, model: Model) -> str:
+    """Return an entry of keep as a message quotes it, its expression by the names of coordinates."""
+    formula = _is_pair(one) and hasattr(one[1], "xreplace")
+    return f"({shown(one[0])}, {_written(one[1], model)})" if formula else shown(one)
 
 
 def _written(expression: Any, model: Model) -> str:

@@ -174,7 +174,8 @@ def _together(sources: list[Varied]) -> Varied:
     if len(set(lengths.values())) > 1:
         said = listing(f"{label} has {counted(length, 'value')}" for label, length in lengths.items())
         raise StatementError(
-            f"{said}: give arrays of one length, a value for each member, or lg.grid(...) for all combinations."
+            f"{said}: give arrays of one length, a value for each member, or, for all combinations, one lg.grid(...) "
+            "of all that varies."
         )
     keys = [label_of(key) for one in sources for key in one.keys]
     twice = next((key for key in keys if keys.count(key) > 1), None)

@@ -49,6 +49,12 @@ class Varied(ABC):
         """What varies: coordinates, velocities, parameters, or their names."""
         return tuple(self.given)
 
+    def __getitem__(self, key: Any) -> FloatArray:
+        """Return the values with which something varies, (members,). Raises StatementError for what does not."""
+        by_label = {label_of(known): known for known in self.keys}
+        label = one_of(label_of(key), by_label, "{given} does not vary between the members; what varies is {known}.")
+        return self.values(by_label[label], np.arange(len(self)))
+
     def lowest(self, key: Any) -> float:
         """Return the least value of a key."""
         return float(self.given[key].min())

@@ -26,8 +26,10 @@ from lagrange.members.keep import (
     STATUS,
     TIME,
     Column,
+    entry_for,
     event_states,
     event_times,
+    reduction_label,
 )
 from lagrange.members.results import MemberResults
 from lagrange.members.singly import Explained
@@ -40,8 +42,6 @@ from lagrange.show.files.resolution import FILE_DPI
 from lagrange.show.notebook.html_card import image, pairs, sentences
 from lagrange.show.rows import row_label
 from lagrange.show.terminal.table import duration, text_table
-from lagrange.statement.choice import one_of
-from lagrange.statement.parameters import label_of
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.trajectory import FloatArray, Status
@@ -107,23 +107,40 @@ class Ensemble:
         return self.model.layout.names()
 
     def __getitem__(self, key: Any) -> FloatArray:
-        """Return the row of a coordinate or a velocity, the values of what varies, or what was kept, by its name."""
+        """Return the row of a coordinate or a velocity, the values of what varies, or what was kept, by its name.
+
+        A name such as theta_end means the last state, with t_eval too; ("max", theta) means what was kept by it.
+        """
         label = self.label(key)
         found: FloatArray
         if label in self.names:
             found = self.y[self.names.index(label)]
         elif label in self.table.labels:
             found = self.given(label)
+        elif (row := self.end_row(label)) is not None:
+            found = self._kept(STATE, END)[:, row]
         else:
             found = self.results.column(label)
         return found
 
+    def end_row(self, label: str) -> int | None:
+        """Return the row of the last state that a name such as theta_end means, None for any other name."""
+        name = label.removesuffix("_end")
+        return self.names.index(name) if name != label and name in self.names else None
+
     def label(self, key: Any) -> str:
         """Return what a row, what varies or what was kept is called. Raises StatementError for anything else."""
-        label = key if isinstance(key, str) else row_label(key)
+        label = key if isinstance(key, str) else reduction_label(key, self.model) or row_label(key)
         others = [column.name for column in self.columns if column.name not in (STATE, OUTPUTS, STATUS)]
         known = dict.fromkeys([*self.names, *self.table.labels, *others])
+        if not isinstance(key, str) and f"{label} 2" in known:
+            alike = [name for name in known if name.startswith(label)]
+            raise StatementError(f"several expressions are written {label}: give one of the names {listing(alike)}.")
+        if label not in known and (row := self.end_row(label)) is not None:
+            return self.names[row] if self.problem.t_eval is None else label
         if label not in known:
+            if entry := entry_for(label):
+                raise StatementError(f'{label[:80]} was not kept: add {entry} to keep, as in keep=("end", {entry}).')
             raise StatementError(
                 f"{label[:80]!r} is no coordinate, no velocity and nothing that varies or was kept; these are "
                 f"{listing(known)}.{suggestion(label[:80], known)}"
@@ -138,10 +155,7 @@ class Ensemble:
 
     def given(self, name: Any) -> FloatArray:
         """Return the values with which something varies, (members,). Raises StatementError for what does not."""
-        label = row_label(name)
-        one_of(label, self.table.labels, "{given} does not vary between the members; what varies is {known}.")
-        key = next(key for key in self.table.varied.keys if label_of(key) == label)
-        return self.table.varied.values(key, np.arange(len(self)))
+        return self.table.varied[name]
 
     @cached_property
     def _codes(self) -> NDArray[np.uint8]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from typing import Any, cast
 
@@ -153,6 +154,39 @@ def test_what_is_kept_is_what_a_run_has() -> None:
         _ = lanes.y
 
 
+def test_what_is_kept_has_its_name_and_the_pair_that_it_was_asked_by() -> None:
+    x = system("henon-heiles").coordinates[0]
+    starts, times = {"x": [0.1, 0.2]}, [0.5, 1.0]
+    runs = lg.ensemble(system("henon-heiles"), 1.0, starts, keep=("end", ("max", x.dot), ("mean", "y")))
+    assert np.array_equal(runs["max", x.dot], runs["max(x_dot)"])
+    assert np.array_equal(runs["mean", "y"], runs["mean(y)"])
+    alone = lg.ensemble(system("henon-heiles"), 1.0, starts, keep=("max", "x_dot"))
+    assert np.array_equal(alone["max(x_dot)"], runs["max(x_dot)"])
+    with pytest.raises(lg.StatementError, match="state was not kept"):
+        _ = alone["x_end"]
+    outputs = lg.ensemble(system("henon-heiles"), 1.0, starts, t_eval=times)
+    for row, name in enumerate(runs.names):
+        assert np.array_equal(runs[f"{name}_end"], runs.y[row])
+        assert np.array_equal(outputs[f"{name}_end"], outputs.y[row, -1])
+    for name, entry in (("drift", '"drift"'), ("rejected", '"counts"'), ("min(x)", '("min", x)')):
+        with pytest.raises(lg.StatementError, match=f"{re.escape(name)} was not kept: add {re.escape(entry)} to keep"):
+            _ = runs[name]
+    with pytest.raises(lg.StatementError, match="'z_end' is no coordinate"):
+        _ = runs["z_end"]
+
+
+def test_values_of_a_grid_and_of_a_sample_are_had_by_symbol_and_by_name() -> None:
+    x, m = lg.coordinate("x"), lg.parameters("m")
+    drawn = lg.sample({"speed": (9.0, 11.0), m: (1.0, 2.0)}, 20)
+    every = np.arange(20)
+    assert np.array_equal(drawn["speed"], drawn.values("speed", every))
+    assert np.array_equal(drawn["m"], drawn.values(m, every)) and np.array_equal(drawn[m], drawn["m"])
+    both = lg.grid({x: [1.0, 2.0], x.dot: [3.0, 4.0, 5.0]})
+    assert both["x"].tolist() == [1, 1, 1, 2, 2, 2] and both[x.dot].tolist() == [3, 4, 5, 3, 4, 5]
+    with pytest.raises(lg.StatementError, match="'sped' does not vary between the members; what varies is speed and m"):
+        _ = drawn["sped"]
+
+
 REFUSALS: list[tuple[dict[str, Any], str]] = [
     (
         {"initial": {"theta1": [1.0] * 3, "theta2": [1.0] * 4}},
@@ -176,11 +210,23 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
         {"initial": {"theta1": [1.0]}, "keep": (("max", lg.coordinate("w")),)},
         "contains w(t), which this",
     ),
+    (
+        {"initial": {"theta1": [1.0]}, "keep": (("median", lg.coordinate("theta1")),)},
+        "keep has ('median', theta1), which is none of",
+    ),
+    (
+        {"initial": {"theta1": [1.0]}, "keep": ("max", "theta3")},
+        "'theta3' in keep is no coordinate and no velocity; these are theta1, theta2, theta1_dot and theta2_dot.",
+    ),
     ({"initial": {"theta1": [1.0]}, "executor": 3}, "executor is 3: give a concurrent.futures executor"),
     ({"initial": {"theta1": [1.0]}, "executor": 3, "workers": 2}, "workers and executor are both given"),
     ({"initial": lg.grid({"theta1": (0, 1, 10**6), "theta2": (0, 1, 10**5)})}, 'give store="runs.zarr"'),
     ({"initial": {"theta1": [1.0]}, "step": 0.1}, "taylor chooses its steps by itself"),
     ({"initial": {"theta1": [1.0, 2.0]}, "parameters": {"m1": [1.0]}}, "theta1 has 2 values and m1 has 1 value"),
+    (
+        {"initial": lg.grid({"theta1": (0, 1, 3)}), "parameters": {"m1": [1.0, 2.0]}},
+        "or, for all combinations, one lg.grid(...) of all that varies.",
+    ),
 ]
 
 

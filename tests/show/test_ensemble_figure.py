@@ -77,6 +77,19 @@ def test_units_and_what_was_kept_are_named() -> None:
     assert figure.get_supxlabel() == f"{np.isnan(runs.t_events[0]).sum()} of 9 members have none."
 
 
+def test_last_states_are_drawn_beside_states_at_output_times() -> None:
+    grid = lg.grid({"theta": (0.5, 3.0, 4), "theta_dot": (0.0, 9.0, 3)})
+    ends = lg.ensemble(pendulum(), 3.0, grid)
+    fans = lg.ensemble(pendulum(), 3.0, grid, t_eval=[1.0, 3.0])
+    maps = (
+        runs.plot(name).axes[0].images[0] for runs, name in ((ends, "theta"), (ends, "theta_end"), (fans, "theta_end"))
+    )
+    plain, named, beside = (np.asarray(drawn.get_array()) for drawn in maps)
+    assert np.array_equal(plain, named) and np.array_equal(plain, beside)
+    assert np.abs(ends["theta"]).max() > np.pi > np.abs(plain).max()
+    assert fans.plot("theta_end").axes[1].get_ylabel() == r"$\theta$ at the end"
+
+
 def test_a_card_has_the_picture_and_the_first_failure() -> None:
     runs = lg.ensemble(lg.scene("henon-heiles"), 15.0, lg.grid({"x": (0.0, 1.0, 6)}))
     assert repr(runs).startswith("henon-heiles: 6 members, varying x\nmethod") and "member 2  taylor stopped" in repr(

@@ -67,6 +67,9 @@ def quantity(runs: Ensemble, name: str) -> Quantity:
     if row is not None:
         found = runs.y[row] if runs.problem.t_eval is None else runs.y[row, -1]
         label = f"{label_of_entry(statement, name)} at the end"
+    elif name not in runs.table.labels and (row := runs.end_row(name)) is not None:
+        found = runs[name]
+        label = f"{label_of_entry(statement, runs.names[row])} at the end"
     else:
         found = np.asarray(runs[name], dtype=float)
         label = label_of(runs, name)
