@@ -265,6 +265,7 @@ def test_threads_compile_their_first_models_at_once() -> None:
     """The linear solver that they share is compiled once, whoever comes first."""
     KEPT.extend(engine._linear_solver(often) for often in (True, False))
     engine._linear_solver.cache_clear()
+    engine._ENGINES.clear()
     statements = [SYSTEMS[name]() for name in ("double pendulum", "8 carried masses", "saddle", "coupled masses") * 2]
     equations = [euler_lagrange(statement) for statement in statements]
     gate = threading.Barrier(len(statements))

@@ -11,7 +11,7 @@ import sympy as sp
 
 import lagrange as lg
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.machine.llvm import tiers
+from lagrange.machine.llvm import engine, tiers
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.series.llvm_driver import LlvmSeries
 from lagrange.machine.series.llvm_steps import _events, compiled_steps
@@ -132,6 +132,8 @@ def test_what_is_done_at_events_is_compiled_once_for_all_layouts(
     monkeypatch.setattr(tiers, "STEPS", 40)
     compiled_steps.cache_clear()
     _events.cache_clear()
+    # Engines that are in use call the functions that were just given up.
+    engine._ENGINES.clear()
     found = []
     for dimension in (1, 2, 3):
         system = oscillators(dimension)
