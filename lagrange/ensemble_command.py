@@ -23,7 +23,7 @@ from lagrange.arguments import (
     start,
 )
 from lagrange.errors import StatementError, listing, suggestion
-from lagrange.members.keep import REDUCTIONS
+from lagrange.members.reductions import REDUCTIONS
 from lagrange.picture_command import PICTURES
 from lagrange.run_command import add_method, method
 from lagrange.show.files.atomic_file import check_place, write_atomically

@@ -25,6 +25,7 @@ from lagrange.members.chunk import SUCCESS, Ends, Starts, Stopped
 from lagrange.members.keep import END, STATE, STATUS
 from lagrange.members.lanes import LaneEngine
 from lagrange.trajectory.flow import Flow
+from lagrange.trajectory.methods.settings import check_options
 
 LABEL, WHEN = "label", "when"
 """Columns: the place of the attractor of a member among those that are known, and when it is close to it."""
@@ -243,6 +244,7 @@ def _within(runs: Runs, size: float) -> Runs:
     would ask for ever shorter steps.
     """
     options = runs.options
+    check_options(rtol=options.rtol)
     if options.rtol is None or options.atol is not None:
         return runs
     return replace(runs, options=replace(options, atol=options.rtol * size))

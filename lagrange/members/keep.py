@@ -20,13 +20,13 @@ import numpy as np
 
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
+from lagrange.members.reductions import REDUCTIONS
 from lagrange.procedure.members.queue import COUNTED
 from lagrange.statement.choice import one_of
 from lagrange.statement.expression import entries
 from lagrange.statement.number import whole_number
 
 END, COUNTS, DRIFT, EVENTS = "end", "counts", "drift", "events"
-REDUCTIONS = ("max", "min", "mean")
 DEFAULT = (END,)
 
 STATE, TIME, STATUS, OUTPUTS = "state", "t_end", "status", "outputs"
@@ -144,6 +144,12 @@ def entry_for(label: str) -> str:
         return f'"{DRIFT if label == DRIFT else COUNTS}"'
     how, bracket, rest = label.partition("(")
     return f'("{how}", {rest[:-1]})' if how in REDUCTIONS and bracket and rest.endswith(")") else ""
+
+
+def end_row(label: str, names: Sequence[str]) -> int | None:
+    """Return the row of the last state that a name such as theta_end means, None for any other name."""
+    name = label.removesuffix("_end")
+    return names.index(name) if name != label and name in names else None
 
 
 def _is_pair(one: Any) -> bool:

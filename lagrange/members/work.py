@@ -74,7 +74,7 @@ def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner,
         for future in under_way.values():
             future.cancel()
         with suppress(RunError):  # a disk that failed fails again
-            _take_finished(under_way, done, take)
+            _take_finished(under_way, take)
         raise
     finally:
         runner.close()
@@ -120,11 +120,12 @@ def _working() -> Iterator[None]:
         raise
 
 
-def _take_finished(under_way: dict[int, Any], done: SimpleQueue[tuple[int, int, Any]], take: Take) -> None:
-    """Take what is under way and comes to its end; what was cancelled or failed is left out."""
-    while under_way:
-        first, _, future = done.get()
-        under_way.pop(first, None)
+def _take_finished(under_way: dict[int, Any], take: Take) -> None:
+    """Take what is under way and comes to its end; what was cancelled or failed is left out.
+
+    The futures are asked, not the queue: Ctrl-C may have come when an entry had just been taken out of that.
+    """
+    for first, future in under_way.items():
         if not future.cancelled() and future.exception() is None:
             take(first, _result(future))
 

@@ -26,6 +26,7 @@ from lagrange.members.keep import (
     STATUS,
     TIME,
     Column,
+    end_row,
     entry_for,
     event_states,
     event_times,
@@ -117,16 +118,11 @@ class Ensemble:
             found = self.y[self.names.index(label)]
         elif label in self.table.labels:
             found = self.given(label)
-        elif (row := self.end_row(label)) is not None:
+        elif (row := end_row(label, self.names)) is not None:
             found = self._kept(STATE, END)[:, row]
         else:
             found = self.results.column(label)
         return found
-
-    def end_row(self, label: str) -> int | None:
-        """Return the row of the last state that a name such as theta_end means, None for any other name."""
-        name = label.removesuffix("_end")
-        return self.names.index(name) if name != label and name in self.names else None
 
     def label(self, key: Any) -> str:
         """Return what a row, what varies or what was kept is called. Raises StatementError for anything else."""
@@ -136,7 +132,7 @@ class Ensemble:
         if not isinstance(key, str) and f"{label} 2" in known:
             alike = [name for name in known if name.startswith(label)]
             raise StatementError(f"several expressions are written {label}: give one of the names {listing(alike)}.")
-        if label not in known and (row := self.end_row(label)) is not None:
+        if label not in known and (row := end_row(label, self.names)) is not None:
             return self.names[row] if self.problem.t_eval is None else label
         if label not in known:
             if entry := entry_for(label):

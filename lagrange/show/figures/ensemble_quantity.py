@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lagrange.dynamics.angles import is_angle, wrapped
 from lagrange.errors import StatementError
 from lagrange.members.chunk import INTERRUPTED, STATUSES
-from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, event_times
+from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, end_row, event_times
 from lagrange.show.figures.panel import label_of_entry
 from lagrange.show.notation.names import letter_of
 from lagrange.show.units import unit_of, with_unit
@@ -67,7 +67,7 @@ def quantity(runs: Ensemble, name: str) -> Quantity:
     if row is not None:
         found = runs.y[row] if runs.problem.t_eval is None else runs.y[row, -1]
         label = f"{label_of_entry(statement, name)} at the end"
-    elif name not in runs.table.labels and (row := runs.end_row(name)) is not None:
+    elif name not in runs.table.labels and (row := end_row(name, runs.names)) is not None:
         found = runs[name]
         label = f"{label_of_entry(statement, runs.names[row])} at the end"
     else:

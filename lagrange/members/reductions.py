@@ -1,0 +1,5 @@
+"""What can be kept of an expression along a run; without numpy, for the command line."""
+
+from __future__ import annotations
+
+REDUCTIONS = ("max", "min", "mean")
