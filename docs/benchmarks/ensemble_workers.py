@@ -13,7 +13,7 @@ from measure import Page, shown
 import lagrange as lg
 
 THREADS_BAR, CLUSTER_BAR = 1.8, 1.7
-PILOT = 100_000
+PILOT = 1_000_000
 """Members by which it is estimated how many take the time that is asked for."""
 
 
