@@ -54,7 +54,6 @@ class Flow:
         self._model = model
         self._dimension = model.layout.size
         self._constrained = bool(len(model.equations.constraints))
-        self._independent = False
         self._given = bool(model.statement.given)
         self._max_steps = options.step_limit
         self._local = _Prepared()
@@ -104,9 +103,7 @@ class Flow:
         if self._constrained:
             array = self._model.parameter_array(parameters)
             start = consistent_start(self._model, t0, start, array)
-            if not self._independent:
-                check_independent(self._model, t0, start, array)
-                self._independent = True
+            check_independent(self._model, t0, start, array)
         if t0 == t1:
             return start.copy()
         if self._plan is None:

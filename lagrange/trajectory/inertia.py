@@ -67,9 +67,11 @@ def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) ->
             f"the constraints, vanishes there, at {place}: it is {left}. End the run before it, or state a Lagrangian "
             "that keeps its inertia."
         )
-    what = "these derivatives are" if len(found.rows) == 1 else "their least singular value is"
+    what = f"their least singular value is {left}"
+    if len(found.rows) == 1:
+        what = f"these derivatives are {share:.2g} of what they were at the start"
     return (
-        f"{dependent_rows(problem.model.equations.constraints.names, found)} there, at {place}: {what} {left}, and the "
+        f"{dependent_rows(problem.model.equations.constraints.names, found)} there, at {place}: {what}, and the "
         "accelerations grow beyond all bounds. End the run before it."
     )
 

@@ -94,7 +94,7 @@ def _on_constraints(problem: Problem, trajectory: Trajectory) -> Trajectory:
     if not trajectory.y.size:
         return trajectory
     end = float(trajectory.t[-1]), np.ascontiguousarray(trajectory.y[:, -1])
-    off = violation(problem.model, *end, problem.parameter_array)
+    off = violation(problem.model, *end, problem.parameter_array, abs(end[0] - problem.t0))
     if not off:
         return trajectory
     return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {off}")

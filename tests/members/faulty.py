@@ -21,10 +21,15 @@ c, onset = lg.parameters("c onset", positive=False)
 
 HEALTHY = 7
 
+Values = np.ndarray[Any, np.dtype[np.float64]]
+
 
 @dataclass(frozen=True)
 class Faulty:
-    """A model, the key that varies, its value for the faulty member, and the range of the healthy ones."""
+    """A model, the key that varies, its value for the faulty member, and the range of the healthy ones.
+
+    `held` are entries of all starts, and `follows` returns those that depend on the values of the key.
+    """
 
     name: str
     model: Callable[[], Model]
@@ -36,6 +41,7 @@ class Faulty:
     step: float = 0.01
     held: Mapping[str, float] = field(default_factory=dict)
     options: Mapping[str, Any] = field(default_factory=dict)
+    follows: Callable[[Any], Mapping[str, Any]] | None = None
 
     def starts(self, *places: int, count: int = HEALTHY) -> dict[str, Any]:
         """Return the starts, or parameters, of so many healthy members, with a faulty one put before those places."""
@@ -45,9 +51,10 @@ class Faulty:
     def given(self, values: Any) -> dict[str, Any]:
         """Return values as an ensemble or a run takes them."""
         own = {self.key: values}
+        initial = {**self.held, **(self.follows(values) if self.follows else {})}
         if self.key in {p.name for p in self.model().statement.parameters}:
-            return {"initial": dict(self.held), "parameters": own}
-        return {"initial": {**self.held, **own}}
+            return {"initial": initial, "parameters": own}
+        return {"initial": {**initial, **own}}
 
 
 @cache

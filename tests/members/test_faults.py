@@ -15,8 +15,10 @@ import lagrange as lg
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.options import RunOptions
-from lagrange.trajectory.trajectory import Status
+from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.members.faulty import FAULTY, HEALTHY, Faulty
+from tests.members.faulty_constraints import FAULTY_CONSTRAINTS
+from tests.members.faulty_events import FAULTY_EVENTS
 
 METHODS = ("taylor", "dop853", "rk4", "verlet")
 QUEUE = 3 * HEALTHY + 4
@@ -32,26 +34,48 @@ def options(fault: Faulty, method: str) -> dict[str, Any]:
 
 def run(fault: Faulty, method: str, *places: int, count: int) -> lg.Ensemble:
     given = {**fault.starts(*places, count=count), **options(fault, method)}
-    return lg.ensemble(fault.model(), fault.end, keep=("end", "counts", "drift"), workers=1, **given)
+    kept = ("end", "counts", "drift", *([("events", 2)] if "events" in given else []))
+    return lg.ensemble(fault.model(), fault.end, keep=kept, workers=1, **given)
+
+
+def alone(fault: Faulty, method: str, value: float) -> Trajectory | str:
+    """Return the run of one member, or its refusal."""
+    given, asked = fault.given(np.float64(value)), options(fault, method)
+    chosen = RunOptions(asked.pop("method"), parameters=given.get("parameters"), **asked)
+    try:
+        return integrate(fault.model(), (0.0, fault.end), given["initial"], chosen)[0]
+    except lg.StatementError as refusal:
+        return str(refusal)
+
+
+def check_member(runs: lg.Ensemble, i: int, own: Trajectory | str) -> None:
+    """Check that a member ended as its run alone, in its words, and that it has no number where it was refused."""
+    if isinstance(own, str):
+        assert (runs.status[i], runs.messages[i], runs.t[i]) == (Status.NON_FINITE, own, 0.0)
+        assert np.isnan(runs.y[:, i]).all()
+        return
+    assert runs.status[i] is own.status
+    assert np.isfinite(runs.y[:, i]).all()
+    if own.status is Status.MAX_STEPS:  # so many steps lead, by other rounding, to another time
+        assert NUMBERS.sub("", runs.messages[i]) == NUMBERS.sub("", own.message)
+        return
+    assert runs.messages.get(i, own.message) == own.message
+    assert runs.t[i] == pytest.approx(own.span[1], rel=1e-5)
+    for times, found in zip(runs.t_events, own.t_events, strict=True):
+        assert times[i][: len(found)] == pytest.approx(found[:2], rel=1e-9)
+        assert np.isnan(times[i][len(found) :]).all()
 
 
 @pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("fault", FAULTY, ids=lambda fault: fault.name)
+@pytest.mark.parametrize("fault", [*FAULTY, *FAULTY_CONSTRAINTS, *FAULTY_EVENTS], ids=lambda fault: fault.name)
 def test_a_fault_beside_healthy_members(fault: Faulty, method: str) -> None:
-    given = fault.given(fault.fault)
-    asked = options(fault, method)
-    try:
-        alone = integrate(
-            fault.model(),
-            (0.0, fault.end),
-            given["initial"],
-            RunOptions(asked.pop("method"), parameters=given.get("parameters"), **asked),
-        )[0]
-    except lg.StatementError as refusal:
-        with pytest.raises(lg.StatementError, match=re.escape(str(refusal))):
+    own, sound = (alone(fault, method, value) for value in (fault.fault, fault.healthy[0]))
+    if isinstance(sound, str):  # the method is not made for the system
+        with pytest.raises(lg.StatementError, match=re.escape(sound)):
             run(fault, method, 0, count=HEALTHY)
         return
-    assert alone.status in fault.statuses
+    status = Status.NON_FINITE if isinstance(own, str) else own.status
+    assert status in fault.statuses
     healthy = {count: run(fault, method, count=count) for count in (HEALTHY, QUEUE)}
     assert all(set(runs.status) == {Status.SUCCESS} for runs in healthy.values())
     for count, places in PLACES:
@@ -61,14 +85,9 @@ def test_a_fault_beside_healthy_members(fault: Faulty, method: str) -> None:
             others = np.delete(runs.results.column(column), faulty, axis=0)
             if column != "evaluations" or "side by side" in runs.form:  # a run with a new driver makes one more
                 assert others.tobytes() == healthy[count].results.column(column).tobytes(), column
-        assert list(runs.messages) == faulty.tolist()
+        assert list(runs.messages) == ([] if status is Status.SUCCESS else faulty.tolist())
         for i in faulty.tolist():
-            assert runs.status[i] is alone.status
-            if alone.status is Status.MAX_STEPS:  # so many steps lead, by other rounding, to another time
-                assert NUMBERS.sub("", runs.messages[i]) == NUMBERS.sub("", alone.message)
-            else:
-                assert runs.messages[i] == alone.message
-                assert runs.t[i] == pytest.approx(alone.span[1], rel=1e-5)
+            check_member(runs, i, own)
 
 
 def test_the_faults_run_in_lanes() -> None:

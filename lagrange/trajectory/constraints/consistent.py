@@ -17,8 +17,9 @@ from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.expression import entries
 from lagrange.statement.number import real_number
+from lagrange.trajectory.constraints.nearest import ON_SURFACE
 from lagrange.trajectory.constraints.projection import Projection
-from lagrange.trajectory.constraints.residuals import residuals_of
+from lagrange.trajectory.constraints.residuals import residuals_of, units_of
 
 LARGEST_VIOLATION = 1e-2
 """A run is unreliable if it ends at a state whose constraints are off by more than this part of their terms.
@@ -111,8 +112,8 @@ def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArr
     return projection.of(y) if projection.off(y) else y
 
 
-def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> str:
-    """Return a sentence for a run that ends at a state which violates a constraint, or ""."""
+def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, duration: float) -> str:
+    """Return a sentence for a run of a duration that ends at a state which violates a constraint, or ""."""
     residuals = residuals_of(model)
     corner = residuals.at_corner(t, y, parameters)
     if corner is not None:
@@ -122,7 +123,8 @@ def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> 
         )
     name, share = residuals.worst(t, y, parameters)
     # Terms may all be round-off, as where a pendulum hangs straight and turns.
-    if share <= LARGEST_VIOLATION or Projection(model, t, parameters).share(y) <= LARGEST_VIOLATION:
+    at = Projection(model, t, parameters)
+    if share <= LARGEST_VIOLATION or at.share(y) <= LARGEST_VIOLATION or _locked(at, y, duration):
         return ""
     return (
         f"The state at the end violates the constraint {name!r} by {share:.2g} of its terms: the run does not follow "
@@ -142,3 +144,16 @@ def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:
         f" The initial state was moved onto the constraints, by at most {changes[row]:.2g}, in "
         f"{model.layout.names('.dot')[row]}."
     )
+
+
+def _locked(at: Projection, y: FloatArray, duration: float) -> bool:
+    """Whether coordinates are on the constraints, and velocities off them move none beyond round-off in a duration.
+
+    Velocities of a structure that cannot move are round-off, and so are the terms that they make.
+    """
+    units, q = units_of(at.metric(y)), y[at.model.layout.q]
+    places = at.residuals.of_positions(at.t, y, at.parameters, units)
+    rates = at.residuals.of_velocities(at.t, y, at.parameters, units)
+    sizes = np.abs(rates.gradient) @ (np.abs(units * q).max(initial=0.0) / units)
+    still = (np.abs(rates.values) * duration <= ON_SURFACE * sizes).all()
+    return bool(still) and places.largest <= ON_SURFACE

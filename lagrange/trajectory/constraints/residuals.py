@@ -149,7 +149,10 @@ def _residuals(
 ) -> Residuals:
     """Return residuals; `units` times the `entries` are comparable, and round-off of any is that of the largest."""
     largest = np.abs(units * entries).max(initial=0.0)
-    return Residuals(values, rows, terms, np.maximum(terms, np.abs(rows) @ (largest / units)))
+    # A gradient that is not finite is refused later, by the constraint's name.
+    with np.errstate(all="ignore"):
+        sizes = np.maximum(terms, np.abs(rows) @ (largest / units))
+    return Residuals(values, rows, terms, sizes)
 
 
 def _kernel(model: Model, nodes: tuple[Node, ...]) -> Kernel:
