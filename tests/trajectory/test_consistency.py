@@ -232,8 +232,21 @@ def test_a_run_that_ends_off_its_constraints_is_unreliable() -> None:
 def test_a_state_on_a_corner_is_no_end_of_a_run() -> None:
     """Methods from outside may end there."""
     model = pendulum(y - Abs(x)).compile(check=False)
-    told = violation(model, 0.0, np.array([0.0, 0.0, 1.0, 1.0]), model.parameter_array())
+    told = violation(model, 0.0, np.array([0.0, 0.0, 1.0, 1.0]), model.parameter_array(), 1.0)
     assert told.startswith("The run ends on a corner of the constraint 'rod', where velocities jump")
+
+
+@pytest.mark.parametrize("speed, unreliable", [(1e-17, False), (1e-10, True)])
+def test_round_off_of_a_structure_that_cannot_move_is_not_unreliable(speed: float, unreliable: bool) -> None:
+    """As many bars as coordinates: a velocity violates them by all of its size, and moves no pin that a double shows."""
+    truss = lg.System(
+        kinetic=(x.dot**2 + y.dot**2) / 2,
+        potential=y,
+        constraints={"left": x - y - 1, "right": x - 2 * y - 1},
+        initial={x: 1.0},
+    ).compile()
+    told = violation(truss, 1.0, np.array([1.0, 0.0, speed, -speed]), truss.parameter_array(), 1.0)
+    assert bool(told) is unreliable
 
 
 def test_the_advice_on_an_initial_state_may_be_pasted() -> None:
