@@ -236,9 +236,9 @@ def test_a_state_on_a_corner_is_no_end_of_a_run() -> None:
     assert told.startswith("The run ends on a corner of the constraint 'rod', where velocities jump")
 
 
-@pytest.mark.parametrize("speed, unreliable", [(1e-17, False), (1e-10, True)])
+@pytest.mark.parametrize(("speed", "unreliable"), [(1e-17, False), (1e-10, True)])
 def test_round_off_of_a_structure_that_cannot_move_is_not_unreliable(speed: float, unreliable: bool) -> None:
-    """As many bars as coordinates: a velocity violates them by all of its size, and moves no pin that a double shows."""
+    """As many bars as coordinates: a velocity violates them by all of its size, and moves the pin by nothing."""
     truss = lg.System(
         kinetic=(x.dot**2 + y.dot**2) / 2,
         potential=y,
