@@ -62,9 +62,9 @@ def ensemble(
     tolerances, `t_eval` and `events` are those of a run. `keep` names what is kept of each member: "end", "counts",
     "drift", ("events", k), ("max", x), ("min", x) and ("mean", x) for an expression x.
 
-    Members run side by side in machine code where the method is explicit and the system has no constraints or switching
-    surfaces, with events for `taylor` alone and without resets; else one after the other. They do so on as many threads
-    as `workers` says, by default one for each core. With an `executor`, of `concurrent.futures` or a
+    Members run side by side in machine code where the method is explicit, the system has no constraints or switching
+    surfaces and no event has a reset; else one after the other. They do so on as many threads as `workers` says, by
+    default one for each core. With an `executor`, of `concurrent.futures` or a
     `dask.distributed.Client`, they run where that has its workers. With a `store`, the name of a folder such as
     "runs.zarr", results are written there block by block and not kept in memory; the same call goes on where another
     one stopped. `progress` shows members done, their rate and the time left, in a terminal and in a notebook; "lines"

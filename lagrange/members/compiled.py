@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from lagrange.machine.model import Model
 from lagrange.members.keep import Reduction
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.dense.block import StepPolynomial
+from lagrange.procedure.dense.hermite import hermite_polynomial
 from lagrange.procedure.form import FLAG, REAL, Procedure
 from lagrange.procedure.kernel.kernels import kernel, prepare
 from lagrange.procedure.kernel.prepared import Prepared
@@ -23,6 +24,7 @@ from lagrange.procedure.members.along import Sampled, table_of_points
 from lagrange.procedure.members.occurrences import Events
 from lagrange.procedure.members.paths import DenseOutput
 from lagrange.procedure.members.queue import Members, Numbers, Observed
+from lagrange.procedure.members.step_review import StepEvents
 from lagrange.procedure.members.steps import StepMembers
 from lagrange.procedure.members.taylor import TaylorMembers
 from lagrange.procedure.prune import Pruner
@@ -31,8 +33,10 @@ from lagrange.procedure.series.integrator import MOST_WRITTEN_OUT, TaylorProcedu
 from lagrange.procedure.series.looped import LoopedJet
 from lagrange.procedure.series.packing import pack
 from lagrange.procedure.series.written_out import WrittenJet
+from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.procedure.taylor.memory import SIZES
 from lagrange.program.actions import LAWS
+from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.methods.taylor import TaylorPlan
 from lagrange.trajectory.plan import Plan, StepPlan
 
@@ -41,16 +45,15 @@ ABOUT = "Write the parameters, and behind them what depends on them alone."
 
 @dataclass(frozen=True)
 class Watched:
-    """What is watched along series: nodes, of which the first are the `events` of the user, and what they do."""
+    """What members watch: nodes, of which the first are the `events` of the user, and what they do."""
 
     nodes: tuple[Node, ...]
     reactions: tuple[Reaction, ...]
     events: int
 
     @classmethod
-    def of(cls, plan: TaylorPlan) -> Watched | None:
-        """Return what a plan watches, None where it watches nothing."""
-        impacts = plan.impacts
+    def of(cls, impacts: Sequence[Impact]) -> Watched | None:
+        """Return what a run with some impacts watches, None where there are none."""
         if not impacts:
             return None
         reactions = [Reaction(one.direction, one.terminal, root=one.root, smooth=one.smooth) for one in impacts]
@@ -61,6 +64,13 @@ class Watched:
         """Return the arrays that the loop over steps only reads."""
         memory = EventMemory(dimension, 0, self.reactions)
         return {"settings": memory.settings, "tilts": memory.tilts}
+
+    def arrays_of_steps(self, dimension: int) -> dict[str, Any]:
+        """Return the arrays that the review of steps only reads."""
+        direction, terminal = np.array([(one.direction, one.terminal) for one in self.reactions], dtype=np.int64).T
+        factors = 1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1)
+        whole = {"direction": np.ascontiguousarray(direction), "terminal": np.ascontiguousarray(terminal)}
+        return {"factors": factors, **whole}
 
 
 @dataclass(frozen=True)
@@ -99,8 +109,9 @@ def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
     different = tuple(dict.fromkeys(nodes))
     if nodes:
         laws["expressions"] = model.function("expressions", different).program
-    if wanted.watched is not None and isinstance(plan, TaylorPlan):
-        laws["watched"] = plan.series.program.values
+    if wanted.watched is not None:
+        along = plan.series.program.values if isinstance(plan, TaylorPlan) else None
+        laws["watched"] = along or model.function("events", wanted.watched.nodes).program
     prepared = Prepared.of([*laws.values()])
     kernels = {name: kernel(program, prepared, name, f"The quantity {name}.") for name, program in laws.items()}
     preparing, size = prepare(prepared, ABOUT), prepared.size
@@ -127,9 +138,14 @@ def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
         assert step is not None
         numbers = Numbers(size, parameters, preparing if wanted.varying else None)
         dense = None if wanted.path is None else DenseOutput(wanted.path, kernels["rhs"])
+        watch = None
         if wanted.path is not None:
             read["table"] = wanted.path.table
-        members = StepMembers(step, 2 * model.dimension, kernels["step"], numbers, observed, dense, sampled)
+        if wanted.path is not None and wanted.watched is not None:
+            screened = step.control is not None and wanted.path.degree > hermite_polynomial(3).degree
+            watch = StepEvents(kernels["watched"], wanted.watched.events, screened)
+            read |= wanted.watched.arrays_of_steps(2 * model.dimension)
+        members = StepMembers(step, 2 * model.dimension, kernels["step"], numbers, observed, dense, sampled, watch)
     made = None if wanted.varying else Pruner().pruned(preparing)
     code = model.machine.members(members.build())
     assert code is not None, f"{model.target} runs no members side by side"

@@ -1,7 +1,7 @@
 """Members side by side in machine code: each lane of a vector takes the next member when it is done with one.
 
-What a lane cannot decide, an estimate of sizes or an energy that moved, is left to a run of the member alone: its
-status and its sentence are then those of that run.
+What a lane cannot decide, such as an estimate of sizes, an event that is not resolved or an energy that moved, is left
+to a run of the member alone: its status and its sentence are then those of that run.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from lagrange.procedure.series.integrator import LANES as PACKED
 from lagrange.procedure.series.packing import pack
 from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.trajectory.edge import slope_ahead
+from lagrange.trajectory.events.actions import Impact
+from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.taylor import TaylorPlan
 from lagrange.trajectory.plan import Plan, StepPlan
@@ -170,7 +172,7 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
     """
     if not _runs_in_lanes(alone, plan, problem):
         return None
-    watched = Watched.of(plan) if isinstance(plan, TaylorPlan) else None
+    watched = Watched.of(_impacts(plan, problem))
     wanted = Wanted(alone.keep.reductions, _path_kind(plan, problem, alone), varying, watched)
     kept = _COMPILED.setdefault(alone.model, {})
     key = _kind(plan), wanted
@@ -179,9 +181,15 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
     return LaneEngine(kept[key], plan, alone)
 
 
+def _impacts(plan: Plan, problem: Problem) -> tuple[Impact, ...]:
+    """Return what runs watch: the events, and of series what else ends them."""
+    return plan.impacts if isinstance(plan, TaylorPlan) else impacts_of(problem.model, problem.events, np.empty(0))
+
+
 def _path_kind(plan: Plan, problem: Problem, alone: RunEngine) -> StepPolynomial | None:
     """Return the dense output of a step program, where something is wanted inside of its steps."""
-    if not isinstance(plan, StepPlan) or (alone.times is None and not alone.keep.reductions):
+    outside = alone.times is None and not alone.keep.reductions and not problem.events
+    if not isinstance(plan, StepPlan) or outside:
         return None
     return plan.path_of(problem, np.array([problem.t0]), problem.y0[None]).kind
 
@@ -200,4 +208,5 @@ def _runs_in_lanes(alone: RunEngine, plan: Plan, problem: Problem) -> bool:
         small = single_operations(pack(plan.series.program, PACKED), plan.order) <= MOST_OPERATIONS
         resets = any(one.reset for one in plan.impacts)
         return small and not resets and not plan.series.program.sides and plan.series.program.projection is None
-    return isinstance(plan, StepPlan) and not problem.events and not plan.step.solves and plan.step.starter is None
+    resets = any(event.reset for event in problem.events)
+    return isinstance(plan, StepPlan) and not resets and not plan.step.solves and plan.step.starter is None

@@ -90,7 +90,7 @@ class OwnStep:
     """
 
     def __init__(self, memory: Memory, dimension: Whole, columns: Whole) -> None:
-        self.memory = memory
+        self.memory, self.dimension = memory, dimension
         self.t, self.h, self.side = memory, memory.at(columns), memory.at(2 * columns)
         self.y = memory.at(3 * columns)
         self.new = memory.at((dimension + 3) * columns)

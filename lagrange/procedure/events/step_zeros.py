@@ -10,7 +10,6 @@ import math
 from typing import Any
 
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.dense.block import LANES
 from lagrange.procedure.events.chebyshev import COARSE, DEGREE
 from lagrange.procedure.events.constants import (
     CLEAR_FACTOR,
@@ -23,7 +22,7 @@ from lagrange.procedure.events.constants import (
 )
 from lagrange.procedure.events.resolution import chebyshev, local_polynomial
 from lagrange.procedure.events.roots import roots
-from lagrange.procedure.events.step_samples import FULL, PART, WIDE, Samples
+from lagrange.procedure.events.step_samples import Samples
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Record
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
@@ -128,10 +127,12 @@ class StepZeros:
         with p.loop(0, self.samples.events) as e:
             self.starting[e], self.given.levels[e] = 0, 0.0
             with p.when(starts, likely=False):
-                values = self.samples.lines["coarse"].at(e * WIDE)
+                values = self.samples.lines["coarse"].at(e * self.samples.widths.wide)
                 start = values[0]
-                size = p.larger(self.samples.edge(start, values[(COARSE + 1) * LANES]), 4.0 * self.given.stayed[e])
-                noise = self.samples.lines["noise"][e * LANES]
+                size = p.larger(
+                    self.samples.edge(start, values[(COARSE + 1) * self.samples.columns]), 4.0 * self.given.stayed[e]
+                )
+                noise = self.samples.lines["noise"][e * self.samples.columns]
                 size = p.choose(self.given.came[e].equals(UNKNOWN), p.larger(size, noise), size)
                 with p.when(~(abs(start) > size) & self.given.sign[e].equals(0)):
                     self.leave(IRREGULAR, step, condition=self.given.came[e].equals(UNKNOWN))
@@ -139,7 +140,7 @@ class StepZeros:
 
     def may_vanish(self, b: Whole, e: Whole) -> Flag:
         """Whether an event may vanish on a step, or its side is not settled."""
-        doubtful = ~self.samples.lines["doubtful"][e * LANES + b].equals(0.0)
+        doubtful = ~self.samples.lines["doubtful"][e * self.samples.columns + b].equals(0.0)
         return Flag.of(doubtful | self.given.sign[e].equals(0) | ~self.given.near[e].equals(0))
 
     def visit(self, step: Whole, b: Whole) -> None:
@@ -179,7 +180,7 @@ class StepZeros:
     def isolate(self, step: Whole, b: Whole, e: Whole) -> None:
         """Isolate the zeros of one event on a step, which is halved until it is a polynomial on each part."""
         p, (starts, widths, tails) = self.p, self.stack
-        last, place = step.equals(self.record.last), e * LANES + b
+        last, place = step.equals(self.record.last), e * self.samples.columns + b
         noise = p.variable(self.samples.lines["noise"][place], "noise")
         with p.when(last, likely=False):
             noise.value = p.larger(noise.value, self.samples.lines["edge_end"][place] * self.record.rounded)
@@ -207,14 +208,16 @@ class StepZeros:
     def sampled(self, b: Whole, e: Whole, start: Real, width: Real) -> Real:
         """Write the Chebyshev coefficients of an event, less its level, on a part of a step; return its size."""
         p = self.p
-        size = p.variable(self.samples.lines["size"][e * LANES + b], "size")
+        size = p.variable(self.samples.lines["size"][e * self.samples.columns + b], "size")
         with p.when(width.equals(1.0), likely=True) as ways:
-            known = self.samples.lines["chebyshev"].at(e * FULL + b)
+            known = self.samples.lines["chebyshev"].at(e * self.samples.widths.full + b)
             with p.loop(0, DEGREE + 1) as k:
-                self.coefficients[k] = known[k * LANES]
+                self.coefficients[k] = known[k * self.samples.columns]
         with ways.otherwise():
             self.samples.sample_part(b, start, width)
-            size.value = p.call(chebyshev(), self.samples.lines["part"].at(e * PART), self.coefficients)
+            size.value = p.call(
+                chebyshev(), self.samples.lines["part"].at(e * self.samples.widths.part), self.coefficients
+            )
         self.coefficients[0] = self.coefficients[0] - self.given.levels[e]
         return p.real(size.value)
 
@@ -314,7 +317,7 @@ class StepZeros:
     def stay_clear(self, step: Whole, b: Whole) -> None:
         """Leave where an event that started at zero does not clear the value that it had there by the end."""
         with self.p.loop(0, self.samples.events) as e, self.p.when(~self.starting[e].equals(0), likely=False):
-            end = self.samples.lines["coarse"][e * WIDE + COARSE * LANES + b]
+            end = self.samples.lines["coarse"][e * self.samples.widths.wide + COARSE * self.samples.columns + b]
             clear = abs(end) > CLEAR_FACTOR * abs(self.given.levels[e])
             same = end * self.p.real(self.after[0][e]) > 0.0
             self.leave(IRREGULAR, step, condition=~(clear & same))
@@ -334,7 +337,7 @@ class StepZeros:
         self.given.when[slot] = t + s * (samples.t_end[b] - t)
         state: Memory = self.given.there.at(slot * samples.dimension)
         with p.loop(0, samples.dimension) as j:
-            c = samples.c.at(j * LANES + b)
+            c = samples.c.at(j * self.samples.columns + b)
             total = p.variable(c[samples.degree * samples.total])
             with p.loop(0, samples.degree) as k:
                 total.value = p.fma(total.value, s, c[(samples.degree - 1 - k) * samples.total])

@@ -1,4 +1,4 @@
-"""Events of members on Taylor steps: what is watched, and the first occurrences of each event.
+"""Events of members: the first occurrences of each, and on Taylor steps what is watched.
 
 The loop over steps finds events as in single runs. What it leaves to who watches, such as a double zero that it cannot
 tell from none, ends the member here: a run of its own decides.
@@ -39,15 +39,44 @@ class Events:
     steep: bool
 
 
-class Occurrences:
+class FirstOccurrences:
+    """The first occurrences of so many events of each member, `most` of each; this announces where they go."""
+
+    def __init__(self, p: Builder, kept: int, dimension: int) -> None:
+        self.p, self.kept, self.dimension = p, kept, dimension
+        self.most: Whole = p.given("most", WHOLE)
+        self.all_times, self.all_states = p.array("occurrence_times"), p.array("occurrence_states")
+
+    def reserve_counts(self) -> None:
+        """Reserve memory, behind all arguments."""
+        self.seen = self.p.reserve(max(self.kept, 1), WHOLE, name="seen")
+
+    def forget(self) -> None:
+        """Begin at the start of a member: nothing has happened."""
+        for place in range(self.kept):
+            self.seen[place] = 0
+
+    def keep(self, member: Whole, place: Whole, t: Real, state: Memory) -> None:
+        """Keep an occurrence of an event, if it is among the first."""
+        p, n = self.p, self.dimension
+        number = self.seen[p.smaller(place, max(self.kept - 1, 0))]
+        with p.when((place < self.kept) & (number < self.most)):
+            slot = (member * self.kept + place) * self.most + number
+            self.all_times[slot] = t
+            target = self.all_states.at(slot * n)
+            with p.each(n, width=1) as i:
+                target[i] = state[i]
+            self.seen[place] = number + 1
+
+
+class Occurrences(FirstOccurrences):
     """What is known of the events of a member, in memory of a procedure whose arguments this announces."""
 
     def __init__(self, p: Builder, events: Events, dimension: int) -> None:
-        self.p, self.events, self.dimension = p, events, dimension
+        super().__init__(p, events.events, dimension)
+        self.events = events
         self.sizes = p.record("sizes", SIZES)
         self.settings, self.tilts = p.array("settings", WHOLE, read=True), p.array("tilts", read=True)
-        self.most: Whole = p.given("most", WHOLE)
-        self.all_times, self.all_states = p.array("occurrence_times"), p.array("occurrence_states")
 
     def reserve(self, layout: TaylorLayout) -> None:
         """Reserve memory, behind all arguments."""
@@ -63,7 +92,7 @@ class Occurrences:
         self.unused = p.reserve(1, WHOLE, name="unused")
         self.scratch = p.reserve(reals, room=BLOCK, name="scratch")
         self.whole_scratch = p.reserve(wholes, WHOLE, name="whole_scratch")
-        self.seen = p.reserve(max(self.events.events, 1), WHOLE, name="seen")
+        self.reserve_counts()
         self.taken = p.variable(0, "taken")
 
     def handed(self, numbers: Memory) -> dict[str, Any]:
@@ -85,8 +114,7 @@ class Occurrences:
         record.changed = -math.inf
         with p.each(2 * SIDES * events.count, width=1) as i:
             self.sides[i] = 0
-        for place in range(events.events):
-            self.seen[place] = 0
+        self.forget()
         self.taken.value = 0
 
     def take(self, member: Whole) -> None:
@@ -99,18 +127,6 @@ class Occurrences:
                 self.taken.value = slot + 1
             with p.when(record.ahead.equals(record.done)):
                 record.done = record.ahead = self.taken.value = 0
-
-    def keep(self, member: Whole, place: Whole, t: Real, state: Memory) -> None:
-        """Keep an occurrence of an event, if it is among the first."""
-        p, n, events = self.p, self.dimension, self.events.events
-        number = self.seen[p.smaller(place, max(events - 1, 0))]
-        with p.when((place < events) & (number < self.most)):
-            slot = (member * events + place) * self.most + number
-            self.all_times[slot] = t
-            target = self.all_states.at(slot * n)
-            with p.each(n, width=1) as i:
-                target[i] = state[i]
-            self.seen[place] = number + 1
 
     def ended(self, outcome: Whole, unproven: Whole, last: Flag) -> Flag:
         """Return whether an event ends the run where it stands."""

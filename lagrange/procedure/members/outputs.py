@@ -31,7 +31,7 @@ def write_outputs() -> Procedure:
     place = p.variable(done, "place")
     with p.repeat(lambda: outstanding(times, place.value, end, sign)):
         theta = (times[place.value] - t) / h
-        path(theta, h, memory, states.at(place.value * dimension), degree)
+        path(theta, 1.0, memory, states.at(place.value * dimension), degree)
         place.value = place.value + 1
     p.leave(place.value)
     return p.finish(WHOLE)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from lagrange.procedure.bind import bound
@@ -20,11 +21,11 @@ unit of the polynomial, its memory, the state, and the degree."""
 
 
 def polynomial_path(name: str, entries: Sequence[int], dimension: int) -> Procedure:
-    """Return the path by polynomials in the fraction of a step; the coefficients of a power stand together."""
+    """Return the path by polynomials, whose unit is the whole step; the coefficients of a power stand together."""
     p = Builder(name, "Write the state at a fraction of a step.")
-    theta: Real = p.given("theta", REAL)
-    p.given("ratio", REAL)
+    fraction, ratio = p.given("theta", REAL), p.given("ratio", REAL)
     c, out, degree = p.array("c", read=True), p.array("out"), p.given("degree", WHOLE)
+    theta: Real = fraction * ratio
     totals = {j: p.variable(c[degree * dimension + j]) for j in entries}
     with p.loop(0, degree) as k:
         line = c.at((degree - 1 - k) * dimension)
@@ -55,6 +56,11 @@ class DenseOutput:
     kind: StepPolynomial
     law: Procedure
 
+    @cached_property
+    def column(self) -> Procedure:
+        """The right-hand side over columns, of which there is one."""
+        return _of_column(self.law)
+
 
 class StepCoefficients:
     """The step of a member and its polynomial, in memory of a procedure: the dense output that single runs have."""
@@ -62,7 +68,7 @@ class StepCoefficients:
     def __init__(self, p: Builder, dense: DenseOutput, dimension: int) -> None:
         kind = dense.kind
         self.p, self.kind, self.dimension = p, kind, dimension
-        functions = {"law": _of_column(dense.law)}
+        functions = {"law": dense.column}
         self.polynomial = bound(kind.procedure, functions, prefix="path_")
         self.own = p.reserve(block_size(dimension, 1), room=LANES, name="own")
         self.step = OwnStep(self.own, p.whole(dimension), p.whole(1))
@@ -71,11 +77,24 @@ class StepCoefficients:
 
     def find(self, table: Memory, numbers: Memory) -> None:
         """Find the polynomial of the step, from the numbers of the method and those of the law."""
-        p, kind = self.p, self.kind
-        given: dict[str, Any] = {"parameters": numbers, "table": table, "stages": p.whole(kind.stages)}
-        given |= {"degree": p.whole(kind.degree), "dimension": p.whole(self.dimension), "columns": p.whole(1)}
-        given |= {"own": self.own, "beside": self.own, "work": self.work, "out": self.c}
-        p.call(self.polynomial, *(given[one.name] for one in self.polynomial.parameters))
+        write_polynomial(self.p, self.kind, self.polynomial, (numbers, table), self.step, self.work, self.c)
+
+
+def write_polynomial(
+    p: Builder,
+    kind: StepPolynomial,
+    procedure: Procedure,
+    numbers: tuple[Memory, Memory],
+    own: OwnStep,
+    work: Memory,
+    c: Memory,
+) -> None:
+    """Write the polynomial of one step by a procedure of its kind, from the numbers of the law and of the method."""
+    parameters, table = numbers
+    given: dict[str, Any] = {"parameters": parameters, "table": table, "stages": p.whole(kind.stages)}
+    given |= {"degree": p.whole(kind.degree), "dimension": own.dimension, "columns": p.whole(1)}
+    given |= {"own": own.memory, "beside": own.memory, "work": work, "out": c}
+    p.call(procedure, *(given[one.name] for one in procedure.parameters))
 
 
 def _of_column(law: Procedure) -> Procedure:

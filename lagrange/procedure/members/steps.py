@@ -7,9 +7,13 @@ from typing import Any
 from lagrange.procedure.bind import bound
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.members.along import Along, Sampled, Step
+from lagrange.procedure.members.occurrences import ENDED_BY_EVENT
 from lagrange.procedure.members.outputs import outstanding, write_outputs
 from lagrange.procedure.members.paths import DenseOutput, StepCoefficients, polynomial_path
 from lagrange.procedure.members.queue import Members, Numbers, Observed
+from lagrange.procedure.members.step_occurrences import StepOccurrences
+from lagrange.procedure.members.step_review import StepEvents
+from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.controlled_steps import steps_of
 from lagrange.procedure.step.memory import EFFORT, Layout
 from lagrange.procedure.values import Flag, Memory, Real, Whole
@@ -19,7 +23,8 @@ from lagrange.program.step import StepProgram
 class StepMembers(Members):
     """Runs by the steps that the driver of single runs takes, with the law of the step program in a function.
 
-    With `dense` the states at output times are written, by the dense output of single runs, and what is `sampled`.
+    With `dense` the states at output times are written, by the dense output of single runs, and what is `sampled`; on
+    it `events` are found.
     """
 
     def __init__(
@@ -31,7 +36,10 @@ class StepMembers(Members):
         observed: Observed,
         dense: DenseOutput | None = None,
         sampled: Sampled | None = None,
+        events: StepEvents | None = None,
     ) -> None:
+        self.events = events
+        self.occurrences: StepOccurrences | None = None
         super().__init__(dimension, numbers, observed)
         p = self.p
         self.program, self.law = step, law
@@ -44,7 +52,9 @@ class StepMembers(Members):
         self.follower = None if dense is None else _Follower(self, dense, sampled)
 
     def announce(self) -> None:
-        """Announce nothing: steps have no arguments of their own."""
+        """Announce what is watched, if anything is."""
+        if self.events is not None:
+            self.occurrences = StepOccurrences(self.p, self.events, self.dimension)
 
     @property
     def state(self) -> list[Memory]:
@@ -69,11 +79,14 @@ class StepMembers(Members):
         given |= {"budget": trials, "times": self.none, "rows": self.none}
         steps = bound(steps_of(self.layout), {"law": self.law, "jacobian": self.law}, prefix="run_")
         before = None if self.follower is None else self.follower.before()
-        found: Whole = p.call(steps, *(given[one.name] for one in steps.parameters))
+        found = p.variable(p.call(steps, *(given[one.name] for one in steps.parameters)), "found")
         if self.follower is not None:
             with p.when(self.counts.steps > before):
-                self.follower.follow()
-        return found
+                ended = self.follower.follow()
+                if ended is not None:
+                    found.value = p.choose(ended.equals(Outcome.PAUSED), found.value, ended)
+        outcome: Whole = found.value
+        return outcome
 
     @property
     def attempts(self) -> Whole:
@@ -101,10 +114,14 @@ class _Follower:
         if sampled is not None:
             path = polynomial_path("path_of_expressions", sampled.entries, self.dimension)
             self.along = Along(p, sampled, path, members.points, members.held, self.dimension)
+        if members.occurrences is not None:
+            members.occurrences.reserve(dense)
 
     def begin(self) -> None:
         """Begin at the start of a member."""
         self.written.value = 0
+        if self.members.occurrences is not None:
+            self.members.occurrences.begin()
         if self.along is not None:
             self.copy(self.step.step.new)
             self.along.begin(self.members.run.t, self.step.step.new)
@@ -124,22 +141,55 @@ class _Follower:
         found: Whole = self.members.counts.steps
         return found
 
-    def follow(self) -> None:
-        """Write the states at the output times on an accepted step, and look at the expressions along it."""
+    def follow(self) -> Whole | None:
+        """Follow an accepted step: events on it, states at output times, and expressions along it.
+
+        Return PAUSED or how the run ends, None if nothing is watched.
+        """
         p, members, step = self.p, self.members, self.step.step
         t, end = step.t[0], members.run.t
         due = outstanding(members.output_times, self.written.value, end, self.sign)
         step.h[0], step.side[0] = end - t, 0.0
         self.copy(step.new)
+        ended = None if members.occurrences is None else self.watch(members.occurrences, end)
         if self.along is not None:
-            degree, h = p.whole(self.step.kind.degree), end - t
-            self.step.find(members.table, members.held)
-            self.along.follow(Step(t, end, h, h, self.step.c, step.new, degree))
-            self.along.accept()
+            self.look_along(self.along, t, end)
         with p.when(due, likely=False):
             if self.along is None:
                 self.step.find(members.table, members.held)
             self.write(t, end)
+        return ended
+
+    def watch(self, occurrences: StepOccurrences, end: Real) -> Whole:
+        """Find the events on a step, and let the run be where one of them ends it."""
+        p, members = self.p, self.members
+        steps, last, numbers = members.counts.steps, end.equals(members.t1), (members.held, members.table)
+        found = occurrences.look(members.member.value, steps, self.step.step, end, last, numbers)
+        with p.when(found.equals(ENDED_BY_EVENT), likely=False):
+            members.run.t = occurrences.time.value
+            members.counts.steps = members.counts.steps - p.whole(occurrences.part.value <= 0.0)
+            self.put(occurrences.there)
+        return found
+
+    def put(self, state: Memory) -> None:
+        """Let the run be at a state, whose parts may stand apart."""
+        parts = self.members.state
+        length = self.dimension // len(parts)
+        for k, part in enumerate(parts):
+            with self.p.each(length, width=1) as i:
+                part[i] = state.at(k * length)[i]
+
+    def look_along(self, along: Along, t: Real, end: Real) -> None:
+        """Look at expressions along a step, or along the part of it up to the event that ends the run."""
+        p, members, occurrences = self.p, self.members, self.members.occurrences
+        self.step.find(members.table, members.held)
+        part = p.real(1.0)
+        if occurrences is not None:
+            end, part = occurrences.time.value, occurrences.part.value
+            self.copy(self.step.step.new)
+        degree = p.whole(self.step.kind.degree)
+        along.follow(Step(t, end, end - t, part, self.step.c, self.step.step.new, degree))
+        along.accept()
 
     def write(self, t: Real, end: Real) -> None:
         """Write the states at the output times on a step."""
