@@ -150,19 +150,24 @@ def test_events_of_a_member_are_those_of_its_run(
 def random_ensemble(rng: np.random.Generator) -> tuple[lg.System, dict[str, Any], dict[str, Any]]:
     """Return two coupled oscillators with random coefficients, starts of 19 members, and events of all kinds."""
     x, y = lg.coordinates("x y")
-    a, b, c, d, e = rng.uniform(0.3, 1.5, 5).round(3).tolist()
-    potential = a * x**2 + b * y**2 + c * x**2 * y / 4 + d * x**4 / 8 + e * y**4 / 8
-    system = lg.System(kinetic=x.dot**2 / 2 + y.dot**2 / 2, potential=potential, initial={x: 0.3, y.dot: 0.2})
+    k = lg.parameters("k")
+    b, c, d, e = rng.uniform(0.3, 1.5, 4).round(3).tolist()
+    potential = k * x**2 + b * y**2 + c * x**2 * y / 4 + d * x**4 / 8 + e * y**4 / 8
+    system = lg.System(
+        kinetic=(x.dot**2 + y.dot**2) / 2, potential=potential, parameters={k: 0.8}, initial={y.dot: 0.2}
+    )
     shifts = rng.normal(0.0, 0.2, 4).round(3).tolist()
     expressions = [
         x - shifts[0],
-        y.dot + x - shifts[1],
+        y.dot + k * x - shifts[1],
         x * y.dot - y * x.dot - shifts[2],
         x**2 + y**2 - shifts[3] ** 2,
     ]
     ways, ends = rng.integers(-1, 2, 4).tolist(), rng.choice([0, 0, 3, 9], 4).tolist()
     events = [lg.event(one, direction=way, terminal=end) for one, way, end in zip(expressions, ways, ends, strict=True)]
-    starts = {"x": rng.uniform(-0.8, 0.8, 19), "y": rng.uniform(-0.8, 0.8, 19)}
+    starts = {name: rng.uniform(-0.8, 0.8, 19) for name in ("x", "y")}
+    if rng.random() < 0.5:
+        starts["k"] = rng.uniform(0.3, 1.5, 19)
     return system, starts, {"events": events, "keep": (("events", 5),)}
 
 
