@@ -48,7 +48,7 @@ def open_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, A
         _make(zarr, path, job, table, made_of)
     with writing(path), reading(path):
         for rest in path.rglob("*.partial"):
-            rest.unlink()
+            rest.unlink(missing_ok=True)
         group = zarr.open_group(str(path), mode="r+")
         variables = variables_of(job, table, 0, 0, Results.empty(0, job.columns))
         missing = [name for name in (DONE, *variables) if name not in group]
@@ -93,27 +93,8 @@ def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[
     except OSError as error:
         raise _not_made(path, error) from error
     try:
-        members, block = len(table), made_of["block"]
-        attributes = {ATTRIBUTES: dict(made_of), "statuses": [one.value for one in STATUSES]}
-        group = zarr.open_group(str(folder), mode="w", attributes=attributes)
-        names = job.problem.model.layout.names()
-        dimensions = {part: column.dimensions for column in job.columns for part in parts_of(column.name, names)}
-        for name, rows in variables_of(job, table, 0, 0, Results.empty(0, job.columns)).items():
-            rest = rows.shape[1:]
-            group.create_array(
-                name,
-                shape=(members, *rest),
-                chunks=(min(block, members), *rest),
-                dtype=rows.dtype,
-                fill_value=INTERRUPTED if name == STATUS else np.nan if rows.dtype.kind == "f" else 0,
-                dimension_names=(MEMBER, *dimensions.get(name, ())),
-            )
-        blocks = -(-members // block)
-        group.create_array(DONE, shape=(blocks,), chunks=(1,), dtype="u1", fill_value=0, dimension_names=("block",))
-        if job.problem.t_eval is not None:
-            shape = job.problem.t_eval.shape
-            times = group.create_array(OUTPUT_TIME, shape=shape, dtype="f8", dimension_names=(OUTPUT_TIME,))
-            times[:] = job.problem.t_eval
+        for name, content in _files(zarr, job, table, made_of).items():
+            write_file(folder / name, content)
         folder.chmod(0o755)
         folder.rename(path)
     except BaseException as error:
@@ -121,6 +102,42 @@ def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[
         if isinstance(error, OSError):
             raise _not_made(path, error) from error
         raise
+
+
+def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> dict[str, bytes]:
+    """Return the files of a store without results.
+
+    They are made in memory: zarr writes files from several threads, some of which go on after one of them failed.
+    """
+    members, block = len(table), made_of["block"]
+    attributes = {ATTRIBUTES: dict(made_of), "statuses": [one.value for one in STATUSES]}
+    held: dict[str, Any] = {}
+    group = zarr.open_group(zarr.storage.MemoryStore(held), mode="w", attributes=attributes)
+    names = job.problem.model.layout.names()
+    dimensions = {part: column.dimensions for column in job.columns for part in parts_of(column.name, names)}
+    for name, rows in variables_of(job, table, 0, 0, Results.empty(0, job.columns)).items():
+        rest = rows.shape[1:]
+        group.create_array(
+            name,
+            shape=(members, *rest),
+            chunks=(min(block, members), *rest),
+            dtype=rows.dtype,
+            fill_value=INTERRUPTED if name == STATUS else np.nan if rows.dtype.kind == "f" else 0,
+            dimension_names=(MEMBER, *dimensions.get(name, ())),
+        )
+    blocks = -(-members // block)
+    group.create_array(DONE, shape=(blocks,), chunks=(1,), dtype="u1", fill_value=0, dimension_names=("block",))
+    if job.problem.t_eval is not None:
+        shape = job.problem.t_eval.shape
+        times = group.create_array(OUTPUT_TIME, shape=shape, dtype="f8", dimension_names=(OUTPUT_TIME,))
+        times[:] = job.problem.t_eval
+    return {name: content.to_bytes() for name, content in held.items()}
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file and the folder that it is in."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
 
 
 def _not_made(path: Path, error: OSError) -> StatementError | RunError:

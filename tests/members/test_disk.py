@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import errno
 import subprocess
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 import lagrange as lg
-from lagrange.members import store, work
+from lagrange.members import store, store_group, work
 from tests.members.store_files import files
 
 zarr = pytest.importorskip("zarr")
@@ -43,16 +43,16 @@ class Filling:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.room, self.writes = 10**9, 0
-        self.put = zarr.storage._local._put
-        monkeypatch.setattr(zarr.storage._local, "_put", self)
+        for module, name in ((zarr.storage._local, "_put"), (store_group, "write_file")):
+            monkeypatch.setattr(module, name, partial(self.write, getattr(module, name)))
 
-    def __call__(self, path: Path, value: Any, *args: Any, **options: Any) -> Any:
+    def write(self, put: Callable[..., Any], path: Path, value: Any, *args: Any, **options: Any) -> Any:
         self.writes += 1
         if self.writes > self.room:
             path.parent.mkdir(parents=True, exist_ok=True)
             (path.parent / f"{path.name}.{self.writes}.partial").write_bytes(b"half")
             raise OSError(errno.ENOSPC, "No space left on device")
-        return self.put(path, value, *args, **options)
+        return put(path, value, *args, **options)
 
 
 def goes_on_after(room: int, disk: Filling, target: Path, whole: dict[str, bytes]) -> None:
