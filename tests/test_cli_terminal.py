@@ -60,6 +60,13 @@ def test_a_terminal_without_unicode_has_no_curves_and_lines_that_fit() -> None:
     assert "               Numerical Integration, 2nd ed. (2006)," in lines
 
 
+@pytest.mark.parametrize("command", [["scenes"], ["check", "pendulum"]])
+def test_tables_fit_a_terminal_with_their_rules(command: list[str]) -> None:
+    code, lines = on_a_terminal(60, *command)
+    assert code == 0 and max(map(len, lines)) <= 60
+    assert any(set(line) <= {"-", " "} for line in lines)
+
+
 def test_refusals_fit_a_terminal_and_are_one_line_in_a_pipe(capsys: pytest.CaptureFixture[str]) -> None:
     code, lines = on_a_terminal(60, "run", "nopendulum")
     assert code == 2 and len(lines) > 10 and max(map(len, lines)) <= 60

@@ -38,6 +38,23 @@ def test_each_thing_that_can_be_asked_for_is_drawn(what: Any, values: Any) -> No
     assert len(figure.axes[0].lines) == len(values(np.zeros(1)))
 
 
+@pytest.mark.parametrize(
+    ("word", "what"), [("phase plane", "phase"), ("phase_plane", "phase"), ("energy", "energies"), ("paths", "path")]
+)
+def test_other_words_for_what_is_shown_mean_the_same(word: str, what: str) -> None:
+    run = lg.scene("pendulum").run(1.0)
+    found, expected = ([line.get_xydata() for line in run.plot(name).axes[0].lines] for name in (word, what))
+    assert len(found) == len(expected) > 0
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+def test_a_coordinate_comes_before_another_word_for_what_is_shown() -> None:
+    energy = lg.coordinate("energy")
+    figure = lg.System(energy.dot**2 / 2, initial={energy: 1}, name="named so").run(1.0).plot("energy")
+    np.testing.assert_array_equal(np.asarray(figure.axes[0].lines[0].get_ydata()), 1.0)
+
+
 def test_phase_planes_paths_and_several_panels() -> None:
     figure = drawn_contents(oscillator(), ["phase", "coordinates"])
     time, phase = figure.axes

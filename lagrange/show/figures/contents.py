@@ -48,6 +48,8 @@ class Contents:
             if what in WHAT:
                 return WHAT[what](self)
             names = self.solutions[0].names
+            if what not in names and (other := OTHER_NAMES.get(" ".join(what.replace("_", " ").split()))):
+                return WHAT[other](self)
             if what not in names:
                 raise StatementError(
                     f"what = {shown(what)} is nothing to plot: give {listing(WHAT)}, a coordinate or a velocity "
@@ -135,6 +137,9 @@ WHAT: Mapping[str, Callable[[Contents], list[Panel]]] = {
     "violation": Contents.violation,
 }
 """What can be shown by name."""
+
+OTHER_NAMES = {"phase plane": "phase", "phase planes": "phase", "energy": "energies", "paths": "path"}
+"""Other words for them, where no coordinate has that name."""
 
 
 def chosen_coordinates(of: Any, names: Sequence[str]) -> list[str] | None:

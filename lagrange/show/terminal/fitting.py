@@ -23,9 +23,11 @@ def fitted(text: str, stream: TextIO | None) -> str:
 
 
 def _broken(line: str, columns: int) -> str:
-    """Return a line in lines of at most so many columns, but for words that are longer."""
+    """Return a line in lines of at most so many columns, but for words that are longer. Rules of dashes are cut."""
     if len(line) <= columns:
         return line
+    if not line.strip(" -"):
+        return line[:columns].rstrip()
     match = _FIRST_COLUMN.match(line)
     begin = match.end() if match and match.end() <= columns // 2 else len(line) - len(line.lstrip()) + 2
     head, rest = (line[:begin], line[begin:]) if match and match.end() == begin else ("", line)
