@@ -28,7 +28,7 @@ KEYS = (
 )
 RUN_KEYS = ("t_end", "method", "rtol", "atol", "step")
 
-_TITLE = re.compile(r"[^\W_][\w .,'()+-]{0,63}")
+_TITLE = re.compile(r"(?=.*[^\W_])(?![.\s]).{0,63}\S")
 
 
 @dataclass(frozen=True)
@@ -120,12 +120,12 @@ class _Scene:
     def title(self) -> str:
         """Return the name of the scene, by default that of its file."""
         name = self.document.text("name") if "name" in self.data else Path(self.document.file).stem
-        if not _TITLE.fullmatch(name):
+        if not (_TITLE.fullmatch(name) and name.isprintable()):
             if "name" not in self.data:
                 return "scene"
             self.document.refuse(
-                "a scene's name has 1 to 64 letters, digits, spaces and . , ' ( ) + -, and starts with a letter or "
-                "digit.",
+                "a scene's name has 1 to 64 printable characters, with a letter or digit, no dot at its beginning, "
+                "and no space at its ends.",
                 "name",
             )
         return name

@@ -133,9 +133,11 @@ def test_a_name_stays_text(browser: Browser, tmp_path: Path) -> None:
 
 def test_texts_of_a_scene_file_stay_texts(browser: Browser, tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
-    texts = f"about = '''{evil()}'''\nsource = '''{evil()}'''\n"
+    name = "</script><img src=x>"
+    texts = f"name = '{name}'\nabout = '''{evil()}'''\nsource = '''{evil()}'''\n"
     scene.write_text(texts + 'coordinates = ["x"]\nkinetic = "x_dot**2/2"\npotential = "x**2/2"\n')
     with browser.open(lg.System.from_scene(scene).to_page(tmp_path / "page.html")) as tab:
+        assert tab.text("h1") == tab.value("document.title") == name
         assert tab.text("header p") == " ".join(evil().split())
         assert f"Source: {evil()}" in tab.text(".formulas")
         assert tab.value("document.querySelectorAll('script, img').length") == 3

@@ -135,7 +135,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str]] = {
         {"potential": Piecewise((x, (x > 0) & (lg.t > 1)), (0, True))},
         "the condition .* which is no chain of comparisons",
     ),
-    "title": ({"name": "a\nb"}, "a scene's name has 1 to 64 letters"),
+    "title": ({"name": "a\nb"}, "a scene's name has 1 to 64 printable characters"),
     "long": ({"potential": sum(sin(i * x) for i in range(1, 1100))}, "more than 10000"),
     "deep": ({"potential": reduce(lambda e, _: sin(e) + x, range(70), x)}, "deep"),
 }
