@@ -45,6 +45,10 @@ from lagrange.trajectory.options import RunOptions
 TIGHT, USUAL = 1e-12, 1e-9
 """Relative tolerances where none is given: of portraits and sections, whose orbits are seen to close; and of maps."""
 
+ORBIT_STEPS, PASSAGE_STEPS = 20_000, 100_000
+"""Steps of an orbit of a portrait and of a run of a map of first passages, which the method chooses, where no number is
+given: some thousands of oscillations, and more would fill the picture; and some ten thousands."""
+
 
 def phase_portrait(
     system: System | Model,
@@ -58,6 +62,7 @@ def phase_portrait(
     method: Any = None,
     rtol: float | None = None,
     step: float | None = None,
+    max_steps: int | None = None,
     progress: bool | str = False,
 ) -> PhasePortrait:
     """Return the phase portrait on a plane of the state: field, zero lines, equilibria, separatrices and orbits.
@@ -67,13 +72,14 @@ def phase_portrait(
     equilibria and the motions between them in it. A system with more coordinates is cut: `at` holds all other entries,
     {phi: 0, phi.dot: 0}, and orbits leave the plane. `starts` are initial states, dicts or rows (m, 2n); without them
     orbits fill the plane evenly. Each is followed forwards and backwards for `t_end`, 20 periods of small motions by
-    default, until it leaves the window or closes. A coordinate with a period of 2 pi is an angle, and wrapped.
+    default, until it leaves the window or closes, or for `max_steps` steps, 20,000 unless `step` is
+    given: the message says so. A coordinate with a period of 2 pi is an angle, and wrapped.
 
     Separatrices begin on the eigenvectors of a saddle, where they are off by less than 1e-10 of the window. For a
     system that depends on time the field is that of the time `t`, at which orbits begin. Ctrl-C keeps what is there,
     as `Status.INTERRUPTED`. Raises StatementError for a plane that cannot be.
     """
-    _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress)
+    _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress, _limit(max_steps, step, ORBIT_STEPS))
     reach = None if t_end is None else _positive(t_end, "t_end, the time for which orbits are followed,")
     total, noun = (CELLS_OF_PLANE**2, "cell") if starts is None else (_length(starts), "orbit")
     with counter(total, noun, wanted=progress) as report:
@@ -185,6 +191,7 @@ def first_passage(
     method: Any = None,
     rtol: float | None = None,
     step: float | None = None,
+    max_steps: int | None = None,
     workers: int | None = None,
     progress: bool | str = False,
 ) -> FirstPassage:
@@ -192,14 +199,16 @@ def first_passage(
 
     `grid` gives two entries of the state with their ranges and numbers of values, {theta1: (-3, 3, 200), theta2: (-3,
     3, 200)}; the other entries are those of `initial`, over the system's own. `event` is an expression or a list of
-    them; without it, it is an angle that passes pi, or another odd number of half turns. Runs go on until `t_end`, on
-    as many threads as `workers` says, by default one for each processor.
+    them; without it, it is an angle that passes pi, or another odd number of half turns. Runs go on until `t_end`, or
+    for `max_steps` steps, 100,000 unless `step` is given, which the message says, on as many threads as `workers` says,
+    by default one for each processor.
 
     The result has `times` (m, k), NaN where there was no passage, and `which` (m, k), the event. Ctrl-C keeps what is
     there: cells all over the plane, since coarse grids come first. Raises StatementError for a plane that cannot be,
     and where no coordinate is an angle.
     """
-    model, runs = _runs(system, (method, rtol, step), USUAL, parameters, progress)
+    limit = _limit(max_steps, step, PASSAGE_STEPS)
+    model, runs = _runs(system, (method, rtol, step), USUAL, parameters, progress, limit)
     with counter(_cells(model, grid), "run", wanted=progress) as report:
         found = passage_of(runs, grid, event, initial, t_end, workers=workers, progress=report)
     return shown_as(FirstPassage, found)
@@ -255,8 +264,9 @@ def _runs(
     tight: float,
     parameters: Mapping[Any, Any] | None,
     progress: bool | str,
+    max_steps: int | None = None,
 ) -> tuple[Model, Runs]:
-    """Return the model of a system, and runs of it by a method with its tolerance or step."""
+    """Return the model of a system, and runs of it by a method with its tolerance or step, of so many steps at most."""
     if not isinstance(system, (System, Model)):
         raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene('pendulum').")
     method, rtol, step = how
@@ -264,7 +274,13 @@ def _runs(
         rtol = tight
     with compiling(system.statement.name, wanted=bool(wanted_progress(progress))):
         model = system if isinstance(system, Model) else system.compile()
-    return model, Runs(model, model.parameter_array(parameters), RunOptions(method, rtol, None, step))
+    options = RunOptions(method, rtol, None, step, max_steps=max_steps)
+    return model, Runs(model, model.parameter_array(parameters), options)
+
+
+def _limit(max_steps: int | None, step: float | None, usual: int) -> int | None:
+    """Return the most steps of a run: what is given, else the usual number where the method chooses the steps."""
+    return usual if max_steps is None and step is None else max_steps
 
 
 def _at(model: Model, runs: Runs, name: str) -> Callable[[float], tuple[Statement, Model]]:

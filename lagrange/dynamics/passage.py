@@ -113,5 +113,6 @@ def _ended(which: FloatArray, early: Sequence[Status], t_end: float, *, whole: b
     if not whole:
         return Status.INTERRUPTED, f"interrupted: {done} of {counted(which.size, 'run')} are done, and kept. {words}"
     if early:
-        return early[0], f"{words} {len(early)} ended before: {shown(early[0].value)} the first of them."
+        words = f"{words} {len(early)} ended before: {shown(early[0].value)} the first of them."
+        return early[0], f"{words} Raise max_steps, or lower t_end." if Status.MAX_STEPS in early else words
     return Status.SUCCESS, words

@@ -363,7 +363,7 @@ def _extent(runs: Runs, base: FloatArray, scale: float) -> tuple[float, float]:
         a = model.accelerations(x[None, :], np.zeros((1, len(x))), 0.0, runs.parameters)[0]
     except RunError:
         a = np.full(len(x), np.nan)
-    rests = x[:-1][(a[:-1] * a[1:] < 0) | (a[:-1] == 0.0)]
+    rests = x[:-1][(np.sign(a[:-1]) * np.sign(a[1:]) < 0) | (a[:-1] == 0.0)]
     rests = rests[:MOST_RESTS] if len(rests) <= MOST_RESTS else np.zeros(0)
     starts = [base]
     if abs(float(model.accelerations(base[:1], base[1:], 0.0, runs.parameters)[0])) < 1e-9 and not base[1]:

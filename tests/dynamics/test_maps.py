@@ -25,6 +25,15 @@ from tests.models import shared_scene
 BALL = lg.System(kinetic=lg.kinetic_energy(1, x), potential=9.81 * x, name="ball")
 
 
+def test_runs_of_a_passage_end_after_a_number_of_steps_and_that_is_said() -> None:
+    small = {theta: (-1.0, 1.0, 2), theta.dot: (-1.0, 1.0, 2)}
+    found = lg.first_passage(pendulum(), small, t_end=1e9)
+    assert found.status is lg.Status.MAX_STEPS and (found.which == -1).all()
+    assert found.message.endswith("4 ended before: 'max_steps' the first of them. Raise max_steps, or lower t_end.")
+    met = lg.first_passage(pendulum(), small, theta - 0.5, t_end=1e9, max_steps=500)
+    assert met.status is lg.Status.SUCCESS and np.isfinite(met.times).all()
+
+
 def test_the_first_passage_of_a_thrown_ball_is_its_time_of_flight() -> None:
     """x0 + v0 t - g t^2/2 = 0; what is up until t_end has no time."""
     found = lg.first_passage(BALL, {x: (0.5, 2.0, 7), x.dot: (-3.0, 9.0, 9)}, x, t_end=1.8)

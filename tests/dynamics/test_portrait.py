@@ -148,6 +148,18 @@ def test_a_driven_system_is_shown_at_a_time_and_says_so() -> None:
     assert found.orbits[0].t[0] == 0.3
 
 
+def test_orbits_of_more_oscillations_than_a_picture_shows_end_and_that_is_said() -> None:
+    x = lg.coordinate("x")
+    driven = lg.System(x.dot**2 / 2, x**2 / 2, forces={x: cos(2 * lg.t)}, initial={x: 1}, name="driven")
+    found = lg.phase_portrait(driven, starts=[{x: 0.1}], t_end=1e9)
+    assert found.orbits[0].status is lg.Status.MAX_STEPS and "max_steps = 20000" in found.message
+    assert found.orbits[0].t[-1] > 2 * np.pi * 1000
+    few = lg.phase_portrait(driven, starts=[{x: 0.1}], t_end=1e9, max_steps=50)
+    assert len(few.orbits[0].t) == 51
+    by_step = lg.phase_portrait(driven, starts=[{x: 0.1}], t_end=2.1, method="rk4", step=1e-4)
+    assert by_step.orbits[0].status is lg.Status.SUCCESS
+
+
 def test_ctrl_c_keeps_what_is_there(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Runs, "__call__", interrupting(8)(Runs.__call__))
     found = lg.phase_portrait(pendulum(), {theta: (-np.pi, np.pi), theta.dot: (-3, 3)})
