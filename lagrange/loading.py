@@ -16,7 +16,7 @@ from lagrange.machine.model import Model
 from lagrange.show.solution import Solution
 from lagrange.statement.stored import restored
 from lagrange.trajectory.paths.known import OutputPath
-from lagrange.trajectory.trajectory import Status, Trajectory
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 NEEDED = ("t", "y", "names", "card", "statement")
 """The arrays without which a file is no run."""
@@ -25,8 +25,9 @@ OUTPUTS_ALONE = "a file has the outputs of a run alone. Ask at these times, or r
 
 
 def load(path: str | os.PathLike[str]) -> Solution:
-    """Return the run that `solution.to_npz` wrote, with its system: a Solution, with no states between its outputs.
+    """Return the run that `solution.to_npz` wrote, with its system: a Solution.
 
+    Between its outputs it has the states alone that the file has for pictures that move.
     Nothing in the file is run: it holds numbers and texts, and the system is built from them as one of a scene is.
     Raises StatementError for a file that cannot be read, or holds something else.
     """
@@ -84,7 +85,7 @@ def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model
         evaluations=card["evaluations"],
         wall=card["wall"],
         span=(card["t_start"], card["t_end"]),
-        dense=OutputPath(t, y, None, OUTPUTS_ALONE),
+        dense=_known(arrays, t, y),
         form=card["form"],
         t_events=tuple(arrays[f"t_event_{i}"] for i in events),
         y_events=tuple(arrays[f"y_event_{i}"] for i in events),
@@ -92,3 +93,13 @@ def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model
         rtol=card["rtol"],
         atol=card["atol"],
     )
+
+
+def _known(arrays: Mapping[str, Any], t: FloatArray, y: FloatArray) -> OutputPath:
+    """Return the states at the outputs, and those between them, which older files lack."""
+    t_between, y_between = arrays.get("t_between", np.empty(0)), arrays.get("y_between", np.empty((len(y), 0)))
+    if y_between.shape != (len(y), len(t_between)):
+        raise StatementError(f"it has states of shape {y_between.shape} at {len(t_between)} times between its outputs.")
+    times = np.concatenate([t, t_between])
+    order = np.argsort(times if len(t) < 2 or t[-1] >= t[0] else -times, kind="stable")
+    return OutputPath(times[order], np.hstack([y, y_between])[:, order], None, OUTPUTS_ALONE)

@@ -60,9 +60,46 @@ def test_a_run_is_read_as_it_was_written(tmp_path: Path) -> None:
         for one, other in zip(ours, theirs, strict=True):
             np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(again.at(run.t[4]), run.y[:, 4])
-    with pytest.raises(lg.RunError, match=r"there is no state at t = 0\.1: a file has the outputs of a run alone"):
-        again.at(0.1)
+    with pytest.raises(lg.RunError, match=r"there is no state at t = 0\.1234: a file has the outputs of a run"):
+        again.at(0.1234)
     assert again.model.statement.defaults[k] == 2.5 and again.parameters[k] == 3.0
+
+
+def without_states_between(path: Path) -> Path:
+    """Write a file as older versions wrote it."""
+    with np.load(path) as found:
+        arrays = {name: found[name] for name in found.files if not name.endswith("_between")}
+    np.savez(path, **arrays)
+    return path
+
+
+@pytest.mark.parametrize("name", ["double-pendulum", "charge-in-field", "two-point-vortices", "cartesian-pendulum"])
+def test_a_run_from_a_file_moves_as_the_run(name: str, tmp_path: Path) -> None:
+    """A pixel is a thousandth of a picture, and the states are interpolated between four in each step."""
+    run = lg.scene(name).run()
+    found = lg.load(run.to_npz(tmp_path / "run.npz")).animate(tmp_path / "run.html")
+    expected = run.animate()
+    sizes = np.abs(expected.states).max(axis=1, keepdims=True)
+    assert (np.abs(found.states - expected.states) <= 1e-4 * sizes + 1e-12).all()
+    assert [*found.points] == [*expected.points] and "interpolated" in found.notes[0]
+
+
+@pytest.mark.parametrize("span", [(0.0, 8.0), (8.0, 0.0)])
+def test_a_run_with_few_outputs_moves_from_its_file_too(span: tuple[float, float], tmp_path: Path) -> None:
+    system = lg.scene("pendulum")
+    run = lg.integrate(system.compile(), span, {"theta": 2.0}, t_eval=np.linspace(*span, 3))
+    found, expected = lg.load(run.to_npz(tmp_path / "run.npz")).animate(), run.animate()
+    np.testing.assert_allclose(found.states, expected.states, rtol=0, atol=1e-4 * np.abs(expected.states).max())
+
+
+def test_an_older_file_moves_from_its_outputs_unless_they_are_too_far_apart(tmp_path: Path) -> None:
+    run = lg.scene("double-pendulum").run(5.0)
+    steps = lg.load(without_states_between(run.to_npz(tmp_path / "steps.npz"))).animate()
+    np.testing.assert_allclose(steps.states, run.animate().states, rtol=0, atol=1e-4)
+    few = lg.load(without_states_between(run.sampled([0.0, 1.0, 5.0]).to_npz(tmp_path / "few.npz")))
+    with pytest.raises(lg.StatementError, match=r"the states at t = 0 and 1 are too far apart for a moving picture"):
+        few.animate(tmp_path / "few.html")
+    assert not (tmp_path / "few.html").exists()
 
 
 def test_dimensions_are_stored() -> None:

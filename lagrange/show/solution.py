@@ -25,6 +25,7 @@ from lagrange.show.files.atomic_folder import write_together
 from lagrange.show.files.data_sets import data_frame, data_set, event_arrays
 from lagrange.show.files.picture import picture
 from lagrange.show.files.resolution import FILE_DPI
+from lagrange.show.measures.between import stored_between
 from lagrange.show.measures.constraint_drift import ConstraintDrift, constraint_drift
 from lagrange.show.measures.constraint_forces import ConstraintForces
 from lagrange.show.measures.drift import EnergyDrift, energy_drift, since_start
@@ -259,6 +260,7 @@ class Solution:
     def to_npz(self, path: str | os.PathLike[str]) -> Path:
         """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,), card and statement (JSON); none needs pickle.
 
+        t_between (K,) and y_between (2n, K) are states between these, for pictures that move, of runs of few steps.
         With m constraints also constraint_error (N,), multipliers (m, N), and constraints (m,), their names; with
         events t_event_0 (k,), y_event_0 (k, 2n), and so on. `lagrange.load` reads it. Raises what `to_csv` does.
         """
@@ -268,7 +270,7 @@ class Solution:
         texts = {"card": json.dumps(self.card()), "statement": json.dumps(stored(self.model.statement))}
         arrays = {"t": self.t, "y": self.y, "names": np.array(self.names)}
         arrays |= {name: np.array(text) for name, text in texts.items()}
-        arrays |= event_arrays(self.t_events, self.y_events)
+        arrays |= event_arrays(self.t_events, self.y_events) | stored_between(self.trajectory)
         if self.multipliers:
             arrays |= {
                 "multipliers": np.stack([*self.multipliers.values()]),

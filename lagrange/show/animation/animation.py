@@ -25,6 +25,7 @@ from lagrange.show.animation.sheet import Sheet
 from lagrange.show.animation.timing import Timing, timing
 from lagrange.show.figures.style import DARK, LIGHT
 from lagrange.show.files.atomic_file import check_place, write_atomically
+from lagrange.show.measures.between import known_alone
 from lagrange.show.notation.names import plain_text
 from lagrange.show.terminal.progress import progress_bar
 from lagrange.statement.choice import one_of
@@ -167,6 +168,8 @@ def animate(
     sheet = sheet_of(statement, motion, chosen, wanted)
     missing = "No positions are stated: the coordinates are drawn over time. positions={...} states points to draw."
     notes = chosen.notes if motion.points else (missing, *chosen.notes)
+    if known_alone(solution.trajectory) is not None:
+        notes = ("The run is from a file: between the states that this has, the motion is interpolated.", *notes)
     points = {name: point[:, motion.frames] for name, point in motion.points.items()}
     made = Animation(plain_text(statement.name), chosen, motion.states[:, motion.frames], points, sheet, style, notes)
     return made if path is None else made.save(path, progress=progress)

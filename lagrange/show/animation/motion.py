@@ -10,6 +10,7 @@ import numpy as np
 
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.show.animation.timing import Timing
+from lagrange.show.measures.between import states_for_pictures
 from lagrange.show.measures.points import points_at
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -48,7 +49,7 @@ class Motion:
 def motion_of(solution: Solution, timing: Timing) -> Motion:
     """Return the motion at the frames of a run and between them, from its dense output.
 
-    Raises StatementError where a named point has no place.
+    Raises StatementError where a named point has no place, and for a run from a file with too few states.
     """
     frames = timing.t
     detail = 1
@@ -57,7 +58,7 @@ def motion_of(solution: Solution, timing: Timing) -> Motion:
     places = np.arange((len(frames) - 1) * detail + 1) / detail
     t = np.interp(places, np.arange(len(frames)), frames)
     t[::detail] = frames
-    states = solution.at(t)
+    states = states_for_pictures(solution, t)
     points = points_at(solution.model, t, states, solution.parameters)
     for name, point in points.items():
         lost = np.flatnonzero(~np.isfinite(point).all(axis=0))

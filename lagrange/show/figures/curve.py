@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.trajectory.paths.known import OutputPath
+from lagrange.show.measures.between import known_alone
 from lagrange.trajectory.paths.samples import divided
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -79,7 +79,7 @@ def first_times(run: Trajectory) -> FloatArray:
 
 def outputs_alone(run: Trajectory) -> bool:
     """Return whether there are no states between the outputs: they came from a file."""
-    return isinstance(run.dense, OutputPath) and run.dense.path is None
+    return known_alone(run) is not None
 
 
 def over_time(

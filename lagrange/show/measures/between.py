@@ -1,0 +1,108 @@
+"""States between the outputs of a run that kept these alone, as one from a file, for pictures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from lagrange.errors import StatementError
+from lagrange.trajectory.paths.known import OutputPath
+from lagrange.trajectory.paths.samples import divided
+from lagrange.trajectory.trajectory import FloatArray, Trajectory
+
+if TYPE_CHECKING:
+    from lagrange.show.solution import Solution
+
+PER_STEP, MOST_STORED = 4, 20_000
+"""States that a file has for each step of a run besides its outputs, and the most of them: files should stay small."""
+
+LARGEST_ERROR = 2e-3
+"""Largest error of a coordinate between two outputs, in its largest change from one to the next.
+
+A method changes it by half of its amplitude in a step, and the error is then a thousandth of that: less than a pixel.
+"""
+
+ROUNDING = 1e-9
+"""What counts as no error, in the largest entry of all states."""
+
+
+def stored_between(run: Trajectory) -> dict[str, FloatArray]:
+    """Return times `t_between` (K,) between the outputs of a run and the states there, `y_between` (2n, K), for a file.
+
+    There are none where the run kept none or would make a large file.
+    """
+    parts = -(-PER_STEP * run.steps // max(len(run.t) - 1, 1))
+    if known_alone(run) is not None or len(run.t) < 2 or parts * len(run.t) > MOST_STORED:
+        return {}
+    t = np.setdiff1d(divided(run.t, parts), run.t)
+    return {"t_between": t, "y_between": run.dense(t)}
+
+
+def known_alone(run: Trajectory) -> OutputPath | None:
+    """Return the states that are known of a run which kept no path between them, None of one that did."""
+    return run.dense if isinstance(run.dense, OutputPath) and run.dense.path is None else None
+
+
+def states_for_pictures(solution: Solution, t: FloatArray) -> FloatArray:
+    """Return the states at times (K,) within a run, (2n, K): from its dense output, else interpolated.
+
+    Between two outputs the coordinates are then the polynomials of degree 5 with the coordinates, velocities and
+    accelerations of both. Raises StatementError where the outputs are too far apart for that.
+    """
+    known = known_alone(solution.trajectory)
+    if known is None or np.isin(t, known.times).all():
+        return solution.at(t)
+    between = _Between(solution, known)
+    between.test()
+    states, _ = between(t)
+    return states
+
+
+class _Between:
+    """Polynomials between the known states of a run, in rising time."""
+
+    def __init__(self, solution: Solution, known: OutputPath) -> None:
+        order = slice(None, None, 1 if known.times[-1] >= known.times[0] else -1)
+        self.solution, self.t, self.y = solution, known.times[order], np.ascontiguousarray(known.states[:, order])
+        self.n = len(self.y) // 2
+        self.rates = self._rates(self.t, self.y)
+
+    def _rates(self, t: FloatArray, y: FloatArray) -> FloatArray:
+        model, parameters = self.solution.model, self.solution.parameters
+        states = zip(t, np.ascontiguousarray(y.T), strict=True)
+        return np.stack([model.rhs(time, state, parameters) for time, state in states], axis=1)
+
+    def __call__(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return states (2n, K) and accelerations (n, K) at times (K,)."""
+        k = np.clip(np.searchsorted(self.t, t, side="right") - 1, 0, len(self.t) - 2)
+        h = self.t[k + 1] - self.t[k]
+        s = (t - self.t[k]) / h
+        q0, q1 = self.y[: self.n, k], self.y[: self.n, k + 1]
+        v0, v1 = self.y[self.n :, k] * h, self.y[self.n :, k + 1] * h
+        a0, a1 = self.rates[self.n :, k] * h * h / 2, self.rates[self.n :, k + 1] * h * h / 2
+        q, v, a = q1 - q0 - v0 - a0, v1 - v0 - 2 * a0, a1 - a0
+        c3, c4, c5 = 10 * q - 4 * v + a, -15 * q + 7 * v - 2 * a, 6 * q - 3 * v + a
+        place = q0 + s * (v0 + s * (a0 + s * (c3 + s * (c4 + s * c5))))
+        speed = (v0 + s * (2 * a0 + s * (3 * c3 + s * (4 * c4 + s * 5 * c5)))) / h
+        return np.vstack([place, speed]), (2 * a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / h**2
+
+    def test(self) -> None:
+        """Raise StatementError where a polynomial does not obey the equations of motion.
+
+        In the middle of an interval h its error c h^6/64 makes the second derivative wrong by 3 c h^4/8.
+        """
+        h = np.diff(self.t)
+        apart = np.flatnonzero(h > 0)
+        middles = self.t[apart] + h[apart] / 2
+        states, accelerations = self(middles)
+        error = np.abs(self._rates(middles, states)[self.n :] - accelerations) * h[apart] ** 2 / 24
+        change = np.abs(np.diff(self.y[: self.n])).max(axis=1, keepdims=True)
+        wrong = ~(error <= LARGEST_ERROR * change + ROUNDING * np.abs(self.y).max())
+        if wrong.any():
+            place = apart[int(wrong.any(axis=0).argmax())]
+            raise StatementError(
+                f"the states at t = {self.t[place]:.6g} and {self.t[place + 1]:.6g} are too far apart for a moving "
+                "picture, and the file has none between. Run the system "
+                "again, or write a run with more outputs."
+            )
