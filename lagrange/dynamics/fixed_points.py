@@ -105,7 +105,7 @@ def _at_rest(model: Model, parameters: FloatArray, x: FloatArray) -> FloatArray:
 def _crossings(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray) -> list[float]:
     """Return where the acceleration changes its sign: bisected, all at once, to neighbouring doubles."""
     exact = x[a == 0.0].tolist()
-    at = np.nonzero(a[:-1] * a[1:] < 0)[0]
+    at = np.nonzero(np.sign(a[:-1]) * np.sign(a[1:]) < 0)[0]
     low, high, sign = x[at], x[at + 1], a[at] > 0
     size = np.maximum(np.abs(a[at]), np.abs(a[at + 1]))
     for _ in range(80):
@@ -120,8 +120,8 @@ def _crossings(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArra
 
 def _touches(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray, largest: float) -> list[float]:
     """Return where the acceleration comes to zero and turns back: least values, refined by golden sections."""
-    size = np.abs(a)
-    inner = np.nonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:]) & (a[:-2] * a[2:] > 0))[0] + 1
+    size, sign = np.abs(a), np.sign(a)
+    inner = np.nonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:]) & (sign[:-2] * sign[2:] > 0))[0] + 1
     found = []
     for k in inner.tolist():
         low, high = float(x[k - 1]), float(x[k + 1])

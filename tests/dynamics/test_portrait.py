@@ -148,6 +148,14 @@ def test_a_driven_system_is_shown_at_a_time_and_says_so() -> None:
     assert found.orbits[0].t[0] == 0.3
 
 
+@pytest.mark.filterwarnings("error")
+def test_forces_whose_products_are_beyond_all_doubles_have_their_equilibria() -> None:
+    x, k = lg.coordinate("x"), lg.parameters("k")
+    well = lg.System(x.dot**2 / 2, k * (x**4 / 4 - x**2 / 2), parameters={k: 1e200}, name="double well")
+    found = lg.phase_portrait(well, {x: (-2, 2), x.dot: (-1e100, 1e100)}, starts=[{x: 0.5}])
+    assert [(one.state[0], one.kind) for one in found.equilibria] == [(-1, "centre"), (0, "saddle"), (1, "centre")]
+
+
 def test_orbits_of_more_oscillations_than_a_picture_shows_end_and_that_is_said() -> None:
     x = lg.coordinate("x")
     driven = lg.System(x.dot**2 / 2, x**2 / 2, forces={x: cos(2 * lg.t)}, initial={x: 1}, name="driven")
