@@ -93,6 +93,11 @@ class Settling:
         self.attractors: list[Attractor] = []
         self.lock = threading.Lock()
 
+    @property
+    def side_by_side(self) -> int:
+        """How many members take as long as one."""
+        return 1 if self.lanes is None else self.lanes.side_by_side
+
     def distance(self, a: FloatArray, b: FloatArray) -> FloatArray:
         """Return distances of states (..., 2n), in parts of the plane."""
         return np.asarray(np.linalg.norm(difference(a, b, self.periodic) / self.sizes, axis=-1))

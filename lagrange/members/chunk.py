@@ -66,5 +66,9 @@ class Engine(Protocol):
     def form(self) -> str:
         """How members are run, in a few words."""
 
+    @property
+    def side_by_side(self) -> int:
+        """How many members take as long as one."""
+
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
         """Run members to their ends; where `stopped()` becomes true those that were run come back, the first ones."""

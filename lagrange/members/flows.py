@@ -27,6 +27,11 @@ class FlowEngine:
         """How members are run."""
         return self.alone.form
 
+    @property
+    def side_by_side(self) -> int:
+        """One after the other."""
+        return 1
+
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
         """Run members to their ends."""
         alone, (_, t1) = self.alone, self.alone.span

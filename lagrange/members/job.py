@@ -74,12 +74,14 @@ class Job:
 class ChunkResult:
     """What came of a chunk: the seconds that its members took, how they were run, and what they were compiled for.
 
-    `processor` is empty where that is the processor of this process, or none.
+    `side_by_side` is how many members take as long as one. `processor` is empty where that is the processor of this
+    process, or none.
     """
 
     ends: Ends
     seconds: float
     form: str
+    side_by_side: int
     processor: str = ""
 
 
@@ -104,4 +106,4 @@ def timed(engine: Engine, starts: Starts, stopped: Stopped) -> ChunkResult:
     """Run members, and note how long that takes."""
     began = time.perf_counter()
     ends = engine.run(starts, stopped)
-    return ChunkResult(ends, time.perf_counter() - began, engine.form)
+    return ChunkResult(ends, time.perf_counter() - began, engine.form, engine.side_by_side)

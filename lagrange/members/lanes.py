@@ -75,7 +75,12 @@ class LaneEngine:
     @property
     def form(self) -> str:
         """How members are run."""
-        return f"{self.compiled.code.lanes} members side by side"
+        return f"{self.side_by_side} members side by side"
+
+    @property
+    def side_by_side(self) -> int:
+        """The lanes of a vector."""
+        return self.compiled.code.lanes
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
         """Run members to their ends, all of them: machine code is not stopped, and chunks are short."""

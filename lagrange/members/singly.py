@@ -57,6 +57,11 @@ class RunEngine:
         """How members are run."""
         return "runs one after the other" + (BY_NUMPY if self.model.target == "numpy" else "")
 
+    @property
+    def side_by_side(self) -> int:
+        """One after the other."""
+        return 1
+
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
         """Run members; a start that a run refuses is a member that did not begin, and says why."""
         found = Ends({column.name: column.empty(len(starts)) for column in self.columns})

@@ -36,10 +36,10 @@ class ChunkSize:
     size: int
     fitting: float
 
-    def note(self, members: int, seconds: float) -> None:
-        """Note how long some members took."""
+    def note(self, members: int, seconds: float, side_by_side: int) -> None:
+        """Note how long some members took; with fewer than run `side_by_side` lanes would be empty."""
         fitting = int(members * self.fitting / max(seconds, 1e-9))
-        self.size = min(max(fitting, 1), 4 * self.size, LARGEST_CHUNK)
+        self.size = min(max(fitting, side_by_side), 4 * self.size, LARGEST_CHUNK)
 
 
 def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:
@@ -57,7 +57,7 @@ def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner,
         first, count, future = done.get()
         del under_way[first]
         found = _result(future)
-        chunk_size.note(count, found.seconds)
+        chunk_size.note(count, found.seconds, found.side_by_side)
         take(first, found)
 
     try:

@@ -147,7 +147,7 @@ def interrupted_after(count: int) -> Callable[[float], None]:
 class Slow:
     """An engine whose members take a millisecond each, and count."""
 
-    form = "slow"
+    form, side_by_side = "slow", 1
 
     def __init__(self) -> None:
         self.run_so_far = 0

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 import lagrange as lg
+from lagrange.machine.llvm.engine import lanes
 from lagrange.members import work
+from lagrange.members.runners import ThreadRunner
 from tests.covering import waiting
 
 METHODS: dict[str, dict[str, Any]] = {
@@ -82,6 +84,22 @@ def test_how_members_are_divided_does_not_change_a_bit(monkeypatch: pytest.Monke
     order = np.random.default_rng(1).permutation(len(whole))
     shuffled = lg.ensemble(system("henon-heiles"), 15.0, {"x": whole.given("x")[order], "y": whole.given("y")[order]})
     assert shuffled.results.column("state").tobytes() == whole.results.column("state")[order].tobytes()
+
+
+@pytest.mark.parametrize(("method", "least"), [("taylor", lanes()), ("radau5", 1)])
+def test_members_that_take_long_fill_the_lanes(method: str, least: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every member takes longer than a chunk should: lanes are filled all the same, and runs come back one by one."""
+    counts: list[int] = []
+    note = work.ChunkSize.note
+
+    def noted(size: work.ChunkSize, members: int, *took: Any) -> None:
+        counts.append(members)
+        note(size, members, *took)
+
+    monkeypatch.setattr(work.ChunkSize, "note", noted)
+    monkeypatch.setattr(ThreadRunner, "chunk_seconds", 0.0)
+    lg.ensemble(system("pendulum"), 0.1, {"theta": np.linspace(0.1, 1.0, 8 + 2 * least)}, method=method, workers=1)
+    assert counts == [8, *[least] * 2]
 
 
 def test_a_member_that_fails_says_why_and_stops_where_a_run_stops() -> None:
