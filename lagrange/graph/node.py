@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import enum
 import math
+import threading
 from collections.abc import Collection, Iterable, Sequence
 from fractions import Fraction
 from numbers import Rational
@@ -27,6 +28,9 @@ LARGEST_POWER = 4096
 
 LONGEST_FLAT = 16
 """Longest product that merges into another: the adjoints of a deep nesting would grow by a factor per level."""
+
+_ADDING = threading.Lock()
+"""Held while a node is added: threads that run one model build what its methods need from one graph."""
 
 
 class Binding(enum.IntEnum):
@@ -138,10 +142,12 @@ class Graph:
             depends |= arg.depends
             if arg.binding > binding:
                 binding = arg.binding
-        node = Node(self, kind, args, data, binding, depends)
-        self._table[key] = node
-        self.nodes.append(node)
-        return node
+        with _ADDING:
+            found = self._table.get(key)
+            if found is None:
+                found = self._table[key] = Node(self, kind, args, data, binding, depends)
+                self.nodes.append(found)
+        return found
 
     def plain(self, kind: Kind, args: tuple[Node, ...], data: Any) -> Node:
         """Return a node of a kind that is never simplified: FACTOR, SOLVE or COMPONENT."""
@@ -158,11 +164,11 @@ class Graph:
     def symbol(self, name: str, binding: Binding) -> Node:
         """Return a new symbol of that binding time, or the existing one of that name."""
         key = (Kind.SYMBOL, name)
-        if key not in self._table:
-            node = Node(self, Kind.SYMBOL, (), name, binding, 1 << self._symbols)
-            self._symbols += 1
-            self._table[key] = node
-            self.nodes.append(node)
+        with _ADDING:
+            if key not in self._table:
+                node = self._table[key] = Node(self, Kind.SYMBOL, (), name, binding, 1 << self._symbols)
+                self._symbols += 1
+                self.nodes.append(node)
         return self._table[key]
 
     def sum(self, terms: Iterable[tuple[Exact, Node]], constant: Exact = 0) -> Node:

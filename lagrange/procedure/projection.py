@@ -7,13 +7,12 @@ in second order only.
 
 from __future__ import annotations
 
-from functools import cache
-
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.compensated import compensated
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Procedure
 from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.shared import shared
 
 CORRECTIONS = Callee((REAL, Array(read=True), Array(read=True), Array()), (FLAG,))
 """The program: of a time, a state [q, v] and its parameters, to [dq, dv], the violation, and what is left of it.
@@ -44,7 +43,7 @@ MOST_WRITTEN_BEYOND = 8
 """Doubles that a program may write behind its results, which machines write in blocks."""
 
 
-@cache
+@shared
 def project(dimension: int, block: int) -> Procedure:
     """Return the projection of a state, given with what rounding has taken from it; both are changed.
 
@@ -77,7 +76,7 @@ def project(dimension: int, block: int) -> Procedure:
     return p.finish(WHOLE, FLAG)
 
 
-@cache
+@shared
 def starts_on_constraints(dimension: int) -> Procedure:
     """Return whether a state is on its constraints, but for what `MOST_AT_START` allows."""
     about = "Say whether a state is near enough to its constraints to start there."

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 
 import mpmath
@@ -257,3 +260,25 @@ def test_reachable_keeps_to_a_mask_and_stops_at_what_is_held(g: Graph) -> None:
     assert inner not in held and x not in held and z in held
     order = [node.id for node in reachable([outer])]
     assert order == sorted(order)
+
+
+def test_threads_that_build_at_once_share_nodes() -> None:
+    """Members of an ensemble run on threads, which build what a method needs from the graph of one model."""
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        for _ in range(20):
+            graph, gate = Graph(), threading.Barrier(4)
+
+            def build(graph: Graph = graph, gate: threading.Barrier = gate) -> list[Node]:
+                gate.wait()
+                symbols = [graph.symbol(f"x{i}", Binding.CONFIGURATION) for i in range(20)]
+                return [*symbols, *(a * b + 1 for a in symbols for b in symbols[:4])]
+
+            with ThreadPoolExecutor(4) as pool:
+                first, *others = [future.result() for future in [pool.submit(build) for _ in range(4)]]
+            assert all(a is b for other in others for a, b in zip(first, other, strict=True))
+            assert [node.id for node in graph.nodes] == list(range(len(graph.nodes)))
+            assert len({node.depends for node in first[:20]}) == 20
+    finally:
+        sys.setswitchinterval(interval)

@@ -27,8 +27,7 @@ from lagrange.procedure.taylor.resets import begin_sides, reset_state
 
 _RUN = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
 _BUILDING = threading.RLock()
-"""Held while loops are built and linked: two threads that build a procedure at once make two of one name, and no loop
-may call both."""
+"""Held while loops are built and linked, which two threads would do twice."""
 
 
 class CompiledSteps:

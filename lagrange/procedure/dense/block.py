@@ -11,7 +11,6 @@ import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -19,6 +18,7 @@ from numpy.typing import NDArray
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import WHOLE, Array, Callee, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Memory, Whole
 
 LANES = 8
@@ -96,7 +96,7 @@ class OwnStep:
         self.new = memory.at((dimension + 3) * columns)
 
 
-@cache
+@shared
 def slopes() -> Procedure:
     """Return what evaluates a law over columns; where a matrix is singular each column is tried by itself."""
     p = Builder("slopes", "Write the right-hand side of each column, NaN where the mass matrix is singular.")
@@ -229,7 +229,7 @@ def mend(block: Block, first: Memory) -> None:
         p.call(parabola(), *given, first, block.out)
 
 
-@cache
+@shared
 def parabola() -> Procedure:
     """Return what writes a parabola with the slope `first` / h at the start in columns that are not finite."""
     p = Builder("parabola", "Write the parabola with the slope of the start where a coefficient is not finite.")

@@ -10,7 +10,6 @@ state is no round-off in the slope. A step that stands alone keeps its polynomia
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.dense.block import Block, StepPolynomial, Written
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Memory, Whole
 
 TURNS = 12
@@ -56,7 +56,7 @@ def _lagrange(points: NDArray[np.float64], which: int) -> Polynomial:
     return found
 
 
-@cache
+@shared
 def increments() -> Written:
     """Return what writes by how much the state has changed at each of the points c in the steps of a block, its own.
 
@@ -183,7 +183,7 @@ class _Increments:
                 stage[x] = p.choose(self.spread[x].equals(0.0), stage[x], self.gap[x] * c)
 
 
-@cache
+@shared
 def collocation() -> Written:
     """Return the procedure."""
     return _Collocation().build()

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.dense.block import LANES, POLYNOMIAL, OwnStep
 from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Memory, Whole
 
 CHUNK = 256
 """So many times on one step are evaluated at once."""
 
 
-@cache
+@shared
 def horner() -> Procedure:
     """Return what evaluates a polynomial by Horner's rule at fractions theta, two entries at once.
 
@@ -37,7 +36,7 @@ def horner() -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def gather() -> Procedure:
     """Return what gathers steps of a run into a block, and the step beside each where it is asked for.
 
@@ -60,7 +59,7 @@ def gather() -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def gather_one() -> Procedure:
     """Return what writes one step into a column of a block."""
     p = Builder("gather_one", "Write a step of a run into a column.")
@@ -77,7 +76,7 @@ def gather_one() -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def polynomials() -> Procedure:
     """Return what writes the coefficients of so many blocks of steps, one block behind the other."""
     p = Builder("polynomials", "Write the polynomials of some steps of a run, block by block.")
@@ -94,7 +93,7 @@ def polynomials() -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def locate() -> Procedure:
     """Return what finds the step that a time lies in, from an earlier one on: the last that begins at or before it.
 
@@ -120,7 +119,7 @@ def locate() -> Procedure:
     return p.finish(WHOLE)
 
 
-@cache
+@shared
 def outputs() -> Procedure:
     """Return what evaluates a run at many times, sorted along it: each step that is used has its polynomial once.
 
@@ -168,7 +167,7 @@ def outputs() -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def on_step() -> Procedure:
     """Return what evaluates one step at times in it, and puts the accepted states where they are wanted."""
     p = Builder("on_step", "Write the states at times of one step.")

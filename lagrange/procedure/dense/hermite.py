@@ -10,19 +10,18 @@ Math. Softw. 12, 1986, with the nodes of Chebyshev in place of theirs.
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.dense.block import Block, StepPolynomial, Written, mend
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Real, Whole
 
 FloatArray = NDArray[np.float64]
 
 
-@cache
+@shared
 def hermite_polynomial(order: int) -> StepPolynomial:
     """Return Hermite's cubic, of order 3, raised to any `order`; the degree is one more then.
 
@@ -36,7 +35,7 @@ def hermite_polynomial(order: int) -> StepPolynomial:
     return StepPolynomial(hermite, order + 1, order - 2, np.concatenate(parts), vectors=2 * (order - 2))
 
 
-@cache
+@shared
 def hermite() -> Written:
     """Return the procedure."""
     return _Hermite().build()
@@ -176,13 +175,13 @@ class _Hermite:
                 out[x] = total.value
 
 
-@cache
+@shared
 def nodes(count: int) -> FloatArray:
     """Return the extrema of Chebyshev's polynomial on [0, 1], both ends among them."""
     return np.asarray(np.sin(np.pi * np.arange(count) / (2 * (count - 1))) ** 2)
 
 
-@cache
+@shared
 def weights(count: int) -> FloatArray:
     """Return powers of theta (count, count + 2): the integral of a node's share of a change of slopes.
 
@@ -199,7 +198,7 @@ def weights(count: int) -> FloatArray:
     return shares
 
 
-@cache
+@shared
 def integrals(count: int) -> FloatArray:
     """Return the matrix from changes of slopes at the nodes to changes of states there."""
     powers = nodes(count)[:, None] ** np.arange(count + 2)

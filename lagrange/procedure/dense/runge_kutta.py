@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.dense.block import Block, StepPolynomial, Written, mend
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Memory, Whole
 
 FloatArray = NDArray[np.float64]
@@ -28,7 +27,7 @@ def runge_kutta_polynomial(rows: FloatArray, abscissae: FloatArray, weights: Flo
     return StepPolynomial(runge_kutta, degree, stages, table, vectors=stages)
 
 
-@cache
+@shared
 def runge_kutta() -> Written:
     """Return the procedure. Its table has the abscissae, the rows, and the weights of each power of theta.
 

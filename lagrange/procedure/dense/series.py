@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.dense.block import OwnStep
 from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.memory import JET
 from lagrange.procedure.values import Real
 
@@ -14,7 +13,7 @@ HALF = 2**0.5
 """The scale of time is the power of two that is nearest to the step: the larger one from this mantissa on."""
 
 
-@cache
+@shared
 def series_polynomial() -> Procedure:
     """Return what writes the series of steps in the fraction of the step, NaN where a matrix is singular.
 
@@ -46,7 +45,7 @@ def series_polynomial() -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def nearest_scale() -> Procedure:
     """Return what gives the power of two nearest to the length of a step; 1 for a step of no length."""
     p = Builder("nearest_scale", "Return the power of two nearest to the size of a number.")

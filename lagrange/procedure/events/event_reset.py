@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.dense.block import LANES
@@ -19,11 +18,12 @@ from lagrange.procedure.events.event_run import (
 )
 from lagrange.procedure.events.step_zeros import ANYHOW, UNKNOWN
 from lagrange.procedure.form import FLAG, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.step.constants import EARLIEST
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 
-@cache
+@shared
 def reset() -> Procedure:
     """Return what does what is due at the state, if that is a reset and nothing about it is irregular.
 

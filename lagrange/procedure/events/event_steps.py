@@ -7,7 +7,6 @@ wait for it.
 from __future__ import annotations
 
 import math
-from functools import cache
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import AHEAD, CLOSE, LONGEST_LOOK, NOISE_HALVES
@@ -17,10 +16,11 @@ from lagrange.procedure.events.step_review import review
 from lagrange.procedure.events.step_zeros import CHANGED, CROWDED, ENDED
 from lagrange.procedure.form import WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 
-@cache
+@shared
 def event_steps() -> Procedure:
     """Return the loop; it gives an `Outcome`, `LOOK` or `READ_EVENTS`.
 

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Memory, Real, Whole
 
 
@@ -19,7 +18,7 @@ AT_ONCE = 4
 """Passes of a triangle of sums that are taken in one: each number is read and written once for all."""
 
 
-@cache
+@shared
 def bernstein() -> Procedure:
     """Return what writes the Bernstein coefficients on [0, 1] of a polynomial.
 
@@ -57,7 +56,7 @@ def _summed(p: Builder, b: Memory, done: Whole, count: Whole, passes: int) -> No
         b[place] = total
 
 
-@cache
+@shared
 def signs() -> Procedure:
     """Return what says whether some coefficients leave at most one passage through zero.
 
@@ -83,7 +82,7 @@ def signs() -> Procedure:
     return p.finish(FLAG, WHOLE, REAL)
 
 
-@cache
+@shared
 def halve() -> Procedure:
     """Return de Casteljau's algorithm: what turns coefficients on a part into those on its halves, right in place."""
     p = Builder("halve", "Turn Bernstein coefficients into those of the right half, and write the left.", apart=True)

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import CONVERGED, EPSILON, MOST_COEFFICIENTS
 from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Memory, Real, Variable, Whole
 
 CHAINS = 4
@@ -29,7 +29,7 @@ def pad(p: Builder, c: Memory, start: Whole, count: Whole) -> None:
         c[k] = 0.0
 
 
-@cache
+@shared
 def value() -> Procedure:
     """Return what evaluates a polynomial."""
     p = Builder("value", "Return a polynomial's value at a place.", apart=True)
@@ -59,7 +59,7 @@ def _joined(p: Builder, sums: Sequence[Variable], s: Real, square: Real) -> Real
     return found
 
 
-@cache
+@shared
 def derivative() -> Procedure:
     """Return what writes the coefficients of a derivative, padded like those of the polynomial."""
     p = Builder("derivative", "Write the coefficients of a polynomial's derivative.", apart=True)
@@ -71,7 +71,7 @@ def derivative() -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def crossing() -> Procedure:
     """Return what finds where a polynomial takes on a sign between two places, or the end that nearly does so."""
     p = Builder("crossing", "Return where a polynomial takes on a sign between two places.", apart=True)
@@ -111,7 +111,7 @@ def inverse_cubic(p: Builder, places: Pair, values: Pair, slopes: Pair) -> Real:
     return found
 
 
-@cache
+@shared
 def approach() -> Procedure:
     """Return what finds where a polynomial takes on a sign between two places, next to another one between them.
 
@@ -147,7 +147,7 @@ def approach() -> Procedure:
     return p.finish(REAL)
 
 
-@cache
+@shared
 def passage() -> Procedure:
     """Return what finds where a polynomial takes on a sign, from its coefficients alone."""
     p = Builder("passage", "Return where a polynomial takes on a sign between two places.", apart=True)
@@ -159,7 +159,7 @@ def passage() -> Procedure:
     return p.finish(REAL)
 
 
-@cache
+@shared
 def turn() -> Procedure:
     """Return what finds where sign times a polynomial is least, next to a place where it has a depth."""
     p = Builder("turn", "Return where a polynomial turns back next to a place.", apart=True)
@@ -177,7 +177,7 @@ def turn() -> Procedure:
     return p.finish(REAL)
 
 
-@cache
+@shared
 def slope_at_end() -> Procedure:
     """Return what evaluates a polynomial's derivative at 1."""
     p = Builder("slope_at_end", "Return a polynomial's slope at 1.", apart=True)

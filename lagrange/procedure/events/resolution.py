@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cache, reduce
+from functools import reduce
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.chebyshev import DEGREE, to_chebyshev, to_powers
 from lagrange.procedure.events.constants import CERTAINTY, EPSILON, LARGEST_NOISE, TAIL, TINY
 from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Memory, Real
 
 
@@ -45,7 +46,7 @@ def keeps_sign(p: Builder, coefficients: Sequence[Real], noise: Real) -> Flag:
     return found
 
 
-@cache
+@shared
 def chebyshev() -> Procedure:
     """Return what writes the Chebyshev coefficients of a function from its values, and returns the largest of these."""
     p = Builder("chebyshev", "Write Chebyshev coefficients; return the size of the values.", apart=True)
@@ -57,7 +58,7 @@ def chebyshev() -> Procedure:
     return p.finish(REAL)
 
 
-@cache
+@shared
 def local_polynomial() -> Procedure:
     """Return what writes the coefficients of powers of a function that is resolved, or of its sign if that is certain.
 

@@ -18,7 +18,6 @@ Source: J. M. Lane, R. F. Riesenfeld, Bounds on a polynomial, BIT 21 (1981), 112
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
@@ -27,10 +26,11 @@ from lagrange.procedure.events.halving import bernstein, halve, sign_of, signs
 from lagrange.procedure.events.polynomial import PADDED, passage, slope_at_end, turn, value
 from lagrange.procedure.events.scaling import scaled
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Real, Whole
 
 
-@cache
+@shared
 def roots() -> Procedure:
     """Return what finds the roots of sum c[k] tau**k for tau from 0 to h, as the integration meets them.
 

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import LEAST_POWER, MODEST, ROUND_OFF, SMALLEST
 from lagrange.procedure.events.polynomial import PADDED, pad
 from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Real, Whole
 
 
@@ -54,7 +54,7 @@ def is_plain(total: Real, noise: Real) -> Flag:
     return (total > 1e-100) & (total < 1e100) & (noise >= 0.0) & (noise < 1e100)
 
 
-@cache
+@shared
 def scaled() -> Procedure:
     """Return what writes c[k] h**k, with zeros up to whole blocks, over a power of two that keeps it from overflow."""
     p = Builder("scaled", "Write coefficients in units of the step; return their noise, two sums and the end value.")
@@ -75,7 +75,7 @@ def scaled() -> Procedure:
     return p.finish(*RESULTS)
 
 
-@cache
+@shared
 def split() -> Procedure:
     """Return what takes a number apart into a size from 1 up to 2, with its sign, and a power of two."""
     p = Builder("split", "Return a number as a size from 1 to 2, with its sign, and a power of two.", apart=True)
@@ -89,7 +89,7 @@ def split() -> Procedure:
     return p.finish(REAL, WHOLE)
 
 
-@cache
+@shared
 def scaled_far() -> Procedure:
     """Return what does the same for numbers that come near the ends of the range of doubles."""
     p = Builder("scaled_far", "Write coefficients in units of the step over a power of two.", apart=True)

@@ -6,7 +6,6 @@ at zero and does not leave at once, several that change the motion at one time.
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
@@ -14,13 +13,14 @@ from lagrange.procedure.dense.block import LANES
 from lagrange.procedure.events.step_samples import Samples
 from lagrange.procedure.events.step_zeros import ENDED, IRREGULAR, ReviewArguments, StepZeros
 from lagrange.procedure.form import WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Whole
 
 QUEUE = 256
 """Steps that are screened before those of them that are doubtful are looked at closely."""
 
 
-@cache
+@shared
 def review() -> Procedure:
     """Return what goes through steps, times (S+1,) and states (S+1, 2n), and says why it ended; see `REVIEW`.
 

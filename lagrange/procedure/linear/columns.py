@@ -6,17 +6,16 @@ the inverse. Source: N. J. Higham, Accuracy and Stability of Numerical Algorithm
 
 from __future__ import annotations
 
-from functools import cache
-
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Memory, Whole
 
 LANES = 8
 """The widest vectors of doubles that processors have."""
 
 
-@cache
+@shared
 def invert_columns() -> Procedure:
     """Return the inversion; where a matrix is singular its inverse is not finite. `row` takes one number a column."""
     p = Builder("invert_columns", "Invert the matrix of each column, with the inverses behind their rows.")

@@ -7,12 +7,11 @@ Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2
 
 from __future__ import annotations
 
-from functools import cache
-
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, PARTIAL, WHOLE, Procedure
 from lagrange.procedure.linear.ldl import PIVOT
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 WRITTEN_OUT = 16
@@ -24,7 +23,7 @@ def row_stride(n: int) -> int:
     return whole_blocks(n, PARTIAL)
 
 
-@cache
+@shared
 def inversion(n: int) -> Procedure:
     """Return the inversion of matrices of order n; `scratch` takes three rows."""
     return _Inversion(n).build()

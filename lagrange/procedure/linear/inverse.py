@@ -7,12 +7,11 @@ for all columns at once. Where a pivot cannot be trusted the matrix is inverted 
 
 from __future__ import annotations
 
-from functools import cache
-
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, WHOLE, Procedure
 from lagrange.procedure.linear.ldl import PIVOT, factor_size, invert_dense
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Whole
 
 WIDTH = 8
@@ -35,7 +34,7 @@ def _aligned(k: Whole) -> Whole:
     return found
 
 
-@cache
+@shared
 def factor_columns() -> Procedure:
     """Return L D L^T by columns, in vectors."""
     p = Builder(
@@ -65,7 +64,7 @@ def factor_columns() -> Procedure:
     return p.finish(FLAG)
 
 
-@cache
+@shared
 def solve_columns() -> Procedure:
     """Return the solution of L D L^T X = I."""
     p = Builder(
@@ -99,7 +98,7 @@ def solve_columns() -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def invert() -> Procedure:
     """Return the inverse."""
     p = Builder("invert", "Write the inverse to `out`, and say whether the matrix is singular to round-off.")

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
-from functools import cache
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Memory, Whole
 
 PIVOT = 2.0**-46
@@ -56,7 +56,7 @@ def _parts(factors: Memory, n: Whole) -> tuple[Memory, Memory, Memory]:
     return factors.at(1), factors.at(n + 1), factors.at(2 * n + 1)
 
 
-@cache
+@shared
 def factor_symmetric() -> Procedure:
     """Return L D L^T of a matrix, and whether every pivot can be trusted."""
     p = Builder("factor_symmetric", "Factor A = L D L^T by columns, and say whether every pivot can be trusted.")
@@ -84,7 +84,7 @@ def factor_symmetric() -> Procedure:
     return p.finish(FLAG)
 
 
-@cache
+@shared
 def factor_pivoted() -> Procedure:
     """Return P A = L U of a matrix, and whether it is singular."""
     p = Builder("factor_pivoted", "Factor P A = L U with scaled pivots, and say whether A is singular to round-off.")
@@ -139,7 +139,7 @@ def _exchange(p: Builder, n: Whole, j: Whole, scales: Memory, permutation: Memor
         columns[k * n + j], columns[k * n + chosen] = columns[k * n + chosen], columns[k * n + j]
 
 
-@cache
+@shared
 def factor_dense() -> Procedure:
     """Return the factorization of a symmetric matrix by L D L^T, or with pivoting if that cannot be trusted."""
     p = Builder("factor_dense", "Factor a symmetric matrix, and say whether it is singular to round-off.")
@@ -153,7 +153,7 @@ def factor_dense() -> Procedure:
     return p.finish(FLAG)
 
 
-@cache
+@shared
 def solve_factored() -> Procedure:
     """Return the solution of a factored system."""
     p = Builder("solve_factored", "Replace a right-hand side by the solution; `spare` takes n reals.")
@@ -189,7 +189,7 @@ def solve_factored() -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def solve_columns() -> Procedure:
     """Return the solution of factored systems side by side, with the operations of `solve_factored` for each."""
     p = Builder(
@@ -230,7 +230,7 @@ def solve_columns() -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def solve_lanes() -> Procedure:
     """Return the solution of many systems, entries side by side."""
     p = Builder(
@@ -259,7 +259,7 @@ def solve_lanes() -> Procedure:
     return p.finish(FLAG)
 
 
-@cache
+@shared
 def invert_dense() -> Procedure:
     """Return the inverse of a symmetric matrix."""
     p = Builder(

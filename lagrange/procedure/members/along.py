@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.compensated import compensated
 from lagrange.procedure.form import REAL, WHOLE, Procedure
 from lagrange.procedure.members.extremum import ALONG, largest_between
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 POINTS = 9
@@ -42,7 +42,7 @@ SIGNS = {"max": 1.0, "min": -1.0}
 """The factors by which a least value is a largest one."""
 
 
-@cache
+@shared
 def lobatto() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the points of Gauss-Lobatto's rule on [0, 1] and their weights, symmetric to the last bit."""
     highest = Legendre.basis(POINTS - 1)
@@ -54,7 +54,7 @@ def lobatto() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     return (1.0 + x) / 2.0, (weights + weights[::-1]) / 4.0
 
 
-@cache
+@shared
 def table_of_points() -> NDArray[np.float64]:
     """Return the points and the weights, (2 * POINTS,)."""
     return np.concatenate(lobatto())

@@ -5,10 +5,9 @@ Source: R. P. Brent, Algorithms for Minimization without Derivatives, 1973, chap
 
 from __future__ import annotations
 
-from functools import cache
-
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import PARTIAL, REAL, WHOLE, Array, Callee, Kind, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Real, Whole
 
 READ = Array(read=True)
@@ -39,7 +38,7 @@ def memory_size(count: int) -> int:
     return len(MEMORY) * count + PARTIAL
 
 
-@cache
+@shared
 def largest_between(columns: int | None = None) -> Procedure:
     """Return what raises `best` to the largest value in each of some brackets.
 

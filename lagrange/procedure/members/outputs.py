@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from functools import cache
-
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure
 from lagrange.procedure.members.paths import PATH
+from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 
@@ -16,7 +15,7 @@ def outstanding(times: Memory, place: Whole, end: Real, sign: Real) -> Flag:
     return found
 
 
-@cache
+@shared
 def write_outputs() -> Procedure:
     """Return what writes the states at the output times on a step from t to `end`; it returns how many are done.
 

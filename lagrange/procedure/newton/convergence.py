@@ -9,7 +9,6 @@ Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
@@ -32,11 +31,12 @@ from lagrange.procedure.newton.constants import (
     TOLERANCE_FRACTION,
 )
 from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.shared import shared
 from lagrange.procedure.step.memory import NEWTON
 from lagrange.procedure.values import Flag, Real, Whole
 
 
-@cache
+@shared
 def assess_correction(*, adaptive: bool, constrained: bool = False) -> Procedure:
     """Return the assessment of a correction: done, paused if another one is needed, or diverged.
 

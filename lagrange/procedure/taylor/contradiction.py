@@ -6,11 +6,10 @@ lies ahead. The next series begins with the value itself, and tells.
 
 from __future__ import annotations
 
-from functools import cache
-
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import JUMP
 from lagrange.procedure.form import FLAG, REAL, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.constants import EVENT_SLACK
 from lagrange.procedure.taylor.event_series import write_noise
 from lagrange.procedure.taylor.memory import SeriesMemory, TaylorLayout, work_array
@@ -18,7 +17,7 @@ from lagrange.procedure.taylor.watching import NEAR, SIGN, SMOOTH, Watched
 from lagrange.procedure.values import Flag, Real, Whole
 
 
-@cache
+@shared
 def contradicts(layout: TaylorLayout) -> Procedure:
     """Return what says whether the series here and that of the last step, of a length, disagree on the side of zero.
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 
 from lagrange.procedure.form import FLAG, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.resets import DueChange, sides_at_start
 from lagrange.procedure.taylor.watching import NEAR, SIGN, STARTING
 from lagrange.procedure.values import Memory, Whole
 
 
-@cache
+@shared
 def cross_surface() -> Procedure:
     """Return what crosses the surface that is due at the state, if the motion leaves to its other side at once.
 

@@ -7,11 +7,11 @@ and tries a shorter one.
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.taylor.constants import DEFECT, DEFECT_NOISE, MOST_FAILURES, PROBES, RETRY_FRACTION
 from lagrange.procedure.taylor.memory import (
@@ -31,7 +31,7 @@ from lagrange.procedure.taylor.sums import horner
 from lagrange.procedure.values import Flag, Real
 
 
-@cache
+@shared
 def defect_is_small(layout: TaylorLayout) -> Procedure:
     """Return the comparison of the stored derivative with the first coefficients of some rows.
 
@@ -56,7 +56,7 @@ def retries_exhausted(taylor: Any) -> Flag:
     return found
 
 
-@cache
+@shared
 def retry_shorter() -> Procedure:
     """Return the procedure that prepares a shorter step, with a new inspection of the event functions."""
     p = Builder("retry_shorter", "Try again with a shorter step.", apart=True)
@@ -71,7 +71,7 @@ def retry_shorter() -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def reject_step(layout: TaylorLayout) -> Procedure:
     """Return the procedure that goes back to the beginning of a step that failed the test."""
     p = Builder("reject_step", "Go back to where the last step began.", apart=True)
@@ -87,7 +87,7 @@ def reject_step(layout: TaylorLayout) -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def record_step(layout: TaylorLayout) -> Procedure:
     """Return the procedure that counts and records a confirmed step; after failures the next step at most doubles."""
     p = Builder("record_step", "Count and record a step that passed the defect test.")
@@ -113,7 +113,7 @@ def record_step(layout: TaylorLayout) -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def defect_along_step(layout: TaylorLayout) -> Procedure:
     """Return the comparison of a series with the equations along a step of length s in units of the scale."""
     p = Builder("defect_along_step", "Whether the equations say what a series says, all along a step.", apart=True)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import MOST_COEFFICIENTS, ROUND_OFF, SURELY
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.constants import BALANCE, DOUBT, EVENT_NOISE, RADIUS_FRACTION, ROW_DISTANCE
 from lagrange.procedure.taylor.memory import BLOCK
 from lagrange.procedure.taylor.watching import FUNCTION, Watched
@@ -17,7 +17,7 @@ from lagrange.procedure.values import Memory, Real
 READ = Array(read=True)
 
 
-@cache
+@shared
 def event_noise() -> Procedure:
     """Return what finds how wrong the values that are watched may be: by rounding the state, here and a step before.
 
@@ -46,7 +46,7 @@ def write_noise(watched: Watched, numbers: Memory, t: Real, state: Memory) -> No
     watched.p.call(event_noise(), *function, t, *sizes, state, kept.reals("values"), kept.reals("noise"), kept.moved)
 
 
-@cache
+@shared
 def reach() -> Procedure:
     """Return how far a series reaches with its accuracy or noise, at most to s, as far as one that terminates.
 
@@ -78,7 +78,7 @@ def reach() -> Procedure:
     return p.finish(REAL)
 
 
-@cache
+@shared
 def safe_step() -> Procedure:
     """Return the step that the radius of convergence allows which the last coefficients of a series show."""
     p = Builder("safe_step", "Return how far a series goes that may hide what it grows to.", apart=True)
@@ -95,7 +95,7 @@ def safe_step() -> Procedure:
     return p.finish(REAL)
 
 
-@cache
+@shared
 def is_balanced() -> Procedure:
     """Return whether the high powers of a series on a step leave the low ones their digits; see `BALANCE`."""
     p = Builder("is_balanced", "Whether high powers do not drown low ones in round-off.", apart=True)
@@ -109,7 +109,7 @@ def is_balanced() -> Procedure:
     return p.finish(FLAG)
 
 
-@cache
+@shared
 def keeps_sign() -> Procedure:
     """Return whether a series surely has a sign on all of a step: its linear part outweighs the rest at both ends.
 
@@ -132,7 +132,7 @@ def _reals(p: Builder, *names: str) -> list[Any]:
     return [p.given(name, REAL) for name in names]
 
 
-@cache
+@shared
 def largest_term() -> Procedure:
     """Return the largest |c[k]| s**k."""
     p = Builder("largest_term", "Return the largest term of a series on a step.", apart=True)
@@ -145,7 +145,7 @@ def largest_term() -> Procedure:
     return p.finish(REAL)
 
 
-@cache
+@shared
 def start_of_series() -> Procedure:
     """Return on which side of zero something that is watched goes on from a start: a sign, and an order.
 

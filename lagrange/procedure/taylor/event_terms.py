@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
@@ -11,6 +10,7 @@ from lagrange.procedure.events.halving import sign_of
 from lagrange.procedure.events.polynomial import approach, inverse_cubic, pad
 from lagrange.procedure.events.scaling import is_plain, is_plain_step
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.watching import TERM_SUMS
 from lagrange.procedure.values import Real
 
@@ -40,7 +40,7 @@ class _Chain:
         return term, rate
 
 
-@cache
+@shared
 def event_terms() -> Procedure:
     """Return what writes the terms x[k] s**k of one thing watched, k times each, and their sums; see `TERM_SUMS`.
 
@@ -68,7 +68,7 @@ def event_terms() -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def only_zero() -> Procedure:
     """Return what says what the sums of terms tell of one thing watched on the step that they are of.
 
@@ -94,7 +94,7 @@ def only_zero() -> Procedure:
     return p.finish(WHOLE)
 
 
-@cache
+@shared
 def only_passage() -> Procedure:
     """Return what finds where terms add up to a polynomial that takes on a sign for the only time from 0 to 1."""
     p = Builder("only_passage", "Return where terms add up to a sign for the only time between 0 and 1.")
@@ -110,7 +110,7 @@ def only_passage() -> Procedure:
     return p.finish(REAL)
 
 
-@cache
+@shared
 def read_column() -> Procedure:
     """Return what copies the series of one thing watched from rows, `width` apart, if it has not been copied yet.
 

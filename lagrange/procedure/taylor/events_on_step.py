@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import JUMP, TOGETHER
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.constants import EVENT_SLACK, LEAST_PART
 from lagrange.procedure.taylor.event_series import is_balanced, largest_term, reach, safe_step, write_noise
 from lagrange.procedure.taylor.event_terms import LATE, event_terms, read_column
@@ -40,7 +40,7 @@ GO_ON, LEAVE, WAIT = range(3)
 """What is to follow: the step, a return to who watches, or a return because there is no room for more events."""
 
 
-@cache
+@shared
 def inspect_step() -> Procedure:
     """Return what decides on a step of length s in units of the scale: what is to follow, and how long it may be.
 

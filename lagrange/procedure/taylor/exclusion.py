@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, PARTIAL, REAL, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.memory import BLOCK, SeriesMemory, TaylorLayout, work_array
 from lagrange.procedure.values import Real, Whole
 
@@ -17,7 +17,7 @@ LOWEST = 2
 """The first order that is not part of a linear function."""
 
 
-@cache
+@shared
 def doubtful_events(layout: TaylorLayout) -> Procedure:
     """Return what writes 1 for each thing watched that may vanish on a step of length s, else 0; and whether any may.
 

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 import math
-from functools import cache, reduce
+from functools import reduce
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.procedure.step.error_norm import higher
 from lagrange.procedure.taylor.constants import START_ROWS
 from lagrange.procedure.taylor.memory import SeriesMemory, TaylorLayout, entries, floors_array, work_array
 
 
-@cache
+@shared
 def raise_floors(layout: TaylorLayout) -> Procedure:
     """Return the procedure that raises the floors to their share of the state."""
     p = Builder("raise_floors", "Raise the floor of each entry to a share of its size.")
@@ -24,7 +25,7 @@ def raise_floors(layout: TaylorLayout) -> Procedure:
     return p.finish()
 
 
-@cache
+@shared
 def first_floors(layout: TaylorLayout) -> Procedure:
     """Return the procedure that sets the floors of entries that are zero: to what the series adds in the scale of time.
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.shared import shared
 from lagrange.procedure.step.constants import MOST_SURVEYS
 from lagrange.procedure.taylor.arguments import Arguments
 from lagrange.procedure.taylor.contradiction import contradicts
@@ -22,7 +22,7 @@ from lagrange.procedure.taylor.watching import prove_sides, restore_sides
 from lagrange.procedure.values import Flag, Memory, Real
 
 
-@cache
+@shared
 def taylor_steps(layout: TaylorLayout) -> Procedure:
     """Return the loop; it returns at the end, after `budget` steps, or when a step fails."""
     p = Builder("taylor_steps", "Take Taylor steps towards the end, and return an outcome.")
@@ -58,7 +58,7 @@ def begin_run(p: Builder, layout: TaylorLayout, run: Any, counts: Any, taylor: A
     taylor.rescalings = taylor.failures = 0
 
 
-@cache
+@shared
 def iteration(layout: TaylorLayout) -> Procedure:
     """Return one iteration of the loop."""
     p = Builder(

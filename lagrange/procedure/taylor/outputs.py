@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.memory import HELD, OUTPUTS, SeriesMemory, TaylorLayout, work_array
 from lagrange.procedure.taylor.sums import increment
 from lagrange.procedure.values import Flag, Memory, Real, Whole
@@ -18,7 +18,7 @@ def outstanding(wanted: Memory, place: Whole, end: Real, scale: Real) -> Flag:
     return found
 
 
-@cache
+@shared
 def write_outputs(layout: TaylorLayout) -> Procedure:
     """Return what writes the states at the output times that lie before the end of the last step, `end`.
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.constants import LARGEST_STEP_EXPONENT, ZERO
 from lagrange.procedure.values import Real
 
@@ -16,7 +16,7 @@ EXP2 = (1.0, 0.703601177393781, 0.24203533019053836)
 step size needs no more than two digits, and the C library's functions would take a tenth of a small step."""
 
 
-@cache
+@shared
 def logarithm() -> Procedure:
     """Return the binary logarithm of a nonnegative number, at least `ZERO`; that of infinity is 1024."""
     p = Builder("logarithm", "Return the binary logarithm, to two digits; NaN for NaN.")
@@ -28,7 +28,7 @@ def logarithm() -> Procedure:
     return p.finish(REAL)
 
 
-@cache
+@shared
 def power() -> Procedure:
     """Return a power of two, and its exponent rounded to a whole number, both at most 2**`LARGEST_STEP_EXPONENT`."""
     p = Builder("power", "Return 2**x to two digits, and the whole number next to x, bounded above.")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.constants import CLOSEST, MOST_COEFFICIENTS
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.step.constants import EARLIEST
 from lagrange.procedure.step.run import COUNTS
 from lagrange.procedure.taylor.constants import EVENT_SLACK
@@ -34,7 +34,7 @@ AT_REST = 4.0
 """An event function may be this many times as far from zero behind a reset as before, and counts as zero."""
 
 
-@cache
+@shared
 def sides_at_start() -> Procedure:
     """Return what finds the sides with which a motion begins, and what starts at zero there.
 
@@ -74,7 +74,7 @@ def sides_at_start() -> Procedure:
     return p.finish(FLAG)
 
 
-@cache
+@shared
 def begin_sides() -> Procedure:
     """Return what begins to watch at the state, if that can be done here; it returns whether it was done."""
     p = Builder("begin_sides", "Find the sides at the beginning, and return whether that was done.", apart=True)
@@ -101,7 +101,7 @@ def put_sides(watched: Watched) -> None:
             side[i] = value
 
 
-@cache
+@shared
 def reset_state() -> Procedure:
     """Return what does what is due at the state, if that is a reset behind which the motion leaves zero at once.
 

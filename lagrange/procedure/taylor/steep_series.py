@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.constants import EVENT_SLACK
 from lagrange.procedure.taylor.event_series import event_noise
 from lagrange.procedure.taylor.memory import BLOCK, SIZES, RecordedLayout, SeriesMemory, work_array
@@ -18,7 +18,7 @@ MOST_HALVINGS = 60
 """So many times a step is halved until the series agree."""
 
 
-@cache
+@shared
 def verified_step() -> Procedure:
     """Return what shortens a step until the series of all that is watched agree with it at the end.
 

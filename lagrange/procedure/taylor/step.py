@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.projection import project
+from lagrange.procedure.shared import shared
 from lagrange.procedure.step.constants import EARLIEST, NEAR_END, SPACING
 from lagrange.procedure.taylor.arguments import Arguments
 from lagrange.procedure.taylor.constants import (
@@ -37,7 +37,7 @@ from lagrange.procedure.taylor.watching import Watched, restore_sides
 from lagrange.procedure.values import Flag, Real
 
 
-@cache
+@shared
 def take_step(layout: TaylorLayout) -> Procedure:
     """Return the procedure that takes a step, or changes its scale or limit; PAUSED if the run continues."""
     return _TaylorStep(layout).build()
@@ -221,7 +221,7 @@ class _TaylorStep:
             p.call(write_outputs(self.layout), end, self.held, *given.output, *self.series.handed)
 
 
-@cache
+@shared
 def rescale() -> Procedure:
     """Return the procedure that changes the scale of time to the step's own, for another series.
 

@@ -9,11 +9,12 @@ methods, Experimental Mathematics 14 (2005), 99-117.
 from __future__ import annotations
 
 import math
-from functools import cache, reduce
+from functools import reduce
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.constants import (
     GUARD,
     LOWEST_ORDER,
@@ -34,7 +35,7 @@ from lagrange.procedure.taylor.powers import logarithm
 from lagrange.procedure.values import Flag, Real
 
 
-@cache
+@shared
 def weigh(layout: TaylorLayout) -> Procedure:
     """Return the procedure that writes the weights, the reciprocals of the tolerances."""
     p = Builder("weigh", "Write one over the tolerance of each entry: of its size in the step, and its floor.")
@@ -52,7 +53,7 @@ def ends(run: SeriesMemory, exponent: Real) -> Flag:
     return found
 
 
-@cache
+@shared
 def choose_exponent(layout: TaylorLayout) -> Procedure:
     """Return the procedure for the binary logarithm of the step in units of the scale."""
     return _Exponent(layout).build()
@@ -126,7 +127,7 @@ class _Exponent:
         return found
 
 
-@cache
+@shared
 def bound_by_earlier_rows(layout: TaylorLayout) -> Procedure:
     """Return the bound of the step by the upper half of the other rows, if the last two rows are zero.
 

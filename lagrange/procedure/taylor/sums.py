@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.compensated import compensated
 from lagrange.procedure.form import FLAG, REAL, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.memory import (
     BLOCK,
     SIZES,
@@ -21,7 +21,7 @@ from lagrange.procedure.taylor.memory import (
 from lagrange.procedure.values import Memory, Real, Whole
 
 
-@cache
+@shared
 def advance(layout: TaylorLayout) -> Procedure:
     """Return the procedure that adds the series to the state, compensated.
 
@@ -114,7 +114,7 @@ def increment(run: SeriesMemory, s: Real) -> Callable[[Whole], Real]:
     return lambda i: horner(run, s, i)[0]
 
 
-@cache
+@shared
 def state_on_step() -> Procedure:
     """Return what writes the state at a time on a step, for every layout."""
     p = Builder("state_on_step", "Write the state at a time on a step.", apart=True)

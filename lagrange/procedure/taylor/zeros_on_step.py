@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from functools import cache
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.events.polynomial import PADDED
 from lagrange.procedure.events.roots import roots
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.event_series import keeps_sign
 from lagrange.procedure.taylor.event_terms import only_passage, only_zero, read_column
 from lagrange.procedure.taylor.memory import SIZES, RecordedLayout, SeriesMemory, work_array
@@ -46,7 +46,7 @@ class Zeros:
         return self.times, self.places, self.directions, self.signs, self.nears
 
 
-@cache
+@shared
 def zeros_on_step() -> Procedure:
     """Return what finds the zeros of all that is watched on a step, in order; it returns how many, or -1.
 

@@ -1,0 +1,33 @@
+"""Procedures that are built once, whatever thread asks for them first."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Hashable
+from functools import wraps
+from typing import ParamSpec, TypeVar
+
+Given = ParamSpec("Given")
+Found = TypeVar("Found")
+
+_BUILDING = threading.RLock()
+
+
+def shared(build: Callable[Given, Found]) -> Callable[Given, Found]:
+    """Return a function that calls `build` once for each set of arguments, and remembers what that returned.
+
+    `functools.cache` lets two threads that call at once build two procedures of one name, and no procedure may call
+    both. One lock stands for all: what is built calls what is built.
+    """
+    known: dict[Hashable, Found] = {}
+
+    @wraps(build)
+    def remembered(*args: Given.args, **kwargs: Given.kwargs) -> Found:
+        key = args, tuple(kwargs.items())
+        if key not in known:
+            with _BUILDING:
+                if key not in known:
+                    known[key] = build(*args, **kwargs)
+        return known[key]
+
+    return remembered
