@@ -30,7 +30,7 @@ LONGEST_FLAT = 16
 """Longest product that merges into another: the adjoints of a deep nesting would grow by a factor per level."""
 
 _ADDING = threading.Lock()
-"""Held while a node is added: threads that run one model build what its methods need from one graph."""
+"""Held while a node is added: threads that run one model build from one graph."""
 
 
 class Binding(enum.IntEnum):
@@ -133,21 +133,18 @@ class Graph:
 
     def _intern(self, kind: Kind, args: tuple[Node, ...], data: Any) -> Node:
         key = (kind, data, *map(id, args))
-        found = self._table.get(key)
-        if found is not None:
-            return found
-        depends = 0
-        binding = Binding.CONSTANT
+        if key in self._table:
+            return self._table[key]
+        depends, binding = 0, Binding.CONSTANT
         for arg in args:
             depends |= arg.depends
             if arg.binding > binding:
                 binding = arg.binding
         with _ADDING:
-            found = self._table.get(key)
-            if found is None:
-                found = self._table[key] = Node(self, kind, args, data, binding, depends)
-                self.nodes.append(found)
-        return found
+            if key not in self._table:
+                self.nodes.append(Node(self, kind, args, data, binding, depends))
+                self._table[key] = self.nodes[-1]
+        return self._table[key]
 
     def plain(self, kind: Kind, args: tuple[Node, ...], data: Any) -> Node:
         """Return a node of a kind that is never simplified: FACTOR, SOLVE or COMPONENT."""
@@ -166,9 +163,9 @@ class Graph:
         key = (Kind.SYMBOL, name)
         with _ADDING:
             if key not in self._table:
-                node = self._table[key] = Node(self, Kind.SYMBOL, (), name, binding, 1 << self._symbols)
+                self.nodes.append(Node(self, Kind.SYMBOL, (), name, binding, 1 << self._symbols))
+                self._table[key] = self.nodes[-1]
                 self._symbols += 1
-                self.nodes.append(node)
         return self._table[key]
 
     def sum(self, terms: Iterable[tuple[Exact, Node]], constant: Exact = 0) -> Node:
