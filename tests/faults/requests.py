@@ -183,7 +183,7 @@ REQUESTS = (
         "the run is interrupted",
         bob,
         end=1e9,
-        options=LONG | {"max_wall": 5.0, "progress": interrupt},
+        options=LONG | {"max_wall": 1000.0, "progress": interrupt},
         truth=cosine,
         compared=1.0,
         statuses=(Status.INTERRUPTED,),
@@ -194,7 +194,7 @@ REQUESTS = (
         "what reports the progress raises an exception of its own, which arrives",
         bob,
         end=1e9,
-        options=LONG | {"max_wall": 5.0, "progress": fall_over},
+        options=LONG | {"max_wall": 1000.0, "progress": fall_over},
         raises=Broken,
     ),
 )

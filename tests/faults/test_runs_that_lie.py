@@ -23,7 +23,7 @@ from tests.trajectory.runs import ADAPTIVE, FIXED, IMPLICIT, NAMES, SPLITTINGS, 
 
 NOWHERE: Mapping[Any, float] = MappingProxyType({})
 STOPPED = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.MAX_STEPS, Status.MAX_WALL, Status.DIVERGED)
-TIME_LIMIT = 300.0
+TIME_LIMIT = 1000.0
 """Seconds after which a run does not end of itself, on the busiest machine."""
 ANY_FORCE = tuple(name for name in NAMES if name not in SPLITTINGS)
 

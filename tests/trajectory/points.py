@@ -69,7 +69,7 @@ def oscillator(t: float, x: float, v: float) -> float:
 
 def problem(acceleration: Any, t1: float = 2.0, y0: Any = (1.0, 0.0), **options: Any) -> Any:
     model: Any = Point(acceleration)
-    given: dict[str, Any] = {"t0": 0.0, "max_wall": 120.0, "max_steps": 20_000, "rtol": 1e-8, "atol": 1e-10}
+    given: dict[str, Any] = {"t0": 0.0, "max_wall": 1000.0, "max_steps": 20_000, "rtol": 1e-8, "atol": 1e-10}
     return Problem(model=model, parameters={}, t1=t1, y0=np.array(y0, dtype=float), **(given | options))
 
 
