@@ -18,6 +18,7 @@ from lagrange.machine.model import Model
 from lagrange.members.job import Job
 from lagrange.members.keep import DEFAULT as DEFAULT_KEEP
 from lagrange.members.keep import keep_of
+from lagrange.members.names import check_names
 from lagrange.members.processors import threads_of
 from lagrange.members.runners import ExecutorRunner, Runner, ThreadRunner
 from lagrange.members.storage import ResultStorage, kept_in_memory
@@ -111,6 +112,7 @@ def _run(
 ) -> Ensemble:
     """Run the members of a job, and return what came of them."""
     problem, method = job.problem, job.options.method
+    check_names(job.columns, problem.model.layout.names(), table.labels, store=store is not None)
     plan = method.plan(problem) if isinstance(method, Planned) else None
     aimed = problem if plan is None else replace(problem, rtol=plan.tolerances.rtol or None)
     storage = kept_in_memory(job, table) if store is None else kept_in_store(job, table, store)

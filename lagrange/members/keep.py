@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain, count
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -113,7 +114,8 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
     if not listed:
         raise StatementError(f'keep is {shown(given)}: give names, such as ("end", ("max", theta)).')
     names: dict[str, None] = {}
-    occurrences, reductions = 0, []
+    occurrences = 0
+    reductions: list[Reduction] = []
     for one in listed:
         if isinstance(one, str) and one in (END, COUNTS, DRIFT):
             names[one] = None
@@ -122,7 +124,7 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
             if not events:
                 raise StatementError("keep has events, and the ensemble has none: give events=[...].")
         elif _is_reduction(one):
-            reductions.append(_reduction(one[0], one[1], model))
+            _add(reductions, _reduction(one[0], one[1], model))
         else:
             known = [END, COUNTS, DRIFT, EVENTS]
             hint = suggestion(one, known) if isinstance(one, str) else ""
@@ -131,6 +133,15 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
                 f"('max', theta), ('min', theta), ('mean', theta) or ('events', 3).{hint}"
             )
     return Keep(END in names, COUNTS in names, DRIFT in names, occurrences, tuple(reductions))
+
+
+def _add(reductions: list[Reduction], given: Reduction) -> None:
+    """Add what is made of an expression, once; another one that is written the same has a number behind its name."""
+    if any((one.how, one.expression) == (given.how, given.expression) for one in reductions):
+        return
+    names = {one.name for one in reductions}
+    numbered = (f"{given.name} {k}" for k in count(2))
+    reductions.append(given._replace(name=next(name for name in chain([given.name], numbered) if name not in names)))
 
 
 def reduction_label(key: Any, model: Model) -> str | None:

@@ -9,17 +9,19 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import sympy
 
 from lagrange.errors import listing, shown
 from lagrange.members.job import Job
 from lagrange.members.table import MemberTable
+from lagrange.statement.event import Event
 from lagrange.statement.stored import stored
 from lagrange.trajectory.plan import Stepped
 
 VERSIONS = ("numpy", "llvmlite")
 """Packages on whose versions the last digits may depend."""
 
-LONG = ("statement", "steps", "values", "events")
+LONG = ("statement", "steps", "values", "events", "expressions")
 """What is too long for a sentence, or no more than a checksum."""
 
 
@@ -42,8 +44,10 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
         "max_steps": options.step_limit,
         "span": [problem.t0, problem.t1],
         "t_eval": None if problem.t_eval is None else problem.t_eval.tolist(),
-        "events": [str(event) for event in problem.events],
+        "events": [_event(event) for event in problem.events],
         "keep": [column.name for column in job.columns],
+        "expressions": [_exactly(one.expression) for one in job.keep.reductions],
+        "occurrences": job.keep.events,
         "varies": list(table.labels),
         "values": varied.hexdigest(),
         "state": table.state.tolist(),
@@ -52,6 +56,17 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
         "members": len(table),
         "block": block,
     }
+
+
+def _event(event: Event) -> list[Any]:
+    """Return what an event is, as JSON has it."""
+    resets = [[str(key), _exactly(value)] for key, value in event.reset.items()]
+    return [_exactly(event.expression), event.direction, event.terminal, resets]
+
+
+def _exactly(expression: Any) -> str:
+    """Return an expression with all digits of its numbers; `str` leaves out the last ones."""
+    return str(sympy.srepr(expression))
 
 
 def _version(package: str) -> str:

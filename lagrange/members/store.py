@@ -17,11 +17,12 @@ import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.members.job import ChunkResult, Job
-from lagrange.members.keep import STATUS, TIME
+from lagrange.members.keep import OUTPUTS, STATE, STATUS, TIME
+from lagrange.members.names import DONE, stored_names
 from lagrange.members.origin import origin
 from lagrange.members.results import Results
 from lagrange.members.storage import ResultStorage
-from lagrange.members.store_group import DONE, folder_of, open_store, parts_of, reading, variables_of, writing
+from lagrange.members.store_group import folder_of, open_store, reading, variables_of, writing
 from lagrange.members.table import MemberTable
 
 BLOCK_BYTES, LARGEST_BLOCK = 2**23, 2**16
@@ -84,7 +85,7 @@ class StoredResults:
 
     def column(self, name: str) -> Any:
         """Return a column, with a row for each member. Raises RunError where the store cannot be read."""
-        parts = parts_of(name, self._job.problem.model.layout.names())
+        parts = stored_names(name, self._job.problem.model.layout.names())
         with reading(self._path):
             left = np.flatnonzero(np.asarray(self._group[DONE][:]) == 0)
             found = [np.asarray(self._group[one][:]) for one in parts]
@@ -92,16 +93,16 @@ class StoredResults:
         for k in left:
             for rows in found:
                 rows[k * self._block : (k + 1) * self._block] = blank
-        return found[0] if parts == (name,) else np.stack(found, axis=-1)
+        return np.stack(found, axis=-1) if name in (STATE, OUTPUTS) else found[0]
 
     def row(self, name: str, member: int) -> Any:
         """Return the entry of a column for one member. Raises RunError where the store cannot be read."""
-        parts = parts_of(name, self._job.problem.model.layout.names())
+        parts = stored_names(name, self._job.problem.model.layout.names())
         with reading(self._path):
             if not self._group[DONE][member // self._block]:
                 return next(column for column in self._job.columns if column.name == name).empty(1)[0]
             found = [np.asarray(self._group[one][member]) for one in parts]
-        return found[0] if parts == (name,) else np.stack(found, axis=-1)
+        return np.stack(found, axis=-1) if name in (STATE, OUTPUTS) else found[0]
 
 
 def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -> ZarrStorage:

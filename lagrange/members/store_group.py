@@ -17,12 +17,13 @@ from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.members.chunk import INTERRUPTED, STATUSES
 from lagrange.members.job import Job
 from lagrange.members.keep import OUTPUT_TIME, OUTPUTS, STATE, STATUS
+from lagrange.members.names import BLOCK, DONE, MEMBER, start_name, stored_names
 from lagrange.members.origin import difference
 from lagrange.members.results import Results
 from lagrange.members.table import MemberTable
 
-MEMBER, DONE, ATTRIBUTES = "member", "done", "lagrange"
-"""The dimension of the members, the variable with a flag for each block, and the attributes that say what was run."""
+ATTRIBUTES = "lagrange"
+"""The attributes that say what was run."""
 
 DAMAGE = (KeyError, TypeError, ValueError, RuntimeError, AttributeError)
 """What zarr raises where files of a store are missing or are none of its own."""
@@ -114,7 +115,7 @@ def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) 
     held: dict[str, Any] = {}
     group = zarr.open_group(zarr.storage.MemoryStore(held), mode="w", attributes=attributes)
     names = job.problem.model.layout.names()
-    dimensions = {part: column.dimensions for column in job.columns for part in parts_of(column.name, names)}
+    dimensions = {part: column.dimensions for column in job.columns for part in stored_names(column.name, names)}
     for name, rows in variables_of(job, table, 0, 0, Results.empty(0, job.columns)).items():
         rest = rows.shape[1:]
         group.create_array(
@@ -126,7 +127,7 @@ def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) 
             dimension_names=(MEMBER, *dimensions.get(name, ())),
         )
     blocks = -(-members // block)
-    group.create_array(DONE, shape=(blocks,), chunks=(1,), dtype="u1", fill_value=0, dimension_names=("block",))
+    group.create_array(DONE, shape=(blocks,), chunks=(1,), dtype="u1", fill_value=0, dimension_names=(BLOCK,))
     if job.problem.t_eval is not None:
         shape = job.problem.t_eval.shape
         times = group.create_array(OUTPUT_TIME, shape=shape, dtype="f8", dimension_names=(OUTPUT_TIME,))
@@ -172,21 +173,15 @@ def writing(path: Path) -> Iterator[None]:
         ) from error
 
 
-def parts_of(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the variables that a column is stored as: one for each entry of a state, by its name."""
-    if column == STATE:
-        return tuple(f"{name}_end" for name in names)
-    return names if column == OUTPUTS else (column,)
-
-
 def variables_of(job: Job, table: MemberTable, begin: int, end: int, results: Results) -> dict[str, Any]:
     """Return the variables of members by name, each with a row for every member."""
     names = job.problem.model.layout.names()
     found: dict[str, Any] = {}
     for column in job.columns:
-        rows, parts = results.column(column.name), parts_of(column.name, names)
-        found |= {column.name: rows} if parts == (column.name,) else {one: rows[..., i] for i, one in enumerate(parts)}
+        rows, parts = results.column(column.name), stored_names(column.name, names)
+        apart = column.name in (STATE, OUTPUTS)
+        found |= {one: rows[..., i] for i, one in enumerate(parts)} if apart else {parts[0]: rows}
     which = np.arange(begin, end)
     for key, label in zip(table.varied.keys, table.labels, strict=True):
-        found[f"{label}_start" if label in names else label] = table.varied.values(key, which)
+        found[start_name(label, names)] = table.varied.values(key, which)
     return found

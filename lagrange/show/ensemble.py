@@ -32,6 +32,7 @@ from lagrange.members.keep import (
     event_times,
     reduction_label,
 )
+from lagrange.members.names import MEMBER, start_name
 from lagrange.members.results import MemberResults
 from lagrange.members.singly import Explained
 from lagrange.members.table import MemberTable
@@ -253,7 +254,7 @@ class Ensemble:
             for name, rows, more in self._variables(column):
                 data[name] = ((*dims, *more), rows.reshape(*shape, *rows.shape[1:]))
         coordinates: dict[str, Any] = {name: (name, values) for name, values in axes.items()}
-        coordinates |= {name: ("member", self.given(label)) for name, label in labels.items() if name not in axes}
+        coordinates |= {name: (MEMBER, self.given(label)) for name, label in labels.items() if name not in axes}
         if self.problem.t_eval is not None:
             coordinates[OUTPUT_TIME] = (OUTPUT_TIME, self.problem.t_eval)
         attributes = {"system": self.model.statement.name, "method": self.method, "form": self.form}
@@ -261,7 +262,7 @@ class Ensemble:
 
     def _start_name(self, label: str) -> str:
         """Return the name of what varies in a Dataset, where states at output times may have its own."""
-        return f"{label}_start" if self.problem.t_eval is not None and label in self.names else label
+        return label if self.problem.t_eval is None else start_name(label, self.names)
 
     def _variables(self, column: Column) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
         """Yield the variables of a column: name, rows, and the dimensions behind those of what varies."""

@@ -52,6 +52,8 @@ def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
             f"{len(axes)} things vary, {listing(axes)}: a picture has two axes. Vary one or two, or draw "
             "a part of runs.to_xarray()."
         )
+    if over_time and not len(runs.t):
+        raise StatementError("there is nothing to draw: t_eval has no times. Give some, or leave it out.")
     found = quantity(runs, label)
     if not over_time and not np.isfinite(found.values).any():
         raise StatementError(f"there is nothing to draw: {found.label} is not finite for any member.")
