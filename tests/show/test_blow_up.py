@@ -30,6 +30,7 @@ def growing(status: Status = Status.STEP_TOO_SMALL, *, forward: bool = True, spa
     point = (x, y, z) if space else (x, y)
     statement = declare(
         kinetic=m * (x.dot**2 + y.dot**2 + z.dot**2) / 2,
+        coordinates=[x, y, z],  # else they are in the order in which this process, all tests of it, declared them
         parameters={m: 1},
         positions={"bob": point, "end": (0, *point[1:])},
         name="growing",

@@ -44,6 +44,26 @@ def test_few_samples_are_enough_of_a_line_and_many_share_columns() -> None:
         assert heights.max() > 0.999 and heights.min() < -0.999
 
 
+@pytest.mark.parametrize("each", [4, 6, 11])
+def test_ends_of_oscillations_that_share_a_column_are_drawn_whatever_the_first_samples(each: int) -> None:
+    count = 2000
+    start = np.linspace(0.0, count, each * count + 1)
+    (line,) = over_time(lambda t: (np.cos(np.pi * (t - 0.23)) ** 2)[None], start, PIXELS)
+    column = np.minimum((PIXELS.width * line[0] / count).astype(int), 699)
+    for end in (np.minimum, np.maximum):
+        found = np.full(700, 0.5)
+        end.at(found, column, line[1])
+        assert PIXELS.height * np.abs(found[1:-1] - (0.0 if end is np.minimum else 1.0)).max() < 0.5
+
+
+def test_the_end_of_a_swing_to_and_fro_on_one_line_is_drawn() -> None:
+    def points(t: FloatArray) -> FloatArray:
+        return np.array([[np.cos(t - 0.4), 0.5 * np.cos(t - 0.4)]])
+
+    line = in_plane(points, np.linspace(0.0, 2 * np.pi, 6), PIXELS)[1][0]
+    assert PIXELS.width * (2 - np.ptp(line[0])) / 2 < 1.0
+
+
 def test_each_row_has_its_scale_unless_they_are_drawn_together() -> None:
     def rows(t: FloatArray) -> FloatArray:
         return np.array([np.sin(t), 1e-6 * np.sin(40 * t)])

@@ -157,7 +157,7 @@ def _refined(
     """Return times and values with intervals halved until every chord is within the tolerance of the curve.
 
     `placed` takes times (K,) and values (r, K) to points (p, 2, K), and `scale` (p, 2) those to pixels. What stands
-    next to a chord that is too far off is looked at again.
+    next to a chord that is too far off, or to a turn whose end is missed, is looked at again.
     """
     most = min(MOST, _MOST_VALUES // max(len(found), 1))
     least = _LEAST * abs(float(t[-1] - t[0])) if len(t) else 0.0
@@ -173,8 +173,29 @@ def _refined(
         again = np.zeros(len(looked_at), dtype=bool)
         again[at] = far
         t, found = np.insert(t, at + 1, middle), np.insert(found, at + 1, new, axis=1)
-        looked_at = with_neighbours(np.repeat(again, 1 + looked_at)) & (np.abs(np.diff(t)) > least)
+        near = with_neighbours(np.repeat(again, 1 + looked_at))
+        looked_at = (near | _beside_turns(t, placed(t, found) * scale[:, :, None])) & (np.abs(np.diff(t)) > least)
     return t, found
+
+
+def _beside_turns(t: FloatArray, pixels: FloatArray) -> NDArray[np.bool_]:
+    """Return which intervals of times (K,), (K - 1,), are beside a turn whose end is missed by more than the tolerance.
+
+    A turn is a place where points (p, 2, K) go back, to the right or upwards, and its end is that of the parabola
+    through three of them. The distance from a chord does not tell: where many oscillations share a column of pixels the
+    curve is as good as upright, and lies on its chord, however far it goes on behind it.
+    """
+    beside = np.zeros(max(len(t) - 1, 0), dtype=bool)
+    with np.errstate(all="ignore"):
+        before, after = np.diff(t)[:-1], np.diff(t)[1:]
+        slopes = np.diff(pixels) / np.diff(t)
+        first, second = slopes[:, :, :-1], slopes[:, :, 1:]
+        middle = (first * after + second * before) / (before + after)
+        behind = np.abs(middle**2 * (before + after) / (4 * (second - first)))
+        missed = np.any((first * second <= 0) & (behind > TOLERANCE), axis=(0, 1))
+    beside[:-1] |= missed
+    beside[1:] |= missed
+    return beside
 
 
 def with_neighbours(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from textwrap import fill
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +15,8 @@ from lagrange.show.figures.floor import Box, draw_floor
 from lagrange.show.figures.paths import Paths, limits, paths_of
 from lagrange.show.figures.space_view import View
 from lagrange.show.figures.spring import spring
-from lagrange.show.figures.style import Style, dress, legend, mixed, parts_of
+from lagrange.show.figures.style import LINES, Style, dress, few_ticks, legend, mixed, parts_of
+from lagrange.show.figures.subtracted import base_of, less, level
 from lagrange.show.units import length_unit, with_unit
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.link import SPRING
@@ -30,6 +32,9 @@ _DEPTHS = 6
 
 _FARTHEST = 0.28
 """The part of its colour that the farthest depth has."""
+
+_LETTERS = 40
+"""Letters of a line above the panel of a path, as many as have room there."""
 
 _CELLS = 220
 """Cells of the density along the longer side of the panel."""
@@ -54,7 +59,9 @@ class PathPanel:
         statement = self.solutions[0].model.statement
         unit = length_unit(statement)
         dress(axis, style)
-        box = None
+        bounds, box = self._bounds(runs), None
+        origin = np.array([base_of(np.array(ends)) for ends in bounds.T])
+        runs = [run.from_origin(origin) for run in runs]
         if self.view.spatial:
             box = Box.around(np.concatenate([space for run in runs for space in run.space], axis=1))
             draw_floor(axis, self.view, box, unit, style)
@@ -62,11 +69,26 @@ class PathPanel:
             if run.before.shape[1]:
                 draw_density(axis, run, style)
             _draw_run(axis, run, self._shades(run, place, style), self.labels[place], box, style, place)
-        self._frame(axis, runs, unit)
-        title = "\n".join(filter(None, (_title(runs[0], self.shape), *dict.fromkeys(run.note for run in runs))))
+        self._frame(axis, runs, bounds - origin)
+        if not self.view.spatial:
+            self._name(axis, origin, unit)
+        counted = _counted(origin) if self.view.spatial else ""
+        notes = dict.fromkeys(run.note for run in runs)
+        title = "\n".join(filter(None, (_title(runs[0], self.shape), counted, *notes)))
         axis.set_title(title, loc="left", fontsize=10, color=style.ink)
         if len(axis.get_legend_handles_labels()[1]) > 1:
             legend(axis, style, title, 10)
+
+    def _bounds(self, runs: list[Paths]) -> FloatArray:
+        """Return between which values a panel has each direction, (2, d): of paper, or of space seen from a side.
+
+        To scale it has as much of one direction as of the other.
+        """
+        own = [np.concatenate([*run.space], axis=1) if self.view.spatial else run.on_paper for run in runs]
+        low, high = limits(np.concatenate(own, axis=1))
+        to_scale = self.shape == "square" and all(run.to_scale for run in runs)
+        more = ((high - low).max() - (high - low)) / 2 if to_scale or self.view.spatial else np.zeros(len(low))
+        return np.array([low - more, high + more])
 
     def _shades(self, run: Paths, place: int, style: Style) -> dict[str, str]:
         """Return the colour of each point that moves: its own, or that of the run where one point moves."""
@@ -75,8 +97,8 @@ class PathPanel:
             return {moving[0]: colours(len(self.solutions), style.colours)[place]}
         return dict(zip(moving, colours(len(moving), style.colours), strict=True))
 
-    def _frame(self, axis: Axes, runs: list[Paths], unit: str) -> None:
-        """Leave room around all points, and name the directions of the plane."""
+    def _frame(self, axis: Axes, runs: list[Paths], bounds: FloatArray) -> None:
+        """Leave room around all points; round-off fills no panel."""
         axis.margins(0.06)
         if self.shape == "square":
             if self.view.spatial:
@@ -89,8 +111,19 @@ class PathPanel:
         else:
             axis.set(xlim=(-1.0, 1.0), xticks=[])
             axis.spines["bottom"].set_visible(False)
-        axis.set_xlabel(with_unit(self.view.labels[0], unit) if self.shape != "column" else "", labelpad=2.0)
-        axis.set_ylabel(with_unit(self.view.labels[1], unit) if self.shape != "row" else "", labelpad=2.0)
+        if not self.view.spatial:
+            for side, ends, moves in zip("xy", bounds.T, self.view.extended, strict=True):
+                if moves and (wide := level(ends)):
+                    axis.set(**{f"{side}lim": wide})
+        if not self.view.spatial and self.shape != "column":
+            axis.apply_aspect()
+            few_ticks(axis)
+
+    def _name(self, axis: Axes, origin: FloatArray, unit: str) -> None:
+        """Name the directions of the plane, and what was subtracted from them."""
+        right, up = (with_unit(less(name, base), unit) for name, base in zip(self.view.labels, origin, strict=True))
+        axis.set_xlabel(right if self.shape != "column" else "", labelpad=2.0)
+        axis.set_ylabel(up if self.shape != "row" else "", labelpad=6.0)
 
 
 def _title(paths: Paths, shape: str) -> str:
@@ -101,6 +134,12 @@ def _title(paths: Paths, shape: str) -> str:
     return f"path{begun}{scale}{chr(10) if begun else '; '}open circles: start"
 
 
+def _counted(origin: FloatArray) -> str:
+    """Say from where places in space are counted, whose axes have no room for it."""
+    parts = [f"{name} = {base:.15g}" for name, base in zip("xyz", origin, strict=True) if base]
+    return fill(f"counted from {', '.join(parts)}".replace("-", "−"), _LETTERS) if parts else ""
+
+
 def _draw_run(
     axis: Axes, paths: Paths, shades: dict[str, str], label: str, box: Box | None, style: Style, place: int
 ) -> None:
@@ -109,6 +148,8 @@ def _draw_run(
         ends = paths.of(start)[:, -1], paths.of(end)[:, -1]
         line = spring(*ends, 0.04 * size) if kind == SPRING else np.array(ends).T
         axis.plot(*line, color=style.quiet, linewidth=1.6, zorder=3)
+    shared = bool(label) and len(shades) > 1  # then points have the colours, and runs kinds of lines
+    kind = LINES[place % len(LINES)] if shared else "-"
     for k, name in enumerate(paths.names):
         if paths.fixed[k]:
             marker = "s" if any(name in link[:2] for link in paths.links) else "P"
@@ -117,15 +158,16 @@ def _draw_run(
             continue
         shade = shades[name]
         if box is None:
-            axis.plot(*paths.of(name), color=shade, linewidth=0.9, zorder=2)
+            axis.plot(*paths.of(name), kind, color=shade, linewidth=0.9, zorder=2)
         else:
-            _draw_in_space(axis, paths, k, box, shade, style)
+            _draw_in_space(axis, paths, k, box, shade, style, kind)
         axis.plot(*paths.starts[k], "o", mfc=style.paper, mec=shade, ms=5, zorder=4)
         shown = " ".join(part for part in (name if len(shades) > 1 or not label else "", label) if part)
-        axis.plot(*paths.of(name)[:, -1], "o", color=shade, ms=7, zorder=5, label=shown)
+        mark = axis.plot(*paths.of(name)[:, -1], "o", color=shade, ms=7, lw=0.9, zorder=5, label=shown)[0]
+        mark.set(linestyle=kind if shared else "none")  # which the legend shows
 
 
-def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style: Style) -> None:
+def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style: Style, kind: str) -> None:
     """Draw a path with its shadow on the floor; what is near is wider and darker."""
     view, space = paths.view, paths.space[k]
     floor = np.array([*space[:2], np.full(space.shape[1], box.low[2])])
@@ -137,7 +179,7 @@ def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style
     for depth, line in enumerate(by_depth(paths.points[k], (nearness - low) / (high - low))):
         share = _FARTHEST + (1 - _FARTHEST) * depth / (_DEPTHS - 1)
         colour = mixed(shade, style.paper, share)
-        axis.plot(*line, color=colour, linewidth=0.4 + 1.2 * share, zorder=2 + 0.1 * depth)
+        axis.plot(*line, kind, color=colour, linewidth=0.4 + 1.2 * share, zorder=2 + 0.1 * depth)
 
 
 def by_depth(points: FloatArray, nearness: FloatArray) -> Iterator[FloatArray]:
@@ -171,4 +213,7 @@ def draw_density(axis: Axes, paths: Paths, style: Style) -> None:
     image = paper + (0.65 * share.T[:, :, None]) * (ink - paper)
     alpha = np.where(counts.T > 0, 1.0, 0.0)[:, :, None]
     extent = (float(low[0]), float(ends[0]), float(low[1]), float(ends[1]))
-    axis.imshow(np.concatenate([image, alpha], axis=2), extent=extent, origin="lower", aspect="auto", zorder=1.1)
+    coloured = np.concatenate([image, alpha], axis=2)
+    shade = axis.imshow(coloured, extent=extent, origin="lower", aspect="auto", zorder=1.1)
+    for edges in shade.sticky_edges:
+        edges.clear()  # else the panel would have no room around its points, and cut the marks there

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -54,10 +54,22 @@ class Paths:
         """Return the path of a point, (2, K)."""
         return np.asarray(self.points[self.names.index(name)])
 
+    def from_origin(self, origin: FloatArray) -> Paths:
+        """Return the same paths, counted from another origin: (2,) on paper, or (3,) in space seen from a side."""
+        space = self.space - origin[:, None] if self.view.spatial else self.space
+        place = self.view.of(origin[:, None]) if self.view.spatial else origin[:, None]
+        points, starts, before = self.points - place, self.starts - place[:, 0], self.before - place
+        return replace(self, points=points, space=space, starts=starts, before=before)
+
+    @cached_property
+    def on_paper(self) -> FloatArray:
+        """All places where points are, (2, N)."""
+        return np.concatenate([*self.points, self.starts.T, self.before], axis=1)
+
     @cached_property
     def extents(self) -> FloatArray:
         """How far all paths extend to the right and up, (2,)."""
-        low, high = limits(np.concatenate([*self.points, self.starts.T, self.before], axis=1))
+        low, high = limits(self.on_paper)
         return high - low
 
     @property

@@ -11,7 +11,7 @@ import numpy as np
 
 from lagrange.errors import StatementError, listing
 from lagrange.show.figures.panel import entry
-from lagrange.show.measures.invariants import MOST_LINES
+from lagrange.show.measures.invariants import MOST_LINES, invariant_sizes
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.latex import LatexNotation
 from lagrange.show.notation.names import letter_of
@@ -89,10 +89,10 @@ def _above(names: Sequence[str], *, rate: bool) -> str:
 
 
 def energies(solution: Solution) -> Quantity:
-    """Return T, V and E = v.p - L, or E alone where a Lagrangian was stated that is not T - V."""
+    """Return T, V and E = v.p - L, or E alone where a Lagrangian was stated and not its parts."""
     statement = solution.model.statement
     parts = [("T", statement.kinetic), ("V", statement.potential)]
-    stated = [(name, part) for name, part in parts if part is not None]
+    stated = [] if statement.lagrangian_alone else parts
 
     def values(run: Solution) -> FloatArray:
         return np.array([*(run.evaluate(part) for _, part in stated), run.energy])
@@ -125,17 +125,16 @@ def momenta(solution: Solution) -> Quantity | None:
 
 
 def invariants(solution: Solution) -> list[Quantity]:
-    """Return how far each conserved quantity is from its first value, relative to its largest value."""
-    return [_invariant(solution, name) for name in solution.invariants]
+    """Return how far each conserved quantity is from its first value, relative to the size of its terms."""
+    sizes = invariant_sizes(solution.model, solution.t, solution.y, solution.parameters)
+    return [_invariant(name, values[0], sizes[name]) for name, values in solution.invariants.items()]
 
 
-def _invariant(solution: Solution, name: str) -> Quantity:
-    own = solution.invariants[name]
-    size = float(np.max(np.abs(own)))
-    scale, against = (size, " relative to its largest value") if size > 0 else (1.0, ", which is 0 at every output")
+def _invariant(name: str, first: float, size: float) -> Quantity:
+    scale, against = (size, " relative to the size of its terms") if size > 0 else (1.0, ", which is 0 at every output")
 
     def values(run: Solution) -> FloatArray:
-        return np.asarray((run.invariants[name][None] - own[0]) / scale)
+        return np.asarray((run.invariants[name][None] - first) / scale)
 
     return Quantity(f"drift of {name}{against}", (name,), values, "", drift=True)
 

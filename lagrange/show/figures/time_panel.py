@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import floor, log10
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lagrange.show.figures.blow_up import Window, clipped, limits_of, window_of
 from lagrange.show.figures.colours import colours
-from lagrange.show.figures.curve import LEVEL, MOST_ROUNDS, Pixels, first_times, outputs_alone, over_time, thinned
+from lagrange.show.figures.curve import MOST_ROUNDS, Pixels, first_times, outputs_alone, over_time, thinned
 from lagrange.show.figures.quantities import Quantity
 from lagrange.show.figures.style import LINES, Style, dress, few_ticks, legend
+from lagrange.show.figures.subtracted import base_of, less, level
 from lagrange.show.units import unit_of, with_unit
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -20,10 +20,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from lagrange.show.solution import Solution
-
-_NARROW = 1e-4
-"""Values, and times, that differ by less than this part of the largest are drawn as differences from a number, which
-is said: else their labels would have more than five digits alike."""
 
 _ROUND_OFF = 1e-15
 """A relative drift below this is round-off, and does not fill a panel."""
@@ -161,22 +157,6 @@ def _values(run: Curves) -> FloatArray:
     return np.concatenate([np.empty(0), *(line[1] for line in run.lines)])
 
 
-def base_of(values: FloatArray) -> float:
-    """Return a round number that is subtracted from values which are almost alike, else 0."""
-    size = float(np.max(np.abs(values), initial=0.0))
-    extent = float(np.ptp(values)) if len(values) else 0.0
-    if not LEVEL * size < extent < _NARROW * size:
-        return 0.0
-    return round(float(values[0]), -floor(log10(extent)))
-
-
-def less(label: str, base: float) -> str:
-    """Return a label of values from which a number was subtracted."""
-    if base == 0:
-        return label
-    return f"{label} {'−' if base > 0 else '+'} {abs(base):.15g}"
-
-
 def _largest(rows: FloatArray) -> float:
     return float(np.max(np.abs(rows), initial=0.0, where=np.isfinite(rows)))
 
@@ -186,6 +166,5 @@ def _widen(axis: Axes, values: FloatArray, least: float) -> None:
     size = _largest(values)
     if size < least:
         axis.set_ylim(-2 * least, 2 * least)
-    elif len(values) and np.ptp(values) <= LEVEL * size:
-        middle, half = float(values[0]), 0.5 * size or 1.0
-        axis.set_ylim(middle - half, middle + half)
+    elif limits := level(values):
+        axis.set_ylim(*limits)

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from sympy import Abs
 
 from lagrange.machine.model import Model
 from lagrange.mechanics.conserved import conserved_quantities
@@ -30,6 +31,27 @@ def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Mapping[A
     with np.errstate(all="ignore"):  # a run that left the finite numbers says so itself
         values = model.function("invariants", nodes)(t, y, model.parameter_array(parameters))
     return {one.name: row for one, row in zip(found, values, strict=True)}
+
+
+def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float]) -> Mapping[str, float]:
+    """Return the largest size of the terms of each conserved quantity, which itself may be zero up to round-off."""
+    found = conserved_quantities(model)
+    if not found or not len(t):
+        return {}
+    nodes = tuple(model.equations.translate(_terms(one.expression)) for one in found)
+    some = np.unique(np.linspace(0, len(t) - 1, SAMPLES).astype(int))
+    with np.errstate(all="ignore"):
+        sizes = model.function("sizes", nodes)(t[some], y[:, some], model.parameter_array(parameters))
+    return {one.name: float(row.max()) for one, row in zip(found, np.abs(sizes), strict=True)}
+
+
+def _terms(given: Any) -> Any:
+    """Return the sum of the sizes of the terms of an expression."""
+    if given.is_Add or given.is_Mul:
+        return given.func(*map(_terms, given.args))
+    if given.is_Pow and given.exp.is_Integer and given.exp > 0:
+        return _terms(given.base) ** given.exp
+    return Abs(given)
 
 
 def momentum_drifts(

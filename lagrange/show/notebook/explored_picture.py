@@ -148,8 +148,9 @@ class ExploredPicture:
         view = view_of(self._points)
         if self._view is None or view.labels != self._view.labels:
             unit = length_unit(self.statement)
-            self._place.set_xlabel(with_unit(view.labels[0], unit))
-            self._place.set_ylabel(with_unit(view.labels[1], unit))
+            right, up = ("", "") if view.spatial else (with_unit(name, unit) for name in view.labels)
+            self._place.set_xlabel(right)
+            self._place.set_ylabel(up)
             if view.spatial:
                 _draw_directions(self._place, view, self.style)
             self._stale[self._place] = True

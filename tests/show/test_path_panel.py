@@ -1,0 +1,86 @@
+"""The panel of paths and the phase plane: names and numbers, room around marks, and motions small for their place."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.show.solution import Solution
+from lagrange.statement.coordinate import coordinates
+from lagrange.statement.declare import declare
+from tests.show.examples import m, oscillator, solved, x
+from tests.show.test_picture_laws import drawn, nothing_overlaps
+
+a, b = coordinates("a b")
+
+
+def moving(*place: Any, size: float = 1.0, units: bool = False) -> Solution:
+    """Return a point at a place that depends on a = size sin(t) and b = size sin(2 t)."""
+    statement = declare(
+        kinetic=m * (a.dot**2 + b.dot**2) / 2,
+        positions={"p": place},
+        parameters={m: 1},
+        dimensions={m: "kg", a: "m", b: "m", lg.t: "s"} if units else None,
+        name="s",
+    )
+    return solved(
+        statement,
+        np.linspace(0.0, 6.0, 9),
+        lambda t: size * np.array([np.sin(t), np.sin(2 * t), np.cos(t), 2 * np.cos(2 * t)]),
+    )
+
+
+def test_a_view_of_space_has_units_at_its_floor_alone() -> None:
+    axis = moving(a, b, a + b, units=True).plot("path").axes[0]
+    assert axis.get_xlabel() == axis.get_ylabel() == ""
+    assert {"x (m)", "y (m)", "z (m)"} <= {text.get_text() for text in axis.texts}
+
+
+def test_marks_of_a_long_run_have_room_beside_its_shade() -> None:
+    run = oscillator(np.linspace(0.0, 2000.0, 9), positions={"p": (x, 0)})
+    (axis,) = drawn(run.plot("path")).axes
+    assert len(axis.images) == 1
+    low, high = axis.get_xlim()
+    assert low < -1.05 and high > 1.05
+
+
+def test_small_motions_far_away_are_drawn_as_differences_that_are_said() -> None:
+    (path,) = moving(a + 1e6, b - 3e5).plot("path").axes
+    nothing_overlaps(path.figure)
+    assert path.get_xlabel() == "x − 999999" and path.get_ylabel() == "y + 300001"
+    (end,) = [line for line in path.lines if line.get_label() == "p"]
+    np.testing.assert_allclose(np.asarray(end.get_xydata())[-1], [1 + np.sin(6.0), 1 + np.sin(12.0)], atol=1e-9)
+
+
+def test_a_phase_plane_is_drawn_as_differences_where_the_path_over_time_is() -> None:
+    far = solved(
+        moving(a, b).model.statement,
+        np.linspace(0.0, 6.0, 9),
+        lambda t: np.array([1e6 + np.sin(t), 0 * t, np.cos(t), 0 * t]),
+    )
+    (time,), (phase,) = (far.plot(what, of="a").axes for what in ("coordinates", "phase"))
+    nothing_overlaps(phase.figure)
+    assert time.get_ylabel() == phase.get_xlabel() == "$a$ − 1000000"
+    np.testing.assert_allclose(np.asarray(phase.lines[-1].get_xydata())[-1], [np.sin(6.0), np.cos(6.0)], atol=1e-9)
+    level = drawn(far.plot("phase", of="b")).axes[0]
+    assert level.get_xlim() == (-1.0, 1.0)
+
+
+def test_small_motions_far_away_in_space_are_counted_from_a_place_that_is_said() -> None:
+    (axis,) = moving(a + 1e6, b - 3e5, a + b).plot("path").axes
+    nothing_overlaps(axis.figure)
+    assert "counted from x = 999998, y = −300002" in axis.get_title("left").replace("\n", " ")
+    numbers = [text.get_text() for text in axis.texts if text.get_text()[-1].isdigit()]
+    assert len(numbers) > 6 and max(map(len, numbers)) < 5
+
+
+def test_round_off_of_a_place_fills_no_panel() -> None:
+    (axis,) = drawn(moving(a + 10, 0, size=1e-11).plot("path")).axes
+    assert axis.get_xlim() == pytest.approx((5.0, 15.0))
+
+
+def test_long_numbers_below_a_plane_stand_apart() -> None:
+    nothing_overlaps(moving(150 * a + 1e6, 300 * b + 2e5).plot("path"))
