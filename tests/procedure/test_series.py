@@ -21,6 +21,7 @@ from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.interpreter import run
 from lagrange.procedure.outcome import Outcome
+from lagrange.procedure.series.by_order import ByOrderJet
 from lagrange.procedure.series.image import Image
 from lagrange.procedure.series.integrator import TaylorProcedures
 from lagrange.procedure.series.looped import LoopedJet
@@ -37,7 +38,7 @@ from tests.laws.test_random_systems import kinetic_energies, potentials
 from tests.models import stated, x, y
 from tests.series_systems import HELD, LARGER
 
-FORMS = ("written out", "looped")
+FORMS = ("written out", "looped", "by order")
 HIGHEST = 9
 PAIRS = 15
 """Of six bodies."""
@@ -59,9 +60,11 @@ def view(values: Any) -> memoryview:
 def jet(program: SeriesProgram, form: str) -> tuple[Any, SeriesNumbers, Any]:
     """Return a series as a function of Python, and where its numbers and its rows stand."""
     numbers = SeriesNumbers(program, program.constants.parameters)
-    made: LoopedJet | WrittenJet
+    made: LoopedJet | ByOrderJet | WrittenJet
     if form == "looped":
         made = LoopedJet(pack(program, 8, aligned=True), numbers)
+    elif form == "by order":
+        made = ByOrderJet(pack(program, 1), numbers)
     else:
         made = WrittenJet(pack(program, 8), numbers, HIGHEST)
     return loaded(made.build()), numbers, made.layout

@@ -45,13 +45,16 @@ def dense_solver() -> tuple[Procedure, ...]:
 class Module(Shared):
     """Machine code with the functions of one IR text; it owns the memory that its addresses point to."""
 
-    def __init__(self, text: str, *, optimize: bool = False, merge: bool = False, quickly: bool = False) -> None:
+    def __init__(
+        self, text: str, *, optimize: bool = False, merge: bool = False, quickly: bool = False, often: bool = False
+    ) -> None:
         """Compile a text: with LLVM's passes over loops to `optimize`, or `quickly`, for code that runs rarely.
 
         To `merge` is to put procedures that say so into their callers and their own arrays into registers, no more.
+        Code that runs `often` is compiled well however large it is.
         """
         start()
-        effort = 0 if quickly or len(text) > LARGE_MODULE else 2
+        effort = 0 if quickly or (len(text) > LARGE_MODULE and not often) else 2
         passes = _optimize if optimize else _merge if merge else None
         how = f"{effort} {passes.__name__ if passes else ''}"
         self.ir = text

@@ -27,7 +27,7 @@ class MembersCode:
         pruned = Pruner().pruned(procedure)
         self._parameters = pruned.parameters
         signature = tuple(OWN if one.name == LANE else COMMON for one in pruned.parameters)
-        self._code = Module(members_module(pruned, signature, self.lanes), optimize=True)
+        self._code = Module(members_module(pruned, signature, self.lanes), optimize=True, often=True)
         types = [
             _SCALARS[one.type] if isinstance(one.type, Kind) and one.name != LANE else ctypes.c_void_p
             for one in pruned.parameters

@@ -117,11 +117,12 @@ def invert() -> Procedure:
         with p.loop(j, n) as i:
             work[j * stride + i] = a[j * n + i]
     trusted = p.call(factor_columns(), n, stride, a, work, reciprocals)
-    with p.when(trusted):
+    singular = p.variable(p.false, "singular")
+    with p.when(trusted, likely=True) as ways:
         p.call(solve_columns(), n, stride, work, reciprocals, out)
-        p.leave(p.false)
-    singular = p.call(invert_dense(), n, a, work, work.at(n * n))
-    with p.loop(0, n) as j, p.loop(0, n) as i:
-        out[j * stride + i] = work[j * n + i]
-    p.leave(singular)
+    with ways.otherwise():
+        singular.value = p.call(invert_dense(), n, a, work, work.at(n * n))
+        with p.loop(0, n) as j, p.loop(0, n) as i:
+            out[j * stride + i] = work[j * n + i]
+    p.leave(singular.value)
     return p.finish(FLAG)

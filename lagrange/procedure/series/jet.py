@@ -20,14 +20,20 @@ from lagrange.procedure.series.rules import Term
 from lagrange.procedure.series.systems import System, moving_system, system_size
 from lagrange.procedure.taylor.memory import BLOCK, TaylorLayout
 from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.program.elimination import WRITTEN_OUT
 from lagrange.program.series import SeriesProgram
 
 
 class Jet:
-    """A series under construction at one order after the other. `origin` has the values of order 0 by number."""
+    """A series under construction at one order after the other. `origin` has the values of order 0 by number.
 
-    def __init__(self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout) -> None:
-        self.packing, self.numbers, self.layout = packing, numbers, layout
+    Inverses of mass matrices are written out up to a largest size.
+    """
+
+    def __init__(
+        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = WRITTEN_OUT
+    ) -> None:
+        self.packing, self.numbers, self.layout, self.largest = packing, numbers, layout, largest
         self.program: SeriesProgram = packing.program
         self.p = p = Builder(
             "taylor_jet", "Write the coefficients of the series, and say whether a matrix is singular."
@@ -55,8 +61,8 @@ class Jet:
         triangles, memory, flags = iter(values[len(program.started) :]), self.matrices(), [p.false]
         for stage, known in zip(program.stages, self.numbers.systems(p, self.prepared), strict=True):
             if known is None:
-                known, found = moving_system(p, stage.plan, triangles, memory)
-                memory = memory.at(system_size(stage.plan)) if system_size(stage.plan) else memory
+                known, found = moving_system(p, stage.plan, triangles, memory, self.largest)
+                memory = memory.at(size) if (size := system_size(stage.plan, self.largest)) else memory
                 flags += found
             self.systems.append(known)
         self.singular = reduce(lambda a, b: a | b, flags)

@@ -19,6 +19,7 @@ from lagrange.procedure.series.numbers import SeriesNumbers
 from lagrange.procedure.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.procedure.series.rules import Term, coefficient, less
 from lagrange.procedure.series.systems import Diagonal, InverseInMemory, system_size
+from lagrange.procedure.series.value import divisor
 from lagrange.procedure.taylor.memory import TaylorLayout
 from lagrange.procedure.values import Memory, Whole
 
@@ -357,12 +358,3 @@ class LoopedJet(Jet):
     def part(self, x: Term) -> Term:
         """Return x / k."""
         return divided(self, x, self.high, self.low)
-
-
-def divisor(chunk: Chunk) -> Operand | None:
-    """Return what a chunk divides by at order 0."""
-    if chunk.op in ("div", "against"):
-        return chunk.args[1]
-    if chunk.op in ("inverse", "power"):
-        return chunk.args[0]
-    return chunk.whole if chunk.op == "sqrt" else None

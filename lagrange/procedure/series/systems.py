@@ -28,17 +28,19 @@ class System(Protocol):
         """Return the solution."""
 
 
-def system_size(plan: SolvePlan) -> int:
-    """Return how many reals a moving matrix takes in memory."""
+def system_size(plan: SolvePlan, largest: int = WRITTEN_OUT) -> int:
+    """Return how many reals a moving matrix takes in memory; inverses are written out up to the largest size."""
     if not plan.inverted:
         return 0
     if is_factored(plan):
         return sum(_factored_size(block) for block in block_eliminations(plan))
     n = plan.size
-    return 0 if _is_small(plan) else padded(n) ** 2 + n * n + work_size(n)
+    return 0 if _is_small(plan, largest) else padded(n) ** 2 + n * n + work_size(n)
 
 
-def moving_system(p: Builder, plan: SolvePlan, entries: Iterator[Real], memory: Memory) -> tuple[System, list[Flag]]:
+def moving_system(
+    p: Builder, plan: SolvePlan, entries: Iterator[Real], memory: Memory, largest: int = WRITTEN_OUT
+) -> tuple[System, list[Flag]]:
     """Return a matrix from the entries of its lower triangle, and flags that say that it is singular."""
     blocks = _triangles(plan, entries)
     if plan.diagonal:
@@ -46,7 +48,7 @@ def moving_system(p: Builder, plan: SolvePlan, entries: Iterator[Real], memory: 
         return Diagonal({i: 1.0 / entry for i, entry in pairs}), [entry.equals(0.0) for _, entry in pairs]
     if is_factored(plan):
         return _factored(p, plan, blocks, memory)
-    if _is_small(plan):
+    if _is_small(plan, largest):
         found: Triangle = {}
         flags = []
         for block, lower in blocks:
@@ -156,9 +158,9 @@ class Factored:
         return found
 
 
-def _is_small(plan: SolvePlan) -> bool:
+def _is_small(plan: SolvePlan, largest: int) -> bool:
     """Whether the inverses of all blocks are written out."""
-    return max(map(len, plan.blocks)) <= WRITTEN_OUT and plan.size <= 2 * WRITTEN_OUT
+    return max(map(len, plan.blocks)) <= largest and plan.size <= 2 * largest
 
 
 def _triangles(plan: SolvePlan, entries: Iterator[Real]) -> list[tuple[tuple[int, ...], Triangle]]:

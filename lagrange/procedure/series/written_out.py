@@ -10,8 +10,9 @@ from lagrange.procedure.form import FLAG, Procedure
 from lagrange.procedure.series.jet import Jet, divided
 from lagrange.procedure.series.numbers import SeriesNumbers
 from lagrange.procedure.series.packing import Chunk, Operand, Packing
-from lagrange.procedure.series.rules import OWN, Term, coefficient, fma, less, plus
+from lagrange.procedure.series.rules import Term, coefficient, fma, less, plus
 from lagrange.procedure.series.systems import system_size
+from lagrange.procedure.series.value import ValueAt
 from lagrange.procedure.taylor.constants import LOWEST_ORDER
 from lagrange.procedure.taylor.memory import TaylorLayout
 from lagrange.procedure.values import Real
@@ -96,7 +97,7 @@ class WrittenJet(Jet):
         """Build the coefficients of some chunks."""
         for chunk in chunks:
             for lane in range(chunk.count):
-                self.x[chunk.values[lane]] = coefficient(_ValueAt(self, chunk, lane))
+                self.x[chunk.values[lane]] = coefficient(_WrittenAt(self, chunk, lane))
 
     def solved(self, place: int, guesses: Sequence[Term]) -> list[Term]:
         """Return the unknowns of a stage, corrected from guesses."""
@@ -124,6 +125,16 @@ class WrittenJet(Jet):
         small = scale * low if low and self.k <= EXACT else None
         return divided(self, x, scale if high == 1.0 else scale * high, small)
 
+    def start(self) -> Term:
+        """Return the coefficient of time: the scale at k = 1, else 0."""
+        return self.scale if self.k == 1 else None
+
+    def over(self, number: int) -> Real:
+        """Return one over a value at order 0."""
+        if number not in self.reciprocals:
+            self.reciprocals[number] = 1.0 / self.origin[number]
+        return self.reciprocals[number]
+
     def times_order(self, number: int, k: int) -> Term:
         """Return a coefficient times its order: of a state it is that of the rate before, in the scale of time."""
         if number < len(self.program.rates):
@@ -136,32 +147,14 @@ class WrittenJet(Jet):
         return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= EXACT else None)
 
 
-class _ValueAt:
-    """A value at an order, the lane of a chunk; see `At`."""
+class _WrittenAt(ValueAt):
+    """A value at an order that is written out; see `At`."""
 
-    def __init__(self, jet: WrittenJet, chunk: Chunk, lane: int) -> None:
-        self.jet, self.chunk, self.lane, self.p = jet, chunk, lane, jet.p
-
-    def number(self, which: int) -> int:
-        """Return the number of an argument, or of the value itself."""
-        return (self.chunk.whole if which == OWN else self.chunk.args[which]).values[self.lane]
-
-    def now(self, which: int) -> Term:
-        """Return the coefficient of an argument at the order at hand."""
-        return self.jet.x[self.number(which)]
-
-    def before(self, which: int) -> Term:
-        """Return the coefficient of an argument at the order before."""
-        return self.jet.before(self.number(which))
-
-    def first(self, which: int) -> Real:
-        """Return an argument, or the value itself, at order 0."""
-        found: Real = self.jet.origin[self.number(which)]
-        return found
+    series: WrittenJet
 
     def total(self, which: int) -> Term:
         """Return the sum over 0 < j < k, the oldest coefficients first."""
-        k, p = self.jet.k, self.p
+        k, p = self.series.k, self.p
         a, b = self.chunk.sums[which]
         pairs = sorted(range(1, k), key=lambda j: (max(j, k - j), j))
         if a != b:
@@ -173,7 +166,7 @@ class _ValueAt:
 
     def products(self, a: Operand, b: Operand, pairs: Sequence[int]) -> Term:
         """Return the sum of a[j] b[k-j] over some j; see `PART`."""
-        k, p = self.jet.k, self.p
+        k, p = self.series.k, self.p
         parts: list[Term] = [None] * max(len(pairs) // PART, 1)
         early = len(pairs) - LATEST
         for place, j in enumerate(pairs):
@@ -185,40 +178,13 @@ class _ValueAt:
 
     def factor(self, operand: Operand, k: int) -> Term:
         """Return a factor of a sum at an order."""
-        number, jet = operand.values[self.lane], self.jet
+        number, jet = operand.values[self.lane], self.series
         x = jet.orders[k][number]
         if not operand.ranked or x is None or k == 1:
             return x
         if (number, k) not in jet.ranked:
             jet.ranked[number, k] = jet.times_order(number, k)
         return jet.ranked[number, k]
-
-    def over(self, which: int) -> Real:
-        """Return one over an argument, or over the value itself, at order 0."""
-        number, known = self.number(which), self.jet.reciprocals
-        if number not in known:
-            known[number] = 1.0 / self.first(which)
-        return known[number]
-
-    def known(self, which: int) -> float | None:
-        """Return a coefficient of the rule if it is known now."""
-        return self.jet.program.numbers[self.chunk.coefficients[which][self.lane]]
-
-    def constant(self, which: int) -> Real:
-        """Return a coefficient of the rule."""
-        return self.jet.constants[self.chunk.coefficients[which][self.lane]]
-
-    def share(self, x: Term) -> Term:
-        """Return x scale / k."""
-        return self.jet.share(x)
-
-    def part(self, x: Term) -> Term:
-        """Return x / k."""
-        return self.jet.part(x)
-
-    def start(self) -> Term:
-        """Return the coefficient of time: the scale at k = 1, else 0."""
-        return self.jet.scale if self.jet.k == 1 else None
 
 
 def reciprocal(k: int) -> tuple[float, float]:
