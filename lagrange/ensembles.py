@@ -28,9 +28,8 @@ from lagrange.members.work import run_members
 from lagrange.show.ensemble import Ensemble
 from lagrange.show.terminal.progress import compiling, counter, wanted_progress
 from lagrange.statement.event import declare_events
-from lagrange.statement.number import real_number
 from lagrange.system import System
-from lagrange.trajectory.integrate import output_times, time_span
+from lagrange.trajectory.integrate import output_times, span_or_end
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import RunOptions
@@ -76,7 +75,7 @@ def ensemble(
     """
     began = time.perf_counter()
     model = _model(system, wanted_progress(progress))
-    t0, t1 = time_span(span) if isinstance(span, Sequence) else (0.0, real_number(span, "t_end"))
+    t0, t1 = span_or_end(span)
     threads = threads_of(workers)
     if workers is not None and executor is not None:
         raise StatementError("workers and executor are both given: the executor has workers of its own. Give one.")

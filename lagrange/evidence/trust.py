@@ -16,7 +16,7 @@ import numpy as np
 from lagrange.errors import RunError, StatementError, shown
 from lagrange.machine.model import Model
 from lagrange.statement.number import flag, real_number
-from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.integrate import integrate, span_or_end
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -70,7 +70,7 @@ class TrustHorizon:
 
 def trust_horizon(
     system: Any,
-    span: Sequence[float],
+    span: float | Sequence[float],
     initial: Mapping[Any, Any] | None = None,
     *,
     error: float = 1e-3,
@@ -83,15 +83,19 @@ def trust_horizon(
 ) -> TrustHorizon:
     """Return how long the run of a system or model is accurate to `error`, at its steps and in between.
 
-    The run is that of `lg.integrate(model, span, initial, method=..., ...)`. `error` is the largest of any entry of the
-    state, in its own units; with `relative`, relative to that entry's largest magnitude along the run. Raises
-    StatementError for a request that has no meaning, RunError if two comparison runs cannot be made.
+    The run is that of `lg.integrate(model, span, initial, method=..., ...)`; a number in place of a span is its end,
+    and the run begins at 0. `error` is the largest of any entry of the state, in its own units; with `relative`,
+    relative to that entry's largest magnitude along the run.
+
+    Raises StatementError for a request that has no meaning, RunError if two comparison runs cannot be made.
     """
     model = _compiled(system)
     allowed, relative = real_number(error, "error"), flag(relative, "relative")
     if allowed <= 0:
         raise StatementError(f"error = {allowed:g}: give a positive one, such as 1e-3.")
-    found, values = integrate(model, span, initial, RunOptions(method, rtol, atol, step, parameters=parameters))
+    found, values = integrate(
+        model, span_or_end(span), initial, RunOptions(method, rtol, atol, step, parameters=parameters)
+    )
     times = _comparison_times(found.t)
     states = found.dense(times)
     size = np.abs(states).max(axis=1)

@@ -143,6 +143,13 @@ def time_span(span: Sequence[float]) -> tuple[float, float]:
     return real_number(span[0], "the first time"), real_number(span[1], "the last time")
 
 
+def span_or_end(span: float | Sequence[float]) -> tuple[float, float]:
+    """Return the first and the last time; an end alone is that of a run from 0."""
+    if isinstance(span, (Sequence, np.ndarray)):
+        return time_span(span)
+    return 0.0, real_number(span, "t_end")
+
+
 def output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) -> FloatArray | None:
     """Return the output times, checked; `width` numbers are wanted at each."""
     if t_eval is None:

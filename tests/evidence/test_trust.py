@@ -35,6 +35,7 @@ def test_a_run_that_holds_to_its_end_says_so() -> None:
     assert horizon.complete and horizon.time == 10.0
     assert wrong <= horizon.bounds[-1] <= 1e-6
     assert "until the end" in repr(horizon)
+    assert (lg.trust_horizon(OSCILLATOR, 10.0, error=1e-6).bounds == horizon.bounds).all()
     backwards = lg.trust_horizon(OSCILLATOR, (0.0, -10.0), error=1e-6)
     assert backwards.complete and backwards.time == -10.0
 
