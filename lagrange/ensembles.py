@@ -115,8 +115,11 @@ def _run(
     plan = method.plan(problem) if isinstance(method, Planned) else None
     aimed = problem if plan is None else replace(problem, rtol=plan.tolerances.rtol or None)
     storage = kept_in_memory(job, table) if store is None else kept_in_store(job, table, store)
-    if storage.left:
-        _run_left(job, table, storage, threads, executor, progress=progress)
+    try:
+        if storage.left:
+            _run_left(job, table, storage, threads, executor, progress=progress)
+    finally:
+        storage.close()
     wall = time.perf_counter() - began
     explain = partial(job.explained, table)
     return Ensemble(table, storage.results, job.columns, aimed, method.name, storage.form, storage.ran, wall, explain)

@@ -110,7 +110,7 @@ def event_states(k: int) -> str:
 
 def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
     """Return what is to be kept. Raises StatementError for a name that is none, and for an expression that is none."""
-    listed = entries((given,) if isinstance(given, str) or _is_reduction(given) else given, "keep")
+    listed = entries((given,) if isinstance(given, str) or _is_reduction(given) or _is_first(given) else given, "keep")
     if not listed:
         raise StatementError(f'keep is {shown(given)}: give names, such as ("end", ("max", theta)).')
     names: dict[str, None] = {}
@@ -119,7 +119,7 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
     for one in listed:
         if isinstance(one, str) and one in (END, COUNTS, DRIFT):
             names[one] = None
-        elif one == EVENTS or (_is_pair(one) and one[0] == EVENTS):
+        elif one == EVENTS or _is_first(one):
             occurrences = 1 if one == EVENTS else whole_number(one[1], "the number of occurrences that are kept", 1)
             if not events:
                 raise StatementError("keep has events, and the ensemble has none: give events=[...].")
@@ -165,6 +165,11 @@ def end_row(label: str, names: Sequence[str]) -> int | None:
 
 def _is_pair(one: Any) -> bool:
     return isinstance(one, (tuple, list)) and len(one) == 2 and isinstance(one[0], str)
+
+
+def _is_first(one: Any) -> bool:
+    """Return whether an entry is a pair such as ("events", 3); two names are no such pair."""
+    return _is_pair(one) and one[0] == EVENTS and not isinstance(one[1], (str, list, tuple))
 
 
 def _is_reduction(one: Any) -> bool:

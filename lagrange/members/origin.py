@@ -15,6 +15,7 @@ from lagrange.errors import listing, shown
 from lagrange.members.job import Job
 from lagrange.members.table import MemberTable
 from lagrange.statement.event import Event
+from lagrange.statement.number import real_number
 from lagrange.statement.stored import stored
 from lagrange.trajectory.plan import Stepped
 
@@ -38,9 +39,7 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
         "target": problem.model.target,
         "method": repr(options.method),
         "steps": _steps(options.method),
-        "rtol": options.rtol,
-        "atol": options.atol,
-        "step": options.step,
+        **{name: _number(getattr(options, name), name) for name in ("rtol", "atol", "step")},
         "max_steps": options.step_limit,
         "span": [problem.t0, problem.t1],
         "t_eval": None if problem.t_eval is None else problem.t_eval.tolist(),
@@ -56,6 +55,11 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
         "members": len(table),
         "block": block,
     }
+
+
+def _number(given: Any, name: str) -> float | None:
+    """Return an option as JSON has it, which knows no numbers of NumPy and SymPy."""
+    return None if given is None else real_number(given, name)
 
 
 def _event(event: Event) -> list[Any]:

@@ -33,6 +33,10 @@ class ResultStorage(ABC):
     def take(self, first: int, done: ChunkResult) -> None:
         """Keep the results of members from a number on."""
 
+    @abstractmethod
+    def close(self) -> None:
+        """Keep no more."""
+
     @property
     def members_left(self) -> int:
         """How many members are still to be run."""
@@ -75,6 +79,9 @@ class ArrayStorage(ResultStorage):
     def results(self) -> Results:
         """The arrays."""
         return self._results
+
+    def close(self) -> None:
+        """Arrays are not closed."""
 
     def take(self, first: int, done: ChunkResult) -> None:
         """Put the results into their places."""

@@ -22,7 +22,8 @@ from lagrange.members.names import DONE, stored_names
 from lagrange.members.origin import origin
 from lagrange.members.results import Results
 from lagrange.members.storage import ResultStorage
-from lagrange.members.store_group import folder_of, open_store, reading, variables_of, writing
+from lagrange.members.store_group import find_store, folder_of, open_store, reading, variables_of, writing
+from lagrange.members.store_lock import StoreLock
 from lagrange.members.table import MemberTable
 
 BLOCK_BYTES, LARGEST_BLOCK = 2**23, 2**16
@@ -35,14 +36,18 @@ MOST_BLOCKS = 10**6
 class ZarrStorage(ResultStorage):
     """Results kept in a store on a disk; blocks that are not whole yet are in memory."""
 
-    def __init__(self, job: Job, table: MemberTable, path: Path, group: Any, block: int) -> None:
-        members = len(table)
+    def __init__(self, job: Job, table: MemberTable, path: Path, group: Any, block: int, lock: StoreLock) -> None:
+        members, self._lock = len(table), lock
         with reading(path):
             done = np.asarray(group[DONE][:])
         left = [(k * block, min((k + 1) * block, members)) for k in np.flatnonzero(done == 0).tolist()]
         super().__init__(job, left)
         self._table, self._path, self._group, self._block = table, path, group, block
         self._open: dict[int, tuple[Results, int]] = {}
+
+    def close(self) -> None:
+        """Let other calls write to the store."""
+        self._lock.close()
 
     @property
     def results(self) -> StoredResults:
@@ -109,7 +114,7 @@ def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -
     """Return what keeps results in a store, which is made, or goes on where it stopped.
 
     Raises StatementError for a folder that holds something else, for too many results, and without zarr; RunError for
-    a full disk and for a store that is damaged.
+    a full disk, for a store that is damaged and for one that another call writes to.
     """
     path = folder_of(store)
     one = sum(column.bytes for column in job.columns)
@@ -119,4 +124,10 @@ def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -
             f"the results of {len(table):.3g} members take {one * len(table):.3g} bytes, and a store has room for "
             f"{one * block * MOST_BLOCKS:.3g}: divide the ensemble into several, each with its store, or keep less."
         )
-    return ZarrStorage(job, table, path, open_store(path, job, table, origin(job, table, block)), block)
+    find_store(path, job, table, origin(job, table, block))
+    lock = StoreLock(path)
+    try:
+        return ZarrStorage(job, table, path, open_store(path, job, table), block, lock)
+    except BaseException:
+        lock.close()
+        raise

@@ -40,13 +40,17 @@ def folder_of(store: Any) -> Path:
     return Path(store).expanduser()
 
 
-def open_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> Any:
-    """Return the group of a store, which is made where there is none; see `lagrange.members.store.kept_in_store`."""
+def find_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
+    """Make a store where there is none; refuse one of anything else. See `lagrange.members.store.kept_in_store`."""
     zarr = _zarr()
-    if os.path.lexists(path):
-        _check(zarr, path, made_of)
-    else:
+    if not os.path.lexists(path):
         _make(zarr, path, job, table, made_of)
+    _check(zarr, path, made_of)
+
+
+def open_store(path: Path, job: Job, table: MemberTable) -> Any:
+    """Return the group of a store that is there, without what a call that was killed left of a file."""
+    zarr = _zarr()
     with writing(path), reading(path):
         for rest in path.rglob("*.partial"):
             rest.unlink(missing_ok=True)
@@ -100,6 +104,8 @@ def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[
         folder.rename(path)
     except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, OSError) and error.errno in (errno.ENOTEMPTY, errno.EEXIST) and path.is_dir():
+            return  # another call has made it since
         if isinstance(error, OSError):
             raise _not_made(path, error) from error
         raise

@@ -1,0 +1,137 @@
+"""One call at a time writes to a store; a call that was killed keeps nobody out."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import threading
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.members import store, store_group
+from lagrange.members.store_lock import LOCK, StoreLock
+
+pytest.importorskip("zarr")
+pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the system has no such locks")
+
+HOLDER = """
+import sys
+from pathlib import Path
+from lagrange.members.store_lock import StoreLock
+lock = StoreLock(Path(sys.argv[1]))
+print("held", flush=True)
+sys.stdin.read()
+"""
+
+
+def run(folder: Path, **options: Any) -> lg.Ensemble:
+    return lg.ensemble(lg.scene("pendulum"), 1.0, {"theta": [0.1, 0.2]}, store=folder, **options)
+
+
+def test_a_store_that_another_process_writes_to_is_refused_until_that_ends(tmp_path: Path) -> None:
+    folder = tmp_path / "runs.zarr"
+    run(folder)
+    assert not (folder / LOCK).exists()
+    holder = subprocess.Popen([sys.executable, "-c", HOLDER, str(folder)], stdin=-1, stdout=-1, text=True)
+    try:
+        assert holder.stdout is not None and holder.stdout.readline() == "held\n"
+        with pytest.raises(lg.RunError, match=f"is written to by process {holder.pid} on .*: wait until that is done"):
+            run(folder)
+    finally:
+        os.kill(holder.pid, signal.SIGKILL)
+        holder.communicate()
+    assert (folder / LOCK).exists(), "a killed process removes nothing"
+    assert run(folder).form == "all members were stored"
+    assert not (folder / LOCK).exists()
+
+
+def test_a_store_that_another_thread_writes_to_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, told = tmp_path / "runs.zarr", list[str]()
+    write = store.ZarrStorage.write
+
+    def second() -> None:
+        with pytest.raises(lg.RunError) as refusal:
+            run(folder)
+        told.append(str(refusal.value))
+
+    def slow(storage: Any, *block: Any) -> None:
+        monkeypatch.setattr(store.ZarrStorage, "write", write)
+        thread = threading.Thread(target=second)
+        thread.start()
+        thread.join()
+        write(storage, *block)
+
+    monkeypatch.setattr(store.ZarrStorage, "write", slow)
+    runs = run(folder)
+    assert len(told) == 1 and "is written to by another thread of this process" in told[0]
+    assert np.isfinite(runs.y).all()
+    assert run(folder).form == "all members were stored"
+
+
+def test_a_store_that_another_call_has_made_meanwhile_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, first = tmp_path / "runs.zarr", list[lg.Ensemble]()
+    write_file = store_group.write_file
+
+    def late(*file: Any) -> None:
+        if not first:
+            monkeypatch.setattr(store_group, "write_file", write_file)
+            first.append(run(folder))
+        write_file(*file)
+
+    monkeypatch.setattr(store_group, "write_file", late)
+    assert run(folder).form == "all members were stored"
+    assert first[0].ran == 2 and [one.name for one in tmp_path.iterdir()] == ["runs.zarr"]
+
+
+def test_a_call_that_fails_lets_the_next_one_write(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder = tmp_path / "runs.zarr"
+
+    def full(*_: Any) -> None:
+        raise lg.RunError("full")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(store.ZarrStorage, "write", full)
+        with pytest.raises(lg.RunError, match="full"):
+            run(folder)
+    assert run(folder).ran == 2
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="no fork")
+def test_a_child_of_a_killed_process_keeps_no_lock(tmp_path: Path) -> None:
+    """Workers that a pool forks may outlive the program that was killed."""
+    forking = HOLDER.replace(
+        "print(", "import os, time\nif os.fork() == 0:\n    time.sleep(60)\n    os._exit(0)\nprint("
+    )
+    holder = subprocess.Popen(
+        [sys.executable, "-c", forking, str(tmp_path)], stdin=-1, stdout=-1, text=True, start_new_session=True
+    )
+    try:
+        assert holder.stdout is not None and holder.stdout.readline() == "held\n"
+        os.kill(holder.pid, signal.SIGKILL)
+        holder.wait()
+        StoreLock(tmp_path).close()
+    finally:
+        os.killpg(holder.pid, signal.SIGKILL)
+        holder.communicate()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"rtol": np.float32(1e-6)}, {"method": "rk4", "step": np.float32(0.1)}],
+    ids=["rtol", "step"],
+)
+def test_a_store_knows_options_that_are_numbers_of_numpy(tmp_path: Path, options: dict[str, Any]) -> None:
+    run(tmp_path / "runs.zarr", **options)
+    assert run(tmp_path / "runs.zarr", **options).form == "all members were stored"
+
+
+def test_occurrences_may_be_all_that_is_kept() -> None:
+    theta = lg.scene("pendulum").coordinates[0]
+    runs = lg.ensemble(lg.scene("pendulum"), 3.0, {"theta": [0.1]}, events=[theta], keep=("events", 2))
+    assert runs.t_events[0].shape == (1, 2) and np.isfinite(runs.t_events[0][0, 0])
