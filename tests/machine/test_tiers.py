@@ -13,11 +13,9 @@ import lagrange as lg
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.llvm import engine, tiers
 from lagrange.machine.llvm.engine import Module
-from lagrange.machine.members import compiled
 from lagrange.machine.series.llvm_driver import LlvmSeries
 from lagrange.machine.series.llvm_steps import _events, compiled_steps
 from lagrange.machine.steps import llvm_driver
-from lagrange.members.lanes import _COMPILED
 from lagrange.program.taylor import series_program
 from tests.models import SYSTEMS
 
@@ -65,32 +63,6 @@ def test_code_that_is_compiled_well_gives_the_same_bits(method: str, monkeypatch
     llvm_driver._compiled.cache_clear()
     fresh = pendulum().compile(check=False)
     assert [ran(fresh, method, **RUNS[method]) for _ in range(2)] == [first] * 2
-
-
-@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4"])
-def test_members_of_an_ensemble_have_the_same_bits_from_code_that_is_compiled_well(
-    method: str, made: list[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """With lanes, events and extremes; the second ensemble is of the code that the first one has had compiled."""
-    system, (theta,) = pendulum(), pendulum().coordinates
-    kept: dict[str, Any] = {
-        "keep": ("end", "counts", ("events", 3), ("max", theta.dot)),
-        "events": [theta - 0.5],
-        **RUNS[method],
-    }
-
-    def found() -> list[bytes]:
-        runs = lg.ensemble(system, 9.0, {theta: np.linspace(0.1, 3.0, 21)}, method=method, **kept)
-        assert runs.form.endswith("side by side")
-        return [np.ascontiguousarray(runs.results.column(one.name)).tobytes() for one in runs.columns]
-
-    first = found()
-    monkeypatch.setattr(compiled, "STEPS", 1)
-    _COMPILED.clear()
-    made.clear()
-    assert [found() for _ in range(2)] == [first] * 2
-    text = max(made, key=len)
-    assert made.count(text) == 2, "members were not compiled well"
 
 
 def test_a_series_is_compiled_well_behind_many_steps(made: list[str]) -> None:

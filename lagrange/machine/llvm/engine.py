@@ -30,7 +30,7 @@ _ENGINES: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
 COMPILED = ObjectCode()
 
 LARGE_MODULE = 1_000_000
-"""Characters of IR beyond which code that does not run often is compiled without optimization: some 12,000 operations.
+"""Characters of IR beyond which code is compiled without optimization: some 12,000 operations.
 
 The Jacobian of a chain of 30 links (23,000 operations) then takes 1.2 s instead of 5.3 s, and runs 1.3 times as long
 (73 us). No right-hand side of a scene is as large.
@@ -46,23 +46,16 @@ class Module(Shared):
     """Machine code with the functions of one IR text; it owns the memory that its addresses point to."""
 
     def __init__(
-        self,
-        text: str,
-        *,
-        optimize: bool = False,
-        merge: bool = False,
-        specialize: bool = False,
-        often: bool = False,
-        quickly: bool = False,
+        self, text: str, *, optimize: bool = False, merge: bool = False, quickly: bool = False, often: bool = False
     ) -> None:
         """Compile a text: with LLVM's passes over loops to `optimize`, or `quickly`, for code that runs rarely.
 
-        To `merge` is to put procedures that say so into their callers and their own arrays into registers, no more; to
-        `specialize` is to put constant arguments into procedures, no more. Code that runs `often` may be large.
+        To `merge` is to put procedures that say so into their callers and their own arrays into registers, no more.
+        Code that runs `often` is compiled well however large it is.
         """
         start()
         effort = 0 if quickly or (len(text) > LARGE_MODULE and not often) else 2
-        passes = _optimize if optimize else _merge if merge else _specialize if specialize else None
+        passes = _optimize if optimize else _merge if merge else None
         how = f"{effort} {passes.__name__ if passes else ''}"
         self.ir = text
         self._engine = _loaded(COMPILED.of(text, how, lambda: _compiled(text, effort, passes)))
@@ -118,13 +111,6 @@ def _merge(module: Any, machine: Any) -> None:
     passes = llvm.create_new_module_pass_manager()
     passes.add_always_inliner_pass()
     passes.add_sroa_pass()
-    passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2)))
-
-
-def _specialize(module: Any, machine: Any) -> None:
-    """Run LLVM's pass that puts constant arguments, such as sizes of arrays, into the procedures that take them."""
-    passes = llvm.create_new_module_pass_manager()
-    passes.add_ipsccp_pass()
     passes.run(module, llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2)))
 
 

@@ -7,7 +7,7 @@ reassociates nor contracts operations that are not marked, and ours never are.
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 
 from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.engine import Module
@@ -20,12 +20,9 @@ Quick steps take 1.1 to 1.5 times as long, and up to 2.6 times with Newton's met
 them lose 1 to 40 ms.
 """
 
-NO_PASSES: Mapping[str, bool] = {}
-QUICKLY: Mapping[str, bool] = {"quickly": True}
-
 
 class TieredModule(Shared):
-    """A module with a function that takes steps, compiled as `Module` is told to `at_first`, and `well` behind `steps`.
+    """A module with a function that takes steps. To `optimize` or to `merge` is to compile well as `Module` does.
 
     Both modules are kept: other runs may have the address of the first. Threads may share it. What the code `needs` of
     other modules is announced before it is compiled, quickly or well.
@@ -35,20 +32,19 @@ class TieredModule(Shared):
         self,
         text: str,
         name: str,
-        well: Mapping[str, bool] = NO_PASSES,
-        at_first: Mapping[str, bool] = QUICKLY,
-        steps: int | None = None,
         *,
+        merge: bool = False,
+        optimize: bool = False,
         needs: Callable[..., None] | None = None,
     ) -> None:
         self.ir, self._name = text, name
-        self._well_made, self._needs = well, needs
+        self._passes, self._needs = {"merge": merge, "optimize": optimize}, needs
         if needs is not None:
             needs(well=False)
-        self.quick = Module(text, **at_first)
+        self.quick = Module(text, quickly=True)
         self.address = self.quick.address(name)
         self._well: Module | None = None
-        self._left = STEPS if steps is None else steps
+        self._left = STEPS
         self._lock = threading.Lock()
 
     def address_of(self, name: str) -> int:
@@ -72,7 +68,7 @@ class TieredModule(Shared):
             if self._well is None:
                 if self._needs is not None:
                     self._needs(well=True)
-                well = Module(self.ir, **self._well_made)
+                well = Module(self.ir, **self._passes)
                 self.address = well.address(self._name)
                 self._well = well
         finally:

@@ -38,7 +38,7 @@ class CompiledSteps:
             procedure, watches = taylor_steps(layout), layout.watched > 0
             self.places = {parameter.name: place for place, parameter in enumerate(procedure.parameters)}
             text = steps_ir(procedure, event_procedures() if watches else ())
-            self.module = TieredModule(text, "run", {"merge": True}, needs=link_events if watches else None)
+            self.module = TieredModule(text, "run", merge=True, needs=link_events if watches else None)
 
     @property
     def run(self) -> Any:

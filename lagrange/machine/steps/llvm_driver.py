@@ -148,7 +148,7 @@ def _compiled(step: StepProgram, dimension: int, projected: bool) -> _Code:
     second = layout.width if step.partitioned else n
     places = np.array([*range(n), *range(second, second + n)])
     ir = driver_ir(step, dimension, projected=projected)
-    return _Code(TieredModule(ir, "drive", {"optimize": True}), layout, places)
+    return _Code(TieredModule(ir, "drive", optimize=True), layout, places)
 
 
 def driver_ir(step: StepProgram, dimension: int, *, projected: bool = False) -> str:
