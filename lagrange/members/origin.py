@@ -49,6 +49,7 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
         "occurrences": job.keep.events,
         "varies": list(table.labels),
         "values": varied.hexdigest(),
+        "drawn": [dict(one) for one in table.varied.drawn],
         "state": table.state.tolist(),
         "parameters": table.parameters.tolist(),
         "axes": {name: len(values) for name, values in table.varied.axes.items()},

@@ -182,4 +182,5 @@ def _together(sources: list[Varied]) -> Varied:
     if twice is not None:
         raise StatementError(f"{twice} varies twice: give its values once.")
     every = np.arange(len(sources[0]))
-    return Arrays({key: one.values(key, every) for one in sources for key in one.keys})
+    drawn = tuple(made for one in sources for made in one.drawn)
+    return Arrays({key: one.values(key, every) for one in sources for key in one.keys}, drawn)

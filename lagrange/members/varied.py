@@ -30,10 +30,11 @@ MOST_MEMBERS = 10**12
 class Varied(ABC):
     """Values of coordinates, velocities and parameters for members from 0 on; the last axis varies fastest.
 
-    `given` are the values that were stated, by key.
+    `given` are the values that were stated, by key; `drawn` says how random ones were drawn.
     """
 
     given: Mapping[Any, FloatArray]
+    drawn: tuple[Mapping[str, Any], ...] = ()
 
     @property
     @abstractmethod
@@ -141,6 +142,9 @@ def _axis(label: str, given: Any) -> FloatArray:
 
 METHODS = ("sobol", "latin", "random")
 
+MOST_DIMENSIONS = 21201
+"""Sobol's sequence has direction numbers for no more."""
+
 
 def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str = "sobol") -> Arrays:
     """Return random values for members, for `lagrange.ensemble`: the same for the same seed.
@@ -156,6 +160,10 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
     one_of(method, METHODS, "method is {given}; the methods of a sample are {known}.")
     given = list(_named(ranges, "ranges", "coordinate, velocity or parameter to (low, high)"))
     members = whole_number(count, "count, the number of members,", 1, MOST_NUMBERS // len(given))
+    if method == "sobol" and len(given) > MOST_DIMENSIONS:
+        raise StatementError(
+            f'ranges has {len(given)} entries, and Sobol\'s sequence has {MOST_DIMENSIONS}: give method="latin".'
+        )
     generator = np.random.default_rng(start)
     if method == "sobol":
         whole = qmc.Sobol(len(given), seed=generator).random_base2(max(members - 1, 1).bit_length())
@@ -164,7 +172,8 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
         parts = qmc.LatinHypercube(len(given), seed=generator).random(members)
     else:
         parts = generator.random((members, len(given)))
-    return Arrays({key: _drawn(label_of(key), one, part) for (key, one), part in zip(given, parts.T, strict=True)})
+    values = {key: _drawn(label_of(key), one, part) for (key, one), part in zip(given, parts.T, strict=True)}
+    return Arrays(values, ({"sample": method, "seed": start, "of": [label_of(key) for key in values]},))
 
 
 def _drawn(label: str, given: Any, parts: FloatArray) -> FloatArray:

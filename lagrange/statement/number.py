@@ -59,7 +59,7 @@ def whole_number(value: Any, what: str, least: int, most: int | None = None) -> 
     if number != int(number) or number < least or (most is not None and number > most):
         bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
         raise StatementError(f"{what} = {shown(value)}: give a whole number {bounds}.")
-    return int(number)
+    return int(value) if isinstance(value, numbers.Integral) else int(number)
 
 
 def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:

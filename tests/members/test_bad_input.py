@@ -283,3 +283,12 @@ def test_a_store_that_would_never_end(tmp_path: Path, monkeypatch: pytest.Monkey
     refused(lambda: run(store=tmp_path / "runs.zarr"), "the results of 3 members take 75 bytes, and a store has room")
     monkeypatch.setattr(varied, "MOST_MEMBERS", 8)
     refused(lambda: lg.grid({"theta": THREE, "l": THREE}), "the grid has 9 members: give fewer values")
+
+
+def test_all_digits_of_a_seed_count() -> None:
+    one, other = (lg.sample({"theta": (0, 1)}, 4, seed=seed)["theta"] for seed in (2**53, 2**53 + 1))
+    assert not np.array_equal(one, other)
+
+
+def test_a_sample_of_more_than_a_sequence_has() -> None:
+    refused(lambda: lg.sample({f"p{i}": (0, 1) for i in range(21_202)}, 2), "ranges has 21202 entries, and Sobol's")

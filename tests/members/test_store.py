@@ -166,3 +166,12 @@ def test_what_cannot_be_sent_is_refused() -> None:
         pytest.raises(lg.StatementError, match="cannot be sent to other processes"),
     ):
         lg.ensemble(lg.scene("pendulum"), 1.0, {"theta": [1.0]}, method=method, executor=processes)
+
+
+def test_a_store_says_how_its_sample_was_drawn(tmp_path: Path) -> None:
+    drawn = lg.sample({"theta": (0.1, 0.2)}, 4, seed=2**60 + 1, method="latin")
+    for given in ({"initial": drawn}, {"initial": drawn, "parameters": {"l": [1.0, 1.1, 1.2, 1.3]}}):
+        path = tmp_path / f"{len(given)}.zarr"
+        lg.ensemble(lg.scene("pendulum"), 1.0, **given, store=path)
+        made = zarr.open_group(str(path), mode="r").attrs["lagrange"]
+        assert made["drawn"] == [{"sample": "latin", "seed": 2**60 + 1, "of": ["theta"]}]
