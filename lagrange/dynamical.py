@@ -110,7 +110,8 @@ def poincare(
     as for a driven system. `starts` are initial states, a list of dicts or rows (m, 2n); what a dict does not name is
     the system's own. With `energy` all starts have that energy: the velocity `solve_for` follows from it, in the
     direction of the event. Each orbit is followed for `skip` crossings, and then `crossings` that are kept; it ends
-    where it waits for one longer than `longest`, 200 periods of small motions by default.
+    where it waits for one longer than `longest`, 200 periods of small motions by default. States at equal times of many
+    starts, 300,000 points or more, are computed side by side as `lagrange.ensemble` does.
 
     The result has `times` and `states`, (k,) and (k, 2n) for each start, `points` of all, and `plot(x, y)`. Ctrl-C
     keeps what is there. Raises StatementError for a section that cannot be, and for starts above the energy.
@@ -153,7 +154,8 @@ def bifurcation(
     time is looked at after each period of its driving, which is found in its sines and cosines, or given as `section`.
     With an event as `section`, as `poincare` takes it, any system is looked at where it happens. At each value the
     orbits from `starts` are followed `skip` times and then `points` times, which are kept; with `follow` they begin
-    where those at the value before ended, so that rising and falling values show hysteresis. The result has `states`
+    where those at the value before ended, so that rising and falling values show hysteresis; without it values of one
+    period, 300,000 points or more, are computed side by side as `lagrange.ensemble` does. The result has `states`
     (k, m, points, 2n) and `cycles` (k, m), with how many points each orbit comes again.
 
     A system without driving and without a section is shown by its equilibria: `branches`, with formulas where these

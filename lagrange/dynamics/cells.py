@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from lagrange.dynamics.axes import Plane
 from lagrange.dynamics.runs import Report
 from lagrange.machine.backend import FloatArray
-from lagrange.members.chunk import Ends, Engine, Starts
+from lagrange.members.chunk import Ends, Engine, Starts, Table
 from lagrange.members.job import ChunkResult
 from lagrange.members.runners import ThreadRunner
 from lagrange.members.varied import MemberNumbers
@@ -38,6 +39,12 @@ def coarse_first(rows: int, columns: int) -> Places:
         taken |= grid
         step //= 2
     return np.concatenate(order)
+
+
+class Listed(Table, Protocol):
+    """Members of which it is known how many there are."""
+
+    def __len__(self) -> int: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,18 +87,31 @@ def each_cell(
 
     `take` gets the places (k, 2), row and column, of some of them, and what came of each.
     """
+
+    def keep(first: int, ends: Ends) -> None:
+        take(cells.places[first : first + ends.members], ends)
+
+    return each_member(cells, engine, workers, keep, progress)
+
+
+def each_member(
+    table: Listed, engine: Engine, workers: int, take: Callable[[int, Ends], None], progress: Report | None = None
+) -> bool:
+    """Run all members on so many threads; return whether all were run, false after Ctrl-C.
+
+    `take` gets the number of the first of some of them, and what came of each.
+    """
     done = 0
 
     def keep(first: int, found: ChunkResult) -> None:
         nonlocal done
-        count = found.ends.members
-        take(cells.places[first : first + count], found.ends)
-        done += count
+        take(first, found.ends)
+        done += found.ends.members
         if progress is not None:
             progress(float(done))
 
     try:
-        run_members(cells, [(0, len(cells))], ThreadRunner(engine, workers), keep)
+        run_members(table, [(0, len(table))], ThreadRunner(engine, workers), keep)
     except KeyboardInterrupt:
         return False
     return True

@@ -57,8 +57,20 @@ class Runs:
         initial = dict(zip(statement.state_names, start.tolist(), strict=True))
         return integrate(self.model, (t0, t1), initial, chosen)[0]
 
-    def job(self, t0: float, t1: float, keep: Any, events: tuple[Event, ...] = ()) -> Job:
-        """Return many runs from t0 to t1, as members of an ensemble; `keep` is what `lagrange.ensemble` takes."""
+    def job(
+        self,
+        t0: float,
+        t1: float,
+        keep: Any,
+        events: tuple[Event, ...] = (),
+        *,
+        t_eval: FloatArray | None = None,
+        varying: bool = False,
+    ) -> Job:
+        """Return many runs from t0 to t1, as members of an ensemble; `keep` is what `lagrange.ensemble` takes.
+
+        With `varying` each has parameters of its own.
+        """
         model, given = self.model, self.options
         options = replace(given, method=find(DEFAULT if given.method is None else given.method), events=events)
         problem = Problem(
@@ -67,13 +79,14 @@ class Runs:
             t0=t0,
             t1=t1,
             y0=np.zeros(model.layout.size),
+            t_eval=t_eval,
             rtol=options.rtol,
             atol=options.atol,
             step=options.step,
             max_steps=options.step_limit,
             events=events,
         )
-        return Job(problem, options, keep_of(keep, model, events), varying=False)
+        return Job(problem, options, keep_of(keep, model, events), varying)
 
 
 def starts_of(model: Model, given: Any, base: FloatArray) -> FloatArray:

@@ -13,9 +13,10 @@ import numpy as np
 import sympy
 
 from lagrange.dynamics.axes import row_of
+from lagrange.dynamics.crossings import Crosser, Crossings, followed
 from lagrange.dynamics.energy_level import margin, on_level
 from lagrange.dynamics.nullclines import zero_lines
-from lagrange.dynamics.runs import Report, Runs, initial_of, starts_of, time_scale
+from lagrange.dynamics.runs import Report, Runs, initial_of, starts_of
 from lagrange.errors import StatementError, counted
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
@@ -23,16 +24,7 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.event import Event, declare_events
 from lagrange.statement.number import real_number, whole_number
 from lagrange.statement.statement import Statement
-from lagrange.trajectory.trajectory import Status, Trajectory
-
-CROSSINGS_PER_RUN = 2000
-"""Crossings after which an orbit goes on in a new run, so that the memory for its steps is bounded."""
-
-PERIODS_PER_CROSSING = 2.0
-"""Mean periods of small motions that the first run of an orbit has for each crossing."""
-
-LONGEST_WAIT = 200
-"""Mean periods without a crossing after which an orbit is given up."""
+from lagrange.trajectory.trajectory import Status
 
 BORDER_CELLS = 200
 """Cells along each axis in which the border of a section is sought."""
@@ -73,16 +65,6 @@ class SectionData:
         return np.concatenate(self.states) if self.states else np.empty((0, self.starts.shape[1]))
 
 
-@dataclass(frozen=True, eq=False)
-class Crossings:
-    """The times (k,) and states (k, 2n) of one orbit on a section, and how it ended."""
-
-    times: FloatArray
-    states: FloatArray
-    status: Status
-    message: str
-
-
 def section_of(given: Any, model: Model, parameters: FloatArray) -> Event | float:
     """Return the event of a section, or the period of one at equal times: a number, or an expression in parameters."""
     if isinstance(given, Event):
@@ -121,16 +103,7 @@ def section(
         states = on_level(model, runs.parameters, states, row, level, event)
     wait = None if longest is None else real_number(longest, "longest, the time to wait for a crossing,")
     cross = Crosser(runs, passed, count + dropped, states, wait)
-    done: list[Crossings] = []
-    try:
-        for start in states:
-            done.append(_without_first(cross(start), dropped))
-            if progress is not None:
-                progress(float(len(done)))
-            if done[-1].status is Status.INTERRUPTED:
-                break
-    except KeyboardInterrupt:
-        done.append(Crossings(np.empty(0), np.empty((0, model.layout.size)), Status.INTERRUPTED, "was interrupted."))
+    done = [_without_first(one, dropped) for one in followed(cross, states, progress)]
     axes = drawn_axes(model.statement, event)
     status, message = _ended(done, len(states), event, model.statement)
     return SectionData(
@@ -149,60 +122,6 @@ def section(
         status=status,
         message=message,
     )
-
-
-class Crosser:
-    """Follows orbits to a number of crossings of one section, by one prepared event."""
-
-    def __init__(
-        self, runs: Runs, passed: Event | float, count: int, states: FloatArray, longest: float | None = None
-    ) -> None:
-        statement = runs.model.statement
-        self.runs, self.count = runs, count
-        self.period = passed if isinstance(passed, float) else None
-        self.event = None if isinstance(passed, float) else replace(passed, terminal=min(count, CROSSINGS_PER_RUN))
-        self.scale = time_scale(runs.model, states, runs.parameters, statement.run.t_end / 10)
-        self.wait = LONGEST_WAIT * self.scale if longest is None else longest
-
-    def __call__(self, start: FloatArray, begin: float = 0.0) -> Crossings:
-        """Return the crossings of the orbit from a state (2n,)."""
-        return self._at_times(start, begin) if self.period is not None else self._at_events(start, begin)
-
-    def _at_times(self, start: FloatArray, begin: float) -> Crossings:
-        times = begin + (self.period or 0.0) * np.arange(1.0, self.count + 1.0)
-        run = self.runs(start, begin, float(times[-1]), t_eval=times)
-        return Crossings(run.t, run.y.T, run.status, run.message)
-
-    def _at_events(self, start: FloatArray, begin: float) -> Crossings:
-        times: list[FloatArray] = []
-        states: list[FloatArray] = []
-        left, since, y, leg, first = self.count, begin, start, self._first_leg(), begin
-        while True:
-            run = self.runs(y, begin, begin + leg, events=[self.event])
-            times.append(run.t_events[0][:left])
-            states.append(run.y_events[0][:left])
-            left -= len(times[-1])
-            since = float(times[-1][-1]) if len(times[-1]) else since
-            ended = run.status is not Status.SUCCESS and run.status is not Status.EVENT
-            if left == 0 or ended or run.span[1] - since >= self.wait or not run.y.size:
-                return Crossings(np.concatenate(times), np.concatenate(states), *self._end(run, left, since))
-            begin, y = run.span[1], np.ascontiguousarray(run.y[:, -1])
-            seen = self.count - left
-            leg = max(self.wait / 2, 1.2 * left * (begin - first) / seen) if seen else self.wait
-
-    def _first_leg(self) -> float:
-        return PERIODS_PER_CROSSING * self.scale * min(self.count, CROSSINGS_PER_RUN)
-
-    def _end(self, run: Trajectory, left: int, since: float) -> tuple[Status, str]:
-        """Return the status of an orbit, and a sentence."""
-        if left == 0:
-            return Status.EVENT, "all crossings are there."
-        if run.status.complete:
-            return Status.SUCCESS, (
-                f"passed the section {counted(self.count - left, 'time')}, and not again between t = {since:.6g} and "
-                f"{run.span[1]:.6g}; longest=... waits for more than {self.wait:.3g}."
-            )
-        return run.status, run.message
 
 
 def _without_first(found: Crossings, dropped: int) -> Crossings:

@@ -13,11 +13,13 @@ import numpy as np
 
 from lagrange.dynamics.angles import angles, difference
 from lagrange.dynamics.axes import MOST_VALUES
+from lagrange.dynamics.crossings import Crosser, Crossings, points_side_by_side
 from lagrange.dynamics.driving import depends_on_time, driving_period
 from lagrange.dynamics.runs import Report, Runs, initial_of, starts_of, time_scale
-from lagrange.dynamics.section import Crosser, Crossings, drawn_axes, section_of
+from lagrange.dynamics.section import drawn_axes, section_of
 from lagrange.errors import StatementError, counted, listing, shown, suggestion
 from lagrange.machine.backend import FloatArray
+from lagrange.members.chunk import Starts
 from lagrange.statement.event import Event
 from lagrange.statement.number import flag, real_array, whole_number
 from lagrange.statement.parameters import label_of
@@ -114,17 +116,19 @@ def sweep(
     base = starts_of(model, starts, initial_of(model, None))
     arrays = [with_value(runs, place, value) for value in values.tolist()]
     scale = time_scale(model, base, runs.parameters, statement.run.t_end)
-    passed = _section(runs, given, arrays[0])
-    periods = np.full(len(values), np.nan)
+    sections = [_section(runs, given, array) for array in arrays]
+    event = sections[0] if isinstance(sections[0], Event) else None
+    together = None if followed else _together(runs, sections, arrays, base, count + dropped, progress)
     states = np.full((len(values), len(base), count, model.layout.size), np.nan)
     statuses: list[tuple[Status, ...]] = []
     begins = [(0.0, start) for start in base]
     try:
-        for k, array in enumerate(arrays):
-            passed = _section(runs, given, array)
-            periods[k] = np.nan if isinstance(passed, Event) else passed
-            cross = Crosser(replace(runs, parameters=array), passed, count + dropped, base)
-            found = [cross(start, begin) for begin, start in begins]
+        for k, (array, passed) in enumerate(zip(arrays, sections, strict=True)):
+            if together is None:
+                cross = Crosser(replace(runs, parameters=array), passed, count + dropped, base)
+                found = [cross(start, begin) for begin, start in begins]
+            else:
+                found = together[k * len(base) : (k + 1) * len(base)]
             statuses.append(tuple(one.status for one in found))
             if Status.INTERRUPTED in statuses[-1]:
                 break
@@ -133,12 +137,10 @@ def sweep(
                 states[k, i, : len(last)] = last
             if followed:
                 begins = [_next(one, start, passed, statement) for one, start in zip(found, base, strict=True)]
-            if progress is not None:
+            if progress is not None and together is None:
                 progress(float(k + 1))
     except KeyboardInterrupt:
         statuses.append((Status.INTERRUPTED,))
-    event = passed if isinstance(passed, Event) else None
-    axes = drawn_axes(statement, event)
     status, message = _ended(statuses, len(values), parameter, len(base))
     return SweepData(
         statement=statement,
@@ -148,12 +150,29 @@ def sweep(
         cycles=_cycles(states, angles(statement), scale),
         statuses=tuple(statuses),
         event=event,
-        periods=None if event is not None else periods,
+        periods=None if event is not None else np.array(sections),
         followed=followed,
-        axes=axes,
+        axes=drawn_axes(statement, event),
         status=status,
         message=message,
     )
+
+
+def _together(
+    runs: Runs,
+    sections: Sequence[Event | float],
+    arrays: Sequence[FloatArray],
+    base: FloatArray,
+    count: int,
+    progress: Report | None,
+) -> list[Crossings] | None:
+    """Return the orbits of all values, those of a value behind one another, None where they are run one by one."""
+    period, m = sections[0], len(base)
+    if isinstance(period, Event) or any(one != period for one in sections):
+        return None
+    starts = Starts(np.tile(base, (len(arrays), 1)), np.repeat(np.array(arrays), m, axis=0))
+    done = None if progress is None else lambda orbits: progress(orbits / m)
+    return points_side_by_side(runs, period, count, starts, done)
 
 
 def with_value(runs: Runs, place: int, value: float) -> FloatArray:

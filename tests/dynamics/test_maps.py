@@ -19,7 +19,17 @@ from lagrange.errors import StatementError
 from lagrange.members import work
 from lagrange.members.chunk import Ends, Starts, Stopped
 from lagrange.members.processors import processors, threads_of
-from tests.dynamics.planar import damped_pendulum, double_well, driven_linear, duffing, pendulum, theta, x, y
+from tests.dynamics.planar import (
+    damped_pendulum,
+    double_well,
+    driven_linear,
+    duffing,
+    interrupted_after,
+    pendulum,
+    theta,
+    x,
+    y,
+)
 from tests.models import shared_scene
 
 BALL = lg.System(kinetic=lg.kinetic_energy(1, x), potential=9.81 * x, name="ball")
@@ -134,14 +144,6 @@ def test_cells_come_coarse_first_and_each_once() -> None:
     places = coarse_first(5, 7)
     assert sorted(map(tuple, places.tolist())) == [(i, j) for i in range(5) for j in range(7)]
     assert places[:4].tolist() == [[0, 0], [0, 4], [4, 0], [4, 4]]
-
-
-def interrupted_after(count: int) -> Callable[[float], None]:
-    def report(done: float) -> None:
-        if done >= count:
-            raise KeyboardInterrupt
-
-    return report
 
 
 class Slow:
