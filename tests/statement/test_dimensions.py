@@ -224,7 +224,7 @@ def test_powers_that_are_no_numbers_need_a_base_without_dimension() -> None:
 
 
 def test_axes_and_cards_carry_units() -> None:
-    given = {**SLIDING, "parameters": {m: 1, M: 2, l: 1, g: 9.81, k: 3, c: 0.1}, "initial": {x: 0.1}}
+    given = {**SLIDING, "parameters": {m: 1, M: 2, l: 1, g: 9.81, k: 3, c: 0.1}, "initial": {x: 0.1, theta: 0.3}}
     si = {m: "kg", M: "kg", l: "m", g: "m/s**2", x: "m", theta: "rad", k: "N/m"}
     solution = stated(given, si).run(0.5)
     assert solution.card()["units"] == {"x": "m", "theta": "rad", "x_dot": "m/s", "theta_dot": "rad/s", "t": "s"}
