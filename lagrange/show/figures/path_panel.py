@@ -123,7 +123,8 @@ class PathPanel:
         """Name the directions of the plane, and what was subtracted from them."""
         right, up = (with_unit(less(name, base), unit) for name, base in zip(self.view.labels, origin, strict=True))
         axis.set_xlabel(right if self.shape != "column" else "", labelpad=2.0)
-        axis.set_ylabel(up if self.shape != "row" else "", labelpad=6.0)
+        # Above a narrow column its title has room for this distance and no more.
+        axis.set_ylabel(up if self.shape != "row" else "", labelpad=2.0 if self.shape == "column" else 6.0)
 
 
 def _title(paths: Paths, shape: str) -> str:
