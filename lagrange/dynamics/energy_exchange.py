@@ -16,7 +16,6 @@ import sympy
 from scipy.linalg import LinAlgError, eigh
 
 from lagrange.dynamics.angles import angles, difference
-from lagrange.equations.velocity_degrees import stated_alone
 from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
@@ -118,7 +117,7 @@ def _sampled(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
 def _kinds(model: Model, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float]) -> dict[str, FloatArray]:
     """Return T and V as stated, or for a Lagrangian alone its parts of second and of no degree in the velocities."""
     known = with_values(model.statement)
-    if not stated_alone(known):
+    if not known.lagrangian_alone:
         return {
             "kinetic": model.evaluate_expression(known.kinetic, t, y, parameters),
             "potential": model.evaluate_expression(known.potential, t, y, parameters),

@@ -24,7 +24,6 @@ from lagrange.equations.velocity_degrees import (
     has_all_degrees,
     proven_homogeneous,
     seen_mixed,
-    stated_alone,
     visibly_homogeneous,
 )
 from lagrange.graph.evaluate import precise, values
@@ -114,7 +113,7 @@ class Decisions:
     @property
     def stated_alone(self) -> bool:
         """Whether the Lagrangian was stated without a potential."""
-        return stated_alone(self.statement)
+        return self.statement.lagrangian_alone
 
     @cached_property
     def homogeneous(self) -> Verdict:
@@ -125,7 +124,7 @@ class Decisions:
         if visibly_homogeneous(self.statement):
             return True
         try:
-            if stated_alone(self.statement):
+            if self.statement.lagrangian_alone:
                 return False if has_all_degrees(self._stated) else None
             if seen_mixed(self.statement):
                 return False

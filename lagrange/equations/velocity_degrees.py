@@ -20,11 +20,6 @@ ZERO = sympy.Float("1e-15", DIGITS)
 """Of numbers of 30 digits, a difference below this part of them is taken for rounding."""
 
 
-def stated_alone(statement: Statement) -> bool:
-    """Whether the Lagrangian was stated without a potential, so that T and V are not told apart."""
-    return bool(statement.potential == 0 and statement.kinetic == statement.lagrangian)
-
-
 def visibly_homogeneous(statement: Statement) -> bool:
     """Whether T is seen to be of second degree in every term, without algebra."""
     return _degree(statement.kinetic, statement.velocities) == SECOND

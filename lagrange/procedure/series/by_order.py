@@ -11,13 +11,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from lagrange.procedure.form import FLAG, Procedure
-from lagrange.procedure.series.jet import Jet, divided
+from lagrange.procedure.series.jet import LoopJet
 from lagrange.procedure.series.numbers import SeriesNumbers
 from lagrange.procedure.series.order_sums import Kept, OrderSums, Pair
 from lagrange.procedure.series.packing import Chunk, Operand, PackedStage, Packing
-from lagrange.procedure.series.rules import Term, coefficient, less
+from lagrange.procedure.series.rules import Term, coefficient
 from lagrange.procedure.series.systems import system_size
-from lagrange.procedure.series.value import ValueAt, divisor
+from lagrange.procedure.series.value import ValueAt, divisor, solved
 from lagrange.procedure.taylor.memory import TaylorLayout
 from lagrange.procedure.values import Memory, Real, Whole
 
@@ -25,7 +25,7 @@ LARGEST_INVERSE = 12
 """The inverse of a mass matrix is written out up to this size: for members side by side loops over vectors are none."""
 
 
-class ByOrderJet(Jet):
+class ByOrderJet(LoopJet):
     """Builds the procedure from values that are packed one by one."""
 
     def __init__(self, packing: Packing, numbers: SeriesNumbers) -> None:
@@ -45,9 +45,6 @@ class ByOrderJet(Jet):
         self.reciprocals: dict[int, Real] = {}
         """One over what is divided by at order 0."""
         self.row = self.previous = self.rows
-        self.k: Whole = self.order
-        self.rank = self.high = self.low = self.time = self.scale
-        self.shares = self.scale, self.scale
 
     def layout_of(self, packing: Packing) -> TaylorLayout:
         """Return where things stand."""
@@ -68,10 +65,7 @@ class ByOrderJet(Jet):
         self.write_first()
         moving = any(stage.plan.moving for stage in packing.stages)
         guesses = [[p.variable(p.real(0.0)) for _ in stage.unknowns] if moving else None for stage in packing.stages]
-        if moving:
-            p.note("Order 1 is computed twice, the second time from the velocities found first.")
-        with p.loop(0 if moving else 1, self.order + 1) as iteration:
-            self.set_order(p.larger(iteration, 1) if moving else iteration)
+        with self.each_order() as iteration:
             self.sums = sums.at(self.k)
             self.x = {i: self.share(self.before(rate)) for i, rate in enumerate(self.program.rates)}
             self.fill(packing.before)
@@ -83,14 +77,9 @@ class ByOrderJet(Jet):
 
     def set_order(self, k: Whole) -> None:
         """Build what depends on the order alone."""
-        p, width = self.p, self.layout.width
-        self.k, self.row, self.previous = k, self.rows.at(k * width), self.rows.at((k - 1) * width)
-        self.rank = p.real(k)
-        self.high = 1.0 / self.rank
-        p.note("What 1 - k high leaves over is exact, and its share is the part of 1 / k that rounding lost.")
-        self.low = p.fma(-self.rank, self.high, 1.0) * self.high
-        self.shares = self.high * self.scale, self.low * self.scale
-        self.time = p.choose(k.equals(1), self.scale, 0.0)
+        width = self.layout.width
+        self.row, self.previous = self.rows.at(k * width), self.rows.at((k - 1) * width)
+        super().set_order(k)
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
         """Build the coefficients of some values."""
@@ -103,14 +92,9 @@ class ByOrderJet(Jet):
         guesses = [None if guess is None else one.value for one in guess or [None] * len(stage.unknowns)]
         self.x |= zip(stage.unknowns, guesses, strict=True)
         self.fill(packed.trial)
-        right = []
-        for force, momentum in zip(stage.right, stage.left, strict=True):
-            rate = None if force is None else self.share(self.before(force))
-            right.append(less(rate, None if momentum is None else self.x[momentum]))
-        found = [p.real(0.0) if x is None else x for x in self.systems[place].solve(right)]
+        found = [p.real(0.0) if x is None else x for x in solved(self, place, guesses)]
         if guess is not None:
             weight = p.choose(iteration.equals(0), p.real(1.0), 0.0)
-            found = [x + one for x, one in zip(found, guesses, strict=True)]
             for one, x in zip(guess, found, strict=True):
                 one.value = x * weight
         self.x |= zip(stage.unknowns, found, strict=True)
@@ -148,14 +132,6 @@ class ByOrderJet(Jet):
     def start(self) -> Term:
         """Return the coefficient of time: the scale at k = 1, else 0."""
         return self.time
-
-    def share(self, x: Term) -> Term:
-        """Return x scale / k."""
-        return divided(self, x, *self.shares)
-
-    def part(self, x: Term) -> Term:
-        """Return x / k."""
-        return divided(self, x, self.high, self.low)
 
 
 class _ByOrder(ValueAt):

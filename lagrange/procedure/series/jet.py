@@ -9,6 +9,8 @@ compiler turns each chunk into vectors.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import reduce
 from typing import Any
 
@@ -70,6 +72,46 @@ class Jet:
     def matrices(self) -> Memory:
         """Return memory for matrices, behind the rows."""
         return self.rows.at((self.order + 1) * self.layout.width)
+
+
+class LoopJet(Jet):
+    """A series whose orders are computed in a loop: what depends on the order k alone."""
+
+    def __init__(
+        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = WRITTEN_OUT
+    ) -> None:
+        super().__init__(packing, numbers, layout, largest)
+        self.k: Whole = self.order
+        self.rank = self.time = self.high = self.low = self.scale
+        self.shares = self.scale, self.scale
+
+    @contextmanager
+    def each_order(self) -> Iterator[Whole]:
+        """Go through the orders from 1 on, where a mass matrix moves from an iteration 0 on, which is order 1 too."""
+        p, moving = self.p, any(stage.plan.moving for stage in self.packing.stages)
+        if moving:
+            p.note("Order 1 is computed twice, the second time from the velocities found first.")
+        with p.loop(0 if moving else 1, self.order + 1) as iteration:
+            self.set_order(p.larger(iteration, 1) if moving else iteration)
+            yield iteration
+
+    def set_order(self, k: Whole) -> None:
+        """Build what depends on the order alone."""
+        p = self.p
+        self.k, self.rank = k, p.real(k)
+        self.high = 1.0 / self.rank
+        p.note("What 1 - k high leaves over is exact, and its share is the part of 1 / k that rounding lost.")
+        self.low = p.fma(-self.rank, self.high, 1.0) * self.high
+        self.shares = self.high * self.scale, self.low * self.scale
+        self.time = p.choose(k.equals(1), self.scale, 0.0)
+
+    def share(self, x: Term) -> Term:
+        """Return x scale / k."""
+        return divided(self, x, *self.shares)
+
+    def part(self, x: Term) -> Term:
+        """Return x / k."""
+        return divided(self, x, self.high, self.low)
 
 
 def divided(jet: Jet, x: Term, high: Real, low: Real | None) -> Term:

@@ -13,7 +13,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.form import FLAG, Procedure
 from lagrange.procedure.series.image import ALIGNED, NOWHERE, Image, arguments
-from lagrange.procedure.series.jet import Jet, divided
+from lagrange.procedure.series.jet import LoopJet
 from lagrange.procedure.series.lanes import ChunkLane, ScatteredLane
 from lagrange.procedure.series.numbers import SeriesNumbers
 from lagrange.procedure.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
@@ -43,7 +43,7 @@ def looped_layout(packing: Packing) -> tuple[TaylorLayout, Image]:
     return TaylorLayout(n, image.width, 0, n, block=1, scratch=scratch, **ways), image
 
 
-class LoopedJet(Jet):
+class LoopedJet(LoopJet):
     """Builds the procedure."""
 
     def __init__(self, packing: Packing, numbers: SeriesNumbers) -> None:
@@ -60,9 +60,6 @@ class LoopedJet(Jet):
         self.current: dict[Operand, None] = {}
         """The operands that have been gathered at the order at hand."""
         self.solutions: list[tuple[Memory, Memory, Memory | None]] = []
-        self.k: Whole = self.order
-        self.time = self.high = self.low = self.scale
-        self.shares = self.scale, self.scale
 
     def build(self) -> Procedure:
         """Return the procedure."""
@@ -70,14 +67,10 @@ class LoopedJet(Jet):
         self.begin()
         self.lay_out()
         self.write_first()
-        moving = [stage.plan.moving for stage in packing.stages]
         guesses = [p.reserve(stage.plan.size, name="guess") if stage.plan.moving else None for stage in packing.stages]
         for stage, guess in zip(packing.stages, guesses, strict=True):
             self.clear(guess, stage.plan.size)
-        if any(moving):
-            p.note("Order 1 is computed twice, the second time from the velocities found first.")
-        with p.loop(0 if any(moving) else 1, self.order + 1) as iteration:
-            self.set_order(p.larger(iteration, 1) if any(moving) else iteration)
+        with self.each_order() as iteration:
             self.sum_up()
             self.find_coordinates()
             self.fill(packing.before)
@@ -176,15 +169,9 @@ class LoopedJet(Jet):
 
     def set_order(self, k: Whole) -> None:
         """Build what depends on the order alone."""
-        p, width = self.p, self.layout.width
-        self.k = k
+        width = self.layout.width
         self.arrays["row"], self.arrays["previous"] = self.rows.at(k * width), self.rows.at((k - 1) * width)
-        self.rank = p.real(k)
-        self.high = 1.0 / self.rank
-        p.note("What 1 - k high leaves over is exact, and its share is the part of 1 / k that rounding lost.")
-        self.low = p.fma(-self.rank, self.high, 1.0) * self.high
-        self.shares = self.high * self.scale, self.low * self.scale
-        self.time = p.choose(k.equals(1), self.scale, 0.0)
+        super().set_order(k)
         self.current = {}
 
     def sum_up(self) -> None:
@@ -350,11 +337,3 @@ class LoopedJet(Jet):
         for operand in self.image.places:
             if self.image.places[operand] < self.image.width:
                 self.gather(operand)
-
-    def share(self, x: Term) -> Term:
-        """Return x scale / k."""
-        return divided(self, x, *self.shares)
-
-    def part(self, x: Term) -> Term:
-        """Return x / k."""
-        return divided(self, x, self.high, self.low)

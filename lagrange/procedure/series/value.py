@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.series.packing import Chunk, Operand
-from lagrange.procedure.series.rules import OWN, Term
+from lagrange.procedure.series.rules import OWN, Term, less, plus
+from lagrange.procedure.series.systems import System
 from lagrange.procedure.values import Real
 from lagrange.program.series import SeriesProgram
 
@@ -18,6 +20,7 @@ class Coefficients(Protocol):
     program: SeriesProgram
     constants: list[Real]
     origin: dict[int, Any]
+    systems: list[System]
     x: dict[int, Term]
 
     def before(self, number: int) -> Term:
@@ -86,6 +89,15 @@ class ValueAt:
     def start(self) -> Term:
         """Return the coefficient of time: the scale at k = 1, else 0."""
         return self.series.start()
+
+
+def solved(series: Coefficients, place: int, guesses: Sequence[Term]) -> list[Term]:
+    """Return the unknowns of a stage, corrected from guesses."""
+    stage, right = series.program.stages[place], []
+    for force, momentum in zip(stage.right, stage.left, strict=True):
+        rate = None if force is None else series.share(series.before(force))
+        right.append(less(rate, None if momentum is None else series.x[momentum]))
+    return [plus(x, guess) for x, guess in zip(series.systems[place].solve(right), guesses, strict=True)]
 
 
 def divisor(chunk: Chunk) -> Operand | None:

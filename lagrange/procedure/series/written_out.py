@@ -10,9 +10,9 @@ from lagrange.procedure.form import FLAG, Procedure
 from lagrange.procedure.series.jet import Jet, divided
 from lagrange.procedure.series.numbers import SeriesNumbers
 from lagrange.procedure.series.packing import Chunk, Operand, Packing
-from lagrange.procedure.series.rules import Term, coefficient, fma, less, plus
+from lagrange.procedure.series.rules import Term, coefficient, fma, plus
 from lagrange.procedure.series.systems import system_size
-from lagrange.procedure.series.value import ValueAt
+from lagrange.procedure.series.value import ValueAt, solved
 from lagrange.procedure.taylor.constants import LOWEST_ORDER
 from lagrange.procedure.taylor.memory import TaylorLayout
 from lagrange.procedure.values import Real
@@ -77,7 +77,7 @@ class WrittenJet(Jet):
             for _ in range(2 if k == 1 and stage.plan.moving else 1):
                 self.x |= zip(stage.unknowns, guesses, strict=True)
                 self.fill(packed.trial)
-                guesses = self.solved(place, guesses)
+                guesses = solved(self, place, guesses)
             self.x |= zip(stage.unknowns, guesses, strict=True)
             last = packed is packing.stages[-1]
             if last and not self.program.watched:
@@ -98,14 +98,6 @@ class WrittenJet(Jet):
         for chunk in chunks:
             for lane in range(chunk.count):
                 self.x[chunk.values[lane]] = coefficient(_WrittenAt(self, chunk, lane))
-
-    def solved(self, place: int, guesses: Sequence[Term]) -> list[Term]:
-        """Return the unknowns of a stage, corrected from guesses."""
-        stage, right = self.program.stages[place], []
-        for force, momentum in zip(stage.right, stage.left, strict=True):
-            rate = None if force is None else self.share(self.before(force))
-            right.append(less(rate, None if momentum is None else self.x[momentum]))
-        return [plus(x, guess) for x, guess in zip(self.systems[place].solve(right), guesses, strict=True)]
 
     def write(self) -> None:
         """Write the row."""
