@@ -121,6 +121,7 @@ class Analysis(ABC):
         and the Runge-Lenz vector. Each is proven as an identity and tested along the compiled motion. What is not in
         the list was not found; nothing is said of it.
         """
+        require_values(self.statement)
         return ConservedList(conserved_quantities(self.compile("numpy", check=False)))
 
     def noether(self, generator: Mapping[Any, Any]) -> Any:
@@ -130,6 +131,7 @@ class Analysis(ABC):
         Lagrangian may change by a total derivative. Raises StatementError, with the rate of the quantity, for what is
         no symmetry, and where no proof is found. Goldstein, Poole, Safko, 3rd ed., section 13.7.
         """
+        require_values(self.statement)
         return noether_quantity(self.compile("numpy", check=False), generator)
 
     def hamiltonian(self) -> Hamiltonian:

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+from lagrange.equations.inputs import with_needed_inputs
 from lagrange.errors import StatementError
 from lagrange.evidence.quick import quick_check
 from lagrange.evidence.regularity import check_regularity, independent_constraints
@@ -35,7 +36,7 @@ from lagrange.program.taylor import series_program
 from lagrange.recipes.model import Model
 from lagrange.statement.choice import one_of
 from lagrange.statement.declare import declare
-from lagrange.statement.given import require_values, with_values
+from lagrange.statement.given import require_formulas, with_inputs, with_values
 from lagrange.statement.statement import REFUSE, Statement
 
 if TYPE_CHECKING:
@@ -114,14 +115,17 @@ def _on_machine(target: str, statement: Statement) -> Model:
 
 
 def model_of(statement: Statement, on: Machine, equations: Equations | None = None) -> Model:
-    """Return a model whose kernels are compiled when they are first used.
+    """Return a model whose kernels are compiled when they are first used; open given functions are inputs.
 
-    Raises StatementError for a statement with functions of which no values are known.
+    `equations` are those of the statement, made anew where it has inputs. Raises StatementError for a statement with
+    functions of coordinates that are not written out.
     """
-    require_values(statement)
-    statement = with_values(statement)
-    stages = Stages(_laws(statement) if equations is None else equations, on)
-    return Model(statement, stages.equations, stages)
+    require_formulas(statement)
+    statement = with_inputs(statement)
+    laws = _laws(statement) if equations is None or statement.inputs else equations
+    if statement.inputs:
+        statement, laws = with_needed_inputs(statement, laws)
+    return Model(statement, laws, Stages(laws, on))
 
 
 def compile_model(statement: Statement, equations: Equations, target: str = "llvm", *, check: bool = True) -> Model:

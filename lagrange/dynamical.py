@@ -36,6 +36,7 @@ from lagrange.show.dynamics import (
 )
 from lagrange.show.solution import Solution
 from lagrange.show.terminal.progress import compiling, counter, wanted_progress
+from lagrange.statement.given import require_values
 from lagrange.statement.number import real_number
 from lagrange.statement.statement import Statement
 from lagrange.system import System
@@ -271,6 +272,7 @@ def _runs(
     """Return the model of a system, and runs of it by a method with its tolerance or step, of so many steps at most."""
     if not isinstance(system, (System, Model)):
         raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene('pendulum').")
+    require_values(system.statement)
     method, rtol, step = how
     if rtol is None and (method is None or (isinstance(method, str) and find(method).claims.adaptive)):
         rtol = tight

@@ -28,6 +28,7 @@ from lagrange.members.work import run_members
 from lagrange.show.ensemble import Ensemble
 from lagrange.show.terminal.progress import compiling, counter, wanted_progress
 from lagrange.statement.event import declare_events
+from lagrange.statement.given import require_values
 from lagrange.system import System
 from lagrange.trajectory.integrate import output_times, span_or_end
 from lagrange.trajectory.integrator import Problem
@@ -102,6 +103,7 @@ def _model(system: Any, progress: bool | str) -> Model:
     """Return the model of a system. Raises StatementError for what is none."""
     if not isinstance(system, (System, Model)):
         raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene('double-pendulum').")
+    require_values(system.statement)
     with compiling(system.statement.name, wanted=bool(progress)):
         return system if isinstance(system, Model) else system.compile()
 

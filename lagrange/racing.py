@@ -12,6 +12,7 @@ from lagrange.evidence import work_precision
 from lagrange.evidence.work_precision import TOLERANCES
 from lagrange.machine.model import Model
 from lagrange.show.race import Race
+from lagrange.statement.given import require_values
 from lagrange.statement.number import real_number
 from lagrange.system import System
 
@@ -61,6 +62,7 @@ def race(
         outputs=outputs,
         relative=relative,
     )
+    require_values(system.statement)
     model = system if isinstance(system, Model) else system.compile()
     result = work_precision.race(model, span, initial, parameters, methods, settings, reference, digits)
     return Race(result, model.statement.name, span, relative=relative)

@@ -27,6 +27,7 @@ from lagrange.show.notebook.system_page import system_page
 from lagrange.show.solution import Solution
 from lagrange.show.terminal.progress import compiling
 from lagrange.statement import scene as scene_files
+from lagrange.statement.given import require_values
 from lagrange.statement.number import flag, real_number
 from lagrange.statement.scene_text import scene_text
 from lagrange.statement.statement import RunSettings, Statement
@@ -254,6 +255,7 @@ class System(Formulas):
         their bounds, {l: (0.5, 2), theta.dot: (-3, 3)}. Raises StatementError for what has no slider, for functions
         that JavaScript has not, and for a path that cannot be written.
         """
+        require_values(self.statement)
         return page(self.compile("numpy", check=False), self.derivation(), path, parameters, initial, sliders)
 
     def to_scene(self, path: str | os.PathLike[str]) -> Path:
@@ -289,6 +291,7 @@ class System(Formulas):
         truthy when everything holds. `points` is the number of random states, which follow from `seed`. Raises
         StatementError for numbers that are none and for another target.
         """
+        require_values(self.statement)
         model = self.compile(target, check=False)
         statement = solved_statement(model)
         if statement is not model.statement:

@@ -41,7 +41,7 @@ def augmentation(
         return None
     graph = time.graph
     momenta, forces = [graph.zero] * len(q), [graph.zero] * len(q)
-    along = {**dict(zip(q, v, strict=True)), time: graph.one}
+    along = {**dict(zip(q, v, strict=True)), **graph.rates}
     for psi, row, chosen in zip(constraints.velocities, constraints.gradient, linear, strict=True):
         if not chosen:
             continue

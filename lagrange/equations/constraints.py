@@ -106,7 +106,7 @@ def constraint_equations(
     if not stated:
         return ConstraintEquations()
     graph = time.graph
-    along = {**dict(zip(q, v, strict=True)), time: graph.one}
+    along = {**dict(zip(q, v, strict=True)), **graph.rates}
     positions = tuple(node if place else None for node, place in zip(stated.values(), holonomic, strict=True))
     moved = tangents(stated.values(), along)
     velocities = tuple(moved(node) if place else node for node, place in zip(stated.values(), holonomic, strict=True))

@@ -228,7 +228,7 @@ def bias_forces(
     forces: Sequence[Node], momenta: Sequence[Node], q: Sequence[Node], v: Sequence[Node], time: Node
 ) -> list[Node]:
     """Return h = f - (dp/dq) v - dp/dt, so that M a = h."""
-    along = tangents(momenta, {**dict(zip(q, v, strict=True)), time: time.graph.one})
+    along = tangents(momenta, {**dict(zip(q, v, strict=True)), **time.graph.rates})
     return [force - along(momentum) for force, momentum in zip(forces, momenta, strict=True)]
 
 
@@ -258,8 +258,14 @@ def solve_motion(
 
 
 def _symbols(graph: Graph, statement: Statement) -> tuple[tuple[Node, ...], tuple[Node, ...], Node, tuple[Node, ...]]:
-    parameters = tuple(graph.symbol(f"parameter {p.name}", Binding.PARAMETER) for p in statement.parameters)
+    rates = dict(statement.inputs)
+    parameters = tuple(
+        graph.symbol(f"parameter {p.name}", Binding.TIME if p in rates else Binding.PARAMETER)
+        for p in statement.parameters
+    )
     time = graph.symbol("t", Binding.TIME)
+    by_symbol = dict(zip(statement.parameters, parameters, strict=True))
+    graph.rates = {time: graph.one, **{by_symbol[p]: by_symbol[rate] for p, rate in rates.items() if rate is not None}}
     q = tuple(graph.symbol(name, Binding.CONFIGURATION) for name in statement.names)
     v = tuple(graph.symbol(f"{name}.dot", Binding.VELOCITY) for name in statement.names)
     return q, v, time, parameters

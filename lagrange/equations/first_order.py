@@ -81,7 +81,7 @@ def with_relations(
     graph = time.graph
     relations = tuple(bias[i] for i in chosen)
     columns = [tangents(relations, {symbol: graph.one}) for symbol in v]
-    rate = tangents(relations, {**dict(zip(q, v, strict=True)), time: graph.one})
+    rate = tangents(relations, {**dict(zip(q, v, strict=True)), **graph.rates})
     return constraints.joined(
         ConstraintEquations(
             names=tuple(f"{RELATION}{names[i]}" for i in chosen),

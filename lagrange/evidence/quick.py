@@ -25,7 +25,7 @@ import numpy as np
 from lagrange.errors import FAULT, RunError
 from lagrange.evidence.compare import LIMIT, TINY, relative_error
 from lagrange.evidence.constraint_laws import StatedConstraints, acceleration_level
-from lagrange.evidence.independent import solved_statement
+from lagrange.evidence.input_samples import sampled_statement
 from lagrange.evidence.laws import DifferenceSteps, along
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.precise import Precise
@@ -57,14 +57,14 @@ def quick_check(model: Model) -> None:
     Raises RunError, with the entry, the place and the two values, if they disagree. A system without a usable point,
     even at its initial state, passes.
     """
-    statement = solved_statement(model)
+    statement, of_model = sampled_statement(model)
     probe = _Probe(statement)
     sampler = Sampler(statement, seed=0)
     confirmations = suspicious = 0
     for attempt in range(MOST_DRAWS + 1):
         point = sampler.initial() if attempt == MOST_DRAWS else sampler.point(SAMPLE_KINDS[(attempt + 1) % 4], attempt)
-        a = _accelerations(model, point)
-        direction = _allowed(model, point, probe.direction)
+        a = _accelerations(model, of_model(point))
+        direction = _allowed(model, of_model(point), probe.direction)
         # Equations without accelerations do not hold at random states: of these the rates are looked at, one by one.
         if all(map(math.isfinite, a)) and not probe.suspects(point, a, direction):
             return

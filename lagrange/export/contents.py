@@ -14,6 +14,7 @@ from lagrange.export.self_test import check_of, in_python, prepared_numbers, ste
 from lagrange.export.statement_lines import statement_lines
 from lagrange.export.target import QUANTITIES, REGISTERED, Target
 from lagrange.machine.model import Model
+from lagrange.machine.parameters import with_zero_inputs
 from lagrange.procedure.bind import bound
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.kernel.kernels import kernel, prepare
@@ -24,8 +25,10 @@ from lagrange.procedure.step.integrate import adaptive_run, one_step
 from lagrange.program.program import Program
 from lagrange.program.step import StepProgram
 from lagrange.show.units import unit_of
+from lagrange.statement.coordinate import name_of
 from lagrange.statement.event import Event
 from lagrange.statement.expression import entries
+from lagrange.statement.given import open_functions
 from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.settings import STEPS_UNDER_BRIEF_FORCE
 from lagrange.trajectory.methods.splitting import check_separable
@@ -112,6 +115,11 @@ def _refuse(
         )
     if events and "events" not in names:
         raise StatementError("events are given, but contents has no 'events': add it, or leave out events.")
+    if TAYLOR in names and model.statement.inputs:
+        raise StatementError(
+            f"taylor needs every derivative of {listing(name_of(u) for u in open_functions(model.statement))}, which "
+            "is left open: export a method such as 'dop853', or give it values with system.substitute()."
+        )
     if "runs" in target.contents:
         _refuse_runs(target, methods)
     steps = bool(methods) and "runs" not in target.contents
@@ -161,7 +169,7 @@ def module_of(
 ) -> SourceModule:
     """Return a model as it is exported. Raises StatementError for a parameter without a value."""
     statement, equations = model.statement, model.equations
-    values = tuple(float(value) for value in model.parameter_array(parameters))
+    values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
     state = statement.state_names
     programs = {name: _program(name, model, events) for name in asked.quantities}
     projected = (bool(asked.methods) or asked.taylor) and len(equations.constraints) > 0
@@ -200,6 +208,7 @@ def module_of(
         statement=tuple(statement_lines(statement, events)),
         state=state,
         parameters=given["parameter_names"],
+        inputs=tuple(symbol.name for symbol, _ in statement.inputs),
         values=values,
         units={name: unit for name in (*state, *given["parameter_names"], "t") if (unit := unit_of(statement, name))},
         prepare=preparing,

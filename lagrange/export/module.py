@@ -81,9 +81,9 @@ class SourceModule:
     """What is written into a file.
 
     `state` and `parameters` are the names of what is in the arrays `y` and `parameters`, as stated; `values` are those
-    of the parameters, `units` those of state, parameters and t where they were given. `statement` are lines of text
-    about where it came from. `prepare` computes once what depends on parameters alone, `prepared` numbers with the
-    parameters in front.
+    of the parameters, `inputs` the names of those that may change along a motion. `units` are those of state,
+    parameters and t where they were given. `statement` are lines of text about where it came from. `prepare` computes
+    once what depends on parameters alone, `prepared` numbers with the parameters in front.
     """
 
     name: str
@@ -99,6 +99,7 @@ class SourceModule:
     checks: tuple[Check, ...] = ()
     step_checks: tuple[StepCheck, ...] = ()
     run: Run | None = None
+    inputs: tuple[str, ...] = ()
 
     def quantity(self, name: str) -> Quantity | None:
         """Return a quantity by name, None where it is not exported."""

@@ -19,6 +19,12 @@ from lagrange.statement.statement import Statement
 
 WIDTH = 104
 
+INPUTS = (
+    "the last parameters. What is prepared from parameters does not depend on them: their places may be written before "
+    "every call. A run holds them."
+)
+"""How the inputs of an exported file are set."""
+
 LONG = 300
 """Operations of an expression that is not put into the order of books, which takes seconds for thousands."""
 
@@ -28,6 +34,7 @@ def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Itera
 
     Given functions of time stand by their names, as they were stated.
     """
+    inputs = [symbol.name for symbol, _ in statement.inputs]
     statement = statement.open_form or statement
     write = _writer(statement)
     yield from wrapped(f"{statement.name}: equations of motion, made by lagrange", WIDTH)
@@ -53,6 +60,8 @@ def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Itera
     yield ""
     yield from _listed("coordinates", [_with_unit(statement, name) for name in statement.names])
     yield from _listed("parameters", [_valued(statement, p) for p in statement.parameters])
+    if inputs:
+        yield from wrapped(f"inputs: {', '.join(inputs)}: {INPUTS}", WIDTH)
 
 
 def _told(event: Event, write: Callable[[Any], str]) -> str:

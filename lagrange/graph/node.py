@@ -128,8 +128,8 @@ class Graph:
         self.nodes: list[Node] = []
         self._table: dict[tuple[Any, ...], Node] = {}
         self._symbols = 0
-        self.zero = self.constant(0)
-        self.one = self.constant(1)
+        self.rates: dict[Node, Node] = {}  # of the symbols that change with time alone: 1 of time, those of inputs
+        self.zero, self.one = self.constant(0), self.constant(1)
 
     def _intern(self, kind: Kind, args: tuple[Node, ...], data: Any) -> Node:
         key = (kind, data, *map(id, args))

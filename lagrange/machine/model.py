@@ -85,6 +85,11 @@ class Model:
         return len(self.statement.coordinates)
 
     @property
+    def inputs(self) -> tuple[str, ...]:
+        """The inputs by name, the last of the parameters: open given functions u, and their rates such as u_dot."""
+        return tuple(symbol.name for symbol, _ in self.statement.inputs)
+
+    @property
     def conservative(self) -> bool:
         """Whether the energy is conserved by the equations."""
         return self.equations.structure.conservative

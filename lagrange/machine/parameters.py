@@ -12,7 +12,7 @@ import numpy as np
 from lagrange.errors import StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.statement.number import DOUBLE, real_array
-from lagrange.statement.parameters import parameter_values
+from lagrange.statement.parameters import label_of, parameter_values, table_of
 from lagrange.statement.statement import Statement
 
 Parameters = Mapping[Any, Any] | FloatArray | None
@@ -24,6 +24,15 @@ def ordered(values: Mapping[Any, float], parameters: tuple[Any, ...]) -> FloatAr
     if tuple(values) == parameters:  # the hash of a symbol takes longer than all else here
         return np.array(list(values.values()), dtype=float)
     return np.array([values[symbol] for symbol in parameters], dtype=float)
+
+
+def with_zero_inputs(statement: Statement, given: Parameters) -> Parameters:
+    """Return parameters in which an input that is given no value is 0."""
+    if isinstance(given, np.ndarray) or not statement.inputs:
+        return given
+    stated = table_of(given, "parameters", "parameter to value")
+    names = {label_of(key) for key in stated}
+    return {**stated, **{symbol.name: 0.0 for symbol, _ in statement.inputs if symbol.name not in names}}
 
 
 class ParameterValues:

@@ -51,7 +51,7 @@ def jacobian(equations: Equations) -> Named:
     # Symbols stand for the accelerations while differentiating: M times the solution of M a = h would cancel.
     a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(n)]
     direction = dict(zip((*equations.q, *equations.v), (*equations.rate, *a), strict=True))
-    along = tangents([*equations.motion.momenta, *held.velocities], {**direction, equations.time: graph.one})
+    along = tangents([*equations.motion.momenta, *held.velocities], {**direction, **graph.rates})
     residual = [along(p) - f for p, f in zip(equations.motion.momenta, equations.motion.forces, strict=True)]
     known = dict(zip(a, equations.accelerations, strict=True))
     if m:

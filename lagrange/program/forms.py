@@ -69,7 +69,7 @@ def forms(p: Sequence[Node], f: Sequence[Node], q: Sequence[Node], v: Sequence[N
         momenta[momentum] = Momentum(_terms(graph, expansions[0]))
         forces.append(expansions[1])
     expanded = Form(tuple(p), momenta, tuple(_terms(graph, e) for e in forces))
-    parts = _ByParts(p, f, forces, whole_sums, {**dict(zip(q, v, strict=True)), time: graph.one}).form()
+    parts = _ByParts(p, f, forces, whole_sums, {**dict(zip(q, v, strict=True)), **graph.rates}).form()
     return [whole, expanded] + ([] if parts is None else [parts])
 
 

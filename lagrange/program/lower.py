@@ -71,7 +71,7 @@ class _Lowering:
         for i, node in enumerate(state):
             self.done[node] = self.emit("state", place=i, level=node.binding)
         for i, node in enumerate(parameters):
-            self.done[node] = self.emit("parameter", place=i, level=Binding.PARAMETER)
+            self.done[node] = self.emit("parameter", place=i, level=node.binding)
         order = reachable(outputs)
         self.uses: dict[Node, int] = dict.fromkeys(outputs, 1)
         self.inner: set[Node] = set()
@@ -234,11 +234,13 @@ class _Lowering:
     def finish(self, outputs: list[int]) -> tuple[tuple[Instruction, ...], int, tuple[int, ...]]:
         """Drop what no output needs, move the parameter part to the front, and renumber.
 
+        Inputs, parameters that change along a motion, are read in front as well; what depends on them is not hoisted.
         Returns the instructions, how many are hoisted, and the outputs.
         """
         needed = self.needed(outputs)
-        first = [i for i in needed if self.levels[i] <= Binding.PARAMETER]
-        order = [*first, *(i for i in needed if self.levels[i] > Binding.PARAMETER)]
+        early = {i for i in needed if self.levels[i] <= Binding.PARAMETER or self.instructions[i].op == "parameter"}
+        first = [i for i in needed if i in early]
+        order = [*first, *(i for i in needed if i not in early)]
         place = {old: new for new, old in enumerate(order)}
         instructions = tuple(
             self.instructions[i]._replace(args=tuple(place[arg] for arg in self.instructions[i].args)) for i in order

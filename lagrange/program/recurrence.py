@@ -52,7 +52,7 @@ class RecurrenceBuilder:
         self.constants: dict[Node, int] = {}
         self.rates: dict[Node, Node | None] = {}
         self.starts: dict[Node, Node] = {}
-        self.speed = dict(zip(self.q, rate or self.v, strict=True)) | {time: graph.one}
+        self.speed = dict(zip(self.q, rate or self.v, strict=True)) | graph.rates
         for i, node in enumerate(self.q):
             self.values[node] = self.add(SeriesRule("coordinate", (), (i,)), node)
         for i, node in enumerate(self.v):

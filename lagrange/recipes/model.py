@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 from lagrange.machine import model as compiled
-from lagrange.machine.parameters import Parameters
+from lagrange.machine.parameters import Parameters, with_zero_inputs
 from lagrange.recipes.casadi import casadi_function
 from lagrange.recipes.jax import JaxFunction, jax_function
 from lagrange.recipes.numba import NumbaFunction, numba_function
-from lagrange.recipes.scipy import ScipyProblem
+from lagrange.recipes.scipy import ScipyProblem, input_functions
 from lagrange.recipes.sympy import SympyForm, sympy_form
 from lagrange.statement.event import declare_events
 
@@ -23,15 +23,18 @@ class Model(compiled.Model):
     and RunError where the mass matrix is singular. The methods as_... hand it to other libraries.
     """
 
-    def as_scipy(self, parameters: Parameters = None, events: Any = None) -> ScipyProblem:
+    def as_scipy(self, parameters: Parameters = None, events: Any = None, *, inputs: Any = None) -> ScipyProblem:
         """Return `fun(t, y)`, `jac(t, y)` and event functions for scipy.integrate.
 
         `solve_ivp(**problem.arguments((0, 10), {theta: 2}, method="Radau"))` has all of them. `events` are those of a
-        run, without resets. `parameters` are fixed. Raises StatementError for what cannot be meant; the functions
-        raise RunError where the mass matrix is singular.
+        run, without resets. `parameters` are fixed. `inputs` are functions of time, such as {u: lambda t: np.sin(t)},
+        one for each name in `model.inputs`. Raises StatementError for what cannot be meant; the functions raise
+        RunError where the mass matrix is singular.
         """
         found = declare_events(events, self.statement)
-        return ScipyProblem(self, self.parameter_array(parameters).copy(), found)
+        functions = input_functions(self, inputs)
+        values = self.parameter_array(with_zero_inputs(self.statement, parameters)).copy()
+        return ScipyProblem(self, values, found, functions)
 
     def as_numba(self, quantity: str = "rhs") -> NumbaFunction:
         """Return a quantity for Numba's compiled functions: `prepare(p)`, `rhs(t, y, prepared)` and `fill`.
@@ -43,7 +46,8 @@ class Model(compiled.Model):
     def as_jax(self, quantity: str = "rhs") -> JaxFunction:
         """Return a quantity as a function of (t, y, p) that jax.jit, jax.grad and jax.vmap take, in double precision.
 
-        y has shape (2n,), p is `parameter_array()`. The result is NaN throughout where a mass matrix is singular;
+        y has shape (2n,), p is `parameter_array()`; the last entries are the inputs. The result is NaN throughout where
+        a mass matrix is singular;
         `.checked(t, y, p)` returns (result, whether it is singular), and `.source` is the text. Raises StatementError
         without JAX, and where JAX computes in single precision.
         """
@@ -52,8 +56,9 @@ class Model(compiled.Model):
     def as_casadi(self, quantity: str = "rhs", symbols: str = "SX", *, status: bool = False) -> Any:
         """Return a quantity as a casadi.Function of (t, y, p), made of "SX" or "MX" symbols.
 
-        y has 2n entries, p is `parameter_array()`. The result is NaN throughout where a mass matrix is singular; with
-        `status` there is a second result, 1 where it is singular and 0 elsewhere. Raises StatementError without CasADi.
+        y has 2n entries, p is `parameter_array()`; the last entries are the inputs. The result is NaN throughout where
+        a mass matrix is singular; with `status` there is a second result, 1 where it is singular and 0 elsewhere.
+        Raises StatementError without CasADi.
         """
         return casadi_function(self, quantity, symbols, status=status)
 

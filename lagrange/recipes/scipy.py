@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
+import sympy
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.calls import Quick, one_state
 from lagrange.machine.kernel.python_kernel import PythonKernel
@@ -18,6 +19,7 @@ from lagrange.statement.declare import initial_state
 from lagrange.statement.event import Event
 from lagrange.statement.given import check_span
 from lagrange.statement.number import real_number
+from lagrange.statement.parameters import label_of, table_of
 from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.integrate import time_span
 
@@ -25,14 +27,51 @@ TAKE_JACOBIAN = ("Radau", "BDF", "LSODA")
 """SciPy's methods that use a derivative; the others warn of one."""
 
 
+Inputs = tuple[tuple[int, Callable[[float], Any]], ...]
+"""Inputs as functions of time, each with its place among the parameters."""
+
+
+def input_functions(model: Model, given: Any) -> Inputs:
+    """Return the inputs of a model as functions of time. Raises StatementError for one that is missing or unknown."""
+    places = {symbol.name: place for place, symbol in enumerate(model.statement.parameters)}
+    names = [symbol.name for symbol, _ in model.statement.inputs]
+    found: dict[str, Callable[[float], Any]] = {}
+    for key, value in table_of(given, "inputs", "input to function of t").items():
+        name = label_of(key)
+        if name not in names:
+            have = f"they are {listing(names)}" if names else "it has none"
+            raise StatementError(f"{name!r} is no input of this system; {have}.{suggestion(name, names)}")
+        if not callable(value) or isinstance(value, sympy.Basic):
+            raise StatementError(
+                f"the input {name} is {shown(value)}: give a function of the time, such as lambda t: np.sin(t)."
+            )
+        found[name] = value
+    missing = [name for name in names if name not in found]
+    if missing:
+        raise StatementError(
+            f"no function for {'input' if len(missing) == 1 else 'inputs'} {listing(missing)}: give inputs="
+            f"{{'{missing[0]}': lambda t: ...}}, a function of the time."
+        )
+    return tuple((places[name], found[name]) for name in names)
+
+
+def at_time(parameters: FloatArray, inputs: Inputs, t: float) -> FloatArray:
+    """Return the parameters with the values of the inputs at a time. Raises StatementError for what is no number."""
+    found = parameters.copy() if inputs else parameters
+    for place, function in inputs:
+        found[place] = real_number(function(t), f"the input at t = {t:g}")
+    return found
+
+
 class ScipyEvent:
     """An event as SciPy wants it: a function of (t, y) with `terminal` and `direction`."""
 
-    def __init__(self, model: Model, event: Event, parameters: FloatArray) -> None:
-        self._made = model, event, parameters
+    def __init__(self, model: Model, event: Event, parameters: FloatArray, inputs: Inputs = ()) -> None:
+        self._made = model, event, parameters, inputs
         self.terminal, self.direction = event.terminal, float(event.direction)
         node = model.equations.translate(event.expression)
         kernel: Kernel = PythonKernel(model.function("event", (node,)).program)
+        self._kernel = kernel
         self._value = one_state(kernel, parameters)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -40,16 +79,24 @@ class ScipyEvent:
 
     def __call__(self, t: float, y: Any) -> float:
         """Return the value whose zeros are the event."""
-        return float(self._value(float(t), np.ascontiguousarray(y, dtype=float))[0])
+        _, _, parameters, inputs = self._made
+        time, state = float(t), np.ascontiguousarray(y, dtype=float)
+        if inputs:
+            return float(self._kernel(time, state, at_time(parameters, inputs, time))[0])
+        return float(self._value(time, state)[0])
 
 
 @dataclass(frozen=True, eq=False)
 class ScipyProblem:
-    """The equations of motion of a model with fixed parameters (k,), for scipy.integrate; it pickles."""
+    """The equations of motion of a model with fixed parameters (k,), for scipy.integrate; it pickles.
+
+    `inputs` are functions of time, each with its place among the parameters.
+    """
 
     model: Model
     parameters: FloatArray
     stated_events: tuple[Event, ...] = ()
+    inputs: Inputs = ()
 
     def __post_init__(self) -> None:
         for place, event in enumerate(self.stated_events):
@@ -60,17 +107,17 @@ class ScipyProblem:
                 )
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return ScipyProblem, (self.model, self.parameters, self.stated_events)
+        return ScipyProblem, (self.model, self.parameters, self.stated_events, self.inputs)
 
     def fun(self, t: float, y: Any) -> FloatArray:
         """Return dy/dt, (2n,), or (2n, k) for columns of states. Raises RunError where the mass matrix is singular."""
-        found = self._quick["rhs"].whole(t, y)
-        return self.model.rhs(t, y, self.parameters) if found is None else found
+        found = None if self.inputs else self._quick["rhs"].whole(t, y)
+        return self.model.rhs(t, y, at_time(self.parameters, self.inputs, t)) if found is None else found
 
     def jac(self, t: float, y: Any) -> FloatArray:
         """Return the derivative of `fun` by y, (2n, 2n). Raises RunError where the mass matrix is singular."""
-        found = self._quick["jacobian"].whole(t, y)
-        return self.model.jacobian(t, y, self.parameters) if found is None else found
+        found = None if self.inputs else self._quick["jacobian"].whole(t, y)
+        return self.model.jacobian(t, y, at_time(self.parameters, self.inputs, t)) if found is None else found
 
     @cached_property
     def _quick(self) -> Quick:
@@ -79,7 +126,7 @@ class ScipyProblem:
     @cached_property
     def events(self) -> list[ScipyEvent]:
         """The events, in the order in which they were given."""
-        return [ScipyEvent(self.model, event, self.parameters) for event in self.stated_events]
+        return [ScipyEvent(self.model, event, self.parameters, self.inputs) for event in self.stated_events]
 
     def y0(self, initial: Mapping[Any, Any] | None = None, t: float = 0.0) -> FloatArray:
         """Return an initial state (2n,) at time t: a dict over that of the statement.
@@ -90,7 +137,9 @@ class ScipyProblem:
         statement, time = self.model.statement, real_number(t, "the time t")
         found = initial_state({} if initial is None else initial, statement.coordinates, statement.initial)
         state = np.array(found)
-        return consistent_start(self.model, time, state, self.parameters) if statement.constraints else state
+        if not statement.constraints:
+            return state
+        return consistent_start(self.model, time, state, at_time(self.parameters, self.inputs, time))
 
     def arguments(
         self,

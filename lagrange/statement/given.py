@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any
@@ -16,7 +16,7 @@ from lagrange.statement.coordinate import check_symbol, function_of_time, name_o
 from lagrange.statement.expression import expression
 from lagrange.statement.motion import MARK, Motion, Table, motion_of
 from lagrange.statement.number import real_array
-from lagrange.statement.parameters import check_rate
+from lagrange.statement.parameters import check_rate, rate_name
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -26,6 +26,8 @@ MOST_TIMES = 200
 """Each interval is a branch of a condition: a hundred compile in 2 s, and a run of `taylor` ends a step at each."""
 DEGREE = 3
 """Degree of the polynomials that stand for an open function where it is asked what the equations depend on."""
+ORDERS_BEHIND = 2
+"""Derivatives of an input behind the highest that a statement contains: equations contain no higher ones."""
 
 
 def given(name: str, values: Any = None) -> Any:
@@ -110,23 +112,54 @@ def with_values(statement: Statement) -> Statement:
     An open one becomes a polynomial with unknown coefficients, and so does a function of coordinates that nobody wrote
     out: that says what the equations depend on, and `require_values` refuses to run it.
     """
+    coefficients: dict[Any, None] = {}
+
+    def polynomial(function: Any) -> Callable[[int], Any]:
+        return Motion(_polynomial(name_of(function), (t,), coefficients)).derivative
+
+    return _put_in(statement, polynomial, coefficients)
+
+
+def with_inputs(statement: Statement) -> Statement:
+    """Return the statement with its given functions put in, the open ones as inputs: `X`, and its rates `X_dot`, ...
+
+    An input is a parameter whose value changes along a motion; its rate is the next one.
+    """
+    rates: dict[Any, Any] = {}
+
+    def symbols(function: Any) -> Callable[[int], Any]:
+        count = statement.highest(function) + 1 + ORDERS_BEHIND
+        chain = [sympy.Symbol(rate_name(name_of(function), order), real=True) for order in range(count)]
+        rates.update(zip(chain, [*chain[1:], None], strict=True))
+        return chain.__getitem__
+
+    made = _put_in(statement, symbols, rates)
+    return made if made is statement else replace(made, inputs=tuple(rates.items()))
+
+
+def _put_in(
+    statement: Statement, open_values: Callable[[Any], Callable[[int], Any]], symbols: dict[Any, Any]
+) -> Statement:
+    """Return the statement with its given functions put in.
+
+    `open_values` gives the derivatives of an open function by order, and enters the new parameters in `symbols`.
+    """
     if statement.prescribed or not (statement.given or statement.unknown):
         return statement
-    coefficients: dict[Any, None] = {}
     table: dict[Any, Any] = {}
     by_name = {p.name: p for p in statement.parameters}
     for function in statement.given:
         motion = motion_of(function)
-        if motion is None or motion.values is None:
-            motion = Motion(_polynomial(name_of(function), (t,), coefficients))
+        known_values = motion is not None and motion.values is not None
+        derivative = motion.derivative if motion is not None and known_values else open_values(function)
         for order in range(statement.highest(function) + 1):
-            value = motion.derivative(order)
-            symbols = {p: by_name[p.name] for p in value.free_symbols if p.name in by_name}
-            table[sympy.Derivative(function, (t, order)) if order else function] = value.xreplace(symbols)
+            value = derivative(order)
+            known = {p: by_name[p.name] for p in value.free_symbols if p.name in by_name and p not in symbols}
+            table[sympy.Derivative(function, (t, order)) if order else function] = value.xreplace(known)
 
     def put(expression: Any) -> Any:
         known = expression.xreplace(table)
-        return _written_out(known, coefficients) if statement.unknown else known
+        return _written_out(known, symbols) if statement.unknown else known
 
     return replace(
         statement,
@@ -139,7 +172,7 @@ def with_values(statement: Statement) -> Statement:
         positions=MappingProxyType({label: tuple(map(put, point)) for label, point in statement.positions.items()}),
         prescribed=tuple(table.items()),
         open_form=statement,
-        parameters=(*statement.parameters, *coefficients),
+        parameters=(*statement.parameters, *symbols),
     )
 
 
@@ -171,7 +204,7 @@ def _pending(node: Any) -> bool:
 
 def require_values(statement: Statement) -> None:
     """Raise StatementError if a run of the statement would lack the values of a function."""
-    names = [name_of(function) for function in statement.given if _open(function)]
+    names = [name_of(function) for function in open_functions(statement)]
     if names:
         is_open = "is a given function" if len(names) == 1 else "are given functions"
         raise StatementError(
@@ -179,6 +212,11 @@ def require_values(statement: Statement) -> None:
             f"expression in lg.t) or lg.given({names[0]!r}, (times, values)), or put one in with "
             f"system.substitute({{{names[0]!r}: ...}})."
         )
+    require_formulas(statement)
+
+
+def require_formulas(statement: Statement) -> None:
+    """Raise StatementError if a function of coordinates is not written out."""
     if statement.unknown:
         raise StatementError(
             f"{listing(map(str, statement.unknown))} {'is' if len(statement.unknown) == 1 else 'are'} not written out, "
@@ -186,9 +224,10 @@ def require_values(statement: Statement) -> None:
         )
 
 
-def _open(function: Any) -> bool:
-    motion = motion_of(function)
-    return motion is None or motion.values is None
+def open_functions(statement: Statement) -> list[Any]:
+    """Return the given functions of a statement that have no values."""
+    known = [(function, motion_of(function)) for function in statement.given]
+    return [function for function, motion in known if motion is None or motion.values is None]
 
 
 def check_span(statement: Statement, t0: float, t1: float) -> None:

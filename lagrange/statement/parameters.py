@@ -8,7 +8,7 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError, listing, shown, suggestion
-from lagrange.statement.coordinate import check_name, check_symbol, name_of, t, velocity_of
+from lagrange.statement.coordinate import check_name, check_symbol, name_of, t
 from lagrange.statement.declared_order import PARAMETERS
 from lagrange.statement.motion import motion_of
 from lagrange.statement.number import real_number
@@ -48,11 +48,16 @@ def label_of(key: Any) -> str:
         return key[:80]
     if not isinstance(key, sympy.Basic):
         return shown(key)
-    if isinstance(key, sympy.Derivative) and key == velocity_of(key.expr):
-        return f"{name_of(key.expr)}_dot"
+    if isinstance(key, sympy.Derivative) and key.expr.args == (t,) and set(key.variables) == {t}:
+        return rate_name(name_of(key.expr), len(key.variables))
     if isinstance(key, sympy.Symbol):
         return str(key.name)
     return name_of(key) if key.args == (t,) else shown(key)
+
+
+def rate_name(name: str, order: int) -> str:
+    """Return the name of a derivative in time: x, x_dot, x_ddot, x_dddot."""
+    return f"{name}_{'d' * order}ot" if order else name
 
 
 def coordinate_name(key: Any, names: Sequence[str]) -> str:

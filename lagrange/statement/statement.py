@@ -47,8 +47,9 @@ class Statement:
     t that were stated or follow from those, empty where none were. `given` are given functions of time, `orders` the
     highest derivatives in which they stand, `unknown` undefined functions of coordinates, such as U(r). Where values
     were put in their places, `prescribed` has what each given function and derivative has become, and `open_form` is
-    the statement without them. `inferred` are the names of functions of time that were taken for coordinates since the
-    energies contain them, and that nobody declared.
+    the statement without them. `inputs` are pairs of an input, which is a parameter whose value changes, and of its
+    rate, an input too or None; they are the last parameters. `inferred` are the names of functions of time that were
+    taken for coordinates since the energies contain them, and that nobody declared.
     """
 
     coordinates: tuple[Any, ...]
@@ -73,6 +74,7 @@ class Statement:
     unknown: tuple[Any, ...] = ()
     orders: tuple[int, ...] = ()
     prescribed: tuple[tuple[Any, Any], ...] = ()
+    inputs: tuple[tuple[Symbol, Symbol | None], ...] = ()
     inferred: tuple[str, ...] = ()
     open_form: Statement | None = None
 

@@ -15,7 +15,7 @@ from lagrange.errors import RunError, StatementError, shown
 from lagrange.machine.backend import Driver
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.statement.given import check_span
+from lagrange.statement.given import check_span, require_values
 from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.dependence import check_independent
@@ -49,6 +49,7 @@ class Flow:
     def __init__(self, model: Model, options: RunOptions = DEFAULT_OPTIONS) -> None:
         if not isinstance(model, Model):
             raise StatementError(f"{shown(model)} is no compiled model: give system.compile().")
+        require_values(model.statement)
         self._integrator = find(DEFAULT if options.method is None else options.method)
         self._options = replace(options, method=self._integrator)
         self._model = model

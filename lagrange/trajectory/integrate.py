@@ -16,7 +16,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.parameters import ordered
 from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
-from lagrange.statement.given import check_span
+from lagrange.statement.given import check_span, require_values
 from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
@@ -50,6 +50,7 @@ def integrate(
         raise StatementError(f"{shown(model)} is no compiled model: give system.compile(), or call system.run().")
     t0, t1 = time_span(span)
     statement = model.statement
+    require_values(statement)
     check_span(statement, t0, t1)
     values = model.parameter_values(options.parameters)
     given = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))

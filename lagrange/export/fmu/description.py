@@ -8,12 +8,13 @@ from importlib.metadata import version
 from xml.sax.saxutils import quoteattr
 
 from lagrange.export.descriptions import run_of
-from lagrange.export.fmu.variables import DERIVATIVE, INDICATOR, PARAMETER, RESULT, STATE, Variable, variables
+from lagrange.export.fmu.variables import DERIVATIVE, INDICATOR, INPUT, PARAMETER, RESULT, STATE, Variable, variables
 from lagrange.export.module import SourceModule
 
 CAUSALITY = {
     STATE: ("output", "continuous", "exact"),
     PARAMETER: ("parameter", "tunable", "exact"),
+    INPUT: ("input", "continuous", None),
     DERIVATIVE: ("local", "continuous", "calculated"),
     RESULT: ("local", "continuous", "calculated"),
     INDICATOR: ("local", "continuous", "calculated"),
@@ -98,6 +99,11 @@ def _attributes(one: Variable) -> dict[str, object]:
     }
 
 
+def _derivatives(module: SourceModule) -> str:
+    """Return whether there are derivatives in a direction: they are those by the state alone, not by inputs."""
+    return "true" if module.quantity("jacobian") and not module.inputs else "false"
+
+
 def _start(one: Variable) -> str | None:
     return None if one.start is None else number(one.start)
 
@@ -113,7 +119,7 @@ def fmi2_description(module: SourceModule, token: str) -> str:
         "modelIdentifier": module.name,
         "canGetAndSetFMUstate": "true",
         "canSerializeFMUstate": "true",
-        "providesDirectionalDerivative": "true" if module.quantity("jacobian") else "false",
+        "providesDirectionalDerivative": _derivatives(module),
     }
     sources = list(element("SourceFiles", {}, files))
     scalars: list[str] = []
@@ -148,7 +154,7 @@ def fmi2_description(module: SourceModule, token: str) -> str:
 def fmi3_description(module: SourceModule, token: str) -> str:
     """Return modelDescription.xml of FMI 3.0."""
     found = variables(module)
-    derivatives = "true" if module.quantity("jacobian") else "false"
+    derivatives = _derivatives(module)
     can = {
         "modelIdentifier": module.name,
         "canGetAndSetFMUState": "true",

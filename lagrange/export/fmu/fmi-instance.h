@@ -24,6 +24,7 @@
 #endif
 
 enum { FIRST_STATE = 1, FIRST_PARAMETER = FIRST_STATE + Model_STATES };
+enum { FIRST_INPUT = FIRST_PARAMETER + Model_FIRST_INPUT };
 enum { FIRST_RESULT = FIRST_PARAMETER + Model_PARAMETERS };
 
 /* What an environment may do depends on these; they are bits, so that functions can name several. */
@@ -159,7 +160,7 @@ static int variable(Instance *model, uint32_t reference, double *value) {
     return FINE;
 }
 
-/* Parameters may be changed between steps, the state before the simulation. */
+/* Inputs may be changed at any time, parameters between steps, the state before the simulation. */
 static int set_variable(Instance *model, uint32_t reference, double value) {
     if (reference >= FIRST_RESULT + Model_RESULTS) {
         return NO_VARIABLE;
@@ -167,6 +168,9 @@ static int set_variable(Instance *model, uint32_t reference, double value) {
     const int place = (int)reference;
     if (FIRST_STATE <= place && place < FIRST_PARAMETER && (model->now.phase & (INSTANTIATED | INITIALIZING))) {
         model->now.y[place - FIRST_STATE] = value;
+    } else if (FIRST_INPUT <= place && place < FIRST_RESULT && !(model->now.phase & TERMINATED)) {
+        model->now.parameters[place - FIRST_PARAMETER] = value;
+        model->p[place - FIRST_PARAMETER] = value;
     } else if (FIRST_PARAMETER <= place && place < FIRST_RESULT && !(model->now.phase & (CONTINUOUS | TERMINATED))) {
         model->now.parameters[place - FIRST_PARAMETER] = value;
         model->prepared = 0;

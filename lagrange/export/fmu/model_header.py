@@ -23,6 +23,7 @@ def model_header(module: SourceModule, token: str) -> str:
         "TOKEN": f'"{token}"',
         "STATES": len(module.state),
         "PARAMETERS": len(module.parameters),
+        "FIRST_INPUT": len(module.parameters) - len(module.inputs),
         "PREPARED": max(module.prepared, 1),
         "QUANTITIES": len(quantities),
         "RESULTS": sum(len(one.results) for one in module.quantities),

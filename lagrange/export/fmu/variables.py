@@ -12,7 +12,8 @@ from lagrange.export.module import SourceModule
 HIDDEN = ("jacobian",)
 """Quantities without variables: derivatives in a direction are what they are for."""
 
-STATE, DERIVATIVE, PARAMETER, RESULT, INDICATOR = "state", "derivative", "parameter", "result", "indicator"
+STATE, DERIVATIVE, PARAMETER, INPUT = "state", "derivative", "parameter", "input"
+RESULT, INDICATOR = "result", "indicator"
 """Kinds of variables."""
 
 
@@ -53,7 +54,8 @@ def variables(module: SourceModule) -> list[Variable]:
     ]
     for k, name in enumerate(module.parameters, 1 + len(module.state)):
         value = module.values[k - 1 - len(module.state)]
-        found.append(Variable(named(name), k, PARAMETER, unit=module.units.get(name, ""), start=value))
+        kind = INPUT if name in module.inputs else PARAMETER
+        found.append(Variable(named(name), k, kind, unit=module.units.get(name, ""), start=value))
     return [*found, *_results(module, named)]
 
 

@@ -129,13 +129,17 @@ def motion(module: SourceModule, hoisted: Hoisted) -> Iterator[str]:
     yield from remark("The motion from the initial state.")
     yield "model Motion"
     for name, stated, value in zip(parameters, module.parameters, module.values, strict=True):
-        yield f"  parameter Real {name}{_unit(module, stated)} = {LITERALS.real(value)};"
+        if stated in module.inputs:
+            yield f"  input Real {name}(start = {LITERALS.real(value)}{_unit(module, stated, ', ')});"
+        else:
+            yield f"  parameter Real {name}{_unit(module, stated)} = {LITERALS.real(value)};"
     for name, stated, value in zip(state, module.state, run.initial, strict=True):
         yield f"  Real {name}(start = {LITERALS.real(value)}, fixed = true{_unit(module, stated, ', ')});"
     for name, one in zip(results, shown, strict=True):
         yield f"  Real {name}[{len(one.results)}];"
     yield "protected"
-    yield from broken(f"  parameter Real p[{hoisted.size}] = Functions.prepare({_array(parameters)});", WIDTH)
+    prepared = "Real" if module.inputs else "parameter Real"
+    yield from broken(f"  {prepared} p[{hoisted.size}] = Functions.prepare({_array(parameters)});", WIDTH)
     yield f"  Real rates[{len(state)}];"
     yield "equation"
     yield from broken(f"  rates = Functions.rhs(time, {_array(state)}, p);", WIDTH)

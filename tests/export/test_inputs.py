@@ -1,0 +1,110 @@
+"""Inputs in files: entries of the parameters that may change along a motion, in FMUs variables of causality input."""
+
+from __future__ import annotations
+
+import ctypes
+import subprocess
+import zipfile
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from tests.statement.inputs import VALUES, at, driven
+
+STATE, TIME = [0.7, -1.3], 0.4
+
+
+@pytest.fixture(scope="module")
+def wanted() -> list[float]:
+    """The right-hand side at a state, with values of the inputs."""
+    found: list[float] = driven().substitute(VALUES).compile("numpy").rhs(TIME, STATE).tolist()
+    return found
+
+
+@pytest.mark.parametrize("target", lg.targets())
+def test_every_target_takes_inputs(target: str, tmp_path: Path) -> None:
+    made = driven().export(target, tmp_path, ["rhs"], parameters=at(TIME))
+    texts = [path.read_text() for path in made.files if path.suffix != ".fmu"]
+    assert target == "fmu" or any("inputs: X, X_dot, X_ddot, u:" in text for text in texts)
+    if target == "modelica":
+        assert any("  input Real u(start = " in text for text in texts)
+
+
+def test_an_input_is_written_into_what_was_prepared(tmp_path: Path, wanted: list[float]) -> None:
+    driven().export("c", tmp_path, ["rhs"])
+    command = ["cc", "-shared", "-fPIC", "-O1", "-o", "driven.so", "driven.c", "-lm"]
+    subprocess.run(command, cwd=tmp_path, check=True)
+    library = ctypes.CDLL(str(tmp_path / "driven.so"))
+    prepared, out = (ctypes.c_double * 100)(), (ctypes.c_double * 2)()
+    assert library.driven_prepare((ctypes.c_double * 7)(1.5, 9.81, 2.0), prepared) == 0
+    prepared[3:7] = list(at(TIME).values())
+    assert library.driven_rhs(ctypes.c_double(TIME), (ctypes.c_double * 2)(*STATE), prepared, out) == 0
+    np.testing.assert_allclose(list(out), wanted, rtol=1e-13)
+
+
+def test_an_fmu_has_variables_of_causality_input(tmp_path: Path) -> None:
+    made = driven().export("fmu", tmp_path, ["rhs", "jacobian"])
+    for path in made.files:
+        with zipfile.ZipFile(path) as packed:
+            root = ElementTree.fromstring(packed.read("modelDescription.xml"))
+        scalars = [*root.iter("ScalarVariable"), *root.iter("Float64")]
+        inputs = [one for one in scalars if one.get("causality") == "input"]
+        assert [one.get("name") for one in inputs] == ["X", "X_dot", "X_ddot", "u"]
+        assert {one.get("variability") for one in inputs} == {"continuous"}
+        assert {one.get("initial") for one in inputs} == {None}
+        exchange = root.find("ModelExchange")
+        assert exchange is not None
+        key = "providesDirectionalDerivative" + "s" * ("fmi3" in path.name)
+        assert exchange.get(key) == "false"
+
+
+def test_an_fmu_is_driven_through_its_inputs(tmp_path: Path, wanted: list[float]) -> None:
+    fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
+    made = driven().export("fmu", tmp_path, ["rhs"])
+    for path in made.files:
+        unpacked = fmpy.extract(str(path), str(tmp_path / path.stem))
+        described = fmpy.read_model_description(unpacked)
+        model = fmpy.instantiate_fmu(unpacked, described, "ModelExchange")
+        modern = "fmi3" in path.name
+        if modern:
+            model.enterInitializationMode(startTime=0.0)
+        else:
+            model.setupExperiment(startTime=0.0)
+            model.enterInitializationMode()
+        model.exitInitializationMode()
+        model.enterContinuousTimeMode()
+        references = [one.valueReference for one in described.modelVariables if one.causality == "input"]
+        values = list(at(TIME).values())
+        model.setFloat64(references, values) if modern else model.setReal(references, values)
+        model.setTime(TIME)
+        state, rates = (ctypes.c_double * 2)(*STATE), (ctypes.c_double * 2)()
+        if modern:
+            model.setContinuousStates(state, 2)
+            model.getContinuousStateDerivatives(rates, 2)
+        else:
+            model.setContinuousStates(state, 2)
+            model.getDerivatives(rates, 2)
+        np.testing.assert_allclose(list(rates), wanted, rtol=1e-13)
+        model.terminate()
+        model.freeInstance()
+
+
+def test_a_series_of_an_open_input_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(lg.StatementError, match="taylor needs every derivative of X and u, which is left open"):
+        driven().export("c", tmp_path, ["taylor"])
+
+
+def test_casadi_and_jax_take_inputs_in_the_parameters(wanted: list[float]) -> None:
+    model = driven().compile("numpy")
+    p = model.parameter_array(at(TIME))
+    casadi = pytest.importorskip("casadi", reason="CasADi is not installed")
+    rhs, symbol = model.as_casadi("rhs"), casadi.SX.sym("p", 7)
+    np.testing.assert_allclose(rhs(TIME, STATE, p.tolist()).full().ravel(), wanted, rtol=1e-13)
+    slope = casadi.Function("B", [symbol], [casadi.jacobian(rhs(TIME, STATE, symbol), symbol[6])])
+    np.testing.assert_allclose(slope(p.tolist()).full().ravel(), [0, 1 / (1.5 * 4)], rtol=1e-13)
+    jax = pytest.importorskip("jax", reason="JAX is not installed")
+    jax.config.update("jax_enable_x64", val=True)
+    np.testing.assert_allclose(model.as_jax("rhs")(TIME, STATE, p), wanted, rtol=1e-13)

@@ -1,0 +1,102 @@
+"""Open given functions are inputs of models: parameters whose rates the equations know."""
+
+from __future__ import annotations
+
+import pickle
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from tests.statement.inputs import VALUES, X, at, driven, theta, u
+
+STATE = [0.7, -1.3]
+CLOSE: dict[str, Any] = {"rtol": 1e-13, "atol": 1e-13}
+"""Some roundings of terms of order one."""
+
+
+@cache
+def models(target: str) -> tuple[Any, Any]:
+    """Return the model with inputs, and that with values."""
+    system = driven()
+    return system.compile(target), system.substitute(VALUES).compile(target)
+
+
+@pytest.mark.parametrize("target", ["llvm", "numpy"])
+def test_an_input_with_the_values_of_a_function_gives_what_the_function_gives(target: str) -> None:
+    opened, valued = models(target)
+    for t in (0.0, 0.4, 2.5):
+        for name in ("rhs", "jacobian", "energy", "momenta", "bias", "mass_matrix"):
+            wanted = valued.evaluate(name, STATE[:1], STATE[1:], t)
+            np.testing.assert_allclose(opened.evaluate(name, STATE[:1], STATE[1:], t, at(t)), wanted, **CLOSE)
+
+
+def test_the_inputs_are_the_last_parameters_and_none_that_is_not_needed() -> None:
+    model = driven().compile("numpy")
+    assert model.inputs == ("X", "X_dot", "X_ddot", "u")
+    assert [p.name for p in model.statement.parameters] == ["m", "g", "l", "X", "X_dot", "X_ddot", "u"]
+    again = pickle.loads(pickle.dumps(model))
+    assert again.inputs == model.inputs
+    np.testing.assert_array_equal(again.rhs(0.0, STATE, at(1.0)), model.rhs(0.0, STATE, at(1.0)))
+
+
+def test_a_constraint_that_an_input_moves_needs_its_second_rate() -> None:
+    height, moved = lg.given("h"), lg.coordinate("y")
+    mass = lg.parameters("M")
+    lift = lg.System(mass * moved.dot**2 / 2, 0, constraints=[moved - height], parameters={mass: 2})
+    model = lift.compile("numpy")
+    assert model.inputs[-3:] == ("h", "h_dot", "h_ddot")
+    values = {"h": 1.0, "h_dot": 2.0, "h_ddot": 3.0}
+    assert model.rhs(0.0, [1.0, 2.0], values)[1] == pytest.approx(3.0, rel=1e-14)
+    assert abs(model.multipliers([1.0], [2.0], 0.0, values)[0]) == pytest.approx(6.0, rel=1e-14)
+
+
+def test_without_a_value_and_in_a_run_an_open_function_is_named() -> None:
+    system = driven()
+    model = system.compile("numpy")
+    with pytest.raises(lg.StatementError, match="no value for parameters X, X_dot, X_ddot and u"):
+        model.rhs(0.0, STATE)
+    values = {**at(0.0)}
+    for run in (
+        lambda: system.run(1.0, parameters=values),
+        lambda: lg.integrate(model, (0.0, 1.0), parameters=values),
+        lambda: lg.flow(model),
+        lambda: lg.ensemble(system, 1.0, initial={theta: [0.1, 0.2]}, parameters=values),
+        system.check,
+        system.conserved,
+    ):
+        with pytest.raises(lg.StatementError, match="X and u are given functions of time without values"):
+            run()
+
+
+def test_solve_ivp_takes_inputs_as_functions_of_time() -> None:
+    from scipy.integrate import solve_ivp
+
+    opened, valued = models("numpy")
+    functions = {name: (lambda t, name=name: at(t)[name]) for name in opened.inputs}
+    problem = opened.as_scipy(inputs=functions, events=[theta - 0.5])
+    other = valued.as_scipy(events=[theta - 0.5])
+    for method in ("RK45", "Radau"):
+        found, wanted = (
+            solve_ivp(**one.arguments((0, 0.5), {theta: 1}, method=method, rtol=1e-6)) for one in (problem, other)
+        )
+        np.testing.assert_allclose(found.y[:, -1], wanted.y[:, -1], rtol=1e-9)
+        assert found.t_events is not None and wanted.t_events is not None
+        np.testing.assert_allclose(found.t_events[0], wanted.t_events[0], rtol=1e-9)
+
+
+def test_functions_of_inputs_are_asked_for_by_name() -> None:
+    opened, valued = models("numpy")
+    with pytest.raises(lg.StatementError, match=r"no function for inputs X, X_dot, X_ddot and u: give inputs="):
+        opened.as_scipy()
+    with pytest.raises(lg.StatementError, match=r"'w' is no input of this system; they are X, X_dot, X_ddot and u"):
+        opened.as_scipy(inputs={"w": abs})
+    with pytest.raises(lg.StatementError, match=r"'u' is no input of this system; it has none"):
+        valued.as_scipy(inputs={u: abs})
+    with pytest.raises(lg.StatementError, match=r"the input u is .*: give a function of the time"):
+        opened.as_scipy(inputs={u: 2.0})
+    problem = opened.as_scipy(inputs={X: abs, X.dot: abs, X.ddot: abs, u: lambda t: "much"})
+    with pytest.raises(lg.StatementError, match="the input at t = 0"):
+        problem.fun(0.0, STATE)
