@@ -31,7 +31,7 @@ def test_right_and_wrong_equations(tmp_path: Path, capsys: pytest.CaptureFixture
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("theta_ddot + c\n", "line 1 contains 'c', which this system does not have"),
+        ("theta_ddot + c\n", "line 1, column 14: 'c' is not a symbol of this system."),
         ("# nothing\n", "there is no equation: write one a line"),
         (b"\xff\xfe", "the file is no text in UTF-8."),
         ("x" * 1_000_001, "the file has more than 1000000 bytes, the most for equations."),

@@ -8,13 +8,13 @@ the constraints where there are any. Both are decided by numbers, from derivativ
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
 
 from lagrange.equations.derivation import Derivation
-from lagrange.errors import listing
+from lagrange.errors import StatementError, listing
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.mechanics.equation_row import HELD, EquationRow, row_of
 from lagrange.mechanics.motion_samples import MotionSample, motion_samples
@@ -27,6 +27,9 @@ from lagrange.statement.statement import Statement
 MOST_TOLD = 4
 """Coordinates up to which a message tells the whole state."""
 
+MOST_READ = 2
+"""Equations with several readings whose reading a message shows; `.read` has all of them."""
+
 SAMPLES = 5
 """States at which equations are compared: a wrong one would have to hold by chance at all of them."""
 
@@ -35,19 +38,17 @@ SAMPLES = 5
 class EquationsComparison(ShownAsPage):
     """The result: true if the equations are those of the system, else `message` names the first wrong term.
 
-    `finding` is the message without the counterexample in numbers, for a table of many results.
     `counterexample` has a state, by name, at which the first wrong equation does not hold, with the true accelerations;
-    it is empty where there is none. `wrong` has the places of the wrong equations.
+    it is empty where there is none. `details` tells it in a sentence. `wrong` has the places of the wrong equations.
+    `read` has the equations as they were understood, one a line, in the notation of scene files.
     """
 
     right: bool
     message: str
     wrong: tuple[int, ...] = ()
     counterexample: Mapping[str, float] = field(default_factory=dict)
-    finding: str = ""
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "finding", self.finding or self.message)
+    details: str = ""
+    read: str = ""
 
     def __bool__(self) -> bool:
         return self.right
@@ -63,8 +64,42 @@ def compare_equations(
     statement: Statement, derivation: Derivation, equations: Sequence[StudentEquation]
 ) -> EquationsComparison:
     """Compare equations with those of a statement. Raises StatementError where they are not linear in accelerations."""
-    rows = [row_of(equation, statement) for equation in equations]
     samples = motion_samples(statement, SAMPLES)
+    understood = [_likeliest(equation, statement, samples) for equation in equations]
+    result = _compared(statement, derivation, [row for _, row in understood], samples)
+    doubtful = [one.read for (one, _), given in zip(understood, equations, strict=True) if given.others]
+    told = f" Read as {listing(doubtful[:MOST_READ])}." if doubtful else ""
+    read = "\n".join(equation.read for equation, _ in understood)
+    return replace(result, message=result.message + told, read=read)
+
+
+def _likeliest(
+    equation: StudentEquation, statement: Statement, samples: Sequence[MotionSample]
+) -> tuple[StudentEquation, EquationRow]:
+    """Return the first reading of an equation that the motion satisfies, or the first one if it satisfies none.
+
+    A reading that is not linear in the accelerations counts only if all are. Raises StatementError then.
+    """
+    rows: list[tuple[StudentEquation, EquationRow]] = []
+    refused: StatementError | None = None
+    for reading in (equation, *equation.others):
+        try:
+            row = row_of(reading, statement)
+        except StatementError as error:
+            refused = refused or error
+            continue
+        if row.holds(samples):
+            return reading, row
+        rows.append((reading, row))
+    if rows:
+        return rows[0]
+    raise refused or StatementError(f"{equation.label} cannot be read.")
+
+
+def _compared(
+    statement: Statement, derivation: Derivation, rows: Sequence[EquationRow], samples: Sequence[MotionSample]
+) -> EquationsComparison:
+    """Return the result for one reading of each equation."""
     wrong = tuple(i for i, row in enumerate(rows) if not row.holds(samples))
     multiples = multiples_of_multipliers(rows, samples) if wrong else None
     wrong = () if multiples else wrong
@@ -108,17 +143,17 @@ def _refuted(
     sample = _where_it_fails(row, samples)
     example = {} if sample is None else _counterexample(row, sample)
     named = wrong_term(row, derivation, samples)
-    told = "" if sample is None else f" {_told(row, sample)}"
+    details = "" if sample is None else _told(row, sample)
     more = ""
     if len(wrong) > 1:
         others = listing(rows[i].label for i in wrong[1:])
         more = f" {others[0].upper()}{others[1:]} {'is' if len(wrong) == 2 else 'are'} wrong, too."
     return EquationsComparison(
         right=False,
-        message=named + told + more,
+        message=named + more,
         wrong=wrong,
         counterexample=MappingProxyType(example),
-        finding=named + more,
+        details=details,
     )
 
 

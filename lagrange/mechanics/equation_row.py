@@ -29,14 +29,17 @@ on constraints are. A term of another size would have to be smaller than that at
 
 @dataclass(frozen=True, eq=False)
 class EquationRow:
-    """zero = sum of slopes[z] * z over the unknowns z, plus rest; all in the plain symbols of the statement."""
+    """zero = sum of slopes[z] * z over the unknowns z, plus rest; all in the plain symbols of the statement.
+
+    `right` is the right side as it was typed, whose terms have the other sign in `zero`.
+    """
 
     statement: Statement
     label: str
     zero: Any
     slopes: Mapping[Any, Any]
     rest: Any
-    moved: bool = False
+    right: Any = sympy.S.Zero
 
     @cached_property
     def _tape(self) -> Precise:
@@ -85,7 +88,7 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
             "equations for the accelerations. Solve it for them, or clear what stands around them."
         )
     rest = equation.zero.xreplace(dict.fromkeys(found, sympy.S.Zero))
-    return EquationRow(statement, equation.label, equation.zero, slopes, rest, equation.moved)
+    return EquationRow(statement, equation.label, equation.zero, slopes, rest, equation.right)
 
 
 def tape(expressions: Sequence[Any], statement: Statement) -> Precise:

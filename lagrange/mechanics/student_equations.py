@@ -2,52 +2,39 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import sympy
 
-from lagrange.errors import SceneError, StatementError, listing, suggestion
+from lagrange.errors import StatementError, listing, suggestion
 from lagrange.statement.choice import text
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.expression import TEXTS, entries, expression
-from lagrange.statement.letters import WORD
 from lagrange.statement.multiplier import constraint_of
 from lagrange.statement.parameters import coordinate_name
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
-from lagrange.statement.text import read_expression
-from lagrange.statement.vocabulary import FUNCTIONS
-
-LONGEST_LINE = 20_000
-"""Characters of one equation; a line with more is no equation that a person wrote."""
-
-SIGN = re.compile(r"(?<![<>=!])={1,2}(?!=)")
-"""The sign between the sides of an equation, = or ==."""
+from lagrange.statement.typed.reader import TypedEquation, TypedReader
 
 MULTIPLIER = "lambda_"
 """What the name of a constraint has before it where its multiplier is meant."""
 
-TYPED = str.maketrans("\u2212\u00b7\u22c5\u00d7", "-***")
-"""Signs that a printed formula has: a minus and three of multiplication."""
-
-NAME = re.compile(rf"(?<![\w.]){WORD.pattern}")
-"""A name in the text of an equation; the e of 1e-3 is none."""
-
-KNOWN_WORDS = frozenset((*FUNCTIONS, "t", "pi", "if", "else"))
-"""The names that a text may have beside those of the system."""
-
 
 @dataclass(frozen=True)
 class StudentEquation:
-    """What an equation says is zero, in the plain symbols of `Statement.plain`, and what it is called in messages."""
+    """An equation of motion: what it says is zero, in the plain symbols of `Statement.plain`.
+
+    `label` names it in messages. `right` is its right side. `read` is the
+    equation as it was understood. `others` are further readings of a text that can be understood in several ways.
+    """
 
     label: str
     zero: Any
-    moved: bool = False
-    """Whether terms of a right side were moved to the left one."""
+    right: Any = sympy.S.Zero
+    read: str = ""
+    others: tuple[StudentEquation, ...] = ()
 
 
 def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
@@ -57,28 +44,22 @@ def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
     is the multiplier of a constraint. Raises StatementError, with the equation's place, for what cannot be read.
     """
     reader = _EquationReader(statement)
+    if isinstance(given, str):
+        return reader.text(given)
     if isinstance(given, Mapping):
         listed = [(f"the {coordinate_name(key, statement.names)} equation", value) for key, value in given.items()]
     else:
         single = isinstance(given, (*TEXTS, sympy.Basic)) and not isinstance(given, sympy.Tuple)
-        found = None if single else entries(given, "the equations")
-        listed = [(f"equation {k}", value) for k, value in enumerate([given] if found is None else found, 1)]
+        parts = None if single else entries(given, "the equations")
+        listed = [(f"equation {k}", value) for k, value in enumerate([given] if parts is None else parts, 1)]
     if not listed:
         raise StatementError("no equation is given: give a list with one for each coordinate.")
-    return [StudentEquation(label, *reader.read(value, label)) for label, value in listed]
+    return [reader.read(value, label) for label, value in listed]
 
 
 def equations_of_text(given: str, statement: Statement) -> list[StudentEquation]:
-    """Return the equations of a file, one a line; # begins a comment. A refusal has the line and the column."""
-    reader = _EquationReader(statement)
-    found: list[StudentEquation] = []
-    for number, whole in enumerate(text(given, "the text of the equations").splitlines(), 1):
-        line = whole.partition("#")[0].rstrip()
-        if line.strip():
-            found.append(StudentEquation(f"equation {len(found) + 1}", *reader.text(line, f"line {number}")))
-    if not found:
-        raise StatementError("there is no equation: write one a line, such as  theta_ddot + g/l*sin(theta) = 0.")
-    return found
+    """Return the equations of a text as people type it. A refusal has all faults, each with line and column."""
+    return _EquationReader(statement).text(text(given, "the text of the equations"))
 
 
 def spelled(expression: Any) -> str:
@@ -100,46 +81,33 @@ class _EquationReader:
         self.names |= {_given_name(leaf): value for leaf, value in self.given.items()}
         multipliers = {f"{MULTIPLIER}{one.name}": one.multiplier for one in statement.constraints}
         self.names = multipliers | self.names
+        held = [one.name for one in statement.constraints]
+        spellings = {f"lambda_{k}": name for k, name in enumerate(multipliers, 1)} if len(held) > 1 else {}
+        if len(held) == 1:
+            spellings["lambda"] = next(iter(multipliers))
+        self.typed = TypedReader(self.names, spellings)
 
-    def read(self, given: Any, what: str) -> tuple[Any, bool]:
-        """Return what one equation says is zero, in plain symbols, and whether it has a right side."""
+    def text(self, given: str) -> list[StudentEquation]:
+        """Return the equations of a text, which may have several lines."""
+        equations = self.typed.equations(given)
+        if not equations:
+            raise StatementError("there is no equation: write one a line, such as  theta_ddot + g/l*sin(theta) = 0.")
+        return [_equation(f"equation {k}", one) for k, one in enumerate(equations, 1)]
+
+    def read(self, given: Any, what: str) -> StudentEquation:
+        """Return one equation: a text, an expression that is zero, or an Eq."""
         if isinstance(given, str):
-            return self.text(given, what)
+            equations = self.typed.equations(given, what)
+            if len(equations) != 1:
+                raise StatementError(f"{what} is a text with {len(equations)} equations: give one in each entry.")
+            return _equation(what, equations[0])
         if isinstance(given, sympy.Eq):
             left, right = (self.symbols(expression(side, what), what) for side in given.args)
-            return left - right, bool(right != 0)
+            return StudentEquation(what, left - right, right, f"{spelled(left)} = {spelled(right)}")
         if isinstance(given, bool) or given in (sympy.true, sympy.false):
             raise StatementError(f"{what} is {given}: where == was meant, write sympy.Eq(left, right).")
-        return self.symbols(expression(given, what), what), False
-
-    def text(self, line: str, what: str) -> tuple[Any, bool]:
-        """Return what a text says is zero, and whether it has a right side."""
-        line = line.translate(TYPED)
-        if len(line) > LONGEST_LINE:
-            raise StatementError(f"{what} has {len(line)} characters, and {LONGEST_LINE} are the most of an equation.")
-        signs = list(SIGN.finditer(line))
-        if len(signs) > 1:
-            raise StatementError(f"{what} has {len(signs)} signs of equality: write one equation with two sides.")
-        bounds = [(0, signs[0].start()), (signs[0].end(), len(line))] if signs else [(0, len(line))]
-        sides = [self.side(line, *bound, what) for bound in bounds]
-        return sympy.Add(sides[0], *(-side for side in sides[1:])), any(side != 0 for side in sides[1:])
-
-    def side(self, line: str, begin: int, end: int, what: str) -> Any:
-        """Return one side of an equation. Raises SceneError with the column in the whole line."""
-        self.check_names(line[begin:end], what)
-        try:
-            return read_expression(line[begin:end], self.names)
-        except SceneError as error:
-            column = None if error.column is None else error.column + begin
-            place = "" if column is None else f", column {column}"
-            raise StatementError(f"{what}{place}: {error.reason}") from None
-
-    def check_names(self, text: str, what: str) -> None:
-        """Refuse a name that the system does not have."""
-        for found in NAME.finditer(text):
-            name = found.group()
-            if name not in self.names and name not in KNOWN_WORDS:
-                raise StatementError(self.unknown(name, what))
+        zero = self.symbols(expression(given, what), what)
+        return StudentEquation(what, zero, read=f"{spelled(zero)} = 0")
 
     def unknown(self, name: str, what: str) -> str:
         """Return the refusal of a name."""
@@ -171,6 +139,12 @@ class _EquationReader:
             if function not in self.given:
                 raise StatementError(self.unknown(name_of(function), what))
         return stated.xreplace(self.given).xreplace(self.plain | table)
+
+
+def _equation(label: str, typed: TypedEquation) -> StudentEquation:
+    """Return a typed equation with its other readings."""
+    first, *others = (StudentEquation(label, one.zero, one.right, one.read) for one in typed.readings)
+    return replace(first, others=tuple(others))
 
 
 def _given_name(leaf: Any) -> str:

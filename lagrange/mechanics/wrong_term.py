@@ -75,16 +75,9 @@ class _Sorted:
     @classmethod
     def of(cls, zero: Any, statement: Statement, samples: Sequence[MotionSample]) -> _Sorted | None:
         """Return an equation sorted, None where it is too long or has no values at the samples."""
-        plain = list(statement.plain.values())
-        moving = (*plain[1::3], *unknowns_of(statement))
-        terms = sympy.Add.make_args(sympy.expand(zero))
-        if len(terms) > MOST_TERMS:
+        kept = _by_product(zero, statement)
+        if kept is None:
             return None
-        found: dict[Any, Any] = {}
-        for term in terms:
-            coefficient, product = term.as_independent(*moving, as_Add=False)
-            found[product] = found.get(product, 0) + coefficient
-        kept = {product: value for product, value in found.items() if value != 0}
         usable = [one for one in samples if _values(list(kept.values()), statement, [one]) is not None]
         return cls(statement, usable, kept) if usable else None
 
@@ -108,6 +101,37 @@ class _Sorted:
         """Return the values of another expression at the samples, None where it has none."""
         found = _values([expression], self.statement, self.samples)
         return None if found is None else found[0]
+
+
+def _by_product(zero: Any, statement: Statement) -> dict[Any, Any] | None:
+    """Return the coefficients of the products of an expanded sum, None where it has too many terms."""
+    moving = (*list(statement.plain.values())[1::3], *unknowns_of(statement))
+    terms = sympy.Add.make_args(sympy.expand(zero))
+    if len(terms) > MOST_TERMS:
+        return None
+    found: dict[Any, Any] = {}
+    for term in terms:
+        coefficient, product = term.as_independent(*moving, as_Add=False)
+        found[product] = found.get(product, 0) + coefficient
+    return {product: value for product, value in found.items() if value != 0}
+
+
+def _side(row: EquationRow, product: Any, there: Any) -> tuple[str, int]:
+    """Return words for the side on which a term stands or belongs, and -1 for the right side, else 1.
+
+    The sign turns a coefficient of `row.zero` into the one that was typed. A missing term belongs on the right side if
+    the left one has nothing but accelerations, as in a solved equation.
+    """
+    right = _by_product(row.right, row.statement) or {}
+    left = _by_product(row.zero + row.right, row.statement) or {}
+    if not right:
+        return "", 1
+    if there == 0:
+        solved = all(one.has(*unknowns_of(row.statement)) for one in left)
+        return (" on the right side", -1) if solved else ("", 1)
+    if product not in left and right.get(product) == -there:
+        return " on the right side", -1
+    return ("", 1) if product not in right else (" with all terms on the left", 1)
 
 
 def _values(expressions: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> list[Numbers] | None:
@@ -254,13 +278,18 @@ class _Meant:
         product = self.differing[0]
         there = self.given.coefficients.get(product, sympy.S.Zero)
         wanted = sympy.expand(self.multiple * self.expected.coefficients.get(product, sympy.S.Zero))
-        of = "" if self.name in row.label else f", that of {self.name}"
-        where = f"In {row.label}{of}" + (", with all terms on the left," if row.moved else "," if of else "")
+        of = "" if self.name in row.label else f", that of {self.name},"
         extra = [one for one in self.differing if one not in self.expected.coefficients]
         if there == 0 and len(extra) == 1:
-            instead = spelled(self.given.coefficients[extra[0]] * extra[0])
-            return f"{where} the term {instead} is wrong: it should be {spelled(wanted * product)}."
-        return f"{where} {_difference(product, there, wanted, self.given.numbers)}"
+            instead = self.given.coefficients[extra[0]]
+            side, sign = _side(row, extra[0], instead)
+            return (
+                f"In {row.label}{of}{side} the term {spelled(sign * instead * extra[0])} is wrong: it should be "
+                f"{spelled(sign * wanted * product)}."
+            )
+        side, sign = _side(row, product, there)
+        difference = _difference(product, sign * there, sign * wanted, self.given.numbers)
+        return f"In {row.label}{of}{side} {difference}"
 
 
 def _rank(meant: _Meant) -> tuple[Any, ...]:

@@ -1,0 +1,182 @@
+"""Derivatives among the tokens of a formula: primes, dots of LaTeX and d/dt in all its forms become one notation."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+
+from lagrange.statement.typed.tokens import Token
+
+OPENING = {"(": ")", "[": "]", "{": "}"}
+"""Brackets and what closes each."""
+
+_TOP = re.compile(r"d([0-9]?)(.*)", re.DOTALL)
+_BOTTOM = re.compile(r"dt([0-9]?)")
+
+
+def with_derivatives(tokens: Sequence[Token]) -> list[Token]:
+    """Return the tokens of a formula with derivatives marked.
+
+    A word has its dots and primes as `order` and `primes`. Any other derivative becomes a token of kind "rate", whose
+    text is the order, and the operand follows. A subscript after a mark moves to its word.
+    """
+    return _leibniz(_marked(tokens))
+
+
+def closing(tokens: Sequence[Token], place: int) -> int:
+    """Return the place of the bracket that closes the one at a place, or the number of tokens if none does."""
+    depth = 0
+    for i in range(place, len(tokens)):
+        if tokens[i].is_sign(*OPENING):
+            depth += 1
+        elif tokens[i].is_sign(*OPENING.values()):
+            depth -= 1
+            if depth == 0:
+                return i
+    return len(tokens)
+
+
+def _marked(tokens: Sequence[Token]) -> list[Token]:
+    """Return the tokens with the marks of words joined to them: dots, primes and the subscripts after these."""
+    found: list[Token] = []
+    i = 0
+    while i < len(tokens):
+        token = tokens[i]
+        i += 1
+        if token.kind == "dots" and i < len(tokens):
+            group = list(tokens[i : closing(tokens, i) + 1]) if tokens[i].is_sign("{", "(") else [tokens[i]]
+            inside = _marked(group[1:-1] if len(group) > 1 else group)
+            i += len(group)
+            if len(inside) == 1 and inside[0].kind == "word":
+                word = replace(inside[0], begin=token.begin, spaced=token.spaced)
+                token = replace(word, primes=word.primes + int(token.text))
+            else:
+                found += [replace(token, kind="rate"), *group]
+                continue
+        if token.kind == "word":
+            token, power, i = _with_marks(token, tokens, i)
+            found += [token, *power]
+        else:
+            found.append(token)
+    return found
+
+
+def _with_marks(word: Token, tokens: Sequence[Token], i: int) -> tuple[Token, list[Token], int]:
+    """Return a word with its primes and subscripts, the tokens of a power between them, and the next place."""
+    power: list[Token] = []
+    while i < len(tokens):
+        token = tokens[i]
+        if token.kind == "prime":
+            word, i = replace(word, primes=word.primes + int(token.text), end=token.end), i + 1
+        elif token.kind == "index":
+            word, i = replace(word, text=word.text + token.text, end=token.end), i + 1
+        elif token.is_sign("^") and not power:
+            end = closing(tokens, i + 1) + 1 if tokens[i + 1 : i + 2] and tokens[i + 1].is_sign("{") else i + 2
+            inside = [one for one in tokens[i + 1 : end] if not one.is_sign("{", "}")]
+            if inside and all(one.kind == "prime" for one in inside):
+                word, i = replace(word, primes=word.primes + sum(int(one.text) for one in inside)), end
+            elif end < len(tokens) and tokens[end].kind == "index":
+                power, i = list(tokens[i:end]), end
+            else:
+                break
+        else:
+            break
+    return word, power, i
+
+
+def _leibniz(tokens: Sequence[Token]) -> list[Token]:
+    """Return the tokens with d^2x/dt^2, d/dt(...) and the same as fractions written as rates."""
+    found: list[Token] = []
+    i = 0
+    while i < len(tokens):
+        match = _fraction(tokens, i) or _quotient(tokens, i)
+        if match is None:
+            found.append(tokens[i])
+            i += 1
+            continue
+        order, operand, after = match
+        found.append(Token("rate", str(order), tokens[i].begin, tokens[after - 1].end, spaced=tokens[i].spaced))
+        found += operand
+        i = after
+    return found
+
+
+_Rate = tuple[int, list[Token], int]
+"""The order of a derivative, the tokens of its operand, none where it follows, and the next place."""
+
+
+def _quotient(tokens: Sequence[Token], i: int) -> _Rate | None:
+    """Return the derivative d^n x / dt^n that begins at a place."""
+    top = _top(tokens, i, len(tokens))
+    if top is None or top[2] >= len(tokens) or not tokens[top[2]].is_sign("/"):
+        return None
+    bottom = _bottom(tokens, top[2] + 1, len(tokens))
+    return (top[0], top[1], bottom[1]) if bottom and bottom[0] == top[0] else None
+
+
+def _fraction(tokens: Sequence[Token], i: int) -> _Rate | None:
+    r"""Return the derivative \frac{d^n x}{dt^n} that begins at a place."""
+    if tokens[i].kind != "fraction" or not tokens[i + 1 : i + 2] or not tokens[i + 1].is_sign("{"):
+        return None
+    middle = closing(tokens, i + 1)
+    if not tokens[middle + 1 : middle + 2] or not tokens[middle + 1].is_sign("{"):
+        return None
+    end = closing(tokens, middle + 1)
+    top, bottom = _top(tokens, i + 2, middle), _bottom(tokens, middle + 2, end)
+    if top is None or bottom is None or top[2] != middle or bottom[1] != end or top[0] != bottom[0]:
+        return None
+    return top[0], top[1], end + 1
+
+
+def _top(tokens: Sequence[Token], i: int, end: int) -> _Rate | None:
+    """Return the order and the operand of d^n x, x in one word with d or after it."""
+    match = _TOP.fullmatch(tokens[i].text) if i < end and tokens[i].kind == "word" else None
+    if match is None:
+        return None
+    order, rest = int(match.group(1) or 1), match.group(2)
+    word, i = tokens[i], i + 1
+    if rest:
+        return order, [replace(word, text=rest)], i
+    if not match.group(1):
+        order, i = _order(tokens, i, end)
+    if i < end and tokens[i].kind == "word":
+        return order, [tokens[i]], i + 1
+    if i < end and tokens[i].is_sign("(", "[", "{"):
+        close = min(closing(tokens, i) + 1, end)
+        return order, list(tokens[i:close]), close
+    return order, [], i
+
+
+def _bottom(tokens: Sequence[Token], i: int, end: int) -> tuple[int, int] | None:
+    """Return the order of dt^n, and the place after it."""
+    bracket = i < end and tokens[i].is_sign("(", "{")
+    i += bracket
+    match = _BOTTOM.fullmatch(tokens[i].text) if i < end and tokens[i].kind == "word" else None
+    if match is None:
+        if not (i + 1 < end and [one.text for one in tokens[i : i + 2]] == ["d", "t"]):
+            return None
+        i += 1
+    i += 1
+    order = int(match.group(1)) if match and match.group(1) else 0
+    if not order:
+        order, i = _order(tokens, i, end)
+    if bracket:
+        if i >= end or not tokens[i].is_sign(")", "}"):
+            return None
+        i += 1
+        if order == 1:
+            order, i = _order(tokens, i, end)
+    return order, i
+
+
+def _order(tokens: Sequence[Token], i: int, end: int) -> tuple[int, int]:
+    """Return the exponent at a place, 1 if there is none, and the place after it."""
+    if i < end and tokens[i].kind == "power" and tokens[i].text.isdigit():
+        return int(tokens[i].text), i + 1
+    if i + 1 < end and tokens[i].is_sign("^"):
+        if tokens[i + 1].kind == "number" and tokens[i + 1].text.isdigit():
+            return int(tokens[i + 1].text), i + 2
+        if i + 3 < end and tokens[i + 1].is_sign("{", "(") and tokens[i + 2].text.isdigit():
+            return int(tokens[i + 2].text), i + 4
+    return 1, i

@@ -1,0 +1,70 @@
+"""Faults of a typed text that are seen before it is parsed: unknown words, impossible derivatives, lost brackets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lagrange.statement.typed.derivatives import OPENING
+from lagrange.statement.typed.names import Names, Piece
+from lagrange.statement.typed.tokens import Token
+
+
+class TypedFault(Exception):
+    """One fault of a typed text: a sentence without its end, and the place in the text."""
+
+    def __init__(self, reason: str, place: int) -> None:
+        super().__init__(reason)
+        self.reason, self.place = reason, place
+
+
+def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
+    """Return the faults that are seen without parsing: characters, unknown words and derivatives, brackets."""
+    found = [TypedFault(token.text, token.begin) for token in tokens if token.kind == "fault"]
+    for i, token in enumerate(tokens):
+        if token.kind == "word":
+            found += _word_faults(token, tokens[i + 1 : i + 2], names)
+        elif token.kind == "index":
+            found.append(TypedFault("a subscript follows no symbol", token.begin))
+    return sorted([*found, *_bracket_faults(tokens)], key=lambda fault: fault.place)
+
+
+def _word_faults(token: Token, following: Sequence[Token], names: Names) -> list[TypedFault]:
+    name = token.text[:60]
+    readings = names.readings(token.text)
+    powered = bool(following) and (following[0].is_sign("^") or following[0].kind == "power")
+    readings = [one for one in readings if all(piece.kind != "e" or powered for piece in one)]
+    if not readings:
+        return [TypedFault(f"{name!r} is not a symbol of this system.{names.hint(token.text)}", token.begin)]
+    if not differentiated(readings, token, names):
+        return [TypedFault(f"{name!r} has no derivative of this order here", token.begin)]
+    return []
+
+
+def differentiated(readings: list[list[Piece]], token: Token, names: Names) -> list[list[Piece]]:
+    """Return the readings of a word with its dots on the first factor and its primes on the last."""
+    found = []
+    for pieces in readings:
+        first = names.derivative(pieces[0], token.order) if token.order else pieces[0]
+        changed = [first, *pieces[1:]]
+        last = changed[-1]
+        if token.primes and last is not None:
+            changed[-1] = names.derivative(last, token.primes)
+        known = [piece for piece in changed if piece is not None]
+        if len(known) == len(changed):
+            found.append(known)
+    return found
+
+
+def _bracket_faults(tokens: Sequence[Token]) -> list[TypedFault]:
+    """Return the brackets that open or close nothing."""
+    found, opened = [], []
+    for token in tokens:
+        if token.is_sign(*OPENING):
+            opened.append(token)
+        elif token.is_sign(*OPENING.values()):
+            if opened and OPENING[opened[-1].text] == token.text:
+                opened.pop()
+            else:
+                found.append(TypedFault(f"{token.text!r} closes nothing", token.begin))
+                opened = opened[:-1]
+    return found + [TypedFault(f"{token.text!r} is never closed", token.begin) for token in opened]

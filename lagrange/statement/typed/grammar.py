@@ -1,0 +1,392 @@
+"""Grammar of a typed formula: from tokens to the strict notation, with every product, power and bracket written out.
+
+Some texts have two readings: `g/2l`, `sin a b`, `sin x^2`, a word that is a product in two ways. The parser asks its
+`Choices` at each such place. Parsing once more with other choices gives the other readings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice, product
+
+from lagrange.statement.typed.derivatives import OPENING
+from lagrange.statement.typed.faults import TypedFault, differentiated
+from lagrange.statement.typed.names import Names, Piece
+from lagrange.statement.typed.tokens import Token
+
+DEEPEST = 40
+"""Brackets inside each other that are read; the parser calls itself for each."""
+
+MOST_READINGS = 12
+"""Readings of one text that are tried."""
+
+SUM, PRODUCT, POWER, ATOM = range(4)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Strict text of a part of a formula, and its outermost operation: SUM, PRODUCT, POWER or ATOM.
+
+    `number` is true for constants. `moves` is true if a coordinate, a velocity or t stands in it.
+    """
+
+    text: str
+    level: int = ATOM
+    number: bool = False
+    moves: bool = False
+
+    def at(self, level: int) -> str:
+        """Return the text, in brackets where the outermost operation binds less than a level."""
+        return self.text if self.level >= level else f"({self.text})"
+
+
+@dataclass
+class Choices:
+    """Decisions at the places with two readings: `chosen` has the option taken at each, 0 where it has none."""
+
+    chosen: dict[str, int] = field(default_factory=dict)
+    asked: dict[str, int] = field(default_factory=dict)
+
+    def take(self, place: str, count: int) -> int:
+        """Return which of `count` options is taken at a place."""
+        self.asked[place] = max(count, self.asked.get(place, 0))
+        return min(self.chosen.get(place, 0), count - 1)
+
+    def others(self) -> list[dict[str, int]]:
+        """Return the other decisions, those first that differ at few places."""
+        open_places = {place: count for place, count in self.asked.items() if count > 1}
+        every = product(*(range(count) for count in open_places.values()))
+        listed = [dict(zip(open_places, options, strict=True)) for options in islice(every, 1, 256)]
+        return sorted(listed, key=lambda one: sum(map(bool, one.values())))[: MOST_READINGS - 1]
+
+
+@dataclass
+class Formula:
+    """One reading of a formula: strict text with a name for each time derivative, and what these names stand for.
+
+    `rates` maps each such name to the strict text of its operand and the order of the derivative.
+    """
+
+    text: str
+    rates: dict[str, tuple[str, int]]
+
+    @property
+    def shown(self) -> str:
+        """The text with time derivatives as d/dt(...)."""
+        text = self.text
+        for name, (operand, order) in reversed(self.rates.items()):
+            sign = "d/dt" if order == 1 else f"d^{order}/dt^{order}"
+            text = text.replace(name, f"{sign}({operand})")
+        return text
+
+
+def parsed(tokens: Sequence[Token], names: Names, choices: Choices, taken: int = 0) -> Formula:
+    """Return the strict text of a formula. Raises TypedFault for what is not one.
+
+    `taken` is the number of names of time derivatives that another side of the equation has.
+    """
+    parser = _Parser(_expanded(tokens, names, choices), choices, names, taken)
+    part = parser.sum()
+    if parser.place < len(parser.tokens):
+        token = parser.tokens[parser.place]
+        raise TypedFault(f"{token.text[:40]!r} cannot stand here", token.begin)
+    return Formula(part.text, parser.rates)
+
+
+@dataclass(frozen=True)
+class _Symbol(Token):
+    """A token that is a symbol or a function of the system."""
+
+    piece: Piece = field(default_factory=lambda: Piece(""))
+
+
+def _expanded(tokens: Sequence[Token], names: Names, choices: Choices) -> list[Token]:
+    """Return the tokens with every word replaced by its factors."""
+    found: list[Token] = []
+    for token in tokens:
+        if token.kind != "word":
+            found.append(token)
+            continue
+        readings = differentiated(names.readings(token.text), token, names)
+        pieces = readings[choices.take(f"word {token.text}", len(readings))]
+        for k, piece in enumerate(pieces):
+            spaced = token.spaced and k == 0
+            found.append(_Symbol(piece.kind, piece.name, token.begin, token.end, spaced=spaced, piece=piece))
+    return found
+
+
+class _Parser:
+    """Reads the tokens of one side from left to right; each method reads one part and leaves the place behind it."""
+
+    def __init__(self, tokens: list[Token], choices: Choices, names: Names, taken: int) -> None:
+        self.tokens, self.choices, self.names, self.taken = tokens, choices, names, taken
+        self.place = self.depth = self.bars = 0
+        self.rates: dict[str, tuple[str, int]] = {}
+
+    def peek(self, ahead: int = 0) -> Token | None:
+        """Return a coming token, None at the end."""
+        place = self.place + ahead
+        return self.tokens[place] if place < len(self.tokens) else None
+
+    def next_is(self, *signs: str) -> bool:
+        """Return whether the coming token is one of some signs."""
+        token = self.peek()
+        return token is not None and token.is_sign(*signs)
+
+    def fault(self, reason: str) -> TypedFault:
+        """Return a fault at the coming token."""
+        token = self.peek()
+        return TypedFault(reason, token.begin if token else self.tokens[-1].end if self.tokens else 0)
+
+    def sum(self) -> Part:
+        """Return terms with + and - between them."""
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise self.fault(f"more than {DEEPEST} brackets stand inside each other")
+        text, count, moves = "", 0, False
+        while True:
+            sign = "+"
+            while self.next_is("+", "-"):
+                sign = sign if self.tokens[self.place].text == "+" else "-" if sign == "+" else "+"
+                self.place += 1
+            part = self.product()
+            moves |= part.moves
+            text += (f" {sign} " if count else "-" * (sign == "-")) + part.at(PRODUCT)
+            count += 1
+            if not self.next_is("+", "-"):
+                break
+        self.depth -= 1
+        negative = text.startswith("-")
+        return replace(part, text=text) if count == 1 and not negative else Part(text, SUM, moves=moves)
+
+    def product(self) -> Part:
+        """Return factors with *, / or nothing between them."""
+        left = self.factor()
+        while True:
+            if self.next_is("*"):
+                self.place += 1
+                left = _times(left, self.signed())
+            elif self.next_is("/"):
+                self.place += 1
+                left = self.divided(left)
+            elif self.starts_value():
+                left = _times(left, self.factor())
+            else:
+                return left
+
+    def signed(self) -> Part:
+        """Return a factor that may have a sign."""
+        negative = False
+        while self.next_is("+", "-"):
+            negative ^= self.tokens[self.place].text == "-"
+            self.place += 1
+        part = self.factor()
+        return Part(f"-{part.at(POWER)}", SUM, part.number, part.moves) if negative else part
+
+    def divided(self, above: Part) -> Part:
+        """Return a quotient. Factors after its denominator without a sign belong to it or follow it: both are tried."""
+        below = self.signed()
+        following = self.peek()
+        if following is not None and self.starts_value():
+            likely = not following.spaced and not (above.number and below.number)
+            if likely != bool(self.choices.take("division", 2)):
+                while self.starts_value() and not (likely and self.tokens[self.place].spaced):
+                    below = _times(below, self.factor())
+        return Part(
+            f"{above.at(PRODUCT)}/{below.at(POWER)}", PRODUCT, above.number and below.number, _moves(above, below)
+        )
+
+    def starts_value(self) -> bool:
+        """Return whether the coming token begins a factor."""
+        token = self.peek()
+        if token is None:
+            return False
+        if token.kind == "sign":
+            return token.text in (*OPENING, "sqrt") or (token.text == "|" and not self.bars)
+        return token.kind in ("number", "fraction", "rate", "symbol", "function", "e", "pi")
+
+    def factor(self) -> Part:
+        """Return a value with its exponent."""
+        return self.raised(self.value())
+
+    def raised(self, base: Part) -> Part:
+        """Return a base with the exponents and primes that follow it."""
+        while (token := self.peek()) is not None:
+            if token.kind == "prime":
+                self.place += 1
+                base = self.rate(base, int(token.text), token.begin)
+                continue
+            exponent = self.exponent()
+            if exponent is None:
+                break
+            base = Part(f"{base.at(ATOM)}**{exponent.at(ATOM)}", POWER, base.number, base.moves)
+        return base
+
+    def exponent(self) -> Part | None:
+        """Return the exponent at the coming token, None if there is none."""
+        token = self.peek()
+        if token is None or not (token.is_sign("^") or token.kind == "power"):
+            return None
+        self.place += 1
+        if token.kind == "power":
+            return Part(token.text, SUM if token.text.startswith("-") else ATOM, number=True)
+        negative = self.next_is("-")
+        self.place += negative
+        part = self.value()
+        return Part(f"-{part.at(POWER)}", SUM, part.number) if negative else part
+
+    def value(self) -> Part:
+        """Return a number, a symbol, a function's value, or what is in brackets."""
+        token = self.peek()
+        if token is None:
+            raise self.fault("a value is missing at the end")
+        self.place += 1
+        if token.kind == "number":
+            if (follower := self.peek()) is not None and follower.kind == "number" and "/" not in follower.text:
+                raise self.fault(f"the number {follower.text[:20]} follows a number without a sign")
+            return Part(token.text, PRODUCT if "/" in token.text else ATOM, number=True)
+        if isinstance(token, _Symbol):
+            return self.symbol(token)
+        if token.kind == "fraction":
+            above, below = self.group(), self.group()
+            return Part(
+                f"{above.at(PRODUCT)}/{below.at(POWER)}", PRODUCT, above.number and below.number, _moves(above, below)
+            )
+        if token.kind == "rate":
+            return self.rate(self.value(), int(token.text), token.begin)
+        if token.is_sign("sqrt"):
+            return self.called("sqrt", [self.value()])
+        if token.is_sign(*OPENING):
+            return self.inside(token)
+        if token.is_sign("|"):
+            self.bars += 1
+            inside = self.sum()
+            self.bars -= 1
+            if not self.next_is("|"):
+                raise TypedFault("'|' is never closed", token.begin)
+            self.place += 1
+            return self.called("abs", [inside])
+        self.place -= 1
+        shown = token.text if token.kind in ("sign", "number") else "a mark"
+        raise self.fault(
+            f"a value is missing before {shown[:20]!r}" if shown != "a mark" else "a mark follows no symbol"
+        )
+
+    def inside(self, opened: Token) -> Part:
+        """Return what is in brackets; the opening one was read."""
+        bars, self.bars = self.bars, 0
+        part = self.sum()
+        self.bars = bars
+        if not self.next_is(OPENING[opened.text]):
+            raise self.fault(f"{OPENING[opened.text]!r} is expected")
+        self.place += 1
+        return part
+
+    def group(self) -> Part:
+        """Return one argument of a LaTeX command: a group, a digit of a number, or one value."""
+        token = self.peek()
+        if token is not None and token.kind == "number" and token.text.isdigit() and len(token.text) > 1:
+            rest = replace(token, text=token.text[1:], begin=token.begin + 1)
+            self.tokens[self.place] = rest
+            return Part(token.text[0], number=True)
+        return self.value()
+
+    def symbol(self, token: _Symbol) -> Part:
+        """Return a symbol, or the value of a function."""
+        piece = token.piece
+        if piece.kind == "function":
+            return self.function(piece.name, token)
+        if piece.kind == "e":
+            exponent = self.exponent()
+            return Part("exp(1)") if exponent is None else self.called("exp", [exponent])
+        here = [one.text for one in self.tokens[self.place : self.place + 3]]
+        if piece.base and here == ["(", "t", ")"]:
+            self.place += 3
+        return Part(piece.name, number=piece.kind == "pi", moves=piece.moves)
+
+    def function(self, name: str, token: Token) -> Part:
+        """Return a function's value: its exponent may stand before the argument, which needs no brackets."""
+        exponent = self.exponent()
+        if exponent is not None and exponent.text == "-1" and name in ("sin", "cos", "tan", "sinh", "cosh", "tanh"):
+            name, exponent = f"a{name}", None
+        if self.next_is(*OPENING):
+            value = self.called(name, self.arguments())
+        else:
+            value = self.called(name, [self.bare_argument(token)])
+        return value if exponent is None else Part(f"{value.text}**{exponent.at(ATOM)}", POWER, moves=value.moves)
+
+    def arguments(self) -> list[Part]:
+        """Return the arguments of a function, in brackets, with commas between them."""
+        opened = self.tokens[self.place]
+        self.place += 1
+        bars, self.bars = self.bars, 0
+        found = [self.sum()]
+        while self.next_is(","):
+            self.place += 1
+            found.append(self.sum())
+        self.bars = bars
+        if not self.next_is(OPENING[opened.text]):
+            raise self.fault(f"{OPENING[opened.text]!r} is expected")
+        self.place += 1
+        return found
+
+    def bare_argument(self, function: Token) -> Part:
+        """Return an argument without brackets: factors up to the first one that moves, such as `2 omega t` or `k x`."""
+        negative = self.next_is("-")
+        self.place += negative
+        if not self.starts_value():
+            raise TypedFault(f"the argument of {function.text} is missing", function.begin)
+        part = self.bare_factor()
+        while self.goes_on(part):
+            if self.next_is("*", "/"):
+                sign = self.tokens[self.place].text
+                self.place += 1
+                other = self.bare_factor()
+                part = Part(f"{part.at(PRODUCT)}{sign}{other.at(POWER)}", PRODUCT, moves=_moves(part, other))
+            else:
+                part = _times(part, self.bare_factor())
+        return Part(f"-{part.at(PRODUCT)}", SUM, moves=part.moves) if negative else part
+
+    def goes_on(self, part: Part) -> bool:
+        """Return whether the argument of a function without brackets has one more factor."""
+        token, after = self.peek(), self.peek(1)
+        if token is None or token.kind == "function":
+            return False
+        if not part.moves:
+            return self.starts_value() or (self.next_is("*", "/") and after is not None and after.kind != "function")
+        if self.next_is("/") and after is not None and after.kind == "number":
+            return bool(self.choices.take("divided argument", 2))
+        return self.starts_value() and bool(self.choices.take("argument", 2))
+
+    def bare_factor(self) -> Part:
+        """Return a factor of an argument without brackets. An exponent may belong to the function: both are tried."""
+        part = self.value()
+        powered = (token := self.peek()) is not None and (token.is_sign("^") or token.kind == "power")
+        if part.moves and powered and self.choices.take("power of an argument", 2):
+            return part
+        return self.raised(part)
+
+    def called(self, name: str, arguments: list[Part]) -> Part:
+        """Return the value of a function."""
+        moves = any(part.moves for part in arguments)
+        return Part(f"{name}({', '.join(part.text for part in arguments)})", moves=moves)
+
+    def rate(self, operand: Part, order: int, place: int) -> Part:
+        """Return the name of a time derivative."""
+        if order > 2:
+            raise TypedFault("an equation of motion has no third derivative", place)
+        for piece in self.names.exact.values():
+            if piece.name == operand.text and (found := self.names.derivative(piece, order)):
+                return Part(found.name, moves=True)
+        name = f"rate_{len(self.rates) + self.taken + 1}_of"
+        self.rates[name] = (operand.text, order)
+        return Part(name, moves=True)
+
+
+def _times(left: Part, right: Part) -> Part:
+    return Part(f"{left.at(PRODUCT)}*{right.at(PRODUCT)}", PRODUCT, left.number and right.number, _moves(left, right))
+
+
+def _moves(*parts: Part) -> bool:
+    return any(part.moves for part in parts)

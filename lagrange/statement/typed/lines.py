@@ -1,0 +1,93 @@
+"""Lines of a text with equations: what is no part of a formula is blanked out, and lines that go on are joined.
+
+The text keeps its length, so that every place in it stays what it was in the text that somebody typed.
+"""
+
+from __future__ import annotations
+
+import re
+
+_COMMENT = re.compile(r"(?<!\\)[#%][^\n]*")
+_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?")
+_ENVIRONMENT = re.compile(r"\\(?:begin|end|label|tag)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\[\[\]()]|\\item\b|\$+")
+_LABEL = re.compile(
+    r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*[ivx]{1,4}\s*\)(?=\s)|[0-9]{1,2}\s*\)|[0-9]{1,2}\.(?=\s)|[a-h]\)(?=\s)|[-*•](?=\s+[-(A-Za-z\\].*=))"
+)
+_HEADING = re.compile(r"[^=\n]*:(?!=)")
+_TRAILING_LABEL = re.compile(r"\s+\(\s*[0-9]{1,2}[a-z]?\s*\)\s*$")
+_END = re.compile(r"[\s;,.]+$")
+_GOES_ON = re.compile(r"(?:[-+*/=^({\[,\u2212·⋅×]|\\(?:cdot|times|left\s*[(\[]))\s*[&\s]*$")
+_CONTINUES = re.compile(r"[\s&]*(?:[+*/=^\u2212·⋅×)\]}-]|\\(?:cdot|times|right\b|quad\b|qquad\b))")
+_EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")
+_SEPARATOR = re.compile(r"[;,]|\band\b")
+_OPEN, _CLOSE = "([{", ")]}"
+
+
+def equation_spans(text: str) -> tuple[str, list[tuple[int, int]]]:
+    """Return a text of the same length with blanks for all but formulas, and the spans (begin, end) of its equations.
+
+    Comments, labels, LaTeX environments and marks at the ends of lines are blanked out. A line goes on if it ends with
+    an operator, if the next one begins with one, or if a bracket is open. A line that begins with a sign is a new
+    equation if both it and the one before have a sign of equality.
+    """
+    blanked = _blank(_COMMENT, text)
+    blanked = _BREAK.sub(lambda match: "\n" + " " * (len(match.group()) - 1), blanked)
+    blanked = _blank(_ENVIRONMENT, blanked)
+    spans: list[tuple[int, int]] = []
+    place = 0
+    lines = []
+    for line in blanked.split("\n"):
+        lines.append(_without_label(line))
+        begin, end = place, place + len(line)
+        place = end + 1
+        if not lines[-1].strip():
+            continue
+        before = "" if not spans else "\n".join(lines)[spans[-1][0] : spans[-1][1]]
+        if spans and _joined(before, lines[-1]):
+            spans[-1] = (spans[-1][0], end)
+        else:
+            spans.append((begin, end))
+    clean = "\n".join(lines)
+    return clean, [part for span in spans for part in _separated(clean, *span)]
+
+
+def _joined(before: str, line: str) -> bool:
+    """Return whether a line goes on with the equation before it."""
+    if _GOES_ON.search(before) or _depth(before) > 0:
+        return True
+    if not _CONTINUES.match(line):
+        return False
+    return not (_EQUALITY.search(before) and _EQUALITY.search(line))
+
+
+def _depth(text: str) -> int:
+    return sum((mark in _OPEN) - (mark in _CLOSE) for mark in text)
+
+
+def _without_label(line: str) -> str:
+    """Return a line with blanks for its label, such as (1), 2. or "eq1:", and for the marks at its end."""
+    for pattern in (_HEADING, _LABEL):
+        match = pattern.match(line)
+        rest = line[match.end() :] if match else ""
+        if match and (rest.strip() or pattern is _HEADING):
+            line = " " * match.end() + rest
+    for pattern in (_END, _TRAILING_LABEL, _END):
+        match = pattern.search(line)
+        if match and line[: match.start()].strip():
+            line = line[: match.start()] + " " * (len(line) - match.start())
+    return line
+
+
+def _separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
+    """Return the spans of equations that stand in one line with ; or , between them."""
+    found, start = [], begin
+    for match in _SEPARATOR.finditer(text, begin, end):
+        left, right = text[start : match.start()], text[match.end() : end]
+        if _EQUALITY.search(left) and _EQUALITY.search(right) and _depth(left) == 0:
+            found.append((start, match.start()))
+            start = match.end()
+    return [*found, (start, end)]
+
+
+def _blank(pattern: re.Pattern[str], text: str) -> str:
+    return pattern.sub(lambda match: " " * len(match.group()), text)

@@ -1,0 +1,199 @@
+"""Equations as people type them: what is read, in which of two ways, and what is refused with all its faults."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+import sympy as sp
+
+from lagrange.errors import LagrangeError, StatementError
+from lagrange.statement.typed.reader import TypedReader
+
+NAMES = ("m", "m1", "m2", "g", "l", "l1", "k", "M", "R", "omega", "mu_s")
+COORDINATES = ("theta", "theta1", "x", "x_block")
+
+
+def reader(*extra: str) -> TypedReader:
+    rates = [f"{q}{ending}" for q in COORDINATES for ending in ("", "_dot", "_ddot")]
+    names = (*rates, *NAMES, "lambda_rod", *extra)
+    return TypedReader({name: sp.Symbol(name, real=True) for name in names}, {"lambda": "lambda_rod"})
+
+
+READINGS = {
+    "m l^2 theta''": "m*l**2*theta_ddot",
+    "2g": "2*g",
+    "mgl sin theta": "m*g*l*sin(theta)",
+    "(m1 + m2) g sin(theta1)": "(m1 + m2)*g*sin(theta1)",
+    "mR^2": "m*R**2",
+    "sin^2 theta": "sin(theta)**2",
+    "sin^2(theta) x'": "sin(theta)**2*x_dot",
+    "sin omega t": "sin(omega*t)",
+    "sin 2theta": "sin(2*theta)",
+    "sin 2*theta": "sin(2*theta)",
+    "sin theta cos theta1": "sin(theta)*cos(theta1)",
+    "thetaddot + thetadotdot + ddtheta + theta_ddot": "theta_ddot + theta_ddot + theta_ddot + theta_ddot",
+    "theta1ddot + thetaddot1 + theta_1_ddot": "theta1_ddot + theta1_ddot + theta1_ddot",
+    "d2theta/dt2": "theta_ddot",
+    "d^2theta/dt^2": "theta_ddot",
+    "d^2 x/dt^2": "x_ddot",
+    "d²θ/dt²": "theta_ddot",
+    "(dtheta/dt)^2": "theta_dot**2",
+    "d/dt(m l^2 theta')": "d/dt(m*l**2*theta_dot)",
+    "d/dt (x)": "x_dot",
+    "theta''(t) + x(t)": "theta_ddot + x",
+    "x.ddot + x.dot": "x_ddot + x_dot",
+    "θ̈₁ + θ̇²": "theta1_ddot + theta_dot**2",
+    "mẍ": "m*x_ddot",
+    "½ m l²": "1/2*m*l**2",
+    "−ω · x × 2": "-omega*x*2",
+    "x’’ + x″": "x_ddot + x_ddot",
+    "√(2g) + √2": "sqrt(2*g) + sqrt(2)",
+    "|x| x": "abs(x)*x",
+    r"\ddot{\theta}_1 + \ddot\theta": "theta1_ddot + theta_ddot",
+    r"\dot{x}^2 + \dot\theta_1^2 + \dot\theta^2_1": "x_dot**2 + theta1_dot**2 + theta1_dot**2",
+    r"\frac{g}{l} + \tfrac12 m + \frac1{2}": "g/l + 1/2*m + 1/2",
+    r"\left( m_1 + m_2 \right) \cdot g \, x": "(m1 + m2)*g*x",
+    r"\sin^2\theta + \sqrt{2 g}": "sin(theta)**2 + sqrt(2*g)",
+    r"\frac{d^2\theta}{dt^2} + \frac{d\theta}{dt}": "theta_ddot + theta_dot",
+    r"\frac{d}{dt}\left( m l^2 \dot\theta \right)": "d/dt(m*l**2*theta_dot)",
+    r"\frac{\mathrm{d}^2 x}{\mathrm{d}t^2}": "x_ddot",
+    r"\mu_s g + \mu_{\mathrm{s}} x_{block}": "mu_s*g + mu_s*x_block",
+    r"\lambda + \lambda_{rod} + lambda[rod]": "lambda_rod + lambda_rod + lambda_rod",
+    "e^{-k x} + e^(-t)": "exp(-k*x) + exp(-t)",
+    r"\arctan x + \sin^{-1} x": "atan(x) + asin(x)",
+    "1/2 m x": "1/2*m*x",
+    "x^-2": "x**(-2)",
+}
+
+
+@pytest.mark.parametrize(("text", "expected"), READINGS.items())
+def test_what_is_typed_is_read(text: str, expected: str) -> None:
+    (equation,) = reader().equations(text)
+    assert equation.readings[0].read == expected
+
+
+@pytest.mark.parametrize(
+    ("text", "readings"),
+    [
+        ("g/2l", ["g/(2*l)", "g/2*l"]),
+        ("g/l x", ["g/l*x", "g/(l*x)"]),
+        ("sin theta^2", ["sin(theta**2)", "sin(theta)**2"]),
+        ("sin x/2", ["sin(x)/2", "sin(x/2)"]),
+    ],
+)
+def test_of_two_readings_both_are_returned(text: str, readings: list[str]) -> None:
+    (equation,) = reader().equations(text)
+    assert [one.read for one in equation.readings] == readings
+
+
+def test_a_word_is_the_symbol_of_that_name_before_it_is_a_product() -> None:
+    (equation,) = reader().equations("l1 t")
+    assert [one.read for one in equation.readings] == ["l1*t"]
+    (equation,) = reader("ml").equations("ml x''")
+    assert [one.read for one in equation.readings] == ["ml*x_ddot"]
+    (equation,) = reader("d").equations("dx")
+    assert [one.read for one in equation.readings] == ["x_dot", "d*x"]
+
+
+LINES = {
+    "m x''\n  = -k x": ["m*x_ddot = -k*x"],
+    "m x'' =\n -k x": ["m*x_ddot = -k*x"],
+    "m x''\n + k x = 0\n\nM theta'' = 0": ["m*x_ddot + k*x = 0", "M*theta_ddot = 0"],
+    "(1) m x'' = 0\n(2) M theta'' = 0": ["m*x_ddot = 0", "M*theta_ddot = 0"],
+    "x: m x'' = 0;\neq1: M theta'' = 0.": ["m*x_ddot = 0", "M*theta_ddot = 0"],
+    "x'' = 0, theta'' = 0": ["x_ddot = 0", "theta_ddot = 0"],
+    "# mine\nx'' = 0  # because": ["x_ddot = 0"],
+    "x'' = 0   (3)": ["x_ddot = 0"],
+    "-k x = m x''\n-k theta = theta''": ["-k*x = m*x_ddot", "-k*theta = theta_ddot"],
+    "\\begin{align}\n m \\ddot x &= -k x \\\\\n \\ddot\\theta &= 0 \\label{b}\n\\end{align}": [
+        "m*x_ddot = -k*x",
+        "theta_ddot = 0",
+    ],
+}
+
+
+@pytest.mark.parametrize("text", LINES)
+def test_lines_are_joined_and_labels_left_out(text: str) -> None:
+    assert [one.readings[0].read for one in reader().equations(text)] == LINES[text]
+
+
+def test_derivatives_of_expressions_are_taken_along_the_motion() -> None:
+    (equation,) = reader().equations("d/dt(m x^2 theta') + d/dt(sin x)")
+    m, x, v, w, a = sp.symbols("m x x_dot theta_dot theta_ddot", real=True)
+    assert sp.expand(equation.readings[0].zero - (2 * m * x * v * w + m * x**2 * a + sp.cos(x) * v)) == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("thetaa' + foo = x", ["column 1: 'thetaa'", "Did you mean 'theta'?", "column 11: 'foo'"]),
+        ("x + l3", ["'l3' is not a symbol of this system. For a power write l^3."]),
+        ("m (x + l", ["column 3: '(' is never closed"]),
+        ("x) + m", ["column 2: ')' closes nothing"]),
+        ("m'' = x", ["'m' has no derivative of this order here"]),
+        ("x''' = 0", ["'x' has no derivative of this order here"]),
+        (r"\foo x", [r"column 1: the LaTeX command \foo is not known here"]),
+        ("x\x1b = 0", ["the character U+001B (control character) cannot stand in an equation"]),
+        ("x + = 0", ["a value is missing"]),
+        ("x = ", ["nothing stands right of the sign of equality"]),
+        ("2 sin", ["has no symbol of this system. An answer is an equation such as theta'' = ..."]),
+        ("d/dt(x'') = 0", ["the time derivative of x_ddot is in no equation of motion"]),
+        ("x**1001 + 2 x", ["the exponent 1001 is out of bounds"]),
+    ],
+)
+def test_refusals_have_all_faults_with_their_places(text: str, parts: list[str]) -> None:
+    with pytest.raises(StatementError) as refusal:
+        reader().equations(text)
+    message = str(refusal.value)
+    assert all(part in message for part in parts), message
+    assert len(message) <= 400 and message.isprintable()
+
+
+@pytest.mark.parametrize("word", ["xdotdotdot", "ddot", "mQ"])
+def test_no_hint_offers_another_derivative_or_drops_a_factor(word: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        reader().equations(f"{word} + x = 0")
+    assert "Did you mean" not in str(refusal.value)
+
+
+PIECES = (
+    *("\\frac", "\\dot", "{", "}", "(", ")", "'", "^", "_", "\\", "&", "\\\\", "\n", "=", "sin", "cos^2", "θ", "̈", "½"),
+    *("√", "|", "d", "dt", "/", "9" * 50, "__import__('os')", "lambda", "if", ":", ";", "\x00", "\u202e", "0**0"),
+    *(
+        "9**9**9**9",
+        "1/0",
+        "exp(exp(exp(9)))",
+        "mgl",
+        "⁻¹",
+        "\\mathrm{a b}",
+        "(" * 50,
+        "{" * 300,
+        "sin " * 30,
+        "x",
+        "''",
+    ),
+)
+
+
+def test_random_texts_are_read_or_refused() -> None:
+    """No text raises anything but a refusal of at most 400 printable characters."""
+    dice, typed = random.Random(1), reader()
+    for _ in range(400):
+        text = "".join(dice.choice(PIECES) + dice.choice(("", " ")) for _ in range(dice.randrange(1, 25)))
+        refusal = refused(typed, text)
+        assert len(refusal) <= 400 and (refusal.isprintable() or not refusal), text
+
+
+def refused(typed: TypedReader, text: str) -> str:
+    """Return the message of a refusal, "" for a text that is read."""
+    try:
+        typed.equations(text)
+    except LagrangeError as refusal:
+        return str(refusal)
+    return ""
+
+
+def test_a_long_text_is_refused_before_it_is_read() -> None:
+    with pytest.raises(StatementError, match=r"^line 1 has 30000 characters, and 20000 are the most of an equation."):
+        reader().equations("x" * 30_000)
