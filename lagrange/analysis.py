@@ -99,18 +99,19 @@ class Analysis(ABC):
     def compare(self, derived: Any) -> EquationsComparison:
         """Compare equations of motion that somebody derived, such as a student, with those of the system.
 
-        Each is a text such as "l*theta_ddot + g*sin(theta) = 0", a SymPy expression that is zero, or an Eq; give a list
-        or {coordinate: equation}. They are right if they are equivalent: in any order, multiplied by anything, combined
-        linearly or solved for the accelerations. The result is truthy if so; its `.message` names the first wrong term
-        with a state at which the equation does not hold. Raises StatementError for what cannot be read, and for
-        equations that are not linear in the accelerations.
+        Each is a text as people type it, such as "l theta'' + g sin theta = 0", a SymPy expression that is zero, or an
+        Eq; give a list, {coordinate: equation}, or one text with several lines. Equations are right if they are
+        equivalent: in any order, multiplied by anything, combined linearly or solved for the accelerations. The result
+        is truthy if so. Its `.message` names the first wrong term, `.read` has the equations as they were understood,
+        `.details` a state at which one does not hold. Raises StatementError for what cannot be read, with all faults
+        and their places, and for equations that are not linear in the accelerations.
         """
         return compare_equations(self._known, self._known_derivation, read_equations(derived, self._known))
 
     def compare_text(self, text: str) -> EquationsComparison:
-        """Compare equations of motion in a text, one a line, as `compare` does; # begins a comment.
+        """Compare equations of motion in a text, as `compare` does, which says how texts are read.
 
-        Raises StatementError, with the line and the column, for what cannot be read.
+        Raises StatementError, with line and column of each fault, for what cannot be read.
         """
         return compare_equations(self._known, self._known_derivation, equations_of_text(text, self._known))
 

@@ -1,48 +1,112 @@
-"""The command `lagrange grade`: a student's equations of motion against those of a scene."""
+"""The command `lagrange grade`: students' equations of motion against those of a scene."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from lagrange.arguments import DONE, FAILED, Answer, add_command, add_json, load_scene
+from lagrange.arguments import DONE, FAILED, WRONG, Answer, add_command, add_json, load_scene
 from lagrange.errors import StatementError
+from lagrange.show.files.atomic_file import check_place, write_atomically, write_rows
+from lagrange.show.terminal.progress import counter
+from lagrange.show.terminal.table import text_table
+
+if TYPE_CHECKING:
+    from lagrange.system import System
 
 LARGEST_FILE = 1_000_000
 """Bytes of a file of equations."""
 
+COLUMNS = ("student", "verdict", "finding", "reading")
+"""Columns of the table of a folder of answers."""
+
+UNREADABLE = "cannot be read"
+"""Verdict for an answer that is refused."""
+
 
 def add_grade(commands: Any) -> None:
     """Add the command to the command line."""
-    grade_ = add_command(commands, "grade", grade, "compare equations of motion in a file with those of a scene")
-    grade_.add_argument("file", metavar="FILE", help="equations, one a line, such as  l*theta_ddot + g*sin(theta) = 0")
+    grade_ = add_command(commands, "grade", grade, "compare equations of motion in a file or folder with a scene's")
+    grade_.add_argument(
+        "file",
+        metavar="FILE",
+        help="equations as people type them, such as  l theta'' + g sin theta = 0;  or a folder with a file a student",
+    )
+    grade_.add_argument("--out", metavar="TABLE.csv", help="file for the table of a folder")
     add_json(grade_)
 
 
 def grade(request: argparse.Namespace) -> Answer:
-    """Compare the equations of a file with those of a scene, and say which term is wrong."""
+    """Compare the equations of a file or of each file of a folder with those of a scene.
+
+    The exit code is 0 if all are right, 1 if some are wrong, and 2 if a single file cannot be read.
+    """
+    if request.out is not None:
+        if not Path(request.file).is_dir():
+            raise StatementError("--out: a table is written for a folder of answers only.")
+        check_place(Path(request.out))
     system = load_scene(request.scene)
+    if Path(request.file).is_dir():
+        return _grade_folder(system, Path(request.file), request.out)
+    row = _graded(system, Path(request.file))
+    if row["verdict"] == UNREADABLE:
+        raise StatementError(f"{request.file}: {row['finding']}")
+    data = {key: row[key] for key in ("right", "message", "details", "read", "wrong", "counterexample")}
+    return Answer(DONE if row["right"] else FAILED, f"{row['message']} {row['details']}".rstrip(), data)
+
+
+def _grade_folder(system: System, folder: Path, out: str | None) -> Answer:
+    """Compare every file of a folder; a file that cannot be read spoils no other."""
+    files = list(_answers(folder))
+    if not files:
+        raise StatementError(f"{folder}: the folder has no files. Put one file with equations for each student in it.")
+    rows = []
+    with counter(len(files), "answer", wanted=True) as report:
+        for done, path in enumerate(files, 1):
+            rows.append(_graded(system, path))
+            if report is not None:
+                report(float(done))
+    cells = [[str(row[column]) for column in COLUMNS] for row in rows]
+    right = sum(row["verdict"] == "right" for row in rows)
+    told = text_table(COLUMNS[:3], [line[:3] for line in cells])
+    summary = f"{right} of {len(rows)} are right."
+    if out is not None:
+        write_atomically(out, lambda file: write_rows(file, COLUMNS, list(zip(*cells, strict=True))))
+        summary += f" Written to {out}."
+    return Answer(DONE if right == len(rows) else FAILED, f"{told}\n\n{summary}", {"answers": rows})
+
+
+def _answers(folder: Path) -> Iterator[Path]:
+    """Yield the files of a folder by name, without hidden ones."""
+    yield from (path for path in sorted(folder.iterdir()) if not path.name.startswith(".") and not path.is_dir())
+
+
+def _graded(system: System, path: Path) -> dict[str, Any]:
+    """Return what is found about one file, by column, with the whole comparison for --json."""
+    found: dict[str, Any] = {"student": path.stem, "file": str(path), "right": False, "reading": ""}
     try:
-        result = system.compare_text(_text(request.file))
+        result = system.compare_text(_text(path))
     except StatementError as error:
-        raise StatementError(f"{request.file}: {error}") from None
-    data = {
+        return found | {"verdict": UNREADABLE, "finding": str(error), "code": WRONG}
+    return found | {
+        "verdict": "right" if result else "wrong",
+        "finding": "" if result else result.message,
+        "reading": result.read.replace("\n", "; "),
         "right": bool(result),
         "message": result.message,
+        "details": result.details,
+        "read": result.read,
         "wrong": [i + 1 for i in result.wrong],
         "counterexample": dict(result.counterexample),
     }
-    return Answer(DONE if result else FAILED, result.message, data)
 
 
-def _text(name: str) -> str:
+def _text(path: Path) -> str:
     """Return the text of a file. Raises StatementError where it cannot be read."""
-    path = Path(name)
-    if path.is_dir():
-        raise StatementError("this is a folder. Give one of its files; a shell goes through all of them.")
     if not path.is_file():
-        raise StatementError("there is no such file. Give a text file with one equation a line.")
+        raise StatementError("there is no such file. Give a text file with equations, or a folder of such files.")
     try:
         if path.stat().st_size > LARGEST_FILE:
             raise StatementError(f"the file has more than {LARGEST_FILE} bytes, the most for equations.")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from pathlib import Path
 
@@ -49,6 +50,36 @@ def test_a_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert "nowhere.txt: there is no such file. Give a text file" in capsys.readouterr().err
 
 
-def test_a_folder_of_answers_is_no_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_folder_of_answers_becomes_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """One file that cannot be read spoils nothing, and hidden files and folders are no answers."""
+    folder = tmp_path / "answers"
+    (folder / "older").mkdir(parents=True)
+    texts = {"Ada": b"l theta'' = -g sin theta", "Ben": b"l theta'' = g sin theta", "Cam": b"\xff\xfe", ".x": b"y"}
+    for name, answer in texts.items():
+        (folder / f"{name}.txt").write_bytes(answer)
+    table = tmp_path / "grades.csv"
+    assert main(["grade", "pendulum", str(folder), "--out", str(table)]) == 1
+    shown = capsys.readouterr().out
+    assert [line.split()[:2] for line in shown.splitlines()[2:5]] == [
+        ["Ada", "right"],
+        ["Ben", "wrong"],
+        ["Cam", "cannot"],
+    ]
+    assert "1 of 3 are right." in shown
+    with table.open(encoding="utf-8", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert rows[0] == {"student": "Ada", "verdict": "right", "finding": "", "reading": "l*theta_ddot = -g*sin(theta)"}
+    assert "has the wrong sign" in rows[1]["finding"] and rows[2]["finding"] == "the file is no text in UTF-8."
+    assert main(["grade", "pendulum", str(folder), "--json"]) == 1
+    assert [row["verdict"] for row in json.loads(capsys.readouterr().out)["answers"]] == [
+        "right",
+        "wrong",
+        "cannot be read",
+    ]
+
+
+def test_tables_are_for_folders_that_have_answers(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["grade", "pendulum", str(tmp_path)]) == 2
-    assert f"{tmp_path}: this is a folder. Give one of its files" in capsys.readouterr().err
+    assert f"{tmp_path}: the folder has no files." in " ".join(capsys.readouterr().err.split())
+    assert graded(tmp_path, RIGHT, "--out", str(tmp_path / "table.csv")) == 2
+    assert "a table is written for a folder of answers only." in " ".join(capsys.readouterr().err.split())

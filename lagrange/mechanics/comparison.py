@@ -19,6 +19,7 @@ from lagrange.evidence.operations import OutsideDomain
 from lagrange.mechanics.equation_row import HELD, EquationRow, row_of
 from lagrange.mechanics.motion_samples import MotionSample, motion_samples
 from lagrange.mechanics.multiplier_multiples import multiples_of_multipliers, told_of
+from lagrange.mechanics.slips import slip_of
 from lagrange.mechanics.student_equations import StudentEquation
 from lagrange.mechanics.wrong_term import wrong_term
 from lagrange.statement.notebook_page import ShownAsPage
@@ -29,6 +30,9 @@ MOST_TOLD = 4
 
 MOST_READ = 2
 """Equations with several readings whose reading a message shows; `.read` has all of them."""
+
+LONGEST_MESSAGE = 400
+"""Characters of a message. What is longer goes to `.details`."""
 
 SAMPLES = 5
 """States at which equations are compared: a wrong one would have to hold by chance at all of them."""
@@ -67,10 +71,22 @@ def compare_equations(
     samples = motion_samples(statement, SAMPLES)
     understood = [_likeliest(equation, statement, samples) for equation in equations]
     result = _compared(statement, derivation, [row for _, row in understood], samples)
+    told = "" if result or not result.wrong else _with_slip([one for one, _ in understood], statement, samples)
     doubtful = [one.read for (one, _), given in zip(understood, equations, strict=True) if given.others]
-    told = f" Read as {listing(doubtful[:MOST_READ])}." if doubtful else ""
+    told += f" Read as {listing(doubtful[:MOST_READ])}." if doubtful else ""
     read = "\n".join(equation.read for equation, _ in understood)
-    return replace(result, message=result.message + told, read=read)
+    if len(result.message + told) <= LONGEST_MESSAGE:
+        return replace(result, message=result.message + told, read=read)
+    short = result.message.partition(": it ")[0].rstrip(".") + "."
+    if len(short + told) > LONGEST_MESSAGE:
+        label = equations[result.wrong[0]].label
+        short, told = f"{label[0].upper()}{label[1:]} does not hold: .details names its first wrong term.", ""
+    return replace(result, message=short + told, details=f"{result.message} {result.details}".strip(), read=read)
+
+
+def _with_slip(equations: Sequence[StudentEquation], statement: Statement, samples: Sequence[MotionSample]) -> str:
+    slip = slip_of(equations, statement, samples)
+    return f" {slip}" if slip else ""
 
 
 def _likeliest(

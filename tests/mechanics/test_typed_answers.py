@@ -1,4 +1,4 @@
-"""The equations that the package prints, in text, Unicode and LaTeX, are read back as what they were."""
+"""Answers as people type them: what the package prints is read back, ambiguous texts, common slips, short verdicts."""
 
 from __future__ import annotations
 
@@ -34,3 +34,56 @@ def test_printed_equations_are_read_back(name: str, notation: type) -> None:
         expected, found = (float(sp.N(one.xreplace(values))) for one in (zero, read.zero))
         # Both are sums of the same terms, of order one to a hundred, added in another order.
         assert found == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+SLIPS = {
+    "theta'' - g/l sin theta": "All is right with -g in place of g",
+    "theta'' + (g/l) cos theta = 0": "All is right with sine and cosine exchanged.",
+    "theta'' + (g/l) theta = 0": "These are the equations for small motions",
+    "l theta'' + 2 g sin theta": "All is right with 2*l in place of l.",
+    "l theta'' = -g sin(pi theta/180)": "All is right with angles in radians",
+    "2 l theta'' + g sin(2 theta)": "All is right for 1/2*theta in place of theta.",
+    "theta'' = -(g/l) sin(theta - pi)": "All is right with -g in place of g",
+}
+
+
+@pytest.mark.parametrize("text", SLIPS)
+def test_a_common_slip_is_named(text: str) -> None:
+    result = shared_scene("pendulum").compare(text)
+    assert not result and SLIPS[text] in result.message
+
+
+def test_an_error_of_another_kind_is_no_slip() -> None:
+    result = shared_scene("pendulum").compare("theta'' + (g/l) sin theta + theta'")
+    assert result.message == "In equation 1, that of theta, the term theta_dot should not be there."
+
+
+def test_of_two_readings_the_right_one_is_taken_and_shown() -> None:
+    pendulum = shared_scene("pendulum")
+    result = pendulum.compare("theta'' + g/l sin theta = 0")
+    assert result and result.message.endswith("Read as theta_ddot + g/l*sin(theta) = 0.")
+    result = pendulum.compare("theta''/2g = -sin theta/2l")
+    assert result and result.read == "theta_ddot/(2*g) = -sin(theta)/(2*l)"
+    assert not pendulum.compare("theta''/2g = -sin theta/3l")
+
+
+def test_a_right_answer_in_two_lines_is_right() -> None:
+    result = shared_scene("double-pendulum").compare_text(
+        """(1) (m1 + m2) l1 theta1'' + m2 l2 theta2'' cos(theta1 - theta2)
+                + m2 l2 theta2'^2 sin(theta1 - theta2) + (m1 + m2) g sin theta1 = 0;
+           (2) l2 θ̈₂ + l1 θ̈₁ cos(θ₁ − θ₂)
+                = l1 θ̇₁² sin(θ₁ − θ₂) − g sin θ₂."""
+    )
+    assert result and result.read.count("\n") == 1
+
+
+def test_verdicts_are_short() -> None:
+    """A wrong equation of many terms is told in 400 characters; the rest is in details."""
+    name = "elastic-pendulum"
+    system = shared_scene(name)
+    names = system.statement.names
+    wrong = " + ".join(
+        f"{k}*{a}*{b}_dot*sin({a})*exp({b})" for k, (a, b) in enumerate([(x, y) for x in names for y in names] * 12, 2)
+    )
+    result = system.compare([f"{names[0]}_ddot + {wrong} = 0", f"{names[1]}_ddot = {wrong}"])
+    assert not result and len(result.message) <= 400 and result.details
