@@ -102,13 +102,31 @@ class Decisions:
     @cached_property
     def powerless(self) -> Verdict:
         """Whether -dL/dt + (Q - dD/dv) . v = 0, which is the rate of the energy where constraints do no work."""
+        if self.power_seen is not None or self._has_power:
+            return self.power_seen
+        if self._forceless and self.timeless is True:
+            return True
+        return self._by_algebra(self._proven_powerless)
+
+    @cached_property
+    def power_seen(self) -> Verdict:
+        """`powerless` as far as what stands in the laws and numbers show it: no algebra is done."""
         laws = self.laws
-        still = laws.extra[0].graph.zero
-        absent = all(force is still for force in laws.extra) and self.timeless is True
-        if absent or not len(laws.constraints):
-            return self._decided(absent, self._power, self._proven_powerless)
-        found = self._decided(absent, self._power, self._proven_powerless)
-        return found if found or not laws.constraints.workless else self._powerless_on_constraints()
+        if self._forceless and not _depends_on(laws.lagrangian, [laws.time]):
+            return True
+        if not self._has_power:
+            return None
+        return self._powerless_on_constraints() if len(laws.constraints) and laws.constraints.workless else False
+
+    @property
+    def _forceless(self) -> bool:
+        zero = self.laws.extra[0].graph.zero
+        return all(force is zero for force in self.laws.extra)
+
+    @cached_property
+    def _has_power(self) -> bool:
+        """Whether the power differs from zero at some state, on the constraints or off them."""
+        return any(self._power(point) for point in self._points)
 
     @property
     def stated_alone(self) -> bool:
@@ -172,8 +190,10 @@ class Decisions:
         """Return True if `absent`, False if a number is not zero at some state, True if there is a proof, else None."""
         if absent:
             return True
-        if any(number(point) for point in self._points):
-            return False
+        return False if any(number(point) for point in self._points) else self._by_algebra(proof)
+
+    def _by_algebra(self, proof: Callable[[StatedAlgebra], bool]) -> Verdict:
+        """Return True if there is a proof, None if none was found with the budget."""
         try:
             return proof(self._stated) or None
         except (TooLargeError, RecursionError):

@@ -94,7 +94,7 @@ def _with_least_angles(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
     present = dict.fromkeys(k for monomial in terms for k, _ in monomial)
     angles = [k for k in present if isinstance(algebra.factors[k], (sympy.sin, sympy.cos, sympy.tan))]
     units = _units([algebra.factors[k].args[0] for k in angles])
-    table = {k: _expanded(algebra.factors[k], units) for k in angles}
+    table = {k: _expanded(algebra, algebra.factors[k], units) for k in angles}
     table = {k: new for k, new in table.items() if new != algebra.factors[k]}
     if not table:
         return terms
@@ -125,14 +125,21 @@ def _units(arguments: list[Any]) -> dict[Any, Any]:
     }
 
 
-def _expanded(function: Any, units: dict[Any, Any]) -> Any:
-    """Return a function of an angle in sines and cosines of the smallest parts."""
+def _expanded(algebra: Algebra, function: Any, units: dict[Any, Any]) -> Any:
+    """Return a function of an angle in sines and cosines of the smallest parts.
+
+    The cosine of N x is a polynomial of degree N, made in about N^2 operations. That of a sum has the product of the
+    terms of its parts. Both are taken off the budget before they are made.
+    """
     symbols: dict[Any, Any] = {}
-    argument = S.Zero
+    argument, terms = S.Zero, 1
     for part in sympy.Add.make_args(function.args[0].expand()):
         number, rest = part.as_coeff_Mul()
         unit = rest * units[rest] if rest in units and number.is_Rational else part
-        argument += symbols.setdefault(unit, Dummy(real=True)) * (number / units.get(rest, number))
+        multiple = number / units.get(rest, number)
+        argument += symbols.setdefault(unit, Dummy(real=True)) * multiple
+        terms *= 1 + abs(int(multiple))
+        algebra.spend(int(multiple) ** 2 + terms)
     made = function.func(argument)
     if isinstance(made, sympy.tan):
         made = sympy.sin(argument) / sympy.cos(argument)

@@ -66,6 +66,11 @@ class Structure:
         return self.decisions.powerless if self.workless else None
 
     @property
+    def may_keep_energy(self) -> bool:
+        """Whether nothing but algebra can show that the energy changes. `energy_kept` does the algebra."""
+        return self.workless and self.decisions.power_seen is not False
+
+    @property
     def conservative(self) -> bool:
         """Whether the energy v.p - L is known to be conserved."""
         return self.energy_kept is True

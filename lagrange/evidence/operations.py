@@ -15,6 +15,11 @@ _HUGE = 40
 """Binary exponent of an argument from which exp and its like are refused: mpmath would compute for ever."""
 
 
+_RANGE = 1024
+"""Binary exponent of an argument from which sine and its like are refused: no double is as large. mpmath would compute
+pi to as many digits as the argument has in front of the point."""
+
+
 class OutsideDomain(Exception):
     """An expression has no real, finite value at the point asked for."""
 
@@ -87,8 +92,20 @@ def _growing(function: Callable[[Any, int, str], Any]) -> Callable[[int], Operat
     return _unary(lambda x, prec, rounding: function(_bounded(x), prec, rounding))
 
 
+def _periodic(function: Callable[[Any, int, str], Any]) -> Callable[[int], Operation]:
+    return _unary(lambda x, prec, rounding: function(_double(x), prec, rounding))
+
+
+def _double(x: Any) -> Any:
+    if x[2] + x[3] > _RANGE:
+        raise OverflowError("an angle beyond the range of double precision")
+    return x
+
+
 def _reciprocal(function: Callable[[Any, int, str], Any]) -> Callable[[int], Operation]:
-    return _unary(lambda x, prec, rounding: libmp.mpf_div(libmp.fone, function(x, prec + 10, rounding), prec, rounding))
+    return _periodic(
+        lambda x, prec, rounding: libmp.mpf_div(libmp.fone, function(x, prec + 10, rounding), prec, rounding)
+    )
 
 
 def _log(prec: int) -> Operation:
@@ -144,9 +161,9 @@ def _piecewise(_: int) -> Operation:
 _NUMERIC: dict[Any, Callable[[int], Operation]] = {
     sympy.Add: _add,
     sympy.Mul: _multiply,
-    sympy.sin: _unary(libmp.mpf_sin),
-    sympy.cos: _unary(libmp.mpf_cos),
-    sympy.tan: _unary(libmp.mpf_tan),
+    sympy.sin: _periodic(libmp.mpf_sin),
+    sympy.cos: _periodic(libmp.mpf_cos),
+    sympy.tan: _periodic(libmp.mpf_tan),
     sympy.cot: _reciprocal(libmp.mpf_tan),
     sympy.sec: _reciprocal(libmp.mpf_cos),
     sympy.csc: _reciprocal(libmp.mpf_sin),
@@ -159,7 +176,7 @@ _NUMERIC: dict[Any, Callable[[int], Operation]] = {
     sympy.sinh: _growing(libmp.mpf_sinh),
     sympy.cosh: _growing(libmp.mpf_cosh),
     sympy.tanh: _growing(libmp.mpf_tanh),
-    sympy.sinc: _unary(_sinc),
+    sympy.sinc: _periodic(_sinc),
     sympy.asinh: _unary(libmp.mpf_asinh),
     sympy.acosh: _unary(libmp.mpf_acosh),
     sympy.atanh: _unary(libmp.mpf_atanh),

@@ -9,12 +9,15 @@ import mpmath
 
 from lagrange.graph.node import Kind, Node, reachable
 
+BEYOND_DOUBLES = mpmath.mpf(2) ** 1024
+"""Number from which no double is as large. The sine of a number takes as many digits of pi as the number has."""
+
 
 def values(outputs: Iterable[Node], point: Mapping[Node, Any], context: Any) -> tuple[list[Any], Any] | None:
     """Return the outputs, numbers of an mpmath context, and the largest size of what they are computed from.
 
-    `point` has a number for every symbol. None where something is not a finite real number. The outputs are formed
-    before any linear system is solved.
+    `point` has a number for every symbol. None where something is not a real number in the range of doubles. The
+    outputs are formed before any linear system is solved.
     """
     outputs = list(outputs)
     found: dict[Node, Any] = dict(point)
@@ -24,7 +27,7 @@ def values(outputs: Iterable[Node], point: Mapping[Node, Any], context: Any) -> 
                 value = _value(node, [found[arg] for arg in node.args], context)
             except (ArithmeticError, ValueError):
                 return None
-            if not isinstance(value, bool) and not (isinstance(value, context.mpf) and context.isfinite(value)):
+            if not isinstance(value, bool) and not (isinstance(value, context.mpf) and abs(value) < BEYOND_DOUBLES):
                 return None
             found[node] = value
     largest = max((abs(value) for value in found.values() if not isinstance(value, bool)), default=context.mpf(1))

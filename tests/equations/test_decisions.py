@@ -7,7 +7,7 @@ import pickle
 from typing import Any
 
 import pytest
-from sympy import Abs, Max, Piecewise, cos, cosh, exp, sign, sin, sinh, sqrt, tan
+from sympy import Abs, Max, Piecewise, Rational, cos, cosh, exp, sign, sin, sinh, sqrt, tan
 
 import lagrange as lg
 from lagrange.equations import decisions
@@ -139,6 +139,30 @@ def test_what_is_absent_needs_no_decision(monkeypatch: pytest.MonkeyPatch) -> No
     monkeypatch.setattr(decisions, "values", None)
     structure = laws(kinetic=lg.kinetic_energy(m, (x, y)), potential=k * x * y, coordinates=[x, y]).structure
     assert structure.conservative and structure.autonomous and structure.separable and structure.constant_mass
+
+
+EARTH = cos(Rational(729, 10**7) * t) + sin(Rational(1991, 10**10) * t)
+"""Two periods that are whole multiples of one part only in the thousands: its cosine is a polynomial of that degree."""
+
+
+def test_a_proof_has_a_bound_of_work() -> None:
+    # The power of these forces disappears in 50 digits beside 1e20, so that only algebra could decide.
+    structure = found(kinetic=x.dot**2 / 2, potential=-(10**20) / sqrt(x**2 + 10**22) + x * EARTH, coordinates=[x])
+    assert structure.energy_kept is None
+    assert found(kinetic=x.dot**2 / 2, potential=x * EARTH, coordinates=[x]).energy_kept is False
+    twelve = sin(12 * t) - 2 * sin(6 * t) * cos(6 * t)
+    assert found(kinetic=x.dot**2 / 2, potential=x * twelve, coordinates=[x]).energy_kept
+
+
+def test_a_run_that_keeps_its_energy_asks_for_no_proof(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(decisions, "StatedAlgebra", None)
+    system = lg.System(x.dot**2 / 2, -(10**20) / sqrt(x**2 + 10**22) + x * EARTH)
+    assert system.run(1.0, {x: 1.0}, target="numpy").status is lg.Status.SUCCESS
+
+
+def test_numbers_beyond_doubles_have_no_value() -> None:
+    # The cosine of such a number takes as many digits of pi as the number has in front of the point.
+    assert found(kinetic=x.dot**2 / 2, potential=cos(exp(exp(x + 60)) * t), coordinates=[x]).energy_kept is None
 
 
 def test_card_and_plot_say_what_was_found() -> None:

@@ -228,6 +228,13 @@ def test_what_the_system_does_not_have_is_said() -> None:
         Precise([sp.gamma(x)], STATEMENT)
 
 
+@pytest.mark.parametrize("function", [sp.sin, sp.cos, sp.tan, sp.cot, sp.sec, sp.csc, sp.sinc])
+def test_angles_beyond_doubles_have_no_value(function: Any) -> None:
+    with pytest.raises(BeyondDoubles, match="angle beyond the range of double precision"):
+        value(function(sp.cosh(10**9 * x)))
+    assert abs(value(sp.cos(sp.exp(700 * y)) ** 2 + sp.sin(sp.exp(700 * y)) ** 2) - 1) < 1e-40
+
+
 def leaves() -> Any:
     return st.sampled_from([x, y, k, x.dot, t, sp.Rational(2, 7), sp.Integer(-3), sp.pi])
 
