@@ -13,6 +13,7 @@ import math
 import threading
 from collections.abc import Collection, Iterable, Sequence
 from fractions import Fraction
+from itertools import pairwise
 from numbers import Rational
 from operator import attrgetter, itemgetter
 from typing import Any, TypeAlias
@@ -28,6 +29,9 @@ LARGEST_POWER = 4096
 
 LONGEST_FLAT = 16
 """Longest product that merges into another: the adjoints of a deep nesting would grow by a factor per level."""
+
+LONGEST_PRODUCT = 4 * LONGEST_FLAT
+"""Longest product of one node: a longer one becomes a product of products, for each factor has its own derivative."""
 
 _ADDING = threading.Lock()
 """Held while a node is added: threads that run one model build from one graph."""
@@ -250,9 +254,14 @@ class Graph:
         args = [self.power(base, exact(e)) for base, e in exponents.items() if e]
         if any(not _irreducible(arg) for arg in args):
             return self.product([self.constant(coefficient), *args])
-        args.sort(key=_by_binding)
+        args.sort(key=attrgetter("binding", "id"))
         if not args:
             return self.constant(coefficient)
+        if len(args) > LONGEST_PRODUCT:
+            count = len(args) // (LONGEST_FLAT + 1)
+            cuts = [len(args) * i // count for i in range(count + 1)]
+            parts = [self._intern(Kind.PRODUCT, tuple(args[a:b]), None) for a, b in pairwise(cuts)]
+            return self.product([self.constant(coefficient), *parts])
         whole = args[0] if len(args) == 1 else self._intern(Kind.PRODUCT, tuple(args), None)
         if coefficient == 1:
             return whole
@@ -363,19 +372,14 @@ def reachable(outputs: Iterable[Node], mask: int = -1, held: Collection[Node] = 
     return sorted(found.difference(held), key=attrgetter("id"))
 
 
-def _by_binding(node: Node) -> tuple[int, int]:
-    return (node.binding, node.id)
-
-
 def _is_scaled(node: Node) -> bool:
     return node.kind is Kind.SUM and len(node.args) == 1 and not node.data[0]
 
 
 def _irreducible(node: Node) -> bool:
     """Whether a product takes the node as a factor as it is."""
-    if node.kind is Kind.PRODUCT:
-        return len(node.args) > LONGEST_FLAT
-    return node.kind is not Kind.CONSTANT and not _is_scaled(node)
+    short = node.kind is Kind.PRODUCT and len(node.args) <= LONGEST_FLAT
+    return not (short or node.kind is Kind.CONSTANT or _is_scaled(node))
 
 
 def _factors(node: Node) -> tuple[Node, ...]:

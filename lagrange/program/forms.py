@@ -15,7 +15,7 @@ from fractions import Fraction
 from heapq import heapify, heappop, heappush
 
 from lagrange.graph.differentiate import tangents
-from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, exact, reachable
+from lagrange.graph.node import LONGEST_FLAT, Binding, Exact, Graph, Kind, Node, exact, reachable
 
 LinearTerms = tuple[tuple[Exact, Node], ...]
 """Sum of coefficient * node, kept apart: the graph would take out common factors again."""
@@ -108,6 +108,9 @@ def _expanded(node: Node, whole: Collection[Node]) -> Expansion | None:
         opens = first is root or first not in whole
         if first.kind is Kind.CONSTANT:
             stack.append((coefficient * first.data, done, rest))
+        elif first.kind is Kind.PRODUCT and (done or rest) and len(first.args) > LONGEST_FLAT:
+            # A long product in a product stays whole: many terms may share it.
+            stack.append((coefficient, (*done, first), rest))
         elif first.kind is Kind.PRODUCT and (opens or not first.binding >= Binding.VELOCITY):
             stack.append((coefficient, done, (*first.args, *rest)))
         elif first.kind is Kind.SUM and (opens or _is_scaled(first)):
