@@ -21,7 +21,9 @@ def graded(folder: Path, text: str | bytes, *options: str) -> int:
 
 def test_right_and_wrong_equations(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert graded(tmp_path, RIGHT) == 0
-    assert capsys.readouterr().out == "The equations are right: they are equivalent to those of the system.\n"
+    assert capsys.readouterr().out == (
+        "The equations are right: they are equivalent to those of the system, at the 5 states tried.\n"
+    )
     assert graded(tmp_path, RIGHT.replace("+", "-")) == 1
     assert "has the wrong sign" in capsys.readouterr().out
     assert graded(tmp_path, RIGHT.replace("+", "-"), "--json") == 1

@@ -25,7 +25,7 @@ class Point:
         """Return the point as ``theta = 0.3, theta_dot = -1.2, t = 0.5, m = 1`` in the user's symbols."""
         pairs = [*zip(names, self.q, strict=True), *((f"{a}_dot", x) for a, x in zip(names, self.v, strict=True))]
         pairs += [("t", self.t), *((p.name, x) for p, x in self.parameters.items())]
-        return ", ".join(f"{name} = {value:.{digits}g}" for name, value in pairs)
+        return ", ".join(f"{name} = {float(value):.{digits}g}" for name, value in pairs)
 
 
 @dataclass(frozen=True)

@@ -16,6 +16,8 @@ import numpy as np
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.operations import OutsideDomain
+from lagrange.evidence.switches import describe_way
+from lagrange.mechanics.branch_samples import Way, branch_samples
 from lagrange.mechanics.equation_row import HELD, EquationRow, row_of
 from lagrange.mechanics.motion_samples import MotionSample, motion_samples
 from lagrange.mechanics.multiplier_multiples import multiples_of_multipliers, told_of
@@ -35,7 +37,7 @@ LONGEST_MESSAGE = 400
 """Characters of a message. What is longer goes to `.details`."""
 
 SAMPLES = 5
-"""States at which equations are compared: a wrong one would have to hold by chance at all of them."""
+"""States at which equations without switches are compared: a wrong one would have to hold by chance at all of them."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -70,7 +72,10 @@ def compare_equations(
     """Compare equations with those of a statement. Raises StatementError where they are not linear in accelerations."""
     samples = motion_samples(statement, SAMPLES)
     understood = [_likeliest(equation, statement, samples) for equation in equations]
-    result = _compared(statement, derivation, [row for _, row in understood], samples)
+    rows = [row for _, row in understood]
+    further, untried = branch_samples(statement, rows, samples)
+    samples += further
+    result = _compared(statement, derivation, rows, samples, untried)
     told = "" if result or not result.wrong else _with_slip([one for one, _ in understood], statement, samples)
     doubtful = [one.read for (one, _), given in zip(understood, equations, strict=True) if given.others]
     told += f" Read as {listing(doubtful[:MOST_READ])}." if doubtful else ""
@@ -113,9 +118,13 @@ def _likeliest(
 
 
 def _compared(
-    statement: Statement, derivation: Derivation, rows: Sequence[EquationRow], samples: Sequence[MotionSample]
+    statement: Statement,
+    derivation: Derivation,
+    rows: Sequence[EquationRow],
+    samples: Sequence[MotionSample],
+    untried: Sequence[Way],
 ) -> EquationsComparison:
-    """Return the result for one reading of each equation."""
+    """Return the result for one reading of each equation; `untried` are branches without a sample."""
     wrong = tuple(i for i, row in enumerate(rows) if not row.holds(samples))
     multiples = multiples_of_multipliers(rows, samples) if wrong else None
     wrong = () if multiples else wrong
@@ -124,8 +133,17 @@ def _compared(
     free = _undetermined(rows, samples)
     if free:
         return EquationsComparison(right=False, message=_incomplete(statement, rows, free))
-    right = "The equations are right: they are equivalent to those of the system."
-    return EquationsComparison(right=True, message=right + (told_of(multiples) if multiples else ""))
+    right = f"The equations are right: they are equivalent to those of the system, at the {len(samples)} states tried."
+    message = right + (told_of(multiples) if multiples else "") + _without_sample(untried, statement)
+    return EquationsComparison(right=True, message=message)
+
+
+def _without_sample(left: Sequence[Way], statement: Statement) -> str:
+    """Return a sentence on the branches of which no state was found, empty if there are none."""
+    if not left:
+        return ""
+    more = f", nor for {len(left) - 1} other branches" if len(left) > 1 else ""
+    return f" No state was found where {describe_way(*left[0], statement)}{more}."
 
 
 def _undetermined(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[str]:

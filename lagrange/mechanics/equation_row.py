@@ -12,6 +12,7 @@ import sympy
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.precise import Precise
+from lagrange.evidence.sample import Point
 from lagrange.mechanics.motion_samples import MotionSample
 from lagrange.mechanics.student_equations import StudentEquation
 from lagrange.statement.statement import Statement
@@ -22,9 +23,9 @@ DIGITS = 40
 ZERO = 1e-12
 """An acceleration counts as zero below this part of the largest one, or of 1."""
 
-HELD = 1e-12
-"""Residual, relative to the terms, up to which an equation holds: numbers in it may be rounded to doubles, and states
-on constraints are. A term of another size would have to be smaller than that at every state."""
+HELD = 1e-14
+"""Residual, relative to the terms, up to which an equation holds: numbers in it may be results of some 50 operations on
+doubles. A term of another size would have to be smaller than that at every state."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +45,15 @@ class EquationRow:
     @cached_property
     def _tape(self) -> Precise:
         return tape([*self.slopes.values(), self.rest], self.statement)
+
+    @property
+    def switches(self) -> tuple[Any, ...]:
+        """The conditions, Abs, sign, Min and Max in the equation, in the user's symbols."""
+        return self._tape.switches
+
+    def ways(self, point: Point) -> tuple[int | None, ...]:
+        """Return the outcome of each switch at a point. Raises OutsideDomain."""
+        return self._tape.inspect(point.q, point.v, point.t, point.parameters).outcomes
 
     def numbers(self, sample: MotionSample) -> tuple[list[Any], Any]:
         """Return the coefficients and the rest at a state. Raises OutsideDomain."""

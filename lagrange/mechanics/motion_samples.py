@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -53,28 +54,32 @@ def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[Moti
         if len(found) == count:
             return found
         point = sampler.point(near if attempt % 3 == 2 else order_one, attempt // 3)
-        try:
-            if statement.constraints:
-                q, v = surface.nearest(point.q, point.v, point.t, point.parameters)
-                point = replace(point, q=tuple(map(_rounded, q)), v=tuple(map(_rounded, v)))
-            if any(0 < abs(x) < LEAST for x in (*point.q, *point.v)):
-                continue
-            found.append(_sample(point, reference, len(statement.constraints)))
-        except OutsideDomain:
-            continue
+        with suppress(OutsideDomain):
+            found.append(motion_at(on_constraints(point, surface), reference))
     raise StatementError(
         f"{statement.name} has no state, of {ATTEMPTS} that were drawn, at which its motion is determined: give "
         "initial values and parameters at which it runs."
     )
 
 
-def _rounded(value: Any) -> float:
+def on_constraints(point: Point, surface: ConstraintSurface) -> Point:
+    """Return a point near the given one on the constraints, to 40 digits. Raises OutsideDomain where there is none."""
+    if not surface.holonomic:
+        return point
+    q, v = surface.nearest(point.q, point.v, point.t, point.parameters)
+    return replace(point, q=tuple(map(_without_noise, q)), v=tuple(map(_without_noise, v)))
+
+
+def _without_noise(value: Any) -> Any:
     """Return an entry of a state on the constraints, zero where it is the round-off of zero."""
-    return 0.0 if abs(value) < ROUND_OFF else float(value)
+    return 0.0 if abs(value) < ROUND_OFF else value
 
 
-def _sample(point: Point, reference: Reference, held: int) -> MotionSample:
-    entries, n = reference.at(point, ()), len(point.q)
+def motion_at(point: Point, reference: Reference) -> MotionSample:
+    """Return the motion at a point that satisfies the constraints. Raises OutsideDomain where it is not determined."""
+    if any(0 < abs(x) < LEAST for x in (*point.q, *point.v)):
+        raise OutsideDomain("a coordinate or velocity is too small for differences")
+    entries, n, held = reference.at(point, ()), len(point.q), len(reference.holonomic)
 
     def rows(name: str, count: int) -> tuple[list[Any], ...]:
         values = entries[name].value if count else []
