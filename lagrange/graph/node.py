@@ -1,9 +1,8 @@
 """Interned expression nodes: what is being computed, once each.
 
-A `Graph` owns its nodes. Constructors simplify locally (fold constants, drop zeros, merge equal terms and
-factors, take out a common factor) and return an existing node wherever one fits, so equal expressions are
-the same object. Arguments are always older than the node that uses them: sorting by `id` is a topological
-order, and no walk needs recursion.
+A `Graph` owns its nodes. Constructors simplify locally (fold constants, drop zeros, merge equal terms and factors, take
+out a common factor) and return an existing node wherever one fits. Arguments are always older than the node that uses
+them: sorting by `id` is a topological order, and no walk needs recursion.
 """
 
 from __future__ import annotations
@@ -13,7 +12,6 @@ import math
 import threading
 from collections.abc import Collection, Iterable, Sequence
 from fractions import Fraction
-from itertools import pairwise
 from numbers import Rational
 from operator import attrgetter, itemgetter
 from typing import Any, TypeAlias
@@ -258,10 +256,8 @@ class Graph:
         if not args:
             return self.constant(coefficient)
         if len(args) > LONGEST_PRODUCT:
-            count = len(args) // (LONGEST_FLAT + 1)
-            cuts = [len(args) * i // count for i in range(count + 1)]
-            parts = [self._intern(Kind.PRODUCT, tuple(args[a:b]), None) for a, b in pairwise(cuts)]
-            return self.product([self.constant(coefficient), *parts])
+            groups = (tuple(args[k : k + LONGEST_FLAT + 1]) for k in range(0, len(args), LONGEST_FLAT + 1))
+            return self.product([self.constant(coefficient), *(self._intern(Kind.PRODUCT, g, None) for g in groups)])
         whole = args[0] if len(args) == 1 else self._intern(Kind.PRODUCT, tuple(args), None)
         if coefficient == 1:
             return whole

@@ -70,7 +70,7 @@ def branch_samples(
 def _numbers(statement: Statement, rows: Sequence[EquationRow]) -> list[float]:
     """Return the sizes of the numbers that stand in the equations, the energies and the forces, 1 among them."""
     expressions = [statement.lagrangian, *statement.forces, *(row.zero for row in rows)]
-    numbers = {abs(float(x)) for one in expressions for x in sympy.sympify(one).atoms(sympy.Number) if x.is_finite}
+    numbers = {abs(float(x)) for one in expressions for x in one.atoms(sympy.Number) if x.is_finite}
     return sorted(x for x in numbers | {1.0} if x and math.isfinite(x))
 
 

@@ -83,7 +83,9 @@ def compare_equations(
     if len(result.message + told) <= LONGEST_MESSAGE:
         return replace(result, message=result.message + told, read=read)
     short = result.message.partition(": it ")[0].rstrip(".") + "."
-    if len(short + told) > LONGEST_MESSAGE:
+    if not result.wrong:
+        told = ""
+    elif len(short + told) > LONGEST_MESSAGE:
         label = equations[result.wrong[0]].label
         short, told = f"{label[0].upper()}{label[1:]} does not hold: .details names its first wrong term.", ""
     return replace(result, message=short + told, details=f"{result.message} {result.details}".strip(), read=read)

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 
 from lagrange.graph.differentiate import gradient, tangents
+from lagrange.graph.evaluate import values
 from lagrange.graph.functions import CONDITIONS, FUNCTIONS
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 from tests.graph.trees import SMOOTH, Forms, evaluate, expressions, new_graph
@@ -110,6 +111,23 @@ def derivatives(node: Node, symbol: Node, at: dict[Node, Any]) -> list[Any]:
     graph = node.graph
     outcome = (gradient(node, [symbol])[0], tangents([node], {symbol: graph.one})(node))
     return [evaluate(part, at) for part in outcome]
+
+
+def test_derivatives_of_long_products_grow_with_their_length() -> None:
+    sizes = []
+    for length in (300, 600):
+        graph = Graph()
+        x, y = two(graph)
+        factors = [graph.call("cos", graph.sum([(Fraction(1, k + 1), x)])) for k in range(length)]
+        whole = graph.product([y, *factors])
+        slopes = gradient(whole, (x, y))
+        sizes.append(sum(len(node.args) for node in reachable(slopes)))
+        point = {x: mpmath.mpf("0.02"), y: mpmath.mpf("1.5")}
+        (by_x, by_y, value), _ = values([*slopes, whole], point, mpmath.mp)
+        assert mpmath.almosteq(by_y * point[y], value, 1e-13)
+        tangent = -sum(mpmath.tan(point[x] / (k + 1)) / (k + 1) for k in range(length))
+        assert mpmath.almosteq(by_x, value * tangent, 1e-13)
+    assert sizes[1] < 2.2 * sizes[0]
 
 
 def test_nothing_leaks_from_the_branch_not_taken() -> None:

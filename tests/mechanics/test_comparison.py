@@ -362,7 +362,7 @@ def on_rod(factor: str) -> list[str]:
 @pytest.mark.parametrize(
     ("factor", "said"),
     [
-        ("1", "of the system."),
+        ("1", "states tried."),
         ("1/2", "Their multipliers are 2 times those of the system."),
         ("(-3)", "Their multipliers are -1/3 times those of the system."),
         ("1/l", "Their multipliers are multiples of those of the system."),
