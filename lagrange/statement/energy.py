@@ -7,10 +7,12 @@ from typing import Any
 
 import sympy
 from sympy.core.function import AppliedUndef
+from sympy.functions.elementary.trigonometric import InverseTrigonometricFunction
 
 from lagrange.errors import StatementError, listing
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import entries, expression, vector
+from lagrange.statement.motion import motion_of
 
 
 def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
@@ -25,9 +27,10 @@ def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
 def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
     """Return w . I w / 2.
 
-    `inertia` is a scalar, a vector of principal moments (k,) or a matrix (k, k); `angular_velocity` a scalar
-    or a vector (k,) in the same axes. Raises StatementError for a component that is an angle, and for shapes that
-    do not fit together. Goldstein, Poole, Safko, Classical Mechanics, 3rd ed., section 5.3.
+    `inertia` is a scalar, a vector of principal moments (k,) or a matrix (k, k). `angular_velocity` is a scalar
+    or a vector (k,) in the same axes: rates such as theta.dot, where `kinetic_energy` takes a place. Raises
+    StatementError for a component that is an angle, and for shapes that do not fit together. Goldstein, Poole, Safko,
+    Classical Mechanics, 3rd ed., section 5.3.
     """
     rates = vector(angular_velocity, "the angular velocity")
     for i, rate in enumerate(rates):
@@ -37,18 +40,42 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
 
 
 def _check_rate(rate: Any, what: str) -> None:
-    """Refuse a sum of coordinates, with numbers before them, for a rate: it is an angle.
+    """Refuse an angle for a rate: a component, or a term of it, in which coordinates stand without velocities.
 
-    A factor with a unit may make a rate of an angle, as in Omega*theta for a small tilt: that is not refused.
+    Beside a velocity a parameter may make a rate of an angle, as in phi.dot + Omega*theta for a small tilt.
     """
-    angles = rate.atoms(AppliedUndef)
-    if rate.has(sympy.Derivative) or rate.free_symbols - {t} or not angles or not rate.is_polynomial(*angles):
-        return
-    name = sorted(map(name_of, angles))[0]
-    raise StatementError(
-        f"{what} is {str(rate.xreplace({q: sympy.Symbol(name_of(q)) for q in angles}))[:60]}, an angle: give its rate, "
-        f"such as {name}.dot."
+    alone = not rate.has(sympy.Derivative)
+    for term in sympy.Add.make_args(sympy.expand_mul(rate)):
+        angles = _angles(term)
+        if angles and (alone or _is_ratio(term.subs(dict.fromkeys(angles, 1)))):
+            part, told = ("is", rate) if alone else ("has the term", term)
+            plain = {q: sympy.Symbol(name_of(q)) for q in rate.atoms(AppliedUndef)}
+            raise StatementError(
+                f"{what} {part} {str(told.xreplace(plain))[:60]}, an angle: give its rate, such as "
+                f"{min(map(name_of, angles))}.dot. kinetic_energy takes a place, and rotational_energy a rate."
+            )
+
+
+def _angles(term: Any) -> list[Any]:
+    """Return the coordinates of a term without velocities that stand outside of functions such as sin.
+
+    In Omega*sin(theta) the parameter is a rate. An inverse function such as atan(y/x) is an angle again.
+    """
+    if term.has(sympy.Derivative):
+        return []
+    bare = term.replace(
+        lambda node: (
+            isinstance(node, sympy.Function) and not isinstance(node, (AppliedUndef, InverseTrigonometricFunction))
+        ),
+        lambda node: sympy.S.One,
     )
+    return [q for q in bare.atoms(AppliedUndef) if motion_of(q) is None]
+
+
+def _is_ratio(factor: Any) -> bool:
+    """Return whether a factor is a number, or a ratio of parameters such as R/r."""
+    doubled = factor.xreplace({symbol: 2 * symbol for symbol in factor.free_symbols})
+    return bool(sympy.cancel(doubled - factor) == 0)
 
 
 def _tensor(inertia: Any, k: int) -> Any:

@@ -8,6 +8,7 @@ import pytest
 import sympy
 from sympy import cos, sin
 
+import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import coordinates, parameters
 from lagrange.statement.declare import declare
@@ -63,8 +64,9 @@ def test_a_spring_with_one_end_goes_to_the_origin() -> None:
 
 
 def test_a_rate_may_be_made_of_an_angle() -> None:
-    assert rotational_energy(i1, k * x) == i1 * k**2 * x**2 / 2
-    assert rotational_energy(i1, x + y.dot) == i1 * (x + y.dot) ** 2 / 2
+    assert rotational_energy(i1, k * sympy.sin(x)) == i1 * k**2 * sympy.sin(x) ** 2 / 2
+    assert rotational_energy(i1, k * x + y.dot) == i1 * (k * x + y.dot) ** 2 / 2
+    assert rotational_energy(i1, [k, lg.given("w")]) == i1 * k**2 / 2 + i1 * lg.given("w") ** 2 / 2
 
 
 def test_what_is_stated_is_real() -> None:
@@ -94,6 +96,34 @@ REFUSALS: list[tuple[Any, str]] = [
     (lambda: gravity(m, [x, y], g, up=[0, 0]), "up is the zero vector: give a direction such as (0, 1)."),
     (lambda: rotational_energy(i1, x), "the angular velocity is x, an angle: give its rate, such as x.dot."),
     (lambda: rotational_energy(i1, [0, 0, 2 * y - x]), "component 2 of the angular velocity is -x + 2*y, an angle"),
+    (
+        lambda: rotational_energy(i1, (k - l) / l * x),
+        "the angular velocity is x*(k - l)/l, an angle: give its rate, such",
+    ),
+    (
+        lambda: rotational_energy(i1, x / l),
+        "is x/l, an angle: give its rate, such as x.dot. kinetic_energy takes a place",
+    ),
+    (
+        lambda: rotational_energy(i1, [y.dot, k * x]),
+        "component 1 of the angular velocity is k*x, an angle: give its rate",
+    ),
+    (
+        lambda: rotational_energy(i1, y.dot + x),
+        "the angular velocity has the term x, an angle: give its rate, such as x",
+    ),
+    (
+        lambda: rotational_energy(i1, y.dot + (k - l) / l * x),
+        "the angular velocity has the term -x, an angle: give its",
+    ),
+    (
+        lambda: rotational_energy(i1, y.dot - k / l * x),
+        "the angular velocity has the term -k*x/l, an angle: give its rate",
+    ),
+    (
+        lambda: rotational_energy(i1, k * sympy.atan(y / x)),
+        "the angular velocity is k*atan(y/x), an angle: give its rate",
+    ),
     (lambda: spring(k, [x, y], [0]), "the ends of the spring have 2 and 1 components: give as many."),
 ]
 
