@@ -1,7 +1,6 @@
 """Dimensions and units of symbols, as stated: by name, as text, or from `sympy.physics.units`, which does the sums.
 
 A dimension is a vector of exponents of base dimensions. Where units were given it has the logarithm of a factor, too.
-The factors of units that fit together are equal, so grams beside kilograms are found like a length beside a time.
 """
 
 from __future__ import annotations
@@ -17,10 +16,9 @@ import sympy
 
 from lagrange.errors import SceneError, StatementError, listing, shown, suggestion
 from lagrange.statement.parameters import label_of
+from lagrange.statement.scale import SAME_FACTOR
 from lagrange.statement.text import read_expression
-
-SAME_FACTOR = 1e-9
-"""Difference of logarithms up to which factors are the same: factors of units have some twelve digits."""
+from lagrange.statement.units import UNITS, plain_text
 
 DERIVED: Mapping[str, str] = {
     "angular_velocity": "1/time",
@@ -73,9 +71,13 @@ class Dimension:
         factor = None if self.factor is None else self.factor * float(power)
         return Dimension.of({name: exponent * power for name, exponent in self.exponents}, factor)
 
+    def like(self, other: Dimension) -> bool:
+        """Return whether both are the same dimension, in any units."""
+        return self.exponents == other.exponents
+
     def fits(self, other: Dimension) -> bool:
         """Return whether both may be added: the same dimension, and units with the same factor where both are known."""
-        if self.exponents != other.exponents:
+        if not self.like(other):
             return False
         if self.factor is None or other.factor is None:
             return True
@@ -117,7 +119,7 @@ def named(name: str) -> Dimension:
 
 @cache
 def known_names() -> Mapping[str, Any]:
-    """Return the dimensions and units that a text may name: SymPy's, without its constants of nature, and `DERIVED`."""
+    """Return the dimensions and units that a text may name: `UNITS`, `DERIVED`, and SymPy's but constants of nature."""
     from sympy.physics import units
     from sympy.physics.units.definitions import dimension_definitions
 
@@ -127,7 +129,7 @@ def known_names() -> Mapping[str, Any]:
         for name, one in vars(units).items()
         if isinstance(one, units.Quantity) and not isinstance(one, units.quantities.PhysicalConstant)
     }
-    return {**measures, "g": units.gram, **dimensions, **DERIVED}
+    return {**UNITS, **measures, "g": units.gram, **dimensions, **DERIVED}
 
 
 def _measured(one: Any) -> Dimension:
@@ -164,15 +166,22 @@ def read_dimension(given: Any, what: str) -> Dimension:
 
 def _is_unit(stated: Any) -> bool:
     """Return whether a product of powers names units alone."""
-    from sympy.physics.units import Quantity
-
     names = [symbol.name for symbol in stated.free_symbols]
-    return bool(names) and all(isinstance(known_names()[name], Quantity) for name in names)
+    return bool(names) and all(map(_names_unit, names))
+
+
+def _names_unit(name: str) -> bool:
+    return name not in DERIVED and named(name).factor is not None
+
+
+def units_in(text: str) -> list[str]:
+    """Return the names of the units in the text of a unit."""
+    return sorted(symbol.name for symbol in _from_text(text, "the unit").free_symbols)
 
 
 def _from_text(text: str, what: str) -> Any:
     """Return the product of powers that a text states, in symbols named like dimensions and units."""
-    spelled = text.strip()
+    spelled = plain_text(text)
     name = spelled.replace(" ", "_")
     known = known_names()
     if name.isidentifier():
@@ -198,7 +207,7 @@ def _dimension_of(expression: Any, what: str) -> Dimension:
         if not power.is_Rational:
             raise StatementError(f"{what} is {str(expression)[:60]!r}: powers of dimensions are numbers.")
         if base.is_number and base.is_positive:
-            one = Dimension((), math.log(float(base)))
+            one = Dimension((), float(sympy.log(base)))
         elif isinstance(base, sympy.Symbol) and base.name in known_names():
             one = named(base.name)
         elif isinstance(base, (units.Dimension, units.Quantity)):

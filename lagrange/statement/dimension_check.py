@@ -2,13 +2,13 @@
 
 Dimensions that were not stated are found where they can be. All terms of a sum have one dimension, functions have
 arguments without one, and energies are energies. These are linear equations for exponents, which are solved as they
-come. Then every term is checked with all dimensions known.
+come. Then every term is checked with all dimensions known, and with units the scale of every product.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from fractions import Fraction
 from types import MappingProxyType
 from typing import Any
@@ -17,34 +17,17 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError
+from lagrange.statement.checked_part import SAME_DIMENSION, CheckedPart, in_short, inner_parts, number_of
 from lagrange.statement.coordinate import name_of, t
-from lagrange.statement.dimension import DIMENSIONLESS, Dimension, Exponents, check_names, named, read_dimensions
+from lagrange.statement.dimension import DIMENSIONLESS, Dimension, check_names, named, read_dimensions
+from lagrange.statement.motion import motion_of
+from lagrange.statement.own_numbers import without_own_numbers
+from lagrange.statement.parameters import in_own_parameters
+from lagrange.statement.scale_check import with_scales
 from lagrange.statement.statement import Statement
-
-SAME_DIMENSION = (sympy.Abs, sympy.Min, sympy.Max)
-"""Functions whose value has the dimension of their arguments."""
 
 MOST_PASSES = 20
 """Passes over a statement in which unknown dimensions are found; each finds some, or is the last."""
-
-
-@dataclass(frozen=True)
-class CheckedPart:
-    """An expression of a statement, what it is called, and the dimension it must have, None for any.
-
-    With `per`, a coordinate, the dimension is that of the expression times the coordinate.
-    """
-
-    what: str
-    expression: Any
-    dimension: Dimension | None
-    per: Any = None
-
-    def wanted(self, known: Mapping[Any, Dimension]) -> Dimension | None:
-        """Return the dimension that the expression must have: None for any, and where the coordinate has none yet."""
-        if self.dimension is None or self.per is None:
-            return self.dimension
-        return self.dimension * known[self.per] ** Fraction(-1) if self.per in known else None
 
 
 class WrongTermError(Exception):
@@ -61,27 +44,31 @@ def with_dimensions(statement: Statement, given: Mapping[Any, Any]) -> Statement
     known |= {symbol.name: symbol for symbol in statement.parameters}
     known |= {name_of(function): function for function in statement.given}
     stated = read_dimensions(given, known)
-    dimensions = check_dimensions(_parts(statement, named("energy")), stated, statement.plain)
+    dimensions = check_dimensions(_parts(statement), stated, statement.plain)
     check_names(given, known)
     return replace(statement, dimensions=MappingProxyType(dimensions))
 
 
-def _parts(statement: Statement, energy: Dimension) -> list[CheckedPart]:
-    """Return every expression of a statement with the dimension that it must have; a force on q is energy over q."""
-    alone = statement.potential == 0 and statement.kinetic == statement.lagrangian
+def _parts(statement: Statement) -> list[CheckedPart]:
+    """Return every expression of a statement with the quantity that it must be; a force on q is energy over q."""
     energies = {"the Lagrangian": statement.lagrangian}
-    if not alone:
+    if not statement.lagrangian_alone:
         energies = {"the kinetic energy": statement.kinetic, "the potential energy": statement.potential}
-    parts = [CheckedPart(what, expression, energy) for what, expression in energies.items()]
+    parts = [CheckedPart(what, expression, "energy") for what, expression in energies.items()]
     parts += [
-        CheckedPart(f"the force on {name}", force, energy, q)
+        CheckedPart(f"the force on {name}", force, "energy", q)
         for name, q, force in zip(statement.names, statement.coordinates, statement.forces, strict=True)
         if force != 0
     ]
-    parts += [CheckedPart("the dissipation", statement.dissipation, energy * named("time") ** Fraction(-1))]
+    parts += [CheckedPart("the dissipation", statement.dissipation, "energy", t)]
     parts += [CheckedPart(f"the constraint {one.name}", one.expression, None) for one in statement.constraints]
     for label, point in statement.positions.items():
-        parts += [CheckedPart(f"the position of {label}", entry, named("length")) for entry in point]
+        parts += [CheckedPart(f"the position of {label}", entry, "length") for entry in point]
+    motions = {function: motion_of(function) for function in statement.given}
+    for function, motion in motions.items():
+        if motion is not None and motion.expression is not None:
+            values = without_own_numbers(in_own_parameters(motion.expression, statement.parameters))
+            parts.append(CheckedPart(f"the given function {name_of(function)}", values, function))
     return parts
 
 
@@ -98,19 +85,17 @@ def check_dimensions(
     # No quantity of mechanics has a root of a length: such a symbol is an angle in a term that is wrong.
     roots = [symbol for symbol, found in known.items() if symbol not in dimensions and not found.whole]
     known |= dict.fromkeys(roots, DIMENSIONLESS)
-    # The units of the first part that has a dimension are those of the others with the same dimension.
-    chosen: dict[Exponents, Dimension] = {}
     for part in parts:
-        wanted = part.wanted(known)
-        if wanted is not None:
-            wanted = chosen.get(wanted.exponents, wanted)
         try:
-            found = _Checker(known).check(part.expression, wanted)
+            _Checker(known).check(part.expression, part.wanted(known))
         except WrongTermError as wrong:
             raise StatementError(_refusal(part, wrong, plain)) from None
-        if found is not None and wanted is not None:
-            chosen[wanted.exponents] = found
-    return known
+    return with_scales(parts, known, plain) if any(one.unit for one in dimensions.values()) else known
+
+
+def dimension_of(expression: Any, known: Mapping[Any, Dimension]) -> Dimension | None:
+    """Return the dimension of an expression that was checked, None where it is not known."""
+    return _Dimensions(dict(known)).dimension(expression)
 
 
 def _find(parts: Sequence[CheckedPart], known: dict[Any, Dimension], *, whole: bool) -> None:
@@ -125,18 +110,13 @@ def _find(parts: Sequence[CheckedPart], known: dict[Any, Dimension], *, whole: b
 
 def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any]) -> str:
     """Return what is wrong with a term, in plain symbols."""
-    term = wrong.term.xreplace(plain)
-    if wrong.found.exponents == wrong.wanted.exponents:
-        return (
-            f"{part.what} has the term {term} in other units than the terms it is compared with: state all symbols in "
-            "units that fit together, such as kg, m and s, and angles in rad."
-        )
+    term = in_short(wrong.term, plain)
     place = {"whole": "", "sum": "beside the other terms ", "power": "under a power that is no number "}
-    where = place[wrong.place] if wrong.place in place else f"in {wrong.within.xreplace(plain)} "
+    where = place[wrong.place] if wrong.place in place else f"in {in_short(wrong.within, plain)} "
     terms = sympy.Add.make_args(part.expression)
     outer = next((one for one in terms if wrong.term not in terms and one.has(wrong.term)), None)
     inside = (
-        "" if outer is None or wrong.term.is_number or wrong.place == "function" else f", in {outer.xreplace(plain)}"
+        "" if outer is None or wrong.term.is_number or wrong.place == "function" else f", in {in_short(outer, plain)}"
     )
     has = f"{part.what} has the term {term}{inside}, whose dimension is {wrong.found}"
     return f"{has}; {where}it should be {wrong.wanted}."
@@ -244,7 +224,7 @@ class _Checker(_Dimensions):
         if expression.is_Add or isinstance(expression, SAME_DIMENSION):
             return self._sum(expression, wanted)
         dimension = self._single(expression, wanted)
-        if dimension is not None and wanted is not None and not dimension.fits(wanted):
+        if dimension is not None and wanted is not None and not dimension.like(wanted):
             raise WrongTermError(expression, dimension, wanted, "whole")
         return dimension
 
@@ -254,19 +234,19 @@ class _Checker(_Dimensions):
         found = [(term, dimension) for term, dimension in dimensions if dimension is not None]
         if not found:
             return None
-        if wanted is not None and any(dimension.fits(wanted) for _, dimension in found):
+        if wanted is not None and any(dimension.like(wanted) for _, dimension in found):
             right = wanted
         else:
             right = max(
                 (dimension for _, dimension in found),
-                key=lambda dimension: sum(dimension.fits(other) for _, other in found),
+                key=lambda dimension: sum(dimension.like(other) for _, other in found),
             )
         for term, dimension in found:
-            if not dimension.fits(right):
+            if not dimension.like(right):
                 raise WrongTermError(term, dimension, right, "sum")
-        if wanted is not None and not right.fits(wanted):
+        if wanted is not None and not right.like(wanted):
             raise WrongTermError(found[0][0], right, wanted, "whole")
-        return next((dimension for _, dimension in found if dimension.factor is not None), right)
+        return right
 
     def _inside(self, term: Any, wanted: Dimension | None) -> Dimension | None:
         """Return the dimension of a term; a sum is checked by itself, without what is wanted."""
@@ -317,28 +297,4 @@ class _Checker(_Dimensions):
         if not expression.is_Add:
             return False
         known = [dimension for dimension in map(self.dimension, expression.args) if dimension is not None]
-        return any(not dimension.fits(known[0]) for dimension in known)
-
-
-def number_of(exponent: Any) -> Fraction | None:
-    """Return an exponent as a fraction, None for one that is no number."""
-    if exponent.is_Rational:
-        return Fraction(int(exponent.p), int(exponent.q))
-    return Fraction(float(exponent)).limit_denominator(1000) if exponent.is_Float else None
-
-
-def inner_parts(expression: Any, dimension: Dimension | None) -> Iterator[tuple[Any, Dimension | None]]:
-    """Yield the arguments of a function, or the branches of a Piecewise, with the dimensions that they must have."""
-    if isinstance(expression, sympy.Piecewise):
-        for pair in expression.args:
-            yield pair.expr, dimension
-            for condition in pair.cond.atoms(sympy.core.relational.Relational):
-                yield condition.lhs - condition.rhs, None
-    elif isinstance(expression, sympy.atan2):
-        above, below = expression.args
-        yield above - below, None
-    elif isinstance(expression, (sympy.sign, sympy.Heaviside)):
-        yield expression.args[0], None
-    elif not isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Derivative, sympy.Subs)):
-        for argument in expression.args:
-            yield argument, DIMENSIONLESS
+        return any(not dimension.like(known[0]) for dimension in known)

@@ -15,6 +15,7 @@ import sympy
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.coordinate import t
 from lagrange.statement.declare import state_rows
+from lagrange.statement.event_dimensions import check_event_dimensions
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.number import real_number
@@ -152,8 +153,6 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
                 f"event {place} is {str(one.expression)[:80]}, which stays as it is along a run: give an expression in "
                 "coordinates, velocities and t that becomes zero on the way."
             )
-        if not one.reset:
-            continue
         rows = state_rows(statement.coordinates)
         if len({rows[key] for key in one.reset if key in rows}) < sum(key in rows for key in one.reset):
             raise StatementError(f"the reset of event {place} names the same coordinate or velocity twice.")
@@ -165,6 +164,9 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
                     f"system; they are {listing(known)}."
                 )
             _check(value, f"the reset of event {place}", statement)
+        symbols = (*statement.coordinates, *statement.velocities)
+        resets = [(symbols[rows[key]], value) for key, value in one.reset.items()]
+        check_event_dimensions(place, one.expression, resets, statement)
     return found
 
 

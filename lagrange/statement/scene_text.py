@@ -134,13 +134,12 @@ class _Writer:
         return self.text(f"the given function {name_of(function)}", motion.values)
 
     def dimensions(self) -> Iterator[tuple[str, str]]:
-        """Yield the dimensions that were stated; units that follow from these are found again."""
+        """Yield the dimensions; units that follow from those that were stated are found again."""
         for symbol, one in self.statement.dimensions.items():
             name = symbol.name if isinstance(symbol, sympy.Symbol) else name_of(symbol)
             if symbol == t and one == named("second"):
                 continue
-            if one.unit or one.factor is None or not one.exponents:
-                yield name, _quoted(one.unit or _powers(one))
+            yield name, _quoted(one.unit or _powers(one))
 
 
 def _powers(one: Dimension) -> str:

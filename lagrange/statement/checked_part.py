@@ -1,0 +1,66 @@
+"""Expressions of a statement, the quantities that they must be, and their parts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import Any
+
+import sympy
+from sympy.core.function import AppliedUndef
+
+from lagrange.statement.dimension import DIMENSIONLESS, Dimension, named
+
+SAME_DIMENSION = (sympy.Abs, sympy.Min, sympy.Max)
+"""Functions whose value has the dimension of their arguments."""
+
+
+@dataclass(frozen=True)
+class CheckedPart:
+    """An expression of a statement, what it is called, and the quantity that it must be.
+
+    `like` is the name of a quantity, such as "energy", a symbol whose dimension and unit it must have, or None for any.
+    With `per`, a symbol, the quantity is that of the expression times the symbol.
+    """
+
+    what: str
+    expression: Any
+    like: Any
+    per: Any = None
+
+    def wanted(self, known: Mapping[Any, Dimension]) -> Dimension | None:
+        """Return the dimension that the expression must have: None for any, and where it is not known yet."""
+        whole = named(self.like) if isinstance(self.like, str) else known.get(self.like)
+        if whole is None or self.per is None:
+            return whole
+        return whole * known[self.per] ** Fraction(-1) if self.per in known else None
+
+
+def in_short(term: Any, plain: Mapping[Any, Any]) -> str:
+    """Return a term in the plain symbols of messages, of at most 80 letters."""
+    return str(term.xreplace(plain))[:80]
+
+
+def number_of(exponent: Any) -> Fraction | None:
+    """Return an exponent as a fraction, None for one that is no number."""
+    if exponent.is_Rational:
+        return Fraction(int(exponent.p), int(exponent.q))
+    return Fraction(float(exponent)).limit_denominator(1000) if exponent.is_Float else None
+
+
+def inner_parts(expression: Any, dimension: Dimension | None) -> Iterator[tuple[Any, Dimension | None]]:
+    """Yield the arguments of a function, or the branches of a Piecewise, with the dimensions that they must have."""
+    if isinstance(expression, sympy.Piecewise):
+        for pair in expression.args:
+            yield pair.expr, dimension
+            for condition in pair.cond.atoms(sympy.core.relational.Relational):
+                yield condition.lhs - condition.rhs, None
+    elif isinstance(expression, sympy.atan2):
+        above, below = expression.args
+        yield above - below, None
+    elif isinstance(expression, (sympy.sign, sympy.Heaviside)):
+        yield expression.args[0], None
+    elif not isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Derivative, sympy.Subs)):
+        for argument in expression.args:
+            yield argument, DIMENSIONLESS

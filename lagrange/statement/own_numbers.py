@@ -1,0 +1,34 @@
+"""Numbers in given functions and events, which are taken to be in the units of what they stand beside."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import sympy
+from sympy.core.function import AppliedUndef
+
+from lagrange.statement.coordinate import t
+
+
+def without_own_numbers(expression: Any) -> Any:
+    """Return an expression without terms of numbers and time, and with 1 for functions of numbers and time.
+
+    In `a*sin(2*t) + 0.1` and in an event `x - 3` numbers have units that nobody states: what is left is a, and x.
+    """
+    return sympy.S.Zero if _own(expression) else expression.replace(_replaced, _without)
+
+
+def _own(node: Any) -> bool:
+    """Return whether a node is made of numbers and time."""
+    return node.free_symbols <= {t} and not node.has(AppliedUndef)
+
+
+def _replaced(node: Any) -> bool:
+    return node.is_Add or (isinstance(node, (sympy.Function, sympy.Piecewise)) and _own(node))
+
+
+def _without(node: Any) -> Any:
+    if not node.is_Add:
+        return sympy.S.One
+    left = [term for term in node.args if not _own(term)]
+    return sympy.Add(*left) if left else sympy.S.One

@@ -1,0 +1,225 @@
+"""Whether the units of a statement fit together: whether every product of units has the scale that it must have.
+
+Dimensions have been checked before. Here each expression has a scale, the logarithm of the factor of its unit.
+Symbols without a stated unit have unknown scales, and so have energies, positions and constraints. A force on q has the
+scale of an energy over q, and a dissipation that of an energy over time. Terms of a sum have equal scales, and
+arguments of functions have the scale of a number.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
+from itertools import product
+from typing import Any
+
+import sympy
+from sympy.core.function import AppliedUndef
+
+from lagrange.errors import StatementError
+from lagrange.statement.checked_part import SAME_DIMENSION, CheckedPart, in_short, inner_parts, number_of
+from lagrange.statement.coordinate import name_of
+from lagrange.statement.dimension import BASE, Dimension, named, units_in
+from lagrange.statement.scale import SAME_FACTOR, Scale, ScaleEquations
+
+COHERENT = {"mass": "kg", "length": "m", "time": "s"}
+"""The base units of which N, J, W and their relatives are made."""
+
+LARGEST = 700.0
+"""Logarithms up to which a factor is written as a number: doubles overflow at 709."""
+
+FIT = "state all symbols in units that fit together, such as kg, m and s, and angles in rad."
+"""The remedy for units that do not fit together."""
+
+
+class OtherUnitError(Exception):
+    """A term in another unit than it must have: the logarithm of the ratio of the two is known."""
+
+    def __init__(self, term: Any, ratio: float) -> None:
+        super().__init__()
+        self.term, self.ratio = term, ratio
+
+
+def with_scales(
+    parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], plain: Mapping[Any, Any]
+) -> dict[Any, Dimension]:
+    """Return the dimensions with the factors of units that follow from the stated ones.
+
+    `plain` are the symbols of messages. Raises StatementError for a term in another unit than it must have, and for a
+    symbol whose unit would be none that is made of the stated ones.
+    """
+    scales = _Scales(dimensions)
+    for part in parts:
+        try:
+            scales.check(part)
+        except OtherUnitError as wrong:
+            raise StatementError(
+                f"{part.what} has the term {in_short(wrong.term, plain)} in other units than the terms it is compared "
+                f"with: {FIT} Its unit is {_factor(wrong.ratio)} times theirs."
+            ) from None
+    found = {symbol: scales.completed(symbol, dimension) for symbol, dimension in dimensions.items()}
+    _check_found([dimension for dimension in dimensions.values() if dimension.unit], found)
+    return found
+
+
+class _Scales:
+    """Scales of expressions, each found once, and the equations that follow from sums and functions."""
+
+    def __init__(self, dimensions: Mapping[Any, Dimension]) -> None:
+        self.dimensions = dimensions
+        self.equations = ScaleEquations()
+        self.known: dict[Any, Scale | None] = {}
+
+    def check(self, part: CheckedPart) -> None:
+        """State that an expression has the scale of its part. Raises OtherUnitError where it cannot have it."""
+        scale = self.scale(part.expression)
+        if scale is None:
+            return
+        if part.like is None:
+            return
+        wanted = Scale.of_unknown(part.like) if isinstance(part.like, str) else self.scale(part.like)
+        if part.per is not None:
+            over = self.scale(part.per)
+            wanted = None if wanted is None or over is None else wanted.minus(over)
+        if wanted is not None:
+            self._equate(sympy.Add.make_args(part.expression)[0], scale, wanted)
+
+    def completed(self, symbol: Any, dimension: Dimension) -> Dimension:
+        """Return the dimension of a symbol with its factor, if that is known."""
+        scale = self.scale(symbol)
+        reduced = None if scale is None else self.equations.reduced(scale)
+        factor = None if reduced is None or reduced.unknowns else reduced.constant
+        return Dimension(dimension.exponents, factor, dimension.unit)
+
+    def scale(self, expression: Any) -> Scale | None:
+        """Return the scale of an expression, None for zero, which has any."""
+        if expression not in self.known:
+            self.known[expression] = self._scale(expression)
+        return self.known[expression]
+
+    def _scale(self, expression: Any) -> Scale | None:
+        if isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Subs)):
+            return self._symbol(expression)
+        if expression.is_number:
+            return None if expression.is_zero else Scale()
+        if isinstance(expression, sympy.Derivative):
+            return self._sum([(expression.expr, Fraction(1)), *((by, Fraction(-1)) for by in expression.variables)])
+        if expression.is_Mul:
+            return self._sum([(factor, Fraction(1)) for factor in expression.args])
+        if expression.is_Pow:
+            return self._power(expression.base, expression.exp)
+        if expression.is_Add or isinstance(expression, SAME_DIMENSION):
+            return self._equal(expression.args)
+        return self._function(expression)
+
+    def _symbol(self, symbol: Any) -> Scale:
+        dimension = self.dimensions.get(symbol)
+        if dimension is None or (dimension.factor is None and dimension.exponents):
+            return Scale.of_unknown(symbol)
+        return Scale(dimension.factor or 0.0)
+
+    def _sum(self, factors: Sequence[tuple[Any, Fraction]]) -> Scale | None:
+        """Return the scale of a product of powers."""
+        total = Scale()
+        for factor, power in factors:
+            scale = self.scale(factor)
+            if scale is None:
+                return None
+            total = total.plus(scale, power)
+        return total
+
+    def _power(self, base: Any, exponent: Any) -> Scale | None:
+        power = number_of(exponent)
+        if power is not None:
+            return self._sum([(base, power)])
+        self._number(exponent)
+        self._number(base)
+        return Scale()
+
+    def _equal(self, terms: Sequence[Any]) -> Scale | None:
+        """Return the scale that all terms have."""
+        first = None
+        for term in terms:
+            scale = self.scale(term)
+            if first is not None and scale is not None:
+                self._equate(term, scale, first)
+            first = scale if first is None else first
+        return first
+
+    def _function(self, expression: Any) -> Scale | None:
+        """Return the scale of a function or a Piecewise."""
+        for argument, dimension in inner_parts(expression, None):
+            if dimension is None:
+                self.scale(argument)
+            else:
+                self._number(argument)
+        if isinstance(expression, sympy.Piecewise):
+            return self._equal([pair.expr for pair in expression.args])
+        return Scale()
+
+    def _number(self, expression: Any) -> None:
+        """State that an expression has the scale of a number."""
+        scale = self.scale(expression)
+        if scale is not None:
+            self._equate(sympy.Add.make_args(expression)[0], scale, Scale())
+
+    def _equate(self, term: Any, one: Scale, other: Scale) -> None:
+        ratio = self.equations.equate(one, other)
+        if ratio is not None:
+            raise OtherUnitError(term, ratio)
+
+
+def _factor(logarithm: float) -> str:
+    """Return a factor as text."""
+    if abs(logarithm) < LARGEST:
+        return f"{math.exp(logarithm):.6g}"
+    return f"10**{logarithm / math.log(10):.0f}"
+
+
+def _check_found(stated: Sequence[Dimension], found: Mapping[Any, Dimension]) -> None:
+    """Refuse a unit that follows from the stated ones, and that is none of them and no product of their parts."""
+    bases = _base_units(stated)
+    for symbol, dimension in found.items():
+        factor = dimension.factor
+        if dimension.unit or factor is None or not all(name in bases for name, _ in dimension.exponents):
+            continue
+        away, text = min(
+            ((factor - scale, text) for scale, text in _made(bases, dimension)), key=lambda one: abs(one[0])
+        )
+        if abs(away) > SAME_FACTOR:
+            name = name_of(symbol) if isinstance(symbol, AppliedUndef) else symbol
+            raise StatementError(
+                f"no unit was stated for {name}, and the one that follows from its terms is "
+                f"{_factor(away)} {text}: state the unit of {name}, or {FIT}"
+            )
+
+
+def _base_units(stated: Sequence[Dimension]) -> dict[str, dict[str, float]]:
+    """Return the units of mass, length and time in the stated units, each with the logarithm of its factor.
+
+    Those of N, J and their relatives are kg, m and s.
+    """
+    bases: dict[str, dict[str, float]] = {"time": {"s": 0.0}}
+    for dimension in stated:
+        for text, one in ((dimension.unit, dimension), *((name, named(name)) for name in units_in(dimension.unit))):
+            if len(one.exponents) == 1 and one.factor is not None:
+                ((base, power),) = one.exponents
+                bases.setdefault(base, {})[text if power == 1 else f"({text})**({1 / power})"] = one.factor / float(
+                    power
+                )
+                continue
+            for base, _ in one.exponents:
+                if base in COHERENT:
+                    bases.setdefault(base, {})[COHERENT[base]] = named(COHERENT[base]).factor or 0.0
+    return {base: units for base, units in bases.items() if base in BASE}
+
+
+def _made(bases: Mapping[str, Mapping[str, float]], dimension: Dimension) -> Iterator[tuple[float, str]]:
+    """Yield the scale and the text of each unit of a dimension that is made of base units."""
+    for choice in product(*(bases[base].items() for base, _ in dimension.exponents)):
+        powers = [(text, factor, power) for (text, factor), (_, power) in zip(choice, dimension.exponents, strict=True)]
+        scale = math.fsum(factor * float(power) for _, factor, power in powers)
+        above = [text if power == 1 else f"{text}**{power}" for text, _, power in powers if power > 0]
+        below = [f"/{text}" if power == -1 else f"/{text}**{-power}" for text, _, power in powers if power < 0]
+        yield scale, ("*".join(above) or "1") + "".join(below)

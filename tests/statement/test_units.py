@@ -1,0 +1,230 @@
+"""Units: terms in units that do not fit together are refused, wherever they stand."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+from sympy import cos, sin
+
+import lagrange as lg
+from lagrange.errors import StatementError
+from lagrange.statement.dimension import read_dimension
+from lagrange.statement.scene_text import scene_text
+from tests.statement.test_dimensions import KNOWN, SYSTEMS
+
+m, M, k, a, F, c, g, l, w, u = lg.parameters("m M k a F c g l w u")
+x, y, theta = lg.coordinates("x y theta")
+T = m * x.dot**2 / 2
+
+OTHER = "in other units than the terms it is compared with: state all symbols in units that fit together"
+
+WRONG: dict[str, tuple[dict[str, Any], dict[Any, Any], str, str]] = {
+    # statement, units, what is told of, and the ratio of the units
+    "force": (
+        {"kinetic": T, "potential": k * (x - a) ** 2 / 2, "forces": {x: F}},
+        {k: "N/m", a: "cm", F: "N", m: "kg"},
+        "the force on x has the term F",
+        "100",
+    ),
+    "force in cm": (
+        {"kinetic": T, "potential": k * x**2 / 2, "forces": {x: F}},
+        {k: "N/m", x: "m", F: "kg*cm/s**2", m: "kg"},
+        "the force on x has the term F",
+        "0.01",
+    ),
+    "damping force": (
+        {"kinetic": T, "forces": {x: -c * x.dot}},
+        {m: "kg", x: "m", c: "g/s"},
+        "the force on x has the term -c*x_dot",
+        "0.001",
+    ),
+    "dissipation": (
+        {"kinetic": T, "dissipation": c * x.dot**2 / 2},
+        {m: "kg", x: "m", c: "g/s"},
+        "the dissipation has the term c*x_dot**2/2",
+        "0.001",
+    ),
+    "T and V": (
+        {"kinetic": T, "potential": k * (x - a) ** 2 / 2},
+        {m: "g", k: "N/m", a: "m"},
+        "the potential energy has the term k*(-a + x)**2/2",
+        "1000",
+    ),
+    "T and V without a length": (
+        {"kinetic": T, "potential": k * x**2 / 2},
+        {m: "g", k: "N/m"},
+        "the potential energy has the term k*x**2/2",
+        "1000",
+    ),
+    "time": (
+        {"kinetic": T, "potential": k * x**2 / 2},
+        {m: "kg", k: "N/m", lg.t: "ms"},
+        "the potential energy has the term k*x**2/2",
+        "1e-06",
+    ),
+    "Lagrangian": (
+        {"lagrangian": T - k * x**2 / 2},
+        {m: "kg", k: "N/mm", x: "mm"},
+        "the Lagrangian has the term -k*x**2/2",
+        "1000",
+    ),
+    "torque": (
+        {"kinetic": m * l**2 * theta.dot**2 / 2, "forces": {theta: F}},
+        {m: "kg", l: "m", F: "mNm"},
+        "the force on theta has the term F",
+        "0.001",
+    ),
+    "constraint": (
+        {"kinetic": T + m * y.dot**2 / 2, "constraints": {"rod": x**2 + y**2 - l**2}},
+        {x: "m", l: "cm"},
+        "the constraint rod has the term -l**2",
+        "0.0001",
+    ),
+    "position": (
+        {"kinetic": T, "positions": {"a": (x, 0), "b": (a, 0)}},
+        {x: "m", a: "mm"},
+        "the position of b has the term a",
+        "0.001",
+    ),
+    "given motion": (
+        {"kinetic": T, "potential": k * (x - lg.given("X", a * sin(w * lg.t))) ** 2 / 2},
+        {x: "m", a: "cm"},
+        "the given function X has the term a*sin(t*w)",
+        "0.01",
+    ),
+    "speed of a given motion": (
+        {"kinetic": T, "potential": k * (x - lg.given("X", a * sin(w * lg.t) + 0.1)) ** 2 / 2},
+        {x: "m", a: "m", w: "1/min"},
+        "the given function X has the term t*w",
+        "0.0166667",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_units_that_do_not_fit_are_refused(name: str) -> None:
+    given, units, term, ratio = WRONG[name]
+    with pytest.raises(StatementError) as refusal:
+        lg.System(**given, dimensions=units)
+    message = str(refusal.value)
+    assert message.startswith(f"{term} {OTHER}") and message.endswith(f"Its unit is {ratio} times theirs.")
+    assert len(message) <= 400
+
+
+UNITS = {
+    "SI": {"mass": "kg", "length": "m", "time": "s", "current": "A"},
+    "small": {"mass": "mg", "length": "um", "time": "ms", "current": "uA"},
+    "customary": {"mass": "lb", "length": "ft", "time": "min", "current": "kA"},
+}
+
+
+@pytest.mark.parametrize("base", UNITS)
+@pytest.mark.parametrize("name", SYSTEMS)
+def test_one_symbol_in_another_unit_is_refused(name: str, base: str) -> None:
+    whole = lg.System(**SYSTEMS[name])
+    symbols = [one for one in (lg.t, *whole.coordinates, *whole.statement.parameters) if one in (KNOWN | {lg.t: 0})]
+    units: dict[Any, Any] = {lg.t: UNITS[base]["time"]}
+    for symbol in symbols[1:]:
+        powers = read_dimension(KNOWN[symbol], "it").exponents
+        units[symbol] = "*".join(f"({UNITS[base][of]})**({power})" for of, power in powers) or "rad"
+    lg.System(**SYSTEMS[name], dimensions=units)
+    for symbol in set(symbols) - ({m} if name == "pendulum" else set()):  # no motion depends on a single mass
+        with pytest.raises(StatementError, match=OTHER):
+            lg.System(**SYSTEMS[name], dimensions=units | {symbol: f"1000*{units[symbol]}"})
+
+
+def test_units_that_fit_are_taken() -> None:
+    rubber = lg.System(
+        T, k * (x - a) ** 2 / 2, forces={x: F - c * x.dot}, dimensions={m: "t", k: "kN/m", a: "m", F: "kN"}
+    )
+    found = {str(symbol): one for symbol, one in rubber.statement.dimensions.items()}
+    assert found["x(t)"].fits(read_dimension("m", "x")) and found["c"].fits(read_dimension("kN*s/m", "c"))
+    converted = lg.System(T, k * x**2 / 2, forces={x: u * F}, dimensions={m: "kg", k: "N/m", F: "kN", u: "N/kN"})
+    assert converted.statement.dimensions[x].fits(read_dimension("m", "x"))
+
+
+def test_a_unit_that_follows_is_made_of_stated_ones() -> None:
+    with pytest.raises(StatementError) as refusal:
+        lg.System(T + M * y.dot**2 / 2, m * g * x, dimensions={m: "kg", M: "g", g: "m/s**2"})
+    assert str(refusal.value) == (
+        "no unit was stated for y, and the one that follows from its terms is 31.6228 m: state the unit of y, or state "
+        "all symbols in units that fit together, such as kg, m and s, and angles in rad."
+    )
+    with pytest.raises(StatementError, match=r"unit was stated for m, and the one .* is 1000 kg: state the unit of m"):
+        lg.System(T, k * x**2 / 2, forces={x: F}, dimensions={F: "N", k: "N/mm"})
+
+
+EVENTS: dict[str, tuple[Any, str]] = {
+    "terms": (x - a, rf"event 0 has the term x {OTHER}"),
+    "dimensions": (x - x.dot, "event 0 has the term x, whose dimension is length; beside the other terms"),
+    "reset": (lg.event(x, reset={"x_dot": -a * w}), rf"the reset of event 0 has the term -a\*w {OTHER}"),
+    "angle": (cos(w * lg.t) - x / a, rf"event 0 has the term cos\(t\*w\) {OTHER}"),
+    "multiplier": (lg.multiplier("wire") * a - F * x, rf"event 0 has the term -F\*x {OTHER}"),
+}
+
+
+@pytest.mark.parametrize("name", EVENTS)
+def test_events_are_checked(name: str) -> None:
+    wire = lg.System(
+        T + m * y.dot**2 / 2, k * x**2 / 2, forces={x: F}, constraints={"wire": y - x}, coordinates=[x, y],
+        parameters={m: 1, k: 1, a: 1, F: 1, w: 1},
+        dimensions={m: "kg", k: "N/m", x: "m", a: "cm", F: "N", w: "1/s"},
+    )  # fmt: skip
+    event, message = EVENTS[name]
+    with pytest.raises(StatementError, match=message):
+        wire.run(1.0, events=[event])
+
+
+def test_numbers_in_events_and_given_motions_have_the_units_beside_them() -> None:
+    moved = lg.given("X", a * sin(2 * lg.t) + 0.1)
+    spring = lg.System(
+        T, k * (x - moved) ** 2 / 2, parameters={m: 1, k: 1, a: 1}, dimensions={m: "kg", k: "N/m", a: "m", x: "m"}
+    )
+    events = [x - 0.3, lg.t - 0.5, lg.event(x.dot - 0.1 * sin(3 * lg.t), reset={x.dot: 0.2, x: x + 0.1})]
+    assert spring.run(1.0, events=events).status.name == "SUCCESS"
+
+
+@pytest.mark.parametrize(
+    ("text", "same", "factor"),
+    [
+        ("mN", "g*m/s**2", 1),
+        ("kN", "N", 1000),
+        ("Nm", "J", 1),
+        ("mNm", "J", 1e-3),
+        ("Nms", "N*m*s", 1),
+        ("N·m", "J", 1),
+        ("MPa", "N/mm**2", 1),
+        ("1/min", "1/s", 1 / 60),
+        ("rpm", "rad/s", 2 * math.pi / 60),
+        ("rev/min", "rpm", 1),
+        ("µm", "micrometer", 1),
+        ("m/s²", "m/s**2", 1),
+        ("kHz", "1/ms", 1),
+        ("lbf", "pound*9.80665*m/s**2", 1),
+        ("eV", "1.602176634e-19*kg*m**2/s**2", 1),
+        ("min", "minute", 1),
+    ],
+)
+def test_units_of_mechanics_are_known(text: str, same: str, factor: float) -> None:
+    one, other = read_dimension(text, "it"), read_dimension(same, "it")
+    assert one.like(other) and one.factor is not None and other.factor is not None
+    assert math.exp(one.factor - other.factor) == pytest.approx(factor, rel=1e-9)  # the digits of SymPy's factors
+    assert one.unit == text
+
+
+def test_units_that_follow_are_found_again_from_a_scene(tmp_path: Path) -> None:
+    system = lg.System(
+        T, k * (x - a) ** 2 / 2, parameters={m: 1, k: 1, a: 1}, dimensions={m: "g", k: "mN/m", a: "m", x: "length"}
+    )
+    path = tmp_path / "s.toml"
+    path.write_text(scene_text(system.statement))
+    again = lg.System.from_scene(path).statement.dimensions
+    assert {str(q): (one.exponents, one.factor) for q, one in again.items()} == {
+        str(q): (one.exponents, one.factor) for q, one in system.statement.dimensions.items()
+    }
+    path.write_text(path.read_text().replace("mN/m", "N/m"))
+    with pytest.raises(lg.SceneError, match=OTHER):
+        lg.System.from_scene(path)
