@@ -123,7 +123,9 @@ def test_derivatives_of_long_products_grow_with_their_length() -> None:
         slopes = gradient(whole, (x, y))
         sizes.append(sum(len(node.args) for node in reachable(slopes)))
         point = {x: mpmath.mpf("0.02"), y: mpmath.mpf("1.5")}
-        (by_x, by_y, value), _ = values([*slopes, whole], point, mpmath.mp)
+        found = values([*slopes, whole], point, mpmath.mp)
+        assert found is not None
+        by_x, by_y, value = found[0]
         assert mpmath.almosteq(by_y * point[y], value, 1e-13)
         tangent = -sum(mpmath.tan(point[x] / (k + 1)) / (k + 1) for k in range(length))
         assert mpmath.almosteq(by_x, value * tangent, 1e-13)
