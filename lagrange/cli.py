@@ -40,7 +40,7 @@ from lagrange.run_command import add_run
 from lagrange.scenes_command import add_scenes
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.terminal.fitting import fitted
-from lagrange.show.terminal.languages import FORMATS
+from lagrange.show.terminal.languages import DETAILS, FORMATS
 from lagrange.streams import complain, output
 
 STARTER = """\
@@ -147,6 +147,7 @@ def parser() -> argparse.ArgumentParser:
     derive_.add_argument(
         "--format", choices=FORMATS, help="language of the page (default: unicode in a terminal that has it, else text)"
     )
+    derive_.add_argument("--detail", choices=DETAILS, default="full", help="short leaves out the steps (default: full)")
     check_ = add_command(
         commands, "check", check, "compare everything compiled with numerical differentiation of T and V"
     )
@@ -167,7 +168,7 @@ def parser() -> argparse.ArgumentParser:
 def derive(request: argparse.Namespace) -> Answer:
     """Return the derivation of a scene's equations of motion."""
     system = load_scene(request.scene)
-    return Answer(DONE, system.page(request.format).rstrip("\n"))
+    return Answer(DONE, system.derivation(request.detail).written(request.format).rstrip("\n"))
 
 
 def check(request: argparse.Namespace) -> Answer:

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from dataclasses import replace
 from functools import cached_property
 from typing import Any
 
 from lagrange.analysis import Analysis
 from lagrange.show.notation.sections import ShownQuantity
-from lagrange.show.notebook.shown_derivation import ShownDerivation, ShownPage, shown_page, written_derivation
+from lagrange.show.notebook.shown_derivation import ShownDerivation, written_derivation
 from lagrange.show.notebook.shown_lists import EquationList, ExpressionDict
+from lagrange.show.terminal.languages import DETAILS
+from lagrange.statement.choice import one_of
 from lagrange.statement.coordinate import acceleration_of, name_of
 
 
@@ -24,25 +27,26 @@ class Formulas(Analysis):
     def structure(self) -> list[str]:
         """What kind of system it is, in sentences."""
 
-    def derivation(self) -> ShownDerivation:
+    def derivation(self, detail: str = "full") -> ShownDerivation:
         """Return the textbook derivation in SymPy, independent of the compiled equations.
 
-        Its parts are expressions; it prints as a page, and a notebook shows it.
+        Its parts are expressions. It prints as text, has `.text()`, `.unicode()`, `.latex()`, `.markdown()` and
+        `.html()`, and a notebook shows it. `detail` is "full" or "short", which leaves out the steps for each
+        coordinate. Raises StatementError for another detail.
         """
-        return self._derivation
+        chosen = one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")
+        return replace(self._derivation, findings=tuple(self.structure), detail=chosen)
 
     @cached_property
     def _derivation(self) -> ShownDerivation:
         return written_derivation(self.statement)
 
-    def page(self, style: str | None = None) -> ShownPage:
-        """Return the derivation as `lagrange derive` prints it: "text", "unicode", "latex", "markdown" or "html".
-
-        Without a style it is Unicode where standard output is a terminal that has it, else text, plain ASCII in the
-        spelling of scene files. A notebook sets its formulas; a text or LaTeX that was asked for it shows as it is.
-        Raises StatementError for another style.
-        """
-        return shown_page(self.derivation(), style, self.structure)
+    def __getattr__(self, name: str) -> Any:
+        if name == "page":
+            raise AttributeError(
+                "a System has no page: derivation() is the derivation, to_page(path) writes a web page."
+            )
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def equations(self) -> list[Any]:
         """Return the Euler-Lagrange equations, a list of n SymPy Eq, one per coordinate, as in a textbook.

@@ -8,16 +8,36 @@ from functools import cached_property
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-from sympy import Add, Eq, ImmutableDenseMatrix
+from sympy import (
+    Abs,
+    Add,
+    Dummy,
+    Eq,
+    Heaviside,
+    ImmutableDenseMatrix,
+    Max,
+    Min,
+    Piecewise,
+    expand,
+    factor_terms,
+    sign,
+)
 
 from lagrange.equations.point import Point, moving_points
 from lagrange.equations.terms import TooLargeError
 from lagrange.equations.textbook_algebra import BUDGET, TextbookAlgebra
 from lagrange.errors import StatementError
+from lagrange.statement.coordinate import t
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.statement import Statement
 
 Part = TypeVar("Part")
+
+STATED = 200
+"""Operations of L up to which its derivatives are also taken as it was stated. SymPy needs some 0.1 ms for each."""
+
+KINKED = (Abs, sign, Heaviside, Max, Min, Piecewise)
+"""Functions whose second derivatives SymPy writes with impulses at their kinks."""
 
 NAMED = 8
 """Coordinates that a refusal names."""
@@ -49,12 +69,15 @@ class Derivation:
     @cached_property
     def lagrangian(self) -> Any:
         """L = T - V, merged and collected."""
-        return self._written("the Lagrangian", lambda page: page.show(page.lagrangian))
+        collected = self._written("the Lagrangian", lambda page: page.show(page.lagrangian))
+        return _shorter(collected, self.kinetic - self.potential) if self._is_short else collected
 
     @cached_property
     def momenta(self) -> Mapping[Any, Any]:
         """{coordinate: dL/dv}."""
-        return self._each("the momenta", lambda page: page.momenta)
+        return self._short(
+            "the momenta", lambda page: page.momenta, lambda: self._stated_slopes(self.statement.velocities)
+        )
 
     @cached_property
     def kinetic(self) -> Any:
@@ -74,12 +97,20 @@ class Derivation:
     @cached_property
     def momentum_rates(self) -> Mapping[Any, Any]:
         """{coordinate: d/dt dL/dv}, collected in the accelerations."""
-        return self._each("the rates of the momenta", lambda page: page.rates)
+        return self._short(
+            "the rates of the momenta",
+            lambda page: page.rates,
+            lambda: [_by_terms(p.diff(t)) for p in self.momenta.values()],
+        )
 
     @cached_property
     def gradient(self) -> Mapping[Any, Any]:
         """{coordinate: dL/dq}."""
-        return self._each("the derivatives of the Lagrangian", lambda page: page.pulls)
+        return self._short(
+            "the derivatives of the Lagrangian",
+            lambda page: page.pulls,
+            lambda: self._stated_slopes(self.statement.coordinates),
+        )
 
     @cached_property
     def drag(self) -> Mapping[Any, Any]:
@@ -94,7 +125,7 @@ class Derivation:
     @cached_property
     def equations(self) -> tuple[Any, ...]:
         """One Eq per coordinate; on the right stand the generalized forces as stated, and those of the constraints."""
-        lefts = self._written("the equations of motion", lambda page: [page.show(left) for left in page.left_sides])
+        lefts = self._short("the equations of motion", lambda page: page.left_sides, self._stated_sides).values()
         exerted = self.constraint_forces.values()
         rights = [
             Add(force, *(forces[q] for forces in exerted))
@@ -134,7 +165,8 @@ class Derivation:
     @cached_property
     def energy(self) -> Any:
         """The Jacobi integral v . p - L; T + V where T is quadratic in the velocities."""
-        return self._written("the energy", lambda page: page.show(page.energy))
+        collected = self._written("the energy", lambda page: page.show(page.energy))
+        return _shorter(collected, self.kinetic + self.potential) if self._keeps_its_sum else collected
 
     @cached_property
     def accelerations(self) -> Mapping[Any, Any]:
@@ -153,8 +185,49 @@ class Derivation:
             {one.name: value for one, value in zip(self.statement.constraints, solved, strict=True)}
         )
 
+    @cached_property
+    def _is_short(self) -> bool:
+        """Whether L is short enough for SymPy to differentiate it as it was stated, and has no kinks."""
+        stated = self.statement.lagrangian
+        return not stated.has(*KINKED) and bool(stated.count_ops() <= STATED)
+
+    @cached_property
+    def _keeps_its_sum(self) -> bool:
+        """Whether the energy is T + V: T is of degree two in the velocities, and V has none."""
+        scale = Dummy("scale", positive=True)
+        stretched = {v: scale * v for v in self.statement.velocities}
+        kinetic, potential = self.statement.kinetic, self.statement.potential
+        if not self._is_short or potential.has(*stretched):
+            return False
+        return bool(expand(kinetic.subs(stretched, simultaneous=True) - scale**2 * kinetic) == 0)
+
+    def _stated_slopes(self, symbols: Sequence[Any]) -> list[Any]:
+        """Return dL/dx of L as it was stated: of I*(a + b)**2/2 it is I*(a + b)."""
+        plain = self.statement.plain
+        stated = {symbol: leaf for leaf, symbol in plain.items()}
+        lagrangian = self.statement.lagrangian.xreplace(plain)
+        return [_by_terms(lagrangian.diff(symbol.xreplace(plain)).xreplace(stated)) for symbol in symbols]
+
+    def _stated_sides(self) -> list[Any]:
+        """Return the left sides of the equations of motion from the parts that are shown."""
+        return [self.momentum_rates[q] - self.gradient[q] + self.drag[q] for q in self.statement.coordinates]
+
+    def _short(
+        self,
+        what: str,
+        parts: Callable[[TextbookAlgebra], Sequence[Any]],
+        as_stated: Callable[[], Sequence[Any]],
+    ) -> Mapping[Any, Any]:
+        """Return collected parts by coordinate, or the form as it was stated of those where that is shorter."""
+        collected = self._each(what, parts)
+        if not self._is_short:
+            return collected
+        pairs = zip(collected.items(), as_stated(), strict=True)
+        return MappingProxyType({q: _shorter(value, other) for (q, value), other in pairs})
+
     def _merged(self, what: str, stated: Any) -> Any:
-        return self._written(what, lambda page: page.show(page.algebra.merge_angles(page.read(stated))))
+        merged = self._written(what, lambda page: page.show(page.algebra.merge_angles(page.read(stated))))
+        return _shorter(merged, stated) if self._is_short else merged
 
     def _each(self, what: str, parts: Callable[[TextbookAlgebra], Sequence[Any]]) -> Mapping[Any, Any]:
         return self._written(what, lambda page: page.by_coordinate(map(page.show, parts(page))))
@@ -171,3 +244,14 @@ class Derivation:
                 f"{', '.join(shown)}). compile() gives the same as numbers, of any size"
                 + ("; equations() gives the equations before they are solved." if what == ACCELERATIONS else ".")
             ) from None
+
+
+def _shorter(collected: Any, stated: Any) -> Any:
+    """Return the form with fewer operations, of two with the same number the one with fewer terms."""
+    first, second = ((one.count_ops(), len(Add.make_args(one))) for one in (collected, stated))
+    return stated if second < first else collected
+
+
+def _by_terms(expression: Any) -> Any:
+    """Return a sum whose terms have their common numbers in front: m*(a + b), not m*(2*a + 2*b)/2."""
+    return Add(*map(factor_terms, Add.make_args(expression)))

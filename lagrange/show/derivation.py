@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from html import escape
 from typing import Any
 
@@ -11,20 +13,45 @@ from lagrange.equations.derivation import Derivation
 from lagrange.show.notation.formula_lines import Line, LineWriter
 from lagrange.show.notation.latex import LatexNotation
 from lagrange.show.notation.mathml import MathmlNotation
-from lagrange.show.notation.names import latex_text, markdown_text, plain_text
+from lagrange.show.notation.names import GREEK, latex_text, markdown_text, plain_text
 from lagrange.show.notation.pieces import Notation
 from lagrange.show.notation.sections import Formula, Section, sections
 from lagrange.show.notation.text import AsciiNotation, UnicodeNotation, width
-from lagrange.show.terminal.languages import FORMATS
+from lagrange.show.terminal.languages import DETAILS, FORMATS
 from lagrange.statement.choice import one_of
 from lagrange.statement.statement import Statement
 
 INDENT = "    "
+_WORD = re.compile(r"(?<![\\\w])[A-Za-z]\w*")
+"""A word of a quoted sentence that is not a LaTeX command."""
+
 LONG_SECTION = 12
 """Lines of formulas above which a section of an HTML page is folded."""
 
 
-def render(derivation: Derivation, style: str = "text", findings: Sequence[str] = ()) -> str:
+@dataclass(frozen=True)
+class Heading:
+    """What stands above a derivation that is handed in: texts, empty where there is none."""
+
+    title: str = ""
+    author: str = ""
+    date: str = ""
+    problem: str = ""
+
+
+NO_HEADING = Heading()
+
+LEFT_OUT = {"full": (), "short": ("Positions and velocities", "Coordinate", "Matrix form", "Energy")}
+"""Sections that each level of detail leaves out."""
+
+
+def render(
+    derivation: Derivation,
+    style: str = "text",
+    findings: Sequence[str] = (),
+    detail: str = "full",
+    heading: Heading = NO_HEADING,
+) -> str:
     """Return the derivation: what was stated, L, each coordinate, equations of motion, accelerations and energy.
 
     With constraints the equations of motion have their multipliers and the constraints behind them, and the multipliers
@@ -32,19 +59,23 @@ def render(derivation: Derivation, style: str = "text", findings: Sequence[str] 
 
     `style` is "text", where formulas are spelled as in a scene file, "unicode", "latex", a complete document,
     "markdown", with formulas between dollar signs, or "html", a complete page with MathML. `findings` are sentences
-    about the structure. A part that is too large to be written out is replaced by the sentence that says so. Raises
-    StatementError for any other format.
+    about the structure. `detail` is "full" or "short": what was stated, L, the equations and the accelerations. A part
+    that is too large to be written out is replaced by the sentence that says so. Raises StatementError for any other
+    format or detail.
     """
     one_of(style, FORMATS, "{given} is no format of a derivation; they are {known}.")
-    page: Page = PAGES[style](derivation.statement)
-    return page.write([*sections(derivation), *([Section("Structure", tuple(findings))] if findings else [])])
+    left_out = LEFT_OUT[one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")]
+    page: Page = PAGES[style](derivation.statement, heading)
+    shown = [section for section in sections(derivation) if section.heading not in left_out]
+    return page.write([*shown, *([Section("Structure", tuple(findings))] if findings else [])])
 
 
 class Page(ABC):
     """Writes sections in one language."""
 
-    def __init__(self, statement: Statement) -> None:
-        self.statement = statement
+    def __init__(self, statement: Statement, heading: Heading = NO_HEADING) -> None:
+        self.statement, self.above = statement, heading
+        self.title = heading.title or statement.name
         self.lines = LineWriter(statement, self.notation)
 
     @property
@@ -72,7 +103,8 @@ class TextPage(Page):
 
     def write(self, sections: Sequence[Section]) -> str:
         """Return headings with indented rows."""
-        lines = [plain_text(self.statement.name)]
+        lines = [plain_text(self.title)]
+        lines += [plain_text(text) for text in (self.above.author, self.above.date, self.above.problem) if text]
         for section in sections:
             lines += ["", self.heading(section, plain_text, "{}")]
             for row in section.rows:
@@ -137,21 +169,35 @@ class LatexPage(Page):
             "\\usepackage{amsmath}",
             "\\usepackage[margin=2cm]{geometry}",
             "\\allowdisplaybreaks",
-            f"\\title{{{latex_text(self.statement.name)}}}",
-            "\\author{}",
-            "\\date{}",
+            "\\raggedbottom",
+            f"\\title{{{latex_text(self.title)}}}",
+            f"\\author{{{latex_text(self.above.author)}}}",
+            f"\\date{{{latex_text(self.above.date)}}}",
             "\\begin{document}",
             "\\maketitle",
         ]
+        if self.above.problem:
+            lines += ["", f"\\noindent\\textbf{{Problem.}} {latex_text(self.above.problem)}\\par"]
         for section in sections:
             lines += ["", f"\\section*{{{self.heading(section, latex_text, '${}$')}}}"]
             lines += [self.row(row) for row in section.rows]
         return "\n".join([*lines, "", "\\end{document}"]) + "\n"
 
+    def sentence(self, text: str, quoted: Callable[[str], str]) -> str:
+        """Return a sentence with its symbols as formulas: those that are Greek letters or end with a digit."""
+        names = {*self.statement.names, *(p.name for p in self.statement.parameters)}
+        letter = self.lines.sides.notation.letter
+
+        def formula(match: re.Match[str]) -> str:
+            word = match.group()
+            return f"${letter(word)}$" if word in names and (word in GREEK or word[-1].isdigit()) else word
+
+        return _WORD.sub(formula, quoted(text))
+
     def row(self, row: Formula | str) -> str:
         """Return a paragraph, or a formula on its own lines."""
         if isinstance(row, str):
-            return latex_text(row) + "\\par"
+            return self.sentence(row, latex_text) + "\\par"
         lines = self.lines.formula(row)
         return f"\\[ {self.formula(row)} \\]" if len(lines) == 1 else self.aligned(lines, "align*")
 
@@ -161,11 +207,16 @@ class MarkdownPage(LatexPage):
 
     def write(self, sections: Sequence[Section]) -> str:
         """Return headings, sentences, and formulas between double dollar signs."""
-        lines = [f"# {markdown_text(self.statement.name)}"]
+        lines = [f"# {markdown_text(self.title)}"]
+        for text in (self.above.author, self.above.date, self.above.problem):
+            lines += ["", markdown_text(text)] if text else []
         for section in sections:
             lines += ["", f"## {self.heading(section, markdown_text, '${}$')}"]
             for row in section.rows:
-                lines += ["", markdown_text(row) if isinstance(row, str) else f"$$\n{self.formula(row)}\n$$"]
+                lines += [
+                    "",
+                    self.sentence(row, markdown_text) if isinstance(row, str) else f"$$\n{self.formula(row)}\n$$",
+                ]
         return "\n".join(lines) + "\n"
 
 
@@ -182,10 +233,13 @@ class HtmlPage(Page):
 
     def write(self, sections: Sequence[Section]) -> str:
         """Return a page that needs nothing from elsewhere."""
-        title = escape(plain_text(self.statement.name))
+        title = escape(plain_text(self.title))
+        above = (self.above.author, self.above.date, self.above.problem)
+        told = "".join(f"<p>{escape(plain_text(text))}</p>\n" for text in above if text)
         return (
             '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-            f"<title>{title}</title>\n</head>\n<body>\n<h1>{title}</h1>\n{self.body(sections)}</body>\n</html>\n"
+            f"<title>{title}</title>\n</head>\n<body>\n<h1>{title}</h1>\n{told}{self.body(sections)}"
+            "</body>\n</html>\n"
         )
 
     def body(self, sections: Sequence[Section]) -> str:
@@ -218,7 +272,7 @@ class HtmlPage(Page):
         return f'<p><math display="block" xmlns="http://www.w3.org/1998/Math/MathML"><mrow>{inside}</mrow></math></p>'
 
 
-PAGES: dict[str, Callable[[Statement], Any]] = {
+PAGES: dict[str, Callable[[Statement, Heading], Any]] = {
     "text": TextPage,
     "unicode": UnicodePage,
     "latex": LatexPage,

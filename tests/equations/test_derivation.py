@@ -9,6 +9,7 @@ import pytest
 import sympy
 from sympy import Abs, Float, Heaviside, Integer, Max, Min, Rational, Symbol, cos, sign, sin, sqrt
 
+import lagrange as lg
 from lagrange.equations import derivation as module
 from lagrange.equations import stated_algebra
 from lagrange.equations.derivation import derive
@@ -296,3 +297,16 @@ def test_parts_are_computed_once() -> None:
     assert derivation.equations is derivation.equations
     assert derivation.accelerations is derivation.accelerations
     assert not isinstance(derivation.momenta, dict)
+
+
+def test_the_shorter_of_the_collected_and_the_stated_form_is_shown() -> None:
+    """A textbook leaves I3*(psi' + phi'*cos(theta)) and k*(s - d)**2/2 as they are."""
+    phi, theta, psi = coordinates("phi theta psi")
+    i1, i3, k, d, m = parameters("I1 I3 k d m")
+    spin = psi.dot + phi.dot * cos(theta)
+    top = lg.System(i1 * (theta.dot**2 + phi.dot**2 * sin(theta) ** 2) / 2 + i3 * spin**2 / 2)
+    assert top.momenta[psi] == i3 * spin
+    assert top.equations()[2].lhs == i3 * (psi.ddot + phi.ddot * cos(theta) - phi.dot * theta.dot * sin(theta))
+    s = coordinate("s")
+    spring = lg.System(m * s.dot**2 / 2, k * (s - d) ** 2 / 2)
+    assert spring.potential == k * (s - d) ** 2 / 2 and spring.equations()[0].lhs == m * s.ddot + k * (s - d)

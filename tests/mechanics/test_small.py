@@ -53,7 +53,7 @@ def test_away_from_equilibrium_terms_of_first_order_stay_and_are_told() -> None:
 
 def test_parameters_keep_the_order_in_which_they_were_stated() -> None:
     assert list(shared_scene("double-pendulum").small().parameters) == list(shared_scene("double-pendulum").parameters)
-    assert "½ (m₁ + m₂) l₁² θ̇₁²" in shared_scene("double-pendulum").small().page("unicode")
+    assert "½ (m₁ + m₂) l₁² θ̇₁²" in shared_scene("double-pendulum").small().derivation().unicode()
 
 
 def error(system: lg.System, at: dict[Any, float], order: int, size: float) -> float:

@@ -113,9 +113,9 @@ def test_two_names_never_look_the_same(notation: type[Notation]) -> None:
 def test_greek_names_are_letters_and_plain_text_is_plain() -> None:
     angle = lg.coordinate("θ")
     system = lg.System(m * l**2 * angle.dot**2 / 2, -m * g * l * cos(angle), name="pendulum")
-    assert "m l² θ̈ + m g l sin θ = 0" in system.page("unicode")
-    assert r"m l^2 \ddot\theta + m g l \sin \theta = 0" in system.page("latex")
-    assert system.page("text").isascii() and "m*l**2*theta_ddot" in system.page("text")
+    assert "m l² θ̈ + m g l sin θ = 0" in system.derivation().unicode()
+    assert r"m l^2 \ddot\theta + m g l \sin \theta = 0" in system.derivation().latex()
+    assert system.derivation().text().isascii() and "m*l**2*theta_ddot" in system.derivation().text()
 
 
 def clashing() -> lg.System:
@@ -131,7 +131,7 @@ def clashing() -> lg.System:
 
 
 def test_our_letters_give_way_to_the_symbols_of_the_statement() -> None:
-    text, latex = clashing().page("text"), clashing().page("latex")
+    text, latex = clashing().derivation().text(), clashing().derivation().latex()
     for line in (
         "kinetic_energy = m*L*x_dot**2/2",
         "dissipation = D*x_dot**2/2",
@@ -142,13 +142,13 @@ def test_our_letters_give_way_to_the_symbols_of_the_statement() -> None:
     ):
         assert f"    {line}\n" in text
     assert r"\mathcal{E} = \frac{1}{2} m L \dot{x}^2 + T V x^2 + E x" in latex
-    assert "ℒ = 𝒯 − 𝒱 = ½ m L ẋ² − T V x² − E x" in clashing().page("unicode")
+    assert "ℒ = 𝒯 − 𝒱 = ½ m L ẋ² − T V x² − E x" in clashing().derivation().unicode()
     assert not re.search(r"\n    [ETVLD] = ", text)
 
 
 def test_our_letters_give_way_to_given_functions_too() -> None:
     field = lg.given("E")
-    page = lg.System(m * x.dot**2 / 2, -k * field * x).page("unicode")
+    page = lg.System(m * x.dot**2 / 2, -k * field * x).derivation().unicode()
     assert "    ℰ = ½ m ẋ² − k x E\n" in page and "    m ẍ − k E = 0\n" in page
 
 
@@ -165,7 +165,7 @@ def test_a_terminal_that_has_unicode_gets_it(
 
     monkeypatch.setattr(sys, "stdout", Terminal(io.BytesIO(), encoding=encoding))
     assert terminal_style() == style
-    assert shared_scene("pendulum").page() == shared_scene("pendulum").page(style)
+    assert str(shared_scene("pendulum").derivation()) == shared_scene("pendulum").derivation().written(style)
 
 
 def test_no_standard_output_is_plain_text(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -183,7 +183,7 @@ def test_long_sums_are_broken_and_lines_are_bounded() -> None:
 
 def test_accelerations_that_nobody_reads_are_a_sentence() -> None:
     system = shared_scene("spinning-top")
-    page = system.page("text")
+    page = system.derivation().text()
     longest = max(value.count_ops() for value in {**system.accelerations(), **system.derivation().multipliers}.values())
     assert (
         f"    The formulas are too long to be read: the longest has {longest} operations, and a page shows up to "
@@ -193,12 +193,12 @@ def test_accelerations_that_nobody_reads_are_a_sentence() -> None:
 
 
 def test_a_part_of_the_accelerations_is_shown() -> None:
-    page = shared_scene("cartesian-double-pendulum").page("text")
+    page = shared_scene("cartesian-double-pendulum").derivation().text()
     assert "    The formulas are too long" in page or "    The other formulas are too long" in page
 
 
 def test_points_with_mass_begin_the_derivation() -> None:
-    page = shared_scene("pendulum").page("unicode")
+    page = shared_scene("pendulum").derivation().unicode()
     assert (
         "Positions and velocities\n"
         "    r_bob = (l sin θ, −l cos θ)\n"
@@ -206,7 +206,7 @@ def test_points_with_mass_begin_the_derivation() -> None:
         "    v_bob² = l² θ̇²\n"
         "    T_bob = ½ m v_bob²\n"
     ) in page
-    assert "Positions" not in shared_scene("kepler").page("text")
+    assert "Positions" not in shared_scene("kepler").derivation().text()
 
 
 def test_html_folds_and_speaks_no_markup_of_the_statement() -> None:
@@ -220,7 +220,7 @@ def test_html_folds_and_speaks_no_markup_of_the_statement() -> None:
 
 
 def test_the_double_pendulum_fits_on_two_pages() -> None:
-    page = shared_scene("double-pendulum").page("latex")
+    page = shared_scene("double-pendulum").derivation().latex()
     assert len(page.encode()) < 6000
     assert r"\[ (m_1 + m_2) l_1^2 \ddot\theta_1 + m_2 l_1 l_2 \ddot\theta_2 \cos(\theta_1 - \theta_2) " in page
 
@@ -242,5 +242,5 @@ def test_a_number_stands_before_a_parenthesis_on_several_lines(factor: Any, ends
 
 
 def test_latex_has_an_author_as_its_title_asks_for() -> None:
-    page = shared_scene("pendulum").page("latex")
+    page = shared_scene("pendulum").derivation().latex()
     assert page.index(r"\author{}") < page.index(r"\maketitle")

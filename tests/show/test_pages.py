@@ -63,12 +63,12 @@ SCENES = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.exhaust
 @pytest.mark.parametrize("file", GOLDEN)
 def test_golden_pages(file: str) -> None:
     name, style = GOLDEN[file]
-    assert shared_scene(name).page(style) == (PAGES / file).read_text("utf-8")
+    assert shared_scene(name).derivation().written(style) == (PAGES / file).read_text("utf-8")
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_latex_is_well_formed(name: str) -> None:
-    page = shared_scene(name).page("latex")
+    page = shared_scene(name).derivation().latex()
     body = page[page.index("\\maketitle") + 10 : page.index("\\end{document}")]
     plain = re.sub(r"\\[{}$&#_%\\]", "", body)
     for begin, end in (("{", "}"), (r"\left", r"\right"), (r"\[", r"\]"), (r"\begin", r"\end"), (r"\bigl", r"\bigr")):
@@ -85,7 +85,7 @@ def test_latex_is_well_formed(name: str) -> None:
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
 @pytest.mark.parametrize("name", ["double-pendulum", "cartesian-pendulum"])
 def test_pdflatex_sets_the_page(name: str, tmp_path: Path) -> None:
-    (tmp_path / "page.tex").write_text(shared_scene(name).page("latex"), "utf-8")
+    (tmp_path / "page.tex").write_text(shared_scene(name).derivation().latex(), "utf-8")
     done = subprocess.run(
         ["pdflatex", "-interaction=nonstopmode", "-halt-on-error", "page.tex"],
         cwd=tmp_path,
@@ -98,7 +98,7 @@ def test_pdflatex_sets_the_page(name: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", SCENES)
 def test_html_is_well_formed(name: str) -> None:
-    page = shared_scene(name).page("html")
+    page = shared_scene(name).derivation().html()
     ElementTree.fromstring(
         page.removeprefix("<!doctype html>\n").replace('<meta charset="utf-8">', "").replace(" open>", ">")
     )
@@ -115,13 +115,13 @@ def test_a_chain_of_five_links_is_derived_without_its_accelerations() -> None:
         positions={f"bob{k}": end for k, end in enumerate(ends, 1)},
         name="chain",
     )
-    page = chain.page("unicode")  # takes 1 s
+    page = chain.derivation().unicode()  # takes 1 s
     assert "Accelerations\n    The formulas are too long to be read" in page
     assert "(m₁ + m₂ + m₃ + m₄ + m₅) l² q̈₁ + (m₂ + m₃ + m₄ + m₅) l² q̈₂ cos(q₁ − q₂)" in page
 
 
 def test_names_of_functions_have_thin_spaces_in_mathml() -> None:
-    page = shared_scene("spherical-pendulum").page("html")
+    page = shared_scene("spherical-pendulum").derivation().html()
     space, theta = '<mspace width="0.17em"/>', "<mi>θ</mi>"
     assert f"<mi>l</mi>{space}<mrow><mi>sin</mi><mo>\N{FUNCTION APPLICATION}</mo>{space}{theta}</mrow>" in page
     assert f"{space}<mrow><msup><mi>sin</mi><mn>2</mn></msup>" in page

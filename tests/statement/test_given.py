@@ -60,9 +60,9 @@ def test_a_given_motion_stays_open_in_a_derivation() -> None:
     assert driven.coordinates == (theta,)
     expected = -(g * sin(theta) + X.ddot * cos(theta)) / l
     assert sympy.simplify(driven.accelerations()[theta] - expected) == 0
-    page = driven.page()
+    page = str(driven.derivation())
     assert "X_ddot" in page and "X_dot" in page and "Derivative" not in page
-    assert r"\ddot{X}" in driven.page("latex")
+    assert r"\ddot{X}" in driven.derivation().latex()
     assert any("energy is not conserved: the Lagrangian depends on time" in one for one in driven.structure)
     for call in (lambda: driven.run(1.0), driven.check):
         assert refusal(call).startswith("X is a given function of time without values, which numbers need: state")
@@ -90,7 +90,7 @@ def test_an_expression_is_put_in_for_a_run() -> None:
     np.testing.assert_allclose(run.evaluate(X.ddot), -0.4 * np.sin(2.0 * run.t), rtol=1e-12, atol=1e-15)
     assert driven.check()
     assert pickle.loads(pickle.dumps(run)).evaluate(X)[3] == run.evaluate(X)[3]
-    assert "X = a*sin(w*t)" in driven.page("text")
+    assert "X = a*sin(w*t)" in driven.derivation().text()
 
 
 def test_an_expression_may_have_corners() -> None:

@@ -1,17 +1,17 @@
-"""A derivation with its page, and the text of a page, which a notebook shows with its formulas set."""
+"""A derivation that prints itself in every language, and that a notebook shows with its formulas set."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 from lagrange.equations.derivation import Derivation
 from lagrange.equations.textbook_algebra import TextbookAlgebra
-from lagrange.show.derivation import render
+from lagrange.show.derivation import LEFT_OUT, NO_HEADING, Heading, render
 from lagrange.show.notation.names import plain_text
 from lagrange.show.notation.sections import Section, sections
 from lagrange.show.notebook.page_writer import (
-    MOST_CHARACTERS,
     MOST_OPERATIONS,
     PageWriter,
     Part,
@@ -21,72 +21,81 @@ from lagrange.show.notebook.page_writer import (
     left_out,
     operations,
 )
-from lagrange.show.terminal.languages import terminal_style
+from lagrange.show.terminal.languages import DETAILS, terminal_style
+from lagrange.statement.choice import one_of, text
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.statement import Statement
 
-INSTEAD = "`print(system.page())` has it as text."
+INSTEAD = "`print(system.derivation())` has it as text."
 OPEN = ("Stated", "Lagrangian", "Equations of motion", "Structure")
 """Sections that a notebook shows unfolded where they are short."""
 
 
+@dataclass(frozen=True, eq=False)
 class ShownDerivation(Derivation):
-    """A derivation with its page: str() gives it as text, a notebook shows it, and `page(style)` has every language."""
+    """A derivation that prints itself: str() is its text, and a notebook shows it with its formulas set.
 
-    def page(self, style: str | None = None) -> str:
-        """Return the page, without a style as the terminal reads it; see `System.page`."""
-        return shown_page(self, style, ())
+    `findings` are sentences about the structure. `detail` is "full" or "short".
+    """
+
+    findings: tuple[str, ...] = ()
+    detail: str = "full"
+
+    def text(self) -> str:
+        """Return plain ASCII in the spelling of scene files."""
+        return self.written("text")
+
+    def unicode(self) -> str:
+        """Return text with Greek letters, dots and superscripts."""
+        return self.written("unicode")
+
+    def markdown(self) -> str:
+        """Return Markdown with formulas between dollar signs."""
+        return self.written("markdown")
+
+    def html(self) -> str:
+        """Return a page for a browser, with formulas in MathML; its sections fold."""
+        return self.written("html")
+
+    def latex(self, *, title: str = "", author: str = "", date: str = "", problem: str = "") -> str:
+        """Return a document for pdflatex. The texts stand above the derivation; without a title it is the name."""
+        heading = Heading(text(title, "title"), text(author, "author"), text(date, "date"), text(problem, "problem"))
+        return self.written("latex", heading)
+
+    def written(self, style: str | None = None, heading: Heading = NO_HEADING) -> str:
+        """Return the derivation in a style: "text", "unicode", "latex", "markdown" or "html".
+
+        Without a style it is Unicode where standard output is a terminal that has it, else text. Raises StatementError
+        for another style.
+        """
+        chosen = terminal_style() if style is None else style
+        return render(self, chosen, self.findings, self.detail, heading)
 
     def __str__(self) -> str:
-        return str(self.page())
+        return self.written()
 
     def __repr__(self) -> str:
-        return f"<Derivation of {plain_text(self.statement.name)}: print it, or .page('latex')>"
+        return f"<Derivation of {plain_text(self.statement.name)}: print it, or .latex()>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return written_derivation, (self.statement,)
+        return written_derivation, (self.statement, self.findings, self.detail)
 
     def _repr_markdown_(self) -> str:
-        return derivation_page(self, ())
+        return derivation_page(self)
 
 
-def written_derivation(statement: Statement) -> ShownDerivation:
-    """Return the derivation of a statement with its page."""
-    return ShownDerivation(statement, TextbookAlgebra(statement))
+def written_derivation(statement: Statement, findings: tuple[str, ...] = (), detail: str = "full") -> ShownDerivation:
+    """Return the derivation of a statement that prints itself. Raises StatementError for an unknown detail."""
+    one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")
+    return ShownDerivation(statement, TextbookAlgebra(statement), findings, detail)
 
 
-class ShownPage(str):
-    """The text of a page; a notebook shows it with its formulas set, if it has the derivation, else as it is."""
-
-    derivation: Derivation | None = None
-    findings: tuple[str, ...] = ()
-
-    def _repr_markdown_(self) -> str | None:
-        return None if self.derivation is None else derivation_page(self.derivation, self.findings)
-
-    def _repr_pretty_(self, printer: Any, cycle: bool) -> None:
-        rest = "" if len(self) <= MOST_CHARACTERS else f"\n... {len(self) - MOST_CHARACTERS} more characters: print it"
-        printer.text(self[:MOST_CHARACTERS] + rest)
-
-
-def shown_page(derivation: Derivation, style: str | None, findings: Sequence[str]) -> ShownPage:
-    """Return the page of a derivation in a style, or as the terminal reads it; see `System.page`."""
-    page = ShownPage(render(derivation, terminal_style() if style is None else style, findings))
-    if style not in TEXTS:
-        page.derivation, page.findings = derivation, tuple(findings)
-    return page
-
-
-TEXTS = ("text", "unicode", "latex")
-"""Styles whose text is what somebody asks for who names them; of the others a notebook shows what they stand for."""
-
-
-def derivation_page(derivation: Derivation, findings: Sequence[str]) -> str:
+def derivation_page(derivation: ShownDerivation) -> str:
     """Return the derivation as a notebook shows it, section by section, as far as there is room."""
-    return joined(_parts(derivation, findings), INSTEAD)
+    return joined(_parts(derivation), INSTEAD)
 
 
-def _parts(derivation: Derivation, findings: Sequence[str]) -> Iterator[Part]:
+def _parts(derivation: ShownDerivation) -> Iterator[Part]:
     statement = derivation.statement
     writer = PageWriter(statement)
     yield "the name", bold(statement.name)
@@ -94,14 +103,15 @@ def _parts(derivation: Derivation, findings: Sequence[str]) -> Iterator[Part]:
         yield "", left_out("The derivation", f"it starts from {size} operations, which takes long", INSTEAD)
     else:
         for section in sections(derivation):
-            yield section.heading, _section(section, writer)
-    if findings:
-        yield "the structure", _section(Section("Structure", tuple(findings)), writer)
+            if section.heading not in LEFT_OUT[derivation.detail]:
+                yield section.heading, _section(section, writer)
+    if derivation.findings:
+        yield "the structure", _section(Section("Structure", derivation.findings), writer)
 
 
 def _section(section: Section, writer: PageWriter) -> str:
-    text, lines = writer.rows(section.rows)
+    shown, lines = writer.rows(section.rows)
     if section.heading in OPEN and not writer.is_long(lines):
-        return f"{bold(section.heading)}\n\n{text}"
+        return f"{bold(section.heading)}\n\n{shown}"
     symbol = "" if section.symbol is None else f" {name_of(section.symbol)}"
-    return folded(f"{section.heading}{symbol}", text)
+    return folded(f"{section.heading}{symbol}", shown)

@@ -22,7 +22,7 @@ from lagrange.show.notebook.page_writer import (
 from lagrange.show.units import unit_of
 from lagrange.statement.statement import Statement
 
-INSTEAD = "`print(system.page())` has it as text, `system.equations()` and the like as SymPy expressions."
+INSTEAD = "`print(system.derivation())` has it as text, `system.equations()` and the like as SymPy expressions."
 
 
 def system_page(derivation: Derivation, findings: Sequence[str]) -> str:

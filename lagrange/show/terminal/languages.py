@@ -1,9 +1,10 @@
-"""The languages of a page, and the one that a terminal reads."""
+"""Languages and levels of detail of a derivation, and the language that a terminal reads."""
 
 from __future__ import annotations
 
 import sys
 
+DETAILS = ("full", "short")
 FORMATS = ("text", "unicode", "latex", "markdown", "html")
 
 

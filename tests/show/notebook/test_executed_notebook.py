@@ -25,8 +25,7 @@ WIDGET = "application/vnd.jupyter.widget-view+json"
 CELLS: dict[str, tuple[str, str]] = {
     "system": ("pendulum", "text/markdown"),
     "equations": ("pendulum.equations()", "text/markdown"),
-    "page": ("pendulum.page()", "text/markdown"),
-    "printed page": ("print(pendulum.page())", ""),
+    "printed derivation": ("print(pendulum.derivation())", ""),
     "derivation": ("pendulum.derivation()", "text/markdown"),
     "check": ("pendulum.check(points=1)", "text/markdown"),
     "run": ("solution = pendulum.run(5.0, progress=True)\nsolution", "text/html"),
@@ -97,5 +96,5 @@ def test_progress_stays_in_the_output_as_it_was_last(outputs: dict[str, list[dic
 
 
 def test_what_is_printed_stays_text(outputs: dict[str, list[dict[str, Any]]]) -> None:
-    assert "Equations of motion\n    m*l**2*theta_ddot" in "".join(one["text"] for one in outputs["printed page"])
+    assert "Equations of motion\n    m*l**2*theta_ddot" in "".join(one["text"] for one in outputs["printed derivation"])
     assert "".join(one["text"] for one in outputs["modules"]).strip() == "[]"

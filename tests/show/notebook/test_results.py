@@ -52,7 +52,6 @@ RESULTS: dict[str, tuple[Callable[[Path], Any], str]] = {
     "accelerations": (lambda folder: SYSTEM.accelerations(), "markdown"),
     "momenta": (lambda folder: SYSTEM.momenta, "markdown"),
     "derivation": (lambda folder: SYSTEM.derivation(), "markdown"),
-    "page": (lambda folder: SYSTEM.page(), "markdown"),
     "model": (lambda folder: SYSTEM.compile(), ""),
     "statement": (lambda folder: SYSTEM.statement, ""),
     "conserved": (lambda folder: SYSTEM.conserved(), "markdown"),
@@ -130,7 +129,7 @@ def test_what_is_left_out_of_a_long_chain_is_said() -> None:
     page = chain(30)._repr_markdown_()
     assert "T: not shown here, it has 6633 operations" in page
     assert "the equations of motion: not shown here, they are derived from 8582 operations" in page
-    assert "`print(system.page())` has it as text" in page
+    assert "`print(system.derivation())` has it as text" in page
     assert "the energy is conserved" in page and "<details><summary>" not in page.split("Structure")[1]
 
 
@@ -149,39 +148,35 @@ def test_a_parameter_without_a_value_is_said_to_have_none() -> None:
     assert "$m = 2$" in page and "$k$ without a value" in page and "**Initial state**  all 0" in page
 
 
-def test_a_page_is_the_text_that_it_was() -> None:
-    page = SYSTEM.page()
-    assert isinstance(page, str) and page == SYSTEM.page("text") == str(SYSTEM.derivation()) + structure(page)
-    again = pickle.loads(pickle.dumps(page))
-    assert again == page and again._repr_markdown_() == page._repr_markdown_()
-    assert "Structure" in str(page._repr_markdown_())
-    assert rich(SYSTEM.page("latex")) == rich(SYSTEM.page("unicode")) == {}
-    assert rich(SYSTEM.page("html")) == rich(SYSTEM.page("markdown")) == rich(page)
+def test_a_derivation_is_its_text_with_the_structure_and_pickles() -> None:
+    derivation = SYSTEM.derivation()
+    assert str(derivation) == derivation.text() and "\nStructure\n" in derivation.text()
+    again = pickle.loads(pickle.dumps(derivation))
+    assert again.text() == derivation.text() and again._repr_markdown_() == derivation._repr_markdown_()
+    assert "Structure" in derivation._repr_markdown_()
 
 
-def structure(page: str) -> str:
-    return page[page.index("\nStructure") :]
+def test_a_short_derivation_leaves_out_the_steps() -> None:
+    full, short = SYSTEM.derivation(), SYSTEM.derivation(detail="short")
+    headings = [line for line in short.text().splitlines() if line[:1].isupper()]
+    assert headings == ["Stated", "Lagrangian", "Equations of motion", "Accelerations", "Structure"]
+    assert "Coordinate" in full.text() and "Coordinate" not in short._repr_markdown_()
+    assert pickle.loads(pickle.dumps(short)).text() == short.text()
+    with pytest.raises(lg.StatementError, match=r"^detail = 'long': choose one of full and short\."):
+        SYSTEM.derivation(detail="long")
 
 
-class Printer:
-    """What IPython prints a plain text with."""
-
-    def __init__(self) -> None:
-        self.shown = ""
-
-    def text(self, text: str) -> None:
-        self.shown += text
+def test_a_paper_has_author_title_date_and_problem() -> None:
+    paper = SYSTEM.derivation().latex(title="A & B", author="Ada", date="1 May", problem="Derive 100 % of it.")
+    assert r"\title{A \& B}" in paper and r"\author{Ada}" in paper and r"\date{1 May}" in paper
+    assert r"\textbf{Problem.} Derive 100 \% of it.\par" in paper
+    with pytest.raises(lg.StatementError, match=r"^author"):
+        SYSTEM.derivation().latex(author=5)
 
 
-def test_a_page_shows_as_its_text_where_nothing_else_is_shown() -> None:
-    printer = Printer()
-    page = SYSTEM.page("unicode")
-    page._repr_pretty_(printer, cycle=False)
-    assert printer.shown == page
-    long = type(page)("x" * 30_000)
-    printer = Printer()
-    long._repr_pretty_(printer, cycle=False)
-    assert printer.shown.endswith("\n... 10000 more characters: print it") and len(printer.shown) < 20_100
+def test_a_system_has_no_page() -> None:
+    with pytest.raises(AttributeError, match=r"derivation\(\) is the derivation, to_page\(path\) writes a web page"):
+        assert SYSTEM.page is None
 
 
 @pytest.mark.parametrize("copied", [copy.copy, lambda value: pickle.loads(pickle.dumps(value))], ids=["copy", "pickle"])
