@@ -304,9 +304,13 @@ def test_the_shorter_of_the_collected_and_the_stated_form_is_shown() -> None:
     phi, theta, psi = coordinates("phi theta psi")
     i1, i3, k, d, m = parameters("I1 I3 k d m")
     spin = psi.dot + phi.dot * cos(theta)
-    top = lg.System(i1 * (theta.dot**2 + phi.dot**2 * sin(theta) ** 2) / 2 + i3 * spin**2 / 2)
+    kinetic = i1 * (theta.dot**2 + phi.dot**2 * sin(theta) ** 2) / 2 + i3 * spin**2 / 2
+    top = lg.System(kinetic, coordinates=[phi, theta, psi])
     assert top.momenta[psi] == i3 * spin
     assert top.equations()[2].lhs == i3 * (psi.ddot + phi.ddot * cos(theta) - phi.dot * theta.dot * sin(theta))
     s = coordinate("s")
     spring = lg.System(m * s.dot**2 / 2, k * (s - d) ** 2 / 2)
-    assert spring.potential == k * (s - d) ** 2 / 2 and spring.equations()[0].lhs == m * s.ddot + k * (s - d)
+    assert (
+        spring.potential.has((s - d) ** 2, (d - s) ** 2) and sympy.expand(spring.potential - k * (s - d) ** 2 / 2) == 0
+    )
+    assert spring.equations()[0].lhs == m * s.ddot + k * (s - d)
