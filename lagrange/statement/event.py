@@ -19,7 +19,7 @@ from lagrange.statement.event_dimensions import check_event_dimensions
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.number import real_number
-from lagrange.statement.parameters import in_own_parameters
+from lagrange.statement.parameters import in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
@@ -157,6 +157,12 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
         if len({rows[key] for key in one.reset if key in rows}) < sum(key in rows for key in one.reset):
             raise StatementError(f"the reset of event {place} names the same coordinate or velocity twice.")
         for key, value in one.reset.items():
+            if label_of(key) in [p.name for p in statement.parameters]:
+                raise StatementError(
+                    f"the reset of event {place} sets the parameter {label_of(key)}, and resets set coordinates and "
+                    "velocities: end the run there with terminal=True, and go on with run(t_end, run.final, "
+                    f"t_start=run.t[-1], parameters={{'{label_of(key)}': ...}})."
+                )
             if key not in state_rows(statement.coordinates):
                 known = [label for label in state_rows(statement.coordinates) if isinstance(label, str)]
                 raise StatementError(
