@@ -46,7 +46,7 @@ from lagrange.streams import complain, output
 STARTER = """\
 # A scene: one mechanical system, stated by its energies. Run it with:  lagrange run {file}
 # Expressions know + - * / **, sin cos tan cot sec csc asin acos atan atan2 exp log sqrt sinh cosh tanh asinh acosh
-# atanh erf sinc heaviside abs sign min max, and pi.
+# atanh erf sinc heaviside abs sign min max mod, and pi.
 
 name = "{name}"
 about = "A pendulum with friction, to be changed into your system."

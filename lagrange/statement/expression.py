@@ -15,6 +15,7 @@ import numpy as np
 import sympy
 
 from lagrange.errors import StatementError, shown
+from lagrange.statement.modulo import without_modulo
 from lagrange.statement.number import real_number
 from lagrange.statement.reality import real
 
@@ -27,7 +28,7 @@ TEXTS = (str, bytes, bytearray, memoryview)
 def expression(value: Any, what: str) -> Any:
     """Return a SymPy expression with one value, from an expression or a number; `what` names it in the refusal."""
     if isinstance(value, sympy.Expr) and not value.is_Matrix and not isinstance(value, sympy.Lambda):
-        return real(value)
+        return real(without_modulo(value))
     if isinstance(value, np.ndarray) and value.shape == () and not isinstance(value, np.ma.MaskedArray):
         return expression(value[()], what)
     if isinstance(value, TEXTS):

@@ -67,6 +67,7 @@ _DOUBLES: dict[str, Callable[..., float]] = {
     "sign": lambda x: math.copysign(1.0, x) if x else 0.0,
     "min": lambda *x: min(x),
     "max": lambda *x: max(x),
+    "mod": lambda x, y: x % y,
 }
 
 _COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {

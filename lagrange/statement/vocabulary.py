@@ -8,6 +8,8 @@ from typing import Any
 
 import sympy
 
+from lagrange.statement.modulo import modulo
+
 
 @dataclass(frozen=True)
 class Word:
@@ -48,10 +50,11 @@ WORDS: dict[str, Word] = {
         Word("sign", sympy.sign, 1, 1),
         Word("min", sympy.Min, 1, None),
         Word("max", sympy.Max, 1, None),
+        Word("mod", modulo, 2, 2),
     )
 }
 
-ALIASES = {"Abs": "abs", "Min": "min", "Max": "max", "ln": "log", "Heaviside": "heaviside"}
+ALIASES = {"Abs": "abs", "Min": "min", "Max": "max", "ln": "log", "Heaviside": "heaviside", "Mod": "mod"}
 """Other spellings that a text may use."""
 
 FUNCTIONS = frozenset((*WORDS, *ALIASES))
