@@ -78,6 +78,13 @@ def listing(names: Iterable[str]) -> str:
     return ", ".join(words[:-1]) + " and " + words[-1]
 
 
+def abridged(names: Iterable[str], most: int = 8) -> str:
+    """Return the names as ``a, b, c``; of many the first ones, and how many others there are."""
+    words = list(names)
+    left = len(words) - most
+    return ", ".join(words) if left <= 1 else f"{', '.join(words[:most])} and {left} others"
+
+
 def counted(number: int, noun: str) -> str:
     """Return ``1 step`` or ``2 steps``."""
     return f"{number} {noun}{'s' * (number != 1)}"

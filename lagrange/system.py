@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from numpy.typing import ArrayLike
 
 from lagrange.compiler import compile_model, equations_of, export, machine, model_of, page, state
-from lagrange.errors import StatementError, listing, shown
+from lagrange.errors import StatementError, abridged, listing, shown
 from lagrange.evidence.check import check
 from lagrange.evidence.independent import solved_statement
 from lagrange.evidence.report import Report
@@ -119,7 +119,7 @@ class System(Formulas):
         return System.from_statement, (self.statement,)
 
     def __repr__(self) -> str:
-        return f"<System {self.statement.name}: {', '.join(self.statement.names)}>"
+        return f"<System {self.statement.name}: {abridged(self.statement.names)}>"
 
     def _repr_markdown_(self) -> str:
         return system_page(self.derivation(), self.structure)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.equations.expressions import node_of
-from lagrange.errors import RunError, StatementError, counted, listing, shown
+from lagrange.errors import RunError, StatementError, abridged, counted, listing, shown
 from lagrange.graph.branches import square_roots
 from lagrange.graph.node import Node
 from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine, Series, SingularMassMatrix
@@ -66,7 +66,7 @@ class Model:
         return self._made.again, (self.statement,)
 
     def __repr__(self) -> str:
-        names = ", ".join(self.statement.names)
+        names = abridged(self.statement.names)
         return f"<Model of {self.statement.name} ({names}) on {self.machine.name}>"
 
     @property

@@ -10,7 +10,7 @@ from typing import Any
 
 from sympy import Expr, Symbol
 
-from lagrange.errors import listing
+from lagrange.errors import abridged, listing
 from lagrange.statement.constraint import Constraint
 from lagrange.statement.coordinate import acceleration_of, name_of, velocity_of
 from lagrange.statement.dimension import Dimension
@@ -79,7 +79,7 @@ class Statement:
     open_form: Statement | None = None
 
     def __repr__(self) -> str:
-        return f"<Statement of {self.name}: {', '.join(self.names)}>"
+        return f"<Statement of {self.name}: {abridged(self.names)}>"
 
     def __getstate__(self) -> dict[str, Any]:
         # Read-only views of dicts do not pickle.

@@ -308,6 +308,9 @@ def test_a_kernel_says_what_it_is() -> None:
     assert kernel.program.name == "rhs" and "define i32 @rhs(double %t" in kernel.ir
     assert compiled.kernel("rhs") is kernel
     assert repr(compiled) == "<Model of pendulum (theta) on llvm>"
+    many = lg.coordinates(" ".join(f"u{i}" for i in range(50)))
+    chain = lg.System(sum((q.dot**2 for q in many), sp.S.Zero), name="chain")
+    assert repr(chain) == "<System chain: u0, u1, u2, u3, u4, u5, u6, u7 and 42 others>"
     assert isinstance(SingularMassMatrix(3), RunError)
 
 
