@@ -98,7 +98,8 @@ def message(
     replaces the message. `cause` replaces cause and remedy. `rtol` is the relative tolerance, None for equal steps.
     """
     if status.complete and not (detail or cause):
-        return f"{method} {_SENTENCES[status].format(t=number(t))}"
+        backwards = " Time ran backwards." if status is Status.SUCCESS and problem.t1 < problem.t0 else ""
+        return f"{method} {_SENTENCES[status].format(t=number(t))}{backwards}"
     where = f"at t = {number(t)} on the way from {number(problem.t0)} to {number(problem.t1)}"
     if cause:
         return f"{method} stopped {where}. {cause}"

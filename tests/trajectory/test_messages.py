@@ -28,7 +28,7 @@ WHERE = "at t = 0.25 on the way from 1 to -3"
 @pytest.mark.parametrize(
     ("status", "words"),
     [
-        (Status.SUCCESS, "rk4 reached t = 0.25."),
+        (Status.SUCCESS, "rk4 reached t = 0.25. Time ran backwards."),
         (Status.EVENT, "rk4 stopped at an event at t = 0.25."),
         (Status.UNRELIABLE, "rk4 reached t = 0.25, and does not follow the motion."),
         (Status.MAX_STEPS, f"rk4 used up max_steps = 7 {WHERE}, where r_dot is 3e+09. Raise max_steps, or"),
