@@ -16,7 +16,7 @@ from typing import Any
 
 import sympy
 
-from lagrange.errors import StatementError, listing, shown
+from lagrange.errors import StatementError, listing
 from lagrange.mechanics.plain_form import PlainForm
 from lagrange.mechanics.point import StatedPoint
 from lagrange.mechanics.simplification import simplest
@@ -173,6 +173,10 @@ def _note(point: StatedPoint, rest: Sequence[Any], balanced: bool, steady: bool)
     return f"Away from equilibrium: the forces left are {listing(parts)}, and the matrices hold at this instant."
 
 
+MOST_TOLD = 3
+"""Forces that a message lists: each takes up to 60 letters."""
+
+
 class _Held:
     """The linearization of a system with constraints about an equilibrium at rest."""
 
@@ -217,6 +221,12 @@ class _Held:
         self.kept = list(pivots)
         return [rows[i] for i in pivots]
 
+    def _told(self, left: Any) -> str:
+        """Return the forces that are not zero, by coordinate."""
+        names = zip(self.statement.names, left, strict=True)
+        told = [f"{str(self.form.written(-x))[:60]} on {name}" for name, x in names if not self.point.is_zero(x, left)]
+        return listing([*told[:MOST_TOLD], "others"] if len(told) > MOST_TOLD else told)
+
     def linearization(self) -> Linearization:
         """Return the equations in independent coordinates."""
         form, gradient = self.form, self.gradient
@@ -227,7 +237,7 @@ class _Held:
         if not all(self.point.is_zero(x, rest) for x in left):
             raise StatementError(
                 f"{self.statement.name} has constraints and is linearised about equilibria only: at this point the "
-                f"forces left along the constraints are {shown(str([form.written(-x) for x in left]))}."
+                f"forces left along the constraints are {self._told(left)}. Give an equilibrium."
             )
         pushes = [
             r - sympy.Add(*(multipliers[k] * row[i] for k, row in enumerate(gradient)))

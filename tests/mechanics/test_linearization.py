@@ -190,7 +190,11 @@ def rod(**more: Any) -> lg.System:
         ),
         (lambda: rod().linearize({y: -l, x.dot: 1}), "rod has constraints and is linearised at rest only: leave the"),
         (lambda: rod().linearize({y: -2 * l}), "the point is not on the constraint 'rod', which is 3*l**2 there and"),
-        (lambda: rod().linearize({x: l}), "rod has constraints and is linearised about equilibria only: at this point"),
+        (
+            lambda: rod().linearize({x: l}),
+            "rod has constraints and is linearised about equilibria only: at this point "
+            "the forces left along the constraints are -g*m on y. Give an equilibrium.",
+        ),
         (
             lambda: lg.System(
                 x.dot**2 + y.dot**2, coordinates=[x, y], constraints=[x - y * (1 + sin(lg.t))], initial={}
