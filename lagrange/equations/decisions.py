@@ -21,9 +21,9 @@ from lagrange.equations.monomials import MonomialSum
 from lagrange.equations.stated_algebra import StatedAlgebra
 from lagrange.equations.terms import TooLargeError
 from lagrange.equations.velocity_degrees import (
-    has_all_degrees,
     proven_homogeneous,
     seen_mixed,
+    seen_turning,
     visibly_homogeneous,
 )
 from lagrange.graph.evaluate import precise, values
@@ -137,13 +137,14 @@ class Decisions:
     def homogeneous(self) -> Verdict:
         """Whether T is homogeneous of second degree in the velocities, so that v.p - L is T + V.
 
-        Of a Lagrangian that is stated alone it is not, where it has parts of degree 0, 1 and 2, as in a turning frame.
+        A part of first degree beside the second, as of a charge in a field, is not seen here: v.p - L is then the rest
+        of T, and V. Of a Lagrangian that is stated alone T is not homogeneous where L has the terms of a turning frame.
         """
         if visibly_homogeneous(self.statement):
             return True
         try:
             if self.statement.lagrangian_alone:
-                return False if has_all_degrees(self._stated) else None
+                return False if seen_turning(self._stated) else None
             if seen_mixed(self.statement):
                 return False
             return proven_homogeneous(self._stated) or None

@@ -15,6 +15,10 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 
 SECOND = 2
+
+MOST_TURNING = 4
+"""Coordinates of a Lagrangian whose mass matrix is solved to look for centrifugal terms."""
+
 DIGITS = 30
 ZERO = sympy.Float("1e-15", DIGITS)
 """Of numbers of 30 digits, a difference below this part of them is taken for rounding."""
@@ -49,27 +53,47 @@ def proven_homogeneous(stated: StatedAlgebra) -> bool:
 
 
 def seen_mixed(statement: Statement) -> bool:
-    """Whether T at doubled velocities differs from 4 T at some state, by number; open functions have none."""
+    """Whether T has parts of other degrees than 1 and 2 at some state, by number; open functions have none.
+
+    Of the mean of T at v and at -v the part of first degree is gone, which a charge in a field has: its energy is the
+    rest of T, and V. What is left is four times as large at doubled velocities, unless T has other parts.
+    """
     draw = random.Random(1)
     fixed = {leaf: sympy.Float(draw.uniform(0.6, 1.6), DIGITS) for leaf in (*statement.parameters, t)}
     places = {q: sympy.Float(draw.uniform(0.3, 1.5), DIGITS) for q in statement.coordinates}
     moving = {v: sympy.Float(draw.uniform(0.1, 0.5), DIGITS) for v in statement.velocities}
     ends = [
-        statement.kinetic.xreplace({**places, **{v: k * x for v, x in moving.items()}}) for k in (sympy.S.One, SECOND)
+        statement.kinetic.xreplace({**places, **{v: k * x for v, x in moving.items()}})
+        for k in (1, -1, SECOND, -SECOND)
     ]
     if any(end.has(AppliedUndef) for end in ends):
         return False
-    once, twice = (end.xreplace(fixed).evalf(DIGITS) for end in ends)
+    values = [end.xreplace(fixed).evalf(DIGITS) for end in ends]
+    once, twice = values[0] + values[1], values[2] + values[3]
     if not (once.is_Number and twice.is_Number and once.is_finite and twice.is_finite):
         return False
     return bool(abs(twice - 4 * once) > ZERO * max(abs(once), abs(twice)))
 
 
-def has_all_degrees(stated: StatedAlgebra) -> bool:
-    """Whether L is of second degree in the velocities, with terms of first degree and without velocities."""
-    terms = canonical(stated.algebra, stated.lagrangian)
+def seen_turning(stated: StatedAlgebra) -> bool:
+    """Whether L has the terms of a moving frame: v M v/2 + a v + a M^-1 a/2, where the last are centrifugal.
+
+    Of a charge in a field L has terms of first degree, too, and others without velocities, but not these. Terms are
+    compared one by one, so that a number that was added up with another one hides them.
+    """
+    algebra, n = stated.algebra, len(stated.q)
+    terms = canonical(algebra, stated.lagrangian)
     degrees = [_monomial_degree(stated, one) for one in terms]
-    return all(degree in (0, 1, SECOND) for degree in degrees) and all(k in degrees for k in (0, 1, SECOND))
+    if n > MOST_TURNING or any(degree not in (0, 1, SECOND) for degree in degrees) or not {0, 1, SECOND} <= {*degrees}:
+        return False
+    still = dict.fromkeys(stated.v, sympy.S.Zero)
+    a = sympy.Matrix([algebra.write(p).xreplace(still) for p in stated.momenta])
+    mass = sympy.Matrix(n, n, lambda i, j: algebra.write(stated.mass[i][j]))
+    if not any(a) or not mass.det():
+        return False
+    centrifugal = algebra.merge_angles(algebra.read(sympy.cancel((a.T * mass.LUsolve(a))[0, 0] / 2)))
+    whole = algebra.merge_angles(stated.lagrangian)
+    return all(whole.get(monomial) == coefficient for monomial, coefficient in centrifugal.items())
 
 
 def _monomial_degree(stated: StatedAlgebra, monomial: Monomial) -> int | None:

@@ -112,6 +112,11 @@ def test_the_jacobi_integral_is_named_with_and_without_a_potential() -> None:
     for kinetic, potential in ((turning, 0), (turning, k * x**2), (hoop, m * g * cos(phi))):
         assert names(kinetic=kinetic, potential=potential)[0] == "Jacobi integral"
     assert names(lagrangian=T(FLAT) - c * x * y.dot)[0] == "energy"
+    # A charge in a field: terms of first degree beside a potential, without those of a turning frame.
+    assert names(kinetic=T(FLAT) + c * (x * y.dot - y * x.dot), potential=k * x**2)[0] == "energy"
+    assert names(lagrangian=T(FLAT) + c * (x * y.dot - y * x.dot) - k * x**2)[0] == "energy"
+    assert names(lagrangian=turning - k * x**2)[0] == "Jacobi integral"
+    assert names(lagrangian=m * (r.dot**2 + r**2 * (phi.dot + omega) ** 2) / 2 - k / r)[0] == "Jacobi integral"
     assert names(lagrangian=-m * c**2 * sqrt(1 - x.dot**2 / c**2) - k * x**2)[0] == "energy"
 
 
