@@ -15,7 +15,8 @@ from lagrange.evidence.constraint_surface import ConstraintSurface
 from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
 from lagrange.evidence.precise import Precise
 from lagrange.evidence.quick import quick_check
-from lagrange.evidence.reference import DIGITS, Reference, ReferenceEntries
+from lagrange.evidence.reference import DIGITS, Reference
+from lagrange.evidence.reference_entries import ReferenceEntries
 from lagrange.evidence.report import Report
 from lagrange.evidence.sample import DRAWS_PER_KIND, SAMPLE_KINDS, Point, Sampler
 from lagrange.evidence.switches import all_ways, describe_way
@@ -34,6 +35,9 @@ MOST_POINTS = 10_000
 
 MOST_FAR_POINTS = 6
 """Points that may be added for them."""
+
+MOST_COLUMNS = 24
+"""Columns of the Jacobian that are checked at one point: all of them at five points for up to 60 coordinates."""
 
 COSTLY_REFUSALS = 25
 """Points that may turn out useless (a singular mass matrix, no derivative) only after the differencing is done."""
@@ -68,9 +72,9 @@ def check(
     The reference is numerical differentiation of the stated energies at 90 digits; nothing compiled enters it. So are
     the gradients and rates of constraints; some of the points satisfy them, and the others need not.
     `textbook` maps each coordinate to its acceleration as a SymPy expression, derived in another way, and adds a
-    row; so does `other`, the same system on another target. The same `seed` gives the same points. The cost grows
-    with the cube of the number of coordinates: 0.3 s for two, 5 s for ten, minutes for thirty. Raises
-    StatementError for fewer than one point, and for a textbook without some coordinate.
+    row; so does `other`, the same system on another target. The same `seed` gives the same points. The cost
+    follows the terms of L that a coordinate stands in, and the cube of the number of coordinates where all are coupled.
+    Raises StatementError for fewer than one point, and for a textbook without some coordinate.
     """
     points = whole_number(points, "points", 1, MOST_POINTS)
     seed = whole_number(seed, "seed", 0)
@@ -151,9 +155,12 @@ class _Session:
             points=tuple(point.describe(self.statement.names) for point in self.used),
             outside=dict(self.outside),
             unexplained=tuple(self.comparison.unexplained),
-            notes=tuple(
-                f"Not covered: no point was found where {describe_way(switch, way, self.statement)}."
-                for switch, way in self._missing()
+            notes=(
+                *(
+                    f"Not covered: no point was found where {describe_way(switch, way, self.statement)}."
+                    for switch, way in self._missing()
+                ),
+                *self._columns_left(),
             ),
             limit=LIMIT,
             seconds=time.perf_counter() - self.started,
@@ -184,9 +191,18 @@ class _Session:
     def _columns(self) -> list[int]:
         """Return the next columns of the Jacobian to check: all if they are few, else in turn."""
         width = 2 * len(self.statement.coordinates)
-        share = min(width, max(8, math.ceil(width / self.wanted)))
+        share = min(width, MOST_COLUMNS, max(8, math.ceil(width / self.wanted)))
         start = len(self.used) * share
         return [(start + i) % width for i in range(share)]
+
+    def _columns_left(self) -> list[str]:
+        """Return a note on columns of the Jacobian that no point has checked, if there are any."""
+        width, share = 2 * len(self.statement.coordinates), len(self._columns())
+        checked = share * len(self.used)
+        if checked >= width:
+            return []
+        more = math.ceil(width / share)
+        return [f"The Jacobian is checked in {checked} of its {width} columns: points={more} checks all of them."]
 
     def _compare(self, model: Model, point: Point, entries: Mapping[str, ReferenceEntries], columns: list[int]) -> None:
         for name, part in entries.items():

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import RunError
-from lagrange.evidence.reference import ReferenceEntries
+from lagrange.evidence.reference_entries import ReferenceEntries
 from lagrange.evidence.report import ReportRow
 from lagrange.evidence.sample import Point
 from lagrange.machine.model import Model
@@ -61,17 +61,18 @@ class Comparison:
         tally = self._tallies[row]
         self._seen[row].add(self._number)
         tally.points = len(self._seen[row])
-        for label, value, expected, error, size in zip(labels, values, part.value, part.error, part.size, strict=True):
-            if not (is_finite(value) and is_finite(expected)):
-                if is_finite(value) or is_finite(expected):
-                    self._add_broken(row, label, value)
-                continue
-            off = abs(expected - value)
-            relative = relative_error(off, size, error)
-            if relative > tally.error:
-                tally.error = relative
-                tally.entry, tally.point = label, self._number
-                tally.compiled, tally.reference = float(value), float(expected)
+        given, near, rest = np.asarray(values, dtype=float), *part.doubles
+        with np.errstate(all="ignore"):
+            relative = relative_error(np.abs((near - given) + rest), *part.allowance)
+        finite = np.isfinite(given), np.isfinite(near)
+        for i in map(int, np.flatnonzero(finite[0] != finite[1])):
+            self._add_broken(row, labels[i], values[i])
+        relative[~(finite[0] & finite[1])] = -1.0
+        worst = int(np.argmax(relative)) if relative.size else -1
+        if worst >= 0 and relative[worst] > tally.error:
+            tally.error = float(relative[worst])
+            tally.entry, tally.point = labels[worst], self._number
+            tally.compiled, tally.reference = float(values[worst]), float(part.value[worst])
 
     def report_unexplained(self, sentence: str) -> None:
         """Record a failure at the present point."""
@@ -100,12 +101,12 @@ class Comparison:
             self.report_unexplained(f"{row}, entry {label}: the statement has a value, the compiled code gives {value}")
 
 
-def relative_error(off: Any, size: Any, uncertainty: Any) -> float:
+def relative_error(off: Any, size: Any, uncertainty: Any) -> Any:
     """Return an absolute error relative to the entry's size and to the uncertainty of the reference.
 
     The uncertainty counts ten times, as if it were just within the limit, so that one number decides.
     """
-    return float(off / (size + (10 * uncertainty + TINY) / LIMIT))
+    return off / (size + (10 * uncertainty + TINY) / LIMIT)
 
 
 def is_finite(value: Any) -> bool:

@@ -9,7 +9,7 @@ With L, the forces Q and the dissipation D as functions of (q, v, t) [1, chapter
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,18 +42,23 @@ class DifferenceSteps:
 class Sources:
     """L, Q and D as functions of (q, v, t).
 
-    L is stored three times, for p, for dL/dq and for M: the perturbed copies that measure rounding must be independent
-    where a program computes independently, because parts of dL/dq and of dp/dt can cancel in h. `nudge` gives the
-    factors, close to 1, of the terms of the sums formed here, by name and index. It is the same for the same term,
-    because differencing would magnify changes.
+    L for p_i and D have the terms with the velocity i at least, L for (dL/dq)_i those with the coordinate i. `read`
+    tells which entries of (q, v) stand in terms with the velocity i. `touched` tells in which rows of the equations
+    of motion an entry of (q, v) stands. L is stored three times, for p, for dL/dq and for M: the perturbed copies
+    that measure rounding must be independent where a program computes independently, because parts of dL/dq and of
+    dp/dt can cancel in h. `nudge` gives the factors, close to 1, of the terms of the sums formed here, by name and
+    index. It is the same for the same term, because differencing would magnify changes.
     """
 
-    for_momenta: StateFunction
-    for_forces: StateFunction
-    for_mass: StateFunction
+    lagrangian: StateFunction
+    for_momenta: Callable[[int], StateFunction]
+    for_forces: Callable[[int], StateFunction]
+    for_mass: Callable[[int], StateFunction]
     forces: StateFunction
-    dissipation: StateFunction | None
+    dissipation: Callable[[int], StateFunction] | None
     nudge: Nudge
+    read: Callable[[int], Iterable[int]]
+    touched: Callable[[int], Sequence[int]]
 
 
 TRUSTED = 1e-12
@@ -64,19 +69,27 @@ class Singular(OutsideDomain):
     """The mass matrix has no inverse at the point asked for."""
 
 
-def momenta(source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
-    """Return p = dL/dv, n numbers."""
-    return _gradient(lambda x: source.for_momenta(q, x, t), v, steps.v)
+def momenta(
+    source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, rows: Sequence[int] | None = None
+) -> Numbers:
+    """Return p = dL/dv, n numbers, or those of some rows."""
+    rows = range(len(q)) if rows is None else rows
+    return _gradient(lambda i, x: source.for_momenta(i)(q, x, t), v, rows, steps.v)
 
 
-def forces(source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
-    """Return f = dL/dq + Q - dD/dv, n numbers."""
-    total = _gradient(lambda x: source.for_forces(x, v, t), q, steps.q)
-    total = [a + b for a, b in zip(total, source.forces(q, v, t), strict=True)]
+def forces(
+    source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, rows: Sequence[int] | None = None
+) -> Numbers:
+    """Return f = dL/dq + Q - dD/dv, n numbers, or those of some rows."""
+    rows = range(len(q)) if rows is None else rows
+    total = _gradient(lambda i, x: source.for_forces(i)(x, v, t), q, rows, steps.q)
+    applied = source.forces(q, v, t)
+    total = [a + applied[i] for a, i in zip(total, rows, strict=True)]
     if source.dissipation is None:
         return total
-    dissipation = source.dissipation
-    return [a - b for a, b in zip(total, _gradient(lambda x: dissipation(q, x, t), v, steps.v), strict=True)]
+    drag = source.dissipation
+    slopes = _gradient(lambda i, x: drag(i)(q, x, t), v, rows, steps.v)
+    return [a - b for a, b in zip(total, slopes, strict=True)]
 
 
 def mass_matrix(source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> list[Numbers]:
@@ -84,31 +97,52 @@ def mass_matrix(source: Sources, q: Numbers, v: Numbers, t: Any, steps: Differen
     n = len(q)
     rows: list[Numbers] = [[0] * n for _ in range(n)]
     for i in range(n):
-        for j in range(i + 1):
+        for j in sorted(k - n for k in source.read(i) if n <= k <= n + i):
 
             def at(x: Any, y: Any, i: int = i, j: int = j) -> Numbers:
-                return [source.for_mass(q, moved(moved(v, i, x), j, y), t)]
+                return [source.for_mass(i)(q, moved(moved(v, i, x), j, y), t)]
 
             rows[i][j] = rows[j][i] = central_mixed(at, steps.v[i], steps.v[j])[0]
     return rows
 
 
-def momentum_rate(source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
-    """Return dp/dt along the motion with velocities v and accelerations a, n numbers."""
-    v_along = [x * source.nudge("velocity", i) for i, x in enumerate(v)]
-    a_along = [x * source.nudge("acceleration", i) for i, x in enumerate(a)]
+def momentum_rate(
+    source: Sources,
+    q: Numbers,
+    v: Numbers,
+    a: Numbers,
+    t: Any,
+    steps: DifferenceSteps,
+    rows: Sequence[int] | None = None,
+) -> Numbers:
+    """Return dp/dt along the motion with velocities v and accelerations a, n numbers, or those of some rows."""
+    n, here, direction = len(q), [*q, *v], [*v, *a]
+    needed = range(2 * n) if rows is None else sorted({k for i in rows for k in source.read(i)})
+    for k in needed:
+        direction[k] *= source.nudge("velocity", k) if k < n else source.nudge("acceleration", k - n)
     t_along = source.nudge("time", 0)
 
     def momenta_at(s: Any) -> Numbers:
-        return momenta(source, along(q, v_along, s), along(v, a_along, s), t + s * t_along, steps)
+        y = list(here)
+        for k in needed:
+            y[k] = here[k] + s * direction[k]
+        return momenta(source, y[:n], y[n:], t + s * t_along, steps, rows)
 
     return central(momenta_at, steps.motion)
 
 
-def residual(source: Sources, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
-    """Return dp/dt - f, which vanishes when a is the acceleration."""
-    rate = momentum_rate(source, q, v, a, t, steps)
-    return [b - f for b, f in zip(rate, forces(source, q, v, t, steps), strict=True)]
+def residual(
+    source: Sources,
+    q: Numbers,
+    v: Numbers,
+    a: Numbers,
+    t: Any,
+    steps: DifferenceSteps,
+    rows: Sequence[int] | None = None,
+) -> Numbers:
+    """Return dp/dt - f, which vanishes when a is the acceleration, or some of its rows."""
+    rate = momentum_rate(source, q, v, a, t, steps, rows)
+    return [b - f for b, f in zip(rate, forces(source, q, v, t, steps, rows), strict=True)]
 
 
 def energy(source: Sources, v: Numbers, p: Numbers, lagrangian: Any) -> Any:
@@ -117,9 +151,15 @@ def energy(source: Sources, v: Numbers, p: Numbers, lagrangian: Any) -> Any:
 
 
 def residual_slopes(
-    at: Callable[[Numbers, Numbers], Numbers], q: Numbers, v: Numbers, steps: DifferenceSteps, columns: Sequence[int]
+    at: Callable[[Numbers, Numbers, int], Numbers],
+    q: Numbers,
+    v: Numbers,
+    steps: DifferenceSteps,
+    columns: Sequence[int],
 ) -> list[Numbers]:
     """Return the slopes of a residual, a function of q and v at fixed accelerations, by y_j for each j in `columns`.
+
+    The residual takes j as well, and may leave out what does not depend on y_j.
 
     y = (q, v). Differencing M a = h says M da/dy_j = -d(dp/dt - f)/dy_j: the Jacobian of the accelerations without
     solving for them at every displaced state, at a fraction of the evaluations.
@@ -129,7 +169,7 @@ def residual_slopes(
     for j in columns:
 
         def beside(x: Any, j: int = j) -> Numbers:
-            return at(moved(q, j, x), v) if j < n else at(q, moved(v, j - n, x))
+            return at(moved(q, j, x), v, j) if j < n else at(q, moved(v, j - n, x), j)
 
         slopes.append(central(beside, steps.q[j] if j < n else steps.v[j - n]))
     return slopes
@@ -141,22 +181,27 @@ def solve(matrix: Sequence[Numbers], right: Sequence[Numbers], threshold: Any) -
     Raises Singular when a pivot is at most `threshold` times the largest entry of its row.
     """
     n = len(matrix)
-    rows = [list(row) + [r[i] for r in right] for i, row in enumerate(matrix)]
+    # Zeros are left out: of a net of masses most entries are.
+    rows = [{j: x for j, x in enumerate((*row, *(r[i] for r in right))) if x} for i, row in enumerate(matrix)]
     sizes = [max(map(abs, row)) for row in matrix]
     for k in range(n):
-        best = max(range(k, n), key=lambda i: abs(rows[i][k]) / sizes[i] if sizes[i] else 0)
+        best = max((i for i in range(k, n) if k in rows[i]), key=lambda i: abs(rows[i][k]) / sizes[i], default=k)
         rows[k], rows[best], sizes[k], sizes[best] = rows[best], rows[k], sizes[best], sizes[k]
-        if abs(rows[k][k]) <= threshold * sizes[k]:
+        if abs(rows[k].get(k, 0)) <= threshold * sizes[k]:
             raise Singular("the mass matrix is singular")
+        pivot = rows[k][k]
         for i in range(k + 1, n):
-            factor = rows[i][k] / rows[k][k]
-            if factor:
-                rows[i] = [x - factor * y for x, y in zip(rows[i], rows[k], strict=True)]
+            if k in rows[i]:
+                factor, row = rows[i].pop(k) / pivot, rows[i]
+                for j, y in rows[k].items():
+                    if j > k:
+                        row[j] = row.get(j, 0) - factor * y
+    above = [[(j, y) for j, y in row.items() if i < j < n] for i, row in enumerate(rows)]
     solutions = []
     for column in range(n, n + len(right)):
         x: Numbers = [0] * n
         for i in reversed(range(n)):
-            x[i] = (rows[i][column] - sum(rows[i][j] * x[j] for j in range(i + 1, n))) / rows[i][i]
+            x[i] = (rows[i].get(column, 0) - sum(y * x[j] for j, y in above[i])) / rows[i][i]
         solutions.append(x)
     return solutions
 
@@ -182,6 +227,8 @@ def factorization_sizes(matrix: Sequence[Numbers], negative: int = 0) -> list[Nu
             ]
         for i in range(k + 1, n):
             factor = rest[i][k] / pivot
+            if not factor:
+                continue
             for j in range(k + 1, i + 1):
                 term = factor * rest[j][k]
                 rest[i][j] -= term
@@ -195,11 +242,11 @@ def along(x: Sequence[Any], direction: Sequence[Any], s: Any) -> Numbers:
     return [a + s * b for a, b in zip(x, direction, strict=True)]
 
 
-def _gradient(function: Callable[[Numbers], Any], x: Numbers, steps: Numbers) -> Numbers:
+def _gradient(function: Callable[[int, Numbers], Any], x: Numbers, rows: Sequence[int], steps: Numbers) -> Numbers:
     def along_axis(i: int) -> Callable[[Any], Numbers]:
-        return lambda h: [function(moved(x, i, h))]
+        return lambda h: [function(i, moved(x, i, h))]
 
-    return [central(along_axis(i), step)[0] for i, step in enumerate(steps)]
+    return [central(along_axis(i), steps[i])[0] for i in rows]
 
 
 def moved(x: Sequence[Any], i: int, distance: Any) -> Numbers:

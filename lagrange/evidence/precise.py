@@ -64,10 +64,10 @@ class Inspection:
 class Precise:
     """Expressions of a statement, ready to be evaluated at `digits` significant digits.
 
-    Calling it with q and v (n numbers each), t and a value for every parameter returns one mpmath number per
-    expression. Python floats are taken as the exact doubles that they are, so are SymPy Floats; fractions and
-    constants such as pi are taken to all digits. Of a Piecewise, only the branch taken matters. Raises
-    OutsideDomain where an expression has no real, finite value.
+    `entries` are the places in (q, v) of what is read. Calling it with q and v (n numbers each), t and a value for
+    every parameter returns one mpmath number per expression. Python floats are taken as the exact doubles that they
+    are, so are SymPy Floats; fractions and constants such as pi are taken to all digits. Of a Piecewise, only the
+    branch taken matters. Raises OutsideDomain where an expression has no real, finite value.
 
     An evaluation repeats only what depends on inputs that have changed since the one before: differencing moves one
     coordinate at a time. So an instance serves one thread.
@@ -81,6 +81,8 @@ class Precise:
         self._values: list[Any] | None = None
         self._code = tuple(tape.code)
         self._load = tuple(tape.inputs.items())
+        n = len(statement.coordinates)
+        self.entries = frozenset(key + n * (kind == "v") for kind, key in tape.inputs.values() if kind in "qv")
         self.uses_time = any(kind == "t" for kind, _ in tape.inputs.values())
         self.switches = tuple(tape.switches)
         self._switch_code = tuple(tape.switches.values())
@@ -194,11 +196,11 @@ class _Recorder:
             node, ready = stack.pop()
             if node in self._slots:
                 continue
-            if ready or not _children(node):
+            if ready or not children(node):
                 self._slots[node] = self._add(node)
             else:
                 stack.append((node, True))
-                stack.extend((child, False) for child in _children(node))
+                stack.extend((child, False) for child in children(node))
         return self._slots[expression]
 
     def _add(self, node: Any) -> int:
@@ -208,14 +210,14 @@ class _Recorder:
         if node in self._leaves:
             self._needs[slot] = 1 << len(self.inputs)
             self.inputs[slot] = self._leaves[node]
-        elif not _children(node):
+        elif not children(node):
             self.constants[slot] = _constant(node, self.prec)
         else:
             self._compute(node, slot)
         return slot
 
     def _compute(self, node: Any, slot: int) -> None:
-        arguments = tuple(self._slots[child] for child in _children(node))
+        arguments = tuple(self._slots[child] for child in children(node))
         operation = BOOLEAN.get(type(node))
         numeric = operation is None
         for argument in arguments:
@@ -234,7 +236,7 @@ _CONDITIONS = (sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, sy
 _SWITCHES = (*_CONDITIONS, sympy.Abs, sympy.sign, sympy.Heaviside, sympy.Min, sympy.Max)
 
 
-def _children(node: Any) -> tuple[Any, ...]:
+def children(node: Any) -> tuple[Any, ...]:
     """Return the operands of a node: none for leaves; values and conditions alternate for a Piecewise."""
     if isinstance(node, (AppliedUndef, sympy.Derivative, sympy.Symbol)):
         return ()

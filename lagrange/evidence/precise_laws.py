@@ -41,12 +41,15 @@ class PreciseLaws:
             return lagrangian(q, v, t, values)[0]
 
         self.source = Sources(
-            for_momenta=energy,
-            for_forces=energy,
-            for_mass=energy,
+            lagrangian=energy,
+            for_momenta=lambda i: energy,
+            for_forces=lambda i: energy,
+            for_mass=lambda i: energy,
             forces=lambda q, v, t: loads(q, v, t, values)[:-1],
-            dissipation=(lambda q, v, t: loads(q, v, t, values)[-1]) if statement.dissipation != 0 else None,
+            dissipation=(lambda i: lambda q, v, t: loads(q, v, t, values)[-1]) if statement.dissipation != 0 else None,
             nudge=laws.exactly,
+            read=lambda i: range(2 * len(statement.coordinates)),
+            touched=lambda j: range(len(statement.coordinates)),
         )
         holonomic = tuple(one.holonomic for one in statement.constraints)
         self.held = StatedConstraints.alike(lambda q, v, t: held(q, v, t, values), holonomic)

@@ -115,7 +115,7 @@ def _confirm(model: Model, statement: Statement, point: Point, a: Sequence[float
     except OutsideDomain:
         return False
     for name, value, expected, error, size in zip(statement.names, a, part.value, part.error, part.size, strict=True):
-        off = relative_error(abs(expected - value), size, error)
+        off = float(relative_error(abs(expected - value), size, error))
         if not off <= LIMIT:
             raise RunError(
                 f"the compiled accelerations of {statement.name} are wrong: {name}_ddot is {value:.17g} where the "

@@ -9,7 +9,7 @@ would reject cancellation (1 - cos x near 0), and dividing by the largest entry 
 from __future__ import annotations
 
 import random
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain, product
 from typing import Any
@@ -26,8 +26,10 @@ from lagrange.evidence.constraint_laws import (
     velocity_level,
 )
 from lagrange.evidence.laws import DifferenceSteps, Sources
-from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
+from lagrange.evidence.local_terms import local_terms
+from lagrange.evidence.operations import BeyondDoubles
 from lagrange.evidence.precise import Precise
+from lagrange.evidence.reference_entries import ReferenceEntries
 from lagrange.evidence.sample import Point
 from lagrange.statement.statement import Statement
 
@@ -52,47 +54,12 @@ With steps of `DIFFERENCE_STEP` that of an inertia 1e-40 of the largest is 1e-76
 SAMPLES = 2
 """Perturbed copies. One sample of a sum with random signs may be accidentally small; two hardly are both."""
 
-SMOOTHNESS = 1e-14
-"""Error of the differencing, relative to the size, above which a point is of no use."""
-
 SINGULAR = 2.0**-42
 """Pivot, relative to its row, from which a mass matrix counts as singular: in double precision four digits of the
 accelerations are left there, and compiled code may refuse it a little later."""
 
 EXPONENT_LIMIT = 450
 """Largest binary exponent of an intermediate value: squares of it, as derivatives form them, still fit a double."""
-
-
-@dataclass(frozen=True)
-class ReferenceEntries:
-    """One quantity's entries in a row: values, error bounds of the differencing, and sizes (see the module)."""
-
-    value: Numbers
-    error: Numbers
-    size: Numbers
-
-    @staticmethod
-    def exactly(values: Numbers) -> ReferenceEntries:
-        """Return entries that are known exactly, without rounding."""
-        return ReferenceEntries(values, [0.0] * len(values), [abs(x) for x in values])
-
-    def part(self, start: int, length: int) -> ReferenceEntries:
-        """Return `length` entries from `start` on."""
-        where = slice(start, start + length)
-        return ReferenceEntries(self.value[where], self.error[where], self.size[where])
-
-    def __add__(self, other: ReferenceEntries) -> ReferenceEntries:
-        return ReferenceEntries(self.value + other.value, self.error + other.error, self.size + other.size)
-
-    def around(self, values: Sequence[Any]) -> ReferenceEntries:
-        """Return entries of the same sizes with other, exact values."""
-        return ReferenceEntries(list(values), [0.0] * len(self.size), self.size)
-
-    def check_smooth(self) -> None:
-        """Raise OutsideDomain if differencing did not converge: a kink or a jump lies within its steps."""
-        floor = max(self.size, default=0) * SMOOTHNESS
-        if any(error > SMOOTHNESS * (size + floor) for error, size in zip(self.error, self.size, strict=True)):
-            raise OutsideDomain("the energies have no derivative here")
 
 
 class Reference:
@@ -108,11 +75,14 @@ class Reference:
         self.held = Precise([one.expression for one in statement.constraints], statement, DIGITS)
         self.holonomic = tuple(one.holonomic for one in statement.constraints)
         self.number = self.lagrangian.context.mpf
-        tapes = [self.lagrangian] * 3 + [self.loads] + [self.held] * 2
-        self._samples = [
-            [source.perturbed(PERTURBATION, len(tapes) * k + i) for i, source in enumerate(tapes)]
-            for k in range(SAMPLES)
-        ]
+        n = len(statement.coordinates)
+        self.local = local_terms(statement, DIGITS)
+        one = [self.lagrangian] * n
+        by_velocity, by_place = (self.local.by_velocity, self.local.by_place) if self.local else (one, one)
+        # L is stored for p, for dL/dq and for M.
+        self._energies = (by_velocity, by_place, by_velocity)
+        self._loaded = any(force != 0 for force in statement.forces)
+        self._samples = [_Perturbed.of(self, 6 * k) for k in range(SAMPLES)]
 
     def at(self, point: Point, columns: Sequence[int]) -> dict[str, ReferenceEntries]:
         """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations, rhs and jacobian.
@@ -215,10 +185,19 @@ class Reference:
 
             return values
 
-        *energies, loads, for_gradient, for_rates = self._samples[k]
-        scalars = [_last(noisy(tape, self.lagrangian)) for tape in energies]
-        sources = self._sources(scalars, loads, _last(noisy(loads, self.loads)), parameters, nudge)
-        held = [noisy(tape, self.held) for tape in (for_gradient, for_rates)]
+        sample = self._samples[k]
+        scalars = [
+            _each(zip(tapes, plain, strict=True), lambda tape, exact: _last(noisy(tape, exact)))
+            for tapes, plain in zip(sample.energies, self._energies, strict=True)
+        ]
+        if self.local:
+            pairs = zip(sample.drag, self.local.dissipation, strict=True)
+            drag = [_last(noisy(tape, exact)) for tape, exact in pairs] if self.statement.dissipation != 0 else []
+        else:
+            drag = [_last(noisy(sample.loads, self.loads))] * len(point.q)
+        whole = _last(noisy(sample.lagrangian, self.lagrangian)) if self.local else scalars[1][0]
+        sources = self._sources(whole, scalars, sample.loads, drag, parameters, nudge)
+        held = [noisy(tape, self.held) for tape in sample.held]
         stated = StatedConstraints(held[0], held[1], self.holonomic, nudge)
         found = self._laws(sources, stated, point, steps, columns)
         return list(chain.from_iterable(found.values()))
@@ -229,26 +208,34 @@ class Reference:
         def exact(tape: Precise) -> laws.StateFunction:
             return lambda q, v, t: tape(q, v, t, parameters)
 
-        scalars = [_last(exact(self.lagrangian))] * 3
-        sources = self._sources(scalars, self.loads, _last(exact(self.loads)), parameters, laws.exactly)
+        scalars = [[_last(exact(tape)) for tape in tapes] for tapes in self._energies]
+        whole = _last(exact(self.lagrangian))
+        drag = [_last(exact(tape)) for tape in (self.local.dissipation if self.local else [self.loads] * len(point.q))]
+        sources = self._sources(whole, scalars, self.loads, drag, parameters, laws.exactly)
         return sources, StatedConstraints.alike(exact(self.held), self.holonomic)
 
     def _sources(
         self,
-        energies: Sequence[laws.StateFunction],
+        lagrangian: laws.StateFunction,
+        energies: Sequence[Sequence[laws.StateFunction]],
         loads: Precise,
-        dissipation: laws.StateFunction,
+        dissipation: Sequence[laws.StateFunction],
         parameters: Mapping[Any, Any],
         nudge: laws.Nudge,
     ) -> Sources:
         for_momenta, for_forces, for_mass = energies
+        n, local = len(for_momenta), self.local
+        still = [self.number(0)] * n
         return Sources(
-            for_momenta=for_momenta,
-            for_forces=for_forces,
-            for_mass=for_mass,
-            forces=lambda q, v, t: loads(q, v, t, parameters)[:-1],
-            dissipation=dissipation if self.statement.dissipation != 0 else None,
+            lagrangian=lagrangian,
+            for_momenta=for_momenta.__getitem__,
+            for_forces=for_forces.__getitem__,
+            for_mass=for_mass.__getitem__,
+            forces=(lambda q, v, t: loads(q, v, t, parameters)[:-1]) if self._loaded else (lambda q, v, t: still),
+            dissipation=dissipation.__getitem__ if self.statement.dissipation != 0 else None,
             nudge=nudge,
+            read=lambda i: local.by_velocity[i].entries if local else range(2 * n),
+            touched=local.touched.__getitem__ if local else (lambda j: range(n)),
         )
 
     def _parameters(self, point: Point) -> dict[Any, Any]:
@@ -270,8 +257,7 @@ class Reference:
     ) -> dict[str, Numbers]:
         q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
         t, n, zero = self.number(point.t), len(point.q), self.number(0)
-        still = [zero] * n
-        lagrangian = source.for_forces(q, v, t)
+        still, lagrangian = [zero] * n, source.lagrangian(q, v, t)
         p = laws.momenta(source, q, v, t, steps)
         f = laws.forces(source, q, v, t, steps)
         mass = laws.mass_matrix(source, q, v, t, steps)
@@ -292,15 +278,16 @@ class Reference:
         solved = laws.solve(solver, [right], SINGULAR)[0]
         a, multipliers = solved[:n], [-x for x in solved[n:]]
 
-        def residual(q: Numbers, v: Numbers) -> Numbers:
-            free = laws.residual(source, q, v, a, t, steps)
+        def residual(q: Numbers, v: Numbers, j: int) -> Numbers:
+            rows = range(n) if self.first_order or self.holonomic else source.touched(j)
+            found = dict(zip(rows, laws.residual(source, q, v, a, t, steps, rows), strict=True))
             rates = acceleration_level(relations, q, v, a, t, steps) if self.first_order else ()
-            for i, rate in zip(self.first_order, rates, strict=True):
-                free[i] = rate
+            found |= dict(zip(self.first_order, rates, strict=True))
+            free = [found.get(i, zero) for i in range(n)]
             if not self.holonomic:
                 return free
-            rows = reactions(gradient(held, q, v, t, steps), multipliers)
-            balance = [x - sum(column) for x, column in zip(free, zip(*rows, strict=True), strict=True)]
+            exerted = reactions(gradient(held, q, v, t, steps), multipliers)
+            balance = [x - sum(column) for x, column in zip(free, zip(*exerted, strict=True), strict=True)]
             return [*balance, *acceleration_level(held, q, v, a, t, steps)]
 
         changes = laws.residual_slopes(residual, q, v, steps, columns)
@@ -344,7 +331,7 @@ class Reference:
         noise, n = self.number(MASS_NOISE) * energy, len(steps.v)
         rows = [list(row) for row in matrix]
         for i, j in product(range(n), repeat=2):
-            if abs(rows[i][j]) * steps.v[i] * steps.v[j] <= noise:
+            if rows[i][j] and abs(rows[i][j]) * steps.v[i] * steps.v[j] <= noise:
                 rows[i][j] = self.number(0)
         return rows
 
@@ -353,10 +340,48 @@ class Reference:
         sizes = laws.factorization_sizes(matrix, len(self.holonomic))
         off = [list(row) for row in matrix]
         for i, row in enumerate(sizes):
-            for j in range(i + 1):
+            for j in (j for j in range(i + 1) if row[j]):
                 off[i][j] += row[j] * (nudge("factor", i * len(matrix) + j) - 1)
                 off[j][i] = off[i][j]
         return off
+
+
+@dataclass(frozen=True)
+class _Perturbed:
+    """Perturbed copies of the programs of a reference; `energies` those for p, dL/dq and M, one a row."""
+
+    lagrangian: Precise
+    energies: Sequence[Sequence[Precise]]
+    loads: Precise
+    drag: Sequence[Precise]
+    held: tuple[Precise, Precise]
+
+    @classmethod
+    def of(cls, whole: Reference, seed: int) -> _Perturbed:
+        """Return copies with factors of their own for each."""
+
+        def copies(tapes: Sequence[Precise], seed: int) -> Sequence[Precise]:
+            numbered = ((tape, seed + 6 * SAMPLES * i) for i, tape in enumerate(tapes))
+            return _each(numbered, lambda tape, own: tape.perturbed(PERTURBATION, own))
+
+        return cls(
+            lagrangian=whole.lagrangian.perturbed(PERTURBATION, seed + 1),
+            energies=[copies(tapes, seed + i) for i, tapes in enumerate(whole._energies)],
+            loads=whole.loads.perturbed(PERTURBATION, seed + 3),
+            drag=copies(whole.local.dissipation, seed + 3) if whole.local else (),
+            held=(whole.held.perturbed(PERTURBATION, seed + 4), whole.held.perturbed(PERTURBATION, seed + 5)),
+        )
+
+
+def _each(pairs: Iterable[tuple[Precise, Any]], make: Callable[[Precise, Any], Any]) -> list[Any]:
+    """Return what is made of each pair, once for each program."""
+    made: dict[Precise, Any] = {}
+    found = []
+    for tape, other in pairs:
+        if tape not in made:
+            made[tape] = make(tape, other)
+        found.append(made[tape])
+    return found
 
 
 def _last(values: laws.StateFunction) -> laws.StateFunction:
