@@ -14,6 +14,7 @@ SECTIONS = {
         "Pictures that move <howto/animation>",
         "A web page <howto/web-page>",
         "Many runs <howto/ensembles>",
+        "States of first order <howto/first-order>",
         "Other solvers <howto/other-solvers>",
         "Research <howto/research>",
     ),

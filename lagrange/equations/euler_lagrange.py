@@ -27,6 +27,7 @@ from lagrange.graph.node import Binding, Graph, Kind, Node
 from lagrange.graph.share import share_sums
 from lagrange.graph.to_sympy import to_sympy
 from lagrange.statement.coordinate import acceleration_of, t
+from lagrange.statement.inertia import first_order_remedy
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.statement import Statement
 
@@ -220,7 +221,7 @@ def no_inertia(name: str) -> str:
     return (
         f"the Lagrangian has no term of second order in {name}.dot, so {name} has no inertia and its acceleration is "
         f"not determined: the mass matrix d2L/dv2 is singular. Add the kinetic energy of {name}, or make {name} a "
-        "parameter."
+        f"parameter. {first_order_remedy(f'{name}.dot')}"
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
@@ -20,6 +20,7 @@ from lagrange.statement.declared_order import COORDINATES
 from lagrange.statement.dimension_check import with_dimensions
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.given import check_given, coordinate_or_given
+from lagrange.statement.inertia import first_order_remedy, without_velocity
 from lagrange.statement.letters import NAME
 from lagrange.statement.link import KINDS, Link
 from lagrange.statement.motion import motion_of
@@ -62,10 +63,10 @@ def declare(
     held = declare_constraints(constraints, survey)
     chosen = _coordinates(coordinates, survey)
     by_name = {name_of(q): q for q in chosen}
-    _check_velocities(chosen, moving, held, lagrangian, main, tuple(survey.parameters))
-    _check_constraints(held, chosen, redundant)
     force_table = _forces(forces, by_name, survey)
     dissipation = _dissipation(dissipation, by_name, survey)
+    _check_velocities(chosen, moving, held, (kinetic, lagrangian), force_table, dissipation, main)
+    _check_constraints(held, chosen, redundant)
     points = _positions(positions, survey)
     _check_declared(survey, chosen)
     values = table_of(parameters, "parameters", "parameter to value")
@@ -209,32 +210,31 @@ def _make_one(survey: Survey) -> str:
 
 def _check_velocities(
     coordinates: tuple[Any, ...],
-    velocities: Container[Any],
+    velocities: Collection[Any],
     constraints: Sequence[Constraint],
-    lagrangian: Any,
+    energies: tuple[Any, Any],
+    forces: Mapping[Any, Any],
+    dissipation: Any,
     main: str,
-    symbols: Iterable[Any],
 ) -> None:
-    """Refuse a coordinate whose velocity stands nowhere in the energy, unless other equations may determine it.
-
-    A constraint may, and in p*q.dot - H the coordinate q determines p: the slope along p has a velocity in it.
-    """
-    rates = [velocity_of(q) for q in coordinates]
-    for q, rate in zip(coordinates, rates, strict=True):
-        if rate in velocities or any(one.expression.has(q) for one in constraints):
-            continue
-        if not lagrangian.has(q) or not lagrangian.diff(q).has(*rates):
-            bare = next((p.name for p in symbols if p.name in (f"{name_of(q)}_dot", f"{name_of(q)}dot")), None)
-            if bare:
-                raise StatementError(
-                    f"{main} contains the plain symbol {bare}, which is no velocity: write {name_of(q)}.dot for it, "
-                    f"with {name_of(q)} = lg.coordinate({name_of(q)!r})."
-                )
-            raise StatementError(
-                f"{main} does not contain {name_of(q)}.dot, so {name_of(q)} has no inertia and its acceleration is "
-                f"undefined: add its kinetic energy, or make {name_of(q)} a parameter, or with "
-                f"lg.given({name_of(q)!r}) a given function of time."
-            )
+    """Refuse a coordinate whose acceleration no equation determines; `energies` are T and L."""
+    zeros, alone = [one.expression for one in constraints], main == "the Lagrangian"
+    still = without_velocity(coordinates, velocities, zeros, *energies, forces, dissipation, alone=alone)
+    if still is None:
+        return
+    name = name_of(still)
+    symbols = sorted(energies[1].free_symbols, key=str)
+    bare = next((p.name for p in symbols if p.name in (f"{name}_dot", f"{name}dot")), None)
+    if bare:
+        raise StatementError(
+            f"{main} contains the plain symbol {bare}, which is no velocity: write {name}.dot for it, with {name} = "
+            f"lg.coordinate({name!r})."
+        )
+    raise StatementError(
+        f"{main} does not contain {name}.dot, so {name} has no inertia and its acceleration is undefined: add its "
+        f"kinetic energy, or make {name} a parameter, or with lg.given({name!r}) a given function of time. "
+        f"{first_order_remedy(f'{name}.dot')}"
+    )
 
 
 def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any, ...], redundant: str) -> None:

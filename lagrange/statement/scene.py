@@ -13,10 +13,11 @@ import sympy
 
 from lagrange.errors import SceneError, StatementError, listing, suggestion
 from lagrange.statement.choice import one_of
-from lagrange.statement.coordinate import check_name, check_symbol, coordinate_of, velocity_of
+from lagrange.statement.coordinate import check_name, check_symbol, coordinate_of, name_of, velocity_of
 from lagrange.statement.declare import ORIGIN, declare
 from lagrange.statement.document import Document, kind_of
 from lagrange.statement.given import given
+from lagrange.statement.inertia import first_order_remedy, without_velocity
 from lagrange.statement.link import KINDS, Link
 from lagrange.statement.statement import REDUNDANT, REFUSE, RunSettings, Statement
 
@@ -94,12 +95,16 @@ class _Scene:
         names = {**coordinates, **velocities, **symbols, **self.given(coordinates, symbols)}
         forces = document.table("forces", coordinates, "coordinate of this scene")
         initial = document.table("initial", [*coordinates, *velocities], "coordinate or velocity of this scene")
+        stated = self.energies(names)
+        applied = {coordinates[name]: document.expression(names, "forces", name) for name in forces}
+        dissipation = document.expression(names, "dissipation") if "dissipation" in self.data else sympy.S.Zero
+        self.check_velocities(coordinates, stated, applied, dissipation)
         try:
             return declare(
-                **self.energies(names, coordinates),
+                **stated,
                 coordinates=list(coordinates.values()),
-                forces={coordinates[name]: document.expression(names, "forces", name) for name in forces},
-                dissipation=document.expression(names, "dissipation") if "dissipation" in self.data else 0,
+                forces=applied,
+                dissipation=dissipation,
                 constraints=self.constraints(names),
                 redundant=self.redundant(),
                 parameters={symbols[name]: value for name, value in values.items()},
@@ -183,8 +188,8 @@ class _Scene:
         if taken:
             self.document.refuse(f"{name!r} cannot name a {what}, it is {taken}: choose another name.", *path, key=key)
 
-    def energies(self, names: Mapping[str, Any], coordinates: Mapping[str, Any]) -> dict[str, Any]:
-        """Return kinetic and potential energy, or the Lagrangian, in all of which each velocity has to stand."""
+    def energies(self, names: Mapping[str, Any]) -> dict[str, Any]:
+        """Return kinetic and potential energy, or the Lagrangian."""
         main = "lagrangian" if "lagrangian" in self.data else "kinetic"
         if main == "lagrangian" and (other := next((key for key in ("kinetic", "potential") if key in self.data), "")):
             self.document.refuse(
@@ -194,18 +199,25 @@ class _Scene:
             self.document.refuse(
                 'there is no energy: write kinetic = "..." and potential = "...", or lagrangian = "...".'
             )
-        energies = {key: self.document.expression(names, key) for key in (main, "potential") if key in self.data}
-        present = energies[main].atoms(sympy.Derivative)
-        held = "constraints" in self.data
-        rates = [velocity_of(q) for q in coordinates.values()]
-        for name, q in coordinates.items():
-            if velocity_of(q) not in present and not held and not energies[main].diff(q).has(*rates):
-                self.document.refuse(
-                    f"{main} does not contain {name}_dot, so {name} has no inertia and its acceleration is "
-                    f"undefined: add its kinetic energy, or make {name} a parameter.",
-                    main,
-                )
-        return energies
+        return {key: self.document.expression(names, key) for key in (main, "potential") if key in self.data}
+
+    def check_velocities(
+        self, coordinates: Mapping[str, Any], energies: Mapping[str, Any], forces: Mapping[Any, Any], dissipation: Any
+    ) -> None:
+        """Refuse a coordinate whose velocity stands nowhere, at the energy that lacks it."""
+        if "constraints" in self.data:
+            return
+        main, *_ = energies
+        whole, present = energies[main] - energies.get("potential", 0), energies[main].atoms(sympy.Derivative)
+        chosen, alone = tuple(coordinates.values()), main == "lagrangian"
+        still = without_velocity(chosen, present, (), energies[main], whole, forces, dissipation, alone=alone)
+        if still is not None:
+            name = name_of(still)
+            self.document.refuse(
+                f"{main} does not contain {name}_dot, so {name} has no inertia and its acceleration is undefined: add "
+                f"its kinetic energy, or make {name} a parameter. {first_order_remedy(f'{name}_dot')}",
+                main,
+            )
 
     def constraints(self, names: Mapping[str, Any]) -> dict[str, Any] | list[Any]:
         """Return the constraints: a list of expressions that are zero, or of equations with ==, or a table by name."""
