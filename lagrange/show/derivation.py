@@ -170,6 +170,7 @@ class LatexPage(Page):
             "\\usepackage[margin=2cm]{geometry}",
             "\\allowdisplaybreaks",
             "\\raggedbottom",
+            "\\setlength{\\parindent}{0pt}",
             f"\\title{{{latex_text(self.title)}}}",
             f"\\author{{{latex_text(self.above.author)}}}",
             f"\\date{{{latex_text(self.above.date)}}}",

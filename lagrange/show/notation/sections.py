@@ -25,6 +25,9 @@ LARGEST_MATRIX = 6
 WIDEST_MATRIX = 50
 """Operations in one row of a matrix, each column as wide as its longest entry; they fill a line."""
 
+WIDEST_VECTOR = 30
+"""Operations of all entries of a vector that stands in one line."""
+
 
 @dataclass(frozen=True)
 class ShownQuantity:
@@ -164,12 +167,19 @@ def _points(derivation: Derivation) -> Iterator[Formula | str]:
     from sympy import Rational
 
     for point in derivation.points:
-        yield Formula((ShownQuantity("r", (point.name,)), Grid((point.position,), vector=True)))
-        yield Formula((ShownQuantity("v", (point.name,)), Grid((point.velocity,), vector=True)))
+        yield Formula((ShownQuantity("r", (point.name,)), _vector(point.position)))
+        yield Formula((ShownQuantity("v", (point.name,)), _vector(point.velocity)))
         squared = Square(ShownQuantity("v", (point.name,)))
         half = Product((Rational(1, 2), point.mass, squared))
         yield Formula((squared, point.squared_speed))
         yield Formula((ShownQuantity("T", (point.name,)), half))
+
+
+def _vector(entries: tuple[Any, ...]) -> Grid:
+    """Return a vector in one line, or as a column where it is too wide for that."""
+    if sum(int(entry.count_ops()) for entry in entries) <= WIDEST_VECTOR:
+        return Grid((entries,), vector=True)
+    return Grid(tuple((entry,) for entry in entries))
 
 
 def _lagrangian(derivation: Derivation) -> Iterator[Formula | str]:
