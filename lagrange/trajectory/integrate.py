@@ -27,7 +27,9 @@ from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
 from lagrange.trajectory.over_crossings import run_over_crossings
 from lagrange.trajectory.plan import locates_events
+from lagrange.trajectory.touching import with_touching_bodies
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+from lagrange.trajectory.unresolved import with_resolution
 
 SPAN_ROUND_OFF = 1e-12
 """Output times beyond an end of the span by less than this relative amount are set to that end."""
@@ -87,6 +89,9 @@ def integrate(
         trajectory = replace(trajectory, message=f"{trajectory.message}{moved_sentence(model, given, start)}")
     if trajectory.status.complete and constrained:
         trajectory = _on_constraints(problem, trajectory)
+    if len(problem.events) > 1:
+        trajectory = with_touching_bodies(problem, trajectory)
+    trajectory = with_resolution(problem, trajectory)
     return verified(problem, trajectory, before, adaptive=integrator.claims.adaptive), values
 
 

@@ -33,6 +33,7 @@ from lagrange.trajectory.plan import PathFunction, Plan, Planned, StepPlan, Watc
 from lagrange.trajectory.prepared import Prepared, prepared
 from lagrange.trajectory.shortened import dependent_ahead, until_dependent, until_discontinuity
 from lagrange.trajectory.sizes import survey
+from lagrange.trajectory.sticking import Sticking
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 SECONDS_PER_CALL = 0.02
@@ -269,6 +270,7 @@ def _advance_to_end(
     limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
     times, states, call = NOTHING, NOTHING, 0
     result = GOES_ON if watch is None else watch.begin(state)
+    sticking = Sticking(problem)
     try:
         while True:
             while result.smooth and watch is not None and (onwards := watch.continue_past(state)) is not None:
@@ -306,7 +308,7 @@ def _advance_to_end(
                 if result.jumped:
                     rows.add(state.t, state.y)
             else:
-                result = _after_call(problem, outcome, state)
+                result = sticking.ended(state, rows.parts, _after_call(problem, outcome, state))
             taken = time.perf_counter() - before
             if taken < SECONDS_PER_CALL:
                 growth = MOST_GROWTH if MOST_GROWTH * taken < SECONDS_PER_CALL else 2
@@ -363,7 +365,7 @@ def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState,
         return told(state.t, state.y, name, cause=found)
     if status is Status.SINGULAR and cause:
         return told(state.t, state.y, name, detail=cause)
-    if (fault := state.fault) is not None:
+    if (fault := state.fault) is not None and not cause:
         return told(fault.t, fault.y, name, slope=fault.slope, detail=fault.detail)
     if status is Status.SINGULAR:
         return told(

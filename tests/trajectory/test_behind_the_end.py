@@ -85,6 +85,18 @@ def test_tiny_steps_where_a_body_sticks_are_explained(method: str, limit: int) -
     assert "sign(v)" not in smooth.run(50, method=method, max_steps=9).message
 
 
+ADAPTIVE = ("bs3", "dopri5", "tsit5", "verner9", "dop853", "radau3", "radau5")
+
+
+@pytest.mark.parametrize("method", [*ADAPTIVE, *(name for name in ("scipy-radau", "scipy-rk23") if name in OUTSIDE)])
+def test_a_body_that_sticks_is_named_long_before_the_step_limit(method: str) -> None:
+    """At v = 0 friction of either sign leads back: dop853 took ten million steps, and spoke of the step limit."""
+    sticking = lg.System(kinetic=x.dot**2 / 2, potential=x**2 / 2, forces={x: -sign(x.dot) * 3 / 10}, initial={x: 1})
+    found = sticking.run(20, method=method)
+    assert found.status is lg.Status.STEP_TOO_SMALL and found.steps < 50_000
+    assert "switch where x_dot is zero, and at t = 6.28" in found.message and "both sides lead back" in found.message
+
+
 @pytest.mark.parametrize("method", [name for name in ("scipy-lsoda", "scipy-dop853") if name in OUTSIDE])
 def test_an_entry_without_a_tolerance_is_named(method: str) -> None:
     failed = OSCILLATOR.run(5, method=method, rtol=1e-9, atol=0.0)

@@ -13,7 +13,7 @@ from lagrange.procedure.shared import shared
 from lagrange.procedure.taylor.constants import EVENT_SLACK
 from lagrange.procedure.taylor.event_series import write_noise
 from lagrange.procedure.taylor.memory import SeriesMemory, TaylorLayout, work_array
-from lagrange.procedure.taylor.watching import NEAR, SIGN, SMOOTH, Watched
+from lagrange.procedure.taylor.watching import NEAR, SIDES, SIGN, SMOOTH, STARTING, Watched
 from lagrange.procedure.values import Flag, Real, Whole
 
 
@@ -62,7 +62,8 @@ class _Contradiction:
     def is_other(self, i: Whole) -> Flag:
         """Whether something that cannot jump is on the other side, farther than its slope leads on a step."""
         p, watched, value = self.p, self.watched, self.row(0, i)
-        settled = watched.side(NEAR)[i].equals(0) & ~watched.setting(SMOOTH, i).equals(0)
+        before = watched.sides.at(self.layout.watched * (SIDES + STARTING))
+        settled = watched.side(NEAR)[i].equals(0) & ~watched.setting(SMOOTH, i).equals(0) & before[i].equals(0)
         other = p.real(watched.side(SIGN)[i]) * value < 0.0
         far = abs(value) > JUMP * abs(self.row(1, i)) * self.length
         found: Flag = settled & other & far
