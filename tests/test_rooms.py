@@ -30,9 +30,10 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
             "run_loop",
             "shortened",
             "sizes",
+            "sticking",
         ),
     ),
-    "trajectory entries": ("conservation", "flow", "integrate", "over_crossings"),
+    "trajectory entries": ("conservation", "flow", "integrate", "over_crossings", "touching", "unresolved"),
 }
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
 stand before all rooms of their stage, the entries behind all."""

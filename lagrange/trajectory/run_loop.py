@@ -268,9 +268,8 @@ def _advance_to_end(
 ) -> tuple[Status, str]:
     """Advance until the run ends; return its status, and a detail for the message. `per_call` steps come first."""
     limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
-    times, states, call = NOTHING, NOTHING, 0
+    times, states, call, sticking = NOTHING, NOTHING, 0, Sticking(problem)
     result = GOES_ON if watch is None else watch.begin(state)
-    sticking = Sticking(problem)
     try:
         while True:
             while result.smooth and watch is not None and (onwards := watch.continue_past(state)) is not None:
