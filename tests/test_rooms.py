@@ -60,7 +60,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
         *("trajectory records", "trajectory/paths"),
     ),
     "trajectory runs": (
-        *("machine records", "machine entries", "trajectory/constraints"),
+        *("machine records", "machine/kernel", "machine entries", "trajectory/constraints"),
         *("trajectory records", "trajectory/paths", "trajectory/events"),
     ),
     "trajectory/methods": (

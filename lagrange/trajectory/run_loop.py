@@ -32,7 +32,7 @@ from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.plan import PathFunction, Plan, Planned, StepPlan, Watcher
 from lagrange.trajectory.prepared import Prepared, prepared
 from lagrange.trajectory.shortened import dependent_ahead, until_dependent, until_discontinuity
-from lagrange.trajectory.sizes import survey
+from lagrange.trajectory.sizes import FIRST_LOOK, SLOW, raise_to_noise, survey, tries_to_next_look
 from lagrange.trajectory.sticking import Sticking
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -284,7 +284,7 @@ def _advance_to_end(
                 return Status.NON_FINITE, ""
             if result.status is not None:
                 return result.status, result.detail
-            left = problem.max_steps - counts[DriverState.STEPS] - counts[DriverState.REJECTED]
+            left = problem.max_steps - (tries := counts[DriverState.STEPS] + counts[DriverState.REJECTED])
             if state.t != problem.t1 and left <= 0:
                 return Status.MAX_STEPS, ""
             if problem.max_wall is not None and time.perf_counter() - began > problem.max_wall:
@@ -292,7 +292,7 @@ def _advance_to_end(
             room = rows.make_room(limit - state.kept)
             if state.t != problem.t1 and room <= 0:
                 return Status.MAX_MEMORY, events_fill(problem) if rows.dropped else ""
-            budget = min(per_call, left, room) if left > 0 and room > 0 else 1
+            budget = min(per_call, left, room, tries_to_next_look(tries)) if left > 0 and room > 0 else 1
             # A reset is written as a row too: steps and resets are one for each turn of the loop, and the last step.
             times, states = np.empty(budget + 1), np.empty((budget + 5, dimension))
             counts[DriverState.ROWS] = 0
@@ -333,6 +333,8 @@ def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> Event
     if outcome is Outcome.DONE:
         return REACHED
     if outcome is Outcome.PAUSED:
+        if _is_slow(problem, state):
+            raise_to_noise(problem.model, problem.parameter_array, state)
         return GOES_ON
     if outcome is Outcome.UNSCALED:
         survey(problem.model, problem.parameter_array, state)
@@ -340,12 +342,21 @@ def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> Event
     if outcome is Outcome.BROKEN:
         return EventResult(state.fault.status)
     if outcome is Outcome.STEP_TOO_SMALL:
+        if raise_to_noise(problem.model, problem.parameter_array, state):
+            return GOES_ON
         # A step may shrink below the spacing of times without a rejection: then no trial step is the cause.
         cause = state.cause if state.count(DriverState.AFTER_REJECT) else outcome
         return EventResult(_STATUS[cause], "" if cause is not Outcome.UNPROJECTED else UNPROJECTED, smooth=True)
     if outcome is Outcome.UNPROJECTED:
         return EventResult(_STATUS[outcome], UNPROJECTED)
     return EventResult(_STATUS[outcome], smooth=outcome is Outcome.NON_FINITE)
+
+
+def _is_slow(problem: Problem, state: DriverState) -> bool:
+    """Return whether a run is at a look at its floors, and would need too many tries at its present rate."""
+    tries = state.count(DriverState.STEPS) + state.count(DriverState.REJECTED)
+    at_a_look = tries >= FIRST_LOOK and tries & (tries - 1) == 0
+    return at_a_look and abs(state.t - problem.t0) * SLOW < abs(problem.t1 - problem.t0)
 
 
 def _taken_over(watch: Watcher | None, state: DriverState, detail: str = "") -> str:
