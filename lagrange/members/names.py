@@ -7,8 +7,8 @@ from collections.abc import Collection, Sequence
 from lagrange.errors import StatementError
 from lagrange.members.keep import OUTPUTS, STATE, Column
 
-MEMBER, DONE, BLOCK = "member", "done", "block"
-"""The dimension of the members, and in a store the variable with a flag for each block of them, and its dimension."""
+MEMBER, CHECKSUM, BLOCK, VARIABLE = "member", "checksum", "block", "variable"
+"""Dimension of the members; in a store the variable with checksums of each block of them, and its two dimensions."""
 
 OVER = "÷"
 """Stands for a slash in a name of a store, where a slash would divide folders."""
@@ -29,7 +29,7 @@ def start_name(label: str, names: Collection[str]) -> str:
 def check_names(columns: Sequence[Column], names: Sequence[str], labels: Sequence[str], *, store: bool) -> None:
     """Refuse a coordinate or a varying parameter that has the name of something else that is kept of each member."""
     kept = {column.name for column in columns}
-    taken = {MEMBER, *kept - {STATE, OUTPUTS}, *((DONE,) if store else ())}
+    taken = {MEMBER, *kept - {STATE, OUTPUTS}, *((CHECKSUM,) if store else ())}
     taken.update(
         dimension for column in columns if column.name not in (STATE, OUTPUTS) for dimension in column.dimensions
     )

@@ -54,6 +54,7 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
         "parameters": table.parameters.tolist(),
         "axes": {name: len(values) for name, values in table.varied.axes.items()},
         "members": len(table),
+        "checksums": "blake2b",
         "block": block,
     }
 

@@ -13,20 +13,18 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.errors import RunError, StatementError, listing, shown
+from lagrange.errors import RunError, StatementError, shown
 from lagrange.members.chunk import INTERRUPTED, STATUSES
 from lagrange.members.job import Job
 from lagrange.members.keep import OUTPUT_TIME, OUTPUTS, STATE, STATUS
-from lagrange.members.names import BLOCK, DONE, MEMBER, start_name, stored_names
+from lagrange.members.names import BLOCK, CHECKSUM, MEMBER, VARIABLE, start_name, stored_names
 from lagrange.members.origin import difference
 from lagrange.members.results import Results
+from lagrange.members.store_blocks import DAMAGE, StoreBlocks, reading, same_array, same_values
 from lagrange.members.table import MemberTable
 
 ATTRIBUTES = "lagrange"
 """The attributes that say what was run."""
-
-DAMAGE = (KeyError, TypeError, ValueError, RuntimeError, AttributeError)
-"""What zarr raises where files of a store are missing or are none of its own."""
 
 
 def folder_of(store: Any) -> Path:
@@ -48,18 +46,36 @@ def find_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, A
     _check(zarr, path, made_of)
 
 
-def open_store(path: Path, job: Job, table: MemberTable) -> Any:
-    """Return the group of a store that is there, without what a call that was killed left of a file."""
+def open_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> StoreBlocks:
+    """Return the blocks of a store that is there, without what a call that was killed left of a file.
+
+    What describes its arrays is written again where it is missing or has changed.
+    """
     zarr = _zarr()
-    with writing(path), reading(path):
+    with writing(path):
         for rest in path.rglob("*.partial"):
             rest.unlink(missing_ok=True)
+        files = _files(zarr, job, table, made_of)
+        _restore(zarr, path, files)
+    with reading(path):
         group = zarr.open_group(str(path), mode="r+")
-        variables = variables_of(job, table, 0, 0, Results.empty(0, job.columns))
-        missing = [name for name in (DONE, *variables) if name not in group]
-    if missing:
-        raise RunError(f"{path} is damaged: it has no {listing(missing)}. Give another store, or restore this one.")
-    return group
+    names = tuple(variables_of(job, table, 0, 0, Results.empty(0, job.columns)))
+    return StoreBlocks(path, group, names, len(table), made_of["block"])
+
+
+def _restore(zarr: Any, path: Path, files: Mapping[str, bytes]) -> None:
+    """Write the files that describe an array, where it is missing or differs from the one that was made."""
+    buffer = zarr.core.buffer.default_buffer_prototype().buffer.from_bytes
+    made = zarr.open_group(zarr.storage.MemoryStore({name: buffer(text) for name, text in files.items()}), mode="r")
+    for name, wanted in made.arrays():
+        try:
+            found = zarr.open_array(str(path / name), mode="r")
+            same = same_array(found, wanted) and (name != OUTPUT_TIME or same_values(found, wanted[:]))
+        except DAMAGE:
+            same = False
+        for file in () if same else files:
+            if file.startswith(f"{name}/"):
+                write_file(path / file, files[file])
 
 
 def _zarr() -> Any:
@@ -79,7 +95,7 @@ def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
         found = dict(zarr.open_group(str(path), mode="r").attrs).get(ATTRIBUTES)
     except PermissionError as error:
         raise StatementError(f"{path} may not be read: give another store, or the right to read it.") from error
-    except (OSError, *DAMAGE):
+    except DAMAGE:
         found = None
     if not isinstance(found, dict):
         raise StatementError(f"{path} exists and is no store of an ensemble: give another name. It was left as it is.")
@@ -122,7 +138,8 @@ def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) 
     group = zarr.open_group(zarr.storage.MemoryStore(held), mode="w", attributes=attributes)
     names = job.problem.model.layout.names()
     dimensions = {part: column.dimensions for column in job.columns for part in stored_names(column.name, names)}
-    for name, rows in variables_of(job, table, 0, 0, Results.empty(0, job.columns)).items():
+    variables = variables_of(job, table, 0, 0, Results.empty(0, job.columns))
+    for name, rows in variables.items():
         rest = rows.shape[1:]
         group.create_array(
             name,
@@ -132,8 +149,15 @@ def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) 
             fill_value=INTERRUPTED if name == STATUS else np.nan if rows.dtype.kind == "f" else 0,
             dimension_names=(MEMBER, *dimensions.get(name, ())),
         )
-    blocks = -(-members // block)
-    group.create_array(DONE, shape=(blocks,), chunks=(1,), dtype="u1", fill_value=0, dimension_names=(BLOCK,))
+    count = len(variables)
+    group.create_array(
+        CHECKSUM,
+        shape=(-(-members // block), count),
+        chunks=(1, count),
+        dtype="u8",
+        fill_value=0,
+        dimension_names=(BLOCK, VARIABLE),
+    )
     if job.problem.t_eval is not None:
         shape = job.problem.t_eval.shape
         times = group.create_array(OUTPUT_TIME, shape=shape, dtype="f8", dimension_names=(OUTPUT_TIME,))
@@ -153,18 +177,6 @@ def _not_made(path: Path, error: OSError) -> StatementError | RunError:
     if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
         return RunError(f"{path} could not be made ({reason}): make room, and make the same call again.")
     return StatementError(f"{path} cannot be made ({reason}): give a folder that can be written to, such as runs.zarr.")
-
-
-@contextmanager
-def reading(path: Path) -> Iterator[None]:
-    """Say that files of a store are damaged."""
-    try:
-        yield
-    except DAMAGE as error:
-        raise RunError(
-            f"{path} is damaged and cannot be read ({str(error) or type(error).__name__}): give another store, or "
-            "restore this one."
-        ) from error
 
 
 @contextmanager

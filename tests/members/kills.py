@@ -84,7 +84,7 @@ MODEL = lg.scene("henon-heiles").compile()
 
 def stored(folder: Path) -> set[int]:
     """Return the blocks that a store has: the flag of each has a file of its own."""
-    return {int(one.name) for one in (folder / "done" / "c").glob("*") if one.name.isdigit()}
+    return {int(one.name) for one in (folder / "checksum" / "c").glob("*") if (one / "0").exists()}
 
 
 def noted(log: Path) -> Callable[..., Any]:

@@ -1,0 +1,127 @@
+"""Files of a store that are missing or changed: the same call runs their members again, or says what is wrong."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.members import store
+from tests.public.test_wrong_calls import Caught
+
+pytest.importorskip("zarr")
+
+STARTS = {"x": [0.05 * k for k in range(20)]}
+MODEL = lg.scene("henon-heiles").compile()
+
+CHANGES: dict[str, Callable[[bytes], bytes | None]] = {
+    "missing": lambda old: None,
+    "empty": lambda old: b"",
+    "cut": lambda old: old[: len(old) // 2],
+    "other text": lambda old: b"xx" * 40,
+    "zeros": lambda old: bytes(len(old)),
+    "one bit": lambda old: (
+        old[: len(old) * 3 // 4] + bytes([old[len(old) * 3 // 4] ^ 1]) + old[len(old) * 3 // 4 + 1 :]
+    ),
+}
+
+
+@pytest.fixture(autouse=True)
+def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(store, "LARGEST_BLOCK", 8)
+
+
+def run(folder: Path) -> lg.Ensemble:
+    return lg.ensemble(MODEL, 2.0, STARTS, t_eval=[1.0, 2.0], keep=("end", "counts"), workers=1, store=folder)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    with pytest.MonkeyPatch.context() as small:
+        small.setattr(store, "LARGEST_BLOCK", 8)
+        folder = tmp_path_factory.mktemp("whole") / "runs.zarr"
+        run(folder)
+    return folder
+
+
+def columns(runs: lg.Ensemble) -> dict[str, Any]:
+    return {column.name: runs.results.column(column.name) for column in runs.columns}
+
+
+def damage(folder: Path, file: str, change: str) -> None:
+    path = folder / file
+    content = CHANGES[change](path.read_bytes())
+    if content is None:
+        path.unlink()
+    else:
+        path.write_bytes(content)
+
+
+def is_right_or_refused(make: Callable[[], dict[str, Any]], right: dict[str, Any]) -> bool:
+    """Return whether all results are right. A refusal has a sentence; a member without results counts as not run."""
+    caught = Caught()
+    with caught:
+        found = make()
+    if caught.error is not None:
+        said = str(caught.error)
+        assert isinstance(caught.error, lg.LagrangeError) and said.isprintable() and 20 < len(said) <= 400
+        return False
+    done = found["status"] == right["status"]
+    for name, rows in found.items():
+        assert np.array_equal(rows[done], right[name][done], equal_nan=True), name
+    return bool(done.all())
+
+
+def test_every_file_of_a_store_that_is_damaged_in_every_way(tmp_path: Path, whole: Path) -> None:
+    """The files of one block, and all that describe the store: that of the whole is refused, all others are healed."""
+    right = columns(run(whole))
+    files = [str(one.relative_to(whole)) for one in sorted(whole.rglob("*")) if one.is_file()]
+    kinds = ("checksum/", "status/", "t/", "x/", "x_end/", "x_start/", "steps/", "zarr.json")
+    chosen = [one for one in files if one.startswith(kinds) and ("/c/" not in one or "/c/1" in one or one[0] == "t")]
+    changes = [*CHANGES]
+    for number, file in enumerate(chosen):
+        for change in (changes[number % len(changes)], changes[-1 - number // 2 % len(changes)]):
+            target = tmp_path / "runs.zarr"
+            shutil.copytree(whole, target)
+            damage(target, file, change)
+            healed = is_right_or_refused(lambda target=target: columns(run(target)), right)
+            assert healed or file == "zarr.json", (file, change)
+            shutil.rmtree(target)
+
+
+def test_damage_that_comes_after_the_call_is_seen_when_results_are_read(tmp_path: Path, whole: Path) -> None:
+    right = columns(run(whole))
+    for change in CHANGES:
+        target = tmp_path / change.replace(" ", "-")
+        shutil.copytree(whole, target)
+        runs = run(target)
+        damage(target, "x_end/c/1", change)
+        with pytest.raises(lg.RunError, match=r"is damaged .* make the same call again, which runs the members of dam"):
+            runs["x_end"]
+        assert is_right_or_refused(lambda target=target: columns(run(target)), right), change
+
+
+def test_a_layout_that_was_changed_is_restored(tmp_path: Path, whole: Path) -> None:
+    right = columns(run(whole))
+    for key, value in (("data_type", "int64"), ("shape", [7]), ("fill_value", 0.0), ("dimension_names", ["other"])):
+        target = tmp_path / key
+        shutil.copytree(whole, target)
+        path = target / "x_end" / "zarr.json"
+        path.write_text(json.dumps({**json.loads(path.read_text()), key: value}))
+        assert is_right_or_refused(lambda target=target: columns(run(target)), right), key
+        assert json.loads(path.read_text()) == json.loads((whole / "x_end" / "zarr.json").read_text())
+
+
+def test_folders_that_are_missing_are_made_again(tmp_path: Path, whole: Path) -> None:
+    right = columns(run(whole))
+    for name in ("checksum", "status", "x", "t", "x_start", "steps/c"):
+        target = tmp_path / name.replace("/", "-")
+        shutil.copytree(whole, target)
+        shutil.rmtree(target / name)
+        assert is_right_or_refused(lambda target=target: columns(run(target)), right), name
