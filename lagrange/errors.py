@@ -13,13 +13,28 @@ MOST_DIGITS = 60
 LONGEST_NAME = 80
 """Characters of a text that are compared with known names, for a suggestion."""
 
+LONGEST_SENTENCE, END_OF_SENTENCE = 400, 150
+"""Characters of a message, and of its end, which says what to do and is kept where the middle is left out."""
+
+MOST_PARTS, MOST_LEVELS = 400, 30
+"""Parts of an expression that a message quotes, and levels of nesting: SymPy writes more in minutes, or not at all."""
+
 
 class LagrangeError(Exception):
-    """Base of every error that this package raises on purpose."""
+    """Base of every error that this package raises on purpose: a printable message of at most 400 characters."""
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(_sentence(str(message)))
 
 
 class StatementError(LagrangeError, ValueError):
     """What was stated or asked for cannot be: the message says what to change."""
+
+
+class UnknownKey(StatementError, KeyError):
+    """A mapping has no such entry, of which `get` and `in` of Python's mappings need to hear as a KeyError."""
+
+    __str__ = Exception.__str__  # that of KeyError adds quotation marks
 
 
 class SceneError(StatementError):
@@ -52,12 +67,52 @@ class _Short(reprlib.Repr):
         return repr(x) if digits <= MOST_DIGITS else f"a whole number of about {digits} digits"
 
     def repr_instance(self, x: Any, level: int) -> str:
+        if hasattr(type(x), "free_symbols") and has_many_parts(x):
+            return MANY_PARTS
         return " ".join(super().repr_instance(x, level).split())
 
 
 def shown(value: Any, most: int = 80) -> str:
     """Return a value as a message quotes it: its repr, cut where it is long."""
     return _Short(most).repr(value)
+
+
+MANY_PARTS = "an expression of many parts"
+
+
+def has_many_parts(expression: Any) -> bool:
+    """Return whether a SymPy expression is too large, or nested too deeply, to be quoted."""
+    waiting, count = [(expression, 0)], 0
+    while waiting:
+        node, level = waiting.pop()
+        count += 1
+        if count > MOST_PARTS or level > MOST_LEVELS:
+            return True
+        arguments = getattr(node, "args", ())
+        waiting += [(one, level + 1) for one in arguments] if isinstance(arguments, tuple) else []
+    return False
+
+
+def formula(expression: Any, most: int = 80) -> str:
+    """Return a SymPy expression as a message quotes it: cut where it is long, and described where it is very large."""
+    if has_many_parts(expression):
+        return MANY_PARTS
+    try:
+        return str(expression)[:most]
+    except (ValueError, RecursionError):  # a number of thousands of digits
+        return shown(expression, most)
+
+
+def _sentence(text: str) -> str:
+    """Return a text without characters that a terminal acts on, and without its middle where it is long."""
+    if not text.isprintable():
+        text = " ".join(text.split("\n"))
+        text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
+    if len(text) <= LONGEST_SENTENCE:
+        return text
+    begin = text[: LONGEST_SENTENCE - END_OF_SENTENCE - 5].rpartition(" ")[0]
+    end = text[-END_OF_SENTENCE:].partition(" ")[2]
+    return f"{begin or text[:240]} ... {end or text[-140:]}"
 
 
 def suggestion(given: str, known: Iterable[str]) -> str:

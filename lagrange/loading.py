@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,8 +12,11 @@ import numpy as np
 from lagrange.compiler import machine, model_of
 from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
+from lagrange.show.files.archive import UNREADABLE, arrays_of
 from lagrange.show.solution import Solution
+from lagrange.statement.choice import printable
 from lagrange.statement.stored import restored
+from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -33,7 +35,7 @@ def load(path: str | os.PathLike[str]) -> Solution:
     """
     if not isinstance(path, (str, os.PathLike)):
         raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
-    arrays = _arrays(path)
+    arrays = arrays_of(path, machine_memory() / MEMORY_DIVISOR)
     missing = [name for name in NEEDED if name not in arrays]
     if missing:
         raise StatementError(
@@ -46,24 +48,10 @@ def load(path: str | os.PathLike[str]) -> Solution:
         return Solution(_trajectory(arrays, card, model), model, model.parameter_values(card["parameters"]))
     except StatementError as error:
         raise StatementError(f"{os.fspath(path)!r} cannot be used: {error}") from error
-    except (ValueError, KeyError, TypeError, AttributeError) as error:
+    except UNREADABLE as error:
         raise StatementError(
-            f"{os.fspath(path)!r} is no run that to_npz wrote ({type(error).__name__}: {error})."
+            f"{os.fspath(path)!r} is no run that to_npz wrote ({type(error).__name__}: {str(error)[:120]})."
         ) from error
-
-
-def _arrays(path: str | os.PathLike[str]) -> Mapping[str, Any]:
-    """Return the arrays of a file by name."""
-    try:
-        found = np.load(path, allow_pickle=False)
-        if isinstance(found, np.ndarray):
-            raise StatementError(f"{os.fspath(path)!r} holds one array: give a file that solution.to_npz wrote.")
-        with found:
-            return dict(found)
-    except OSError as error:
-        raise StatementError(f"{os.fspath(path)!r} cannot be read ({error.strerror or error}).") from error
-    except (ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise StatementError(f"{os.fspath(path)!r} is no file that solution.to_npz wrote ({error}).") from error
 
 
 def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model) -> Trajectory:
@@ -78,15 +66,15 @@ def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model
         t=t,
         y=y,
         status=Status(card["status"]),
-        message=card["message"],
-        method=card["method"],
+        message=printable(card["message"], "its message"),
+        method=printable(card["method"], "its method"),
         steps=card["steps"],
         rejected=card["rejected"],
         evaluations=card["evaluations"],
         wall=card["wall"],
         span=(card["t_start"], card["t_end"]),
         dense=_known(arrays, t, y),
-        form=card["form"],
+        form=printable(card["form"], "its form"),
         t_events=tuple(arrays[f"t_event_{i}"] for i in events),
         y_events=tuple(arrays[f"y_event_{i}"] for i in events),
         step=card["step"],

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
+import os
+import random
+import zipfile
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +17,9 @@ import pytest
 import sympy
 
 import lagrange as lg
+from lagrange.show.files.archive import arrays_of
 from lagrange.statement.stored import restored, stored
+from tests.public.test_wrong_calls import Caught
 
 x, y = lg.coordinates("x y")
 m, k, w = lg.parameters("m k w")
@@ -135,7 +142,7 @@ def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     cases: list[tuple[Any, str]] = [
         (3, "the path is 3 (int): give the path of a file."),
         (tmp_path / "none.npz", "cannot be read (No such file or directory)"),
-        (tmp_path / "one.npy", "holds one array: give a file that solution.to_npz wrote."),
+        (tmp_path / "one.npy", "is no file that solution.to_npz wrote (File is not a zip file)."),
         (tmp_path / "text.npz", "is no file that solution.to_npz wrote"),
         (_changed(path, statement=None), "is no run that to_npz wrote: it lacks statement."),
     ]
@@ -172,3 +179,86 @@ def test_powers_of_powers_are_not_computed() -> None:
     data["potential"] = nine + 3
     with pytest.raises(lg.StatementError, match="RefusalError: Pow of 2 numbers"):
         restored(data)
+
+
+def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for path, words in (
+        (tmp_path / "pipe", "is a device or a pipe: give a file"),
+        (tmp_path, "is a folder: give a fi"),
+    ):
+        with pytest.raises(lg.StatementError, match=words):
+            lg.load(path)
+
+
+def _rewritten(path: Path, name: str, content: bytes) -> Path:
+    """Return an archive with other bytes for one array."""
+    other = path.with_name("other.npz")
+    with zipfile.ZipFile(path) as old, zipfile.ZipFile(other, "w") as new:
+        for one in old.namelist():
+            new.writestr(one, content if one == f"{name}.npy" else old.read(one))
+    return other
+
+
+def _array(shape: Any, kind: str = "<f8", data: bytes = b"") -> bytes:
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(file, {"shape": shape, "fortran_order": False, "descr": kind})
+    return file.getvalue() + data
+
+
+def test_the_size_of_arrays_is_known_before_they_are_made(tmp_path: Path) -> None:
+    path = lg.scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
+    with pytest.raises(lg.StatementError, match=r"bytes together, and a run from a file may have .* of 1e\+03 bytes"):
+        arrays_of(path, 1e3)
+    claims: list[tuple[Any, ...]] = [((2, 10**12),), ((2, -1),), ((2, 1), "|O"), ((2, 3), "<f8", b"\0" * 47)]
+    for claim in claims:
+        with pytest.raises(lg.StatementError, match=r"is no file that solution.to_npz wrote \(.*(array|Object)"):
+            lg.load(_rewritten(path, "y", _array(*claim)))
+    for content in (b"", b"\x93NUMPY\x09\x00", b"\x93NUMPY\x01\x00\xff\xff" + b"(" * 500):
+        with pytest.raises(lg.StatementError, match=r"is no file that solution\.to_npz wrote"):
+            lg.load(_rewritten(path, "y", content))
+
+
+def test_files_with_any_bytes_changed_are_read_or_refused(tmp_path: Path) -> None:
+    path = lg.scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
+    content, chance = path.read_bytes(), random.Random(11)
+    for number in range(200):
+        changed = bytearray(content)
+        for _ in range(chance.choice((1, 2, 30))):
+            changed[chance.randrange(len(changed))] = chance.randrange(256)
+        path.write_bytes(changed[: chance.randrange(len(changed))] if number % 5 == 0 else changed)
+        caught = Caught()
+        with caught:
+            lg.load(path)
+        assert caught.error is None or isinstance(caught.error, lg.StatementError), (number, caught.error)
+
+
+def test_parts_that_are_shared_again_and_again_are_not_walked(tmp_path: Path) -> None:
+    path = lg.scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
+
+    def shared(data: dict[str, Any]) -> None:
+        for _ in range(60):
+            last = len(data["nodes"]) - 1
+            data["nodes"] += [["sin", last], ["Add", last + 1, last + 1]]
+        data["potential"] = len(data["nodes"]) - 1
+
+    with pytest.raises(lg.StatementError, match=r"RefusalError: an expression of .* parts, most of them shared"):
+        lg.load(_with(path, "statement", shared))
+
+
+@pytest.mark.parametrize("name", ["card", "statement"])
+def test_texts_that_are_nested_without_end_are_refused(name: str, tmp_path: Path) -> None:
+    path = lg.scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
+    with pytest.raises(lg.StatementError, match="is no run that to_npz wrote \\(RecursionError"):
+        lg.load(_changed(path, **{name: np.array("[" * 100_000)}))
+
+
+def test_characters_on_which_a_terminal_acts_are_refused(tmp_path: Path) -> None:
+    path = lg.scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
+    for name in ("message", "method", "form"):
+        with pytest.raises(lg.StatementError, match=f"its {name} is .*, which has control characters") as refusal:
+            lg.load(_with(path, "card", partial(dict.update, **{name: "\x1b[31mred"})))
+        assert str(refusal.value).isprintable()
+    for name in ("name", "about", "source"):
+        with pytest.raises(lg.StatementError, match=f"{name} is .*, which has control characters"):
+            lg.load(_with(path, "statement", partial(dict.update, **{name: "\x1b[31mred"})))

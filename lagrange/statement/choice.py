@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, TypeVar
 
-from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.errors import StatementError, UnknownKey, listing, shown, suggestion
+
+Value = TypeVar("Value")
 
 
 def text(value: Any, what: str) -> str:
@@ -13,6 +15,13 @@ def text(value: Any, what: str) -> str:
     if not isinstance(value, str):
         raise StatementError(f"{what} is {shown(value)} ({type(value).__name__}): give a text.")
     return value
+
+
+def printable(value: Any, what: str) -> str:
+    """Return a text without characters on which a terminal acts. Raises StatementError for anything else."""
+    if not text(value, what).isprintable():
+        raise StatementError(f"{what} is {shown(value)}, which has control characters: give plain text on one line.")
+    return str(value)
 
 
 def one_of(value: Any, known: Iterable[str], refusal: str) -> str:
@@ -25,3 +34,20 @@ def one_of(value: Any, known: Iterable[str], refusal: str) -> str:
         hint = suggestion(value, words) if isinstance(value, str) else ""
         raise StatementError(refusal.format(given=shown(value), known=listing(words)) + hint)
     return value
+
+
+class ByName(dict[str, Value]):
+    """Values by name; an unknown name raises a StatementError that lists those that there are."""
+
+    def __init__(self, noun: str, values: Iterable[tuple[str, Value]] = ()) -> None:
+        super().__init__(values)
+        self.noun = noun
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ByName, (self.noun, tuple(self.items()))
+
+    def __getitem__(self, name: str) -> Value:
+        if not isinstance(name, str) or name not in self:
+            hint = suggestion(name, self) if isinstance(name, str) else ""
+            raise UnknownKey(f"{shown(name)} is no {self.noun} of this system; they are {listing(self)}.{hint}")
+        return super().__getitem__(name)

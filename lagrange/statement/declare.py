@@ -12,8 +12,8 @@ import numpy as np
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.errors import StatementError, listing, shown, suggestion
-from lagrange.statement.choice import one_of, text
+from lagrange.errors import StatementError, formula, listing, shown, suggestion
+from lagrange.statement.choice import one_of, printable
 from lagrange.statement.constraint import Constraint, declare_constraints
 from lagrange.statement.coordinate import check_name, check_symbol, declared, is_ours, name_of, t, velocity_of
 from lagrange.statement.declared_order import COORDINATES
@@ -86,9 +86,9 @@ def declare(
         initial=initial_state({} if initial is None else initial, chosen, (0.0,) * (2 * len(chosen))),
         positions=MappingProxyType({label: tuple(map(clean, point)) for label, point in points.items()}),
         links=_links(links, points),
-        name=text(name, "name"),
-        about=about,
-        source=source,
+        name=printable(name, "name"),
+        about=printable(about, "about"),
+        source=printable(source, "source"),
         run=run or RunSettings(),
         **_functions(survey, chosen if coordinates is None else ()),
     )
@@ -281,8 +281,9 @@ def _dissipation(given: Any, by_name: Mapping[str, Any], survey: Survey) -> Any:
     survey.add(dissipation, "the dissipation")
     if dissipation != 0 and not own.velocities:
         raise StatementError(
-            f"the dissipation is {str(dissipation)[:60]}, without a velocity, and its force -dD/d(velocity) is zero: "
-            f"state it with velocities, as in c*{next(iter(by_name))}.dot**2/2, or add it to the potential energy."
+            f"the dissipation is {formula(dissipation, 60)}, without a velocity, and its force -dD/d(velocity) is "
+            f"zero: state it with velocities, as in c*{next(iter(by_name))}.dot**2/2, or add it to the potential "
+            "energy."
         )
     return dissipation
 

@@ -26,6 +26,13 @@ from lagrange.statement.vocabulary import SYMPY_CLASSES
 FORM = 1
 """The version of the form, which is stored with it."""
 
+FEW_PARTS, MANY_SHARED, MOST_PARTS = 100_000, 1_000, 5_000_000
+"""Parts that an expression may always have, each shared part counted where it occurs; for each node; and at most.
+
+SymPy walks a shared part as often as it occurs, 2 us each time: a file of 12 KB could make it walk for ever. 500 links
+in Cartesian coordinates share 800 times.
+"""
+
 LONGEST_NUMBER = 400
 """Characters of a number: those of the smallest double, written out, and a few more."""
 
@@ -139,8 +146,12 @@ def restored(data: Any) -> Statement:
         return _read(data)
     except StatementError:
         raise
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError, RefusalError, ArithmeticError) as error:
-        raise StatementError(f"the stored statement cannot be read ({type(error).__name__}: {error}).") from error
+    except (
+        *(KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError, MemoryError),
+        *(NotImplementedError, RefusalError),
+    ) as error:
+        reason = str(error)[:120]
+        raise StatementError(f"the stored statement cannot be read ({type(error).__name__}: {reason}).") from error
 
 
 def _read(data: Any) -> Statement:
@@ -198,6 +209,7 @@ class _Reader:
         self.motions = motions
         self.guard = Guard()
         self.made: list[Any] = []
+        self.sizes: list[int] = []
         leaves: dict[str, Callable[..., Any]] = {
             "rate": self._rate,
             "t": lambda: t,
@@ -209,8 +221,16 @@ class _Reader:
         for kind, *parts in nodes:
             if kind in leaves:
                 self.made.append(leaves[kind](*parts))
+                self.sizes.append(1)
             else:
+                self._count(parts)
                 self.made.append(self._built(kind, [self.expression(part) for part in parts]))
+
+    def _count(self, parts: list[int]) -> None:
+        """Note how many parts the next node has. Raises RefusalError for more than SymPy can walk."""
+        self.sizes.append(1 + sum(self.sizes[part] for part in parts if self.expression(part) is not None))
+        if self.sizes[-1] > min(max(FEW_PARTS, MANY_SHARED * len(self.sizes)), MOST_PARTS):
+            raise RefusalError(f"an expression of {self.sizes[-1]:.3g} parts, most of them shared")
 
     def _built(self, kind: str, parts: list[Any]) -> Any:
         """Return a node of its parts. Raises RefusalError for numbers that SymPy would take too long to compute."""
