@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import lagrange as lg
-from lagrange.errors import StatementError, suggestion
+from lagrange.errors import LagrangeError, StatementError, suggestion
 from lagrange.show.files.atomic_folder import recover
 from lagrange.show.terminal.fitting import fitted
 
@@ -51,7 +51,8 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         """Print how the command is used and what was wrong, and end with the code of a wrong request."""
         self.print_usage(sys.stderr)
-        self.exit(WRONG, fitted(f"{self.prog}: error: {message.rstrip('.')}.{self._hint(message)}", sys.stderr) + "\n")
+        text = str(LagrangeError(f"{self.prog}: error: {message.rstrip('.')}.{self._hint(message)}"))
+        self.exit(WRONG, fitted(text, sys.stderr) + "\n")
 
     def _hint(self, message: str) -> str:
         if match := re.search(r"invalid choice: '(.*)' \(choose from (.*)\)", message):
@@ -114,7 +115,12 @@ def start(request: argparse.Namespace) -> dict[str, Any]:
 def load_scene(scene: str) -> System:
     """Return the system of a scene file, or of a name of the library."""
     # a library name has neither; anything else is meant as a file, there or not
-    if scene.endswith(".toml") or "/" in scene or os.sep in scene or (len(scene) < 255 and Path(scene).is_file()):
+    if (
+        scene.endswith(".toml")
+        or "/" in scene
+        or os.sep in scene
+        or (len(os.fsencode(scene)) < 255 and Path(scene).is_file())
+    ):
         return lg.System.from_scene(scene)
     return lg.scene(scene)
 

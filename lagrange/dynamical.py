@@ -20,6 +20,7 @@ from lagrange.dynamics.passage import first_passage as passage_of
 from lagrange.dynamics.portrait import CELLS as CELLS_OF_PLANE
 from lagrange.dynamics.portrait import portrait
 from lagrange.dynamics.runs import Runs
+from lagrange.dynamics.section import point_counts
 from lagrange.dynamics.section import section as section_of
 from lagrange.dynamics.sweep import parameter_of, sweep, values_of, with_value
 from lagrange.errors import StatementError, shown
@@ -37,10 +38,11 @@ from lagrange.show.dynamics import (
 from lagrange.show.solution import Solution
 from lagrange.show.terminal.progress import compiling, counter, wanted_progress
 from lagrange.statement.given import require_values
-from lagrange.statement.number import real_number
+from lagrange.statement.number import flag, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.system import System
 from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.methods.settings import check_options
 from lagrange.trajectory.options import RunOptions
 
 TIGHT, USUAL = 1e-12, 1e-9
@@ -167,6 +169,8 @@ def bifurcation(
     model, runs = _runs(system, (method, rtol, step), USUAL, parameters, progress)
     name = parameter_of(model.statement, parameter)
     chosen = values_of(values, name)
+    count, dropped = point_counts(points, skip, "points", 2)
+    followed = flag(follow, "follow")
     place = [p.name for p in model.statement.parameters].index(name)
     for value in chosen.tolist():
         with_value(runs, place, value)  # a value that the parameter may not have is refused before the first run
@@ -179,7 +183,9 @@ def bifurcation(
         with counter(3, "value", wanted=progress) as report:
             return shown_as(EquilibriumBranches, equilibrium_branches(name, chosen, _at(model, runs, name), report))
     with counter(len(chosen), "value", wanted=progress) as report:
-        found = sweep(runs, name, chosen, section, starts, points=points, skip=skip, follow=follow, progress=report)
+        found = sweep(
+            runs, name, chosen, section, starts, count=count, dropped=dropped, followed=followed, progress=report
+        )
     return shown_as(Bifurcation, found)
 
 
@@ -279,6 +285,11 @@ def _runs(
     with compiling(system.statement.name, wanted=bool(wanted_progress(progress))):
         model = system if isinstance(system, Model) else system.compile()
     options = RunOptions(method, rtol, None, step, max_steps=max_steps)
+    check_options(step, rtol)
+    if method is not None:
+        find(method)
+    if max_steps is not None:
+        whole_number(max_steps, "max_steps", 1)
     return model, Runs(model, model.parameter_array(parameters), options)
 
 

@@ -12,7 +12,7 @@ from lagrange.show.notation.sections import ShownQuantity
 from lagrange.show.notebook.shown_derivation import ShownDerivation, written_derivation
 from lagrange.show.notebook.shown_lists import EquationList, ExpressionDict
 from lagrange.show.terminal.languages import DETAILS
-from lagrange.statement.choice import one_of
+from lagrange.statement.choice import ByName, one_of
 from lagrange.statement.coordinate import acceleration_of, name_of
 
 
@@ -73,7 +73,8 @@ class Formulas(Analysis):
         These are generalized forces, G^T lambda: lambda dphi/dq of a constraint phi = 0 on positions, lambda dpsi/dv of
         a constraint psi = 0 on velocities (Chetaev's rule where psi is not linear in them).
         """
-        return {name: dict(forces) for name, forces in self._derivation.constraint_forces.items()}
+        found = self._derivation.constraint_forces.items()
+        return ByName("constraint", ((name, dict(forces)) for name, forces in found))
 
     @property
     def kinetic(self) -> Any:

@@ -61,8 +61,9 @@ def race(
         max_wall=max_wall,
         outputs=outputs,
         relative=relative,
+        digits=digits,
     )
     require_values(system.statement)
     model = system if isinstance(system, Model) else system.compile()
-    result = work_precision.race(model, span, initial, parameters, methods, settings, reference, digits)
+    result = work_precision.race(model, span, initial, parameters, methods, settings, reference)
     return Race(result, model.statement.name, span, relative=relative)

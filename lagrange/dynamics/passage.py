@@ -16,7 +16,7 @@ from lagrange.dynamics.angles import angles
 from lagrange.dynamics.axes import Plane, plane_of
 from lagrange.dynamics.cells import NONE, NOT_COMPUTED, Cells, Places, each_cell
 from lagrange.dynamics.runs import Report, Runs, initial_of
-from lagrange.errors import StatementError, counted, shown
+from lagrange.errors import StatementError, counted, formula, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.members.chunk import STATUSES, Ends
 from lagrange.members.keep import EVENTS, STATUS, event_times
@@ -86,7 +86,7 @@ def first_passage(
         if not declared:
             raise StatementError("event is empty: give an expression, or leave it out for flips of angles.")
         events = [replace(one, terminal=1) for one in declared]
-        labels = [str(one.expression.xreplace(dict(statement.plain)))[:40] for one in events]
+        labels = [formula(one.expression.xreplace(dict(statement.plain)), 40) for one in events]
     base = initial_of(runs.model, initial)
     shape = plane[1].count, plane[0].count
     times, which = np.full(shape, np.nan), np.full(shape, NOT_COMPUTED)

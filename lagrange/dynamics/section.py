@@ -5,6 +5,7 @@ Source: E. Ott, Chaos in Dynamical Systems, 2nd ed., 2002, section 1.3.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -17,14 +18,18 @@ from lagrange.dynamics.crossings import Crosser, Crossings, followed
 from lagrange.dynamics.energy_level import margin, on_level
 from lagrange.dynamics.nullclines import zero_lines
 from lagrange.dynamics.runs import Report, Runs, initial_of, starts_of
-from lagrange.errors import StatementError, counted
+from lagrange.errors import StatementError, counted, formula
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import Event, declare_events
-from lagrange.statement.number import real_number, whole_number
+from lagrange.statement.expression import expression
+from lagrange.statement.number import MOST_NUMBERS, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
+
+MOST_POINTS = 100_000_000
+"""Most points that an orbit is followed for: a driven system takes minutes for them."""
 
 BORDER_CELLS = 200
 """Cells along each axis in which the border of a section is sought."""
@@ -69,10 +74,10 @@ def section_of(given: Any, model: Model, parameters: FloatArray) -> Event | floa
     """Return the event of a section, or the period of one at equal times: a number, or an expression in parameters."""
     if isinstance(given, Event):
         return declare_events([given], model.statement)[0]
-    constant = isinstance(given, sympy.Expr) and not given.has(t)
+    constant = isinstance(given, sympy.Expr) and not expression(given, "the section").has(t)
     if constant or (not isinstance(given, (sympy.Basic, str, bytes)) and not callable(given)):
         values = dict(zip(model.statement.parameters, parameters.tolist(), strict=True))
-        by_name = {p: values[q] for p in getattr(given, "free_symbols", ()) for q in values if p.name == q.name}
+        by_name = {p: values[q] for p in given.free_symbols for q in values if p.name == q.name} if constant else {}
         period = real_number(given.xreplace(by_name) if constant else given, "the period of the section")
         if period <= 0:
             raise StatementError(f"the period of the section is {period:g}: give a positive time.")
@@ -94,14 +99,15 @@ def section(
 ) -> SectionData:
     """Return the section of a model's orbits; see `lagrange.poincare`."""
     model = runs.model
-    count, dropped = whole_number(crossings, "crossings", 1), whole_number(skip, "skip", 0)
+    count, dropped = point_counts(crossings, skip, "crossings", 1)
+    wait = None if longest is None else _positive(longest)
     passed = section_of(given, model, runs.parameters)
     event = passed if isinstance(passed, Event) else None
     states = starts_of(model, starts, initial_of(model, None))
     level, row = _level(model, energy, solve_for)
     if level is not None and row is not None:
         states = on_level(model, runs.parameters, states, row, level, event)
-    wait = None if longest is None else real_number(longest, "longest, the time to wait for a crossing,")
+    check_room((len(states), count + dropped, model.layout.size))
     cross = Crosser(runs, passed, count + dropped, states, wait)
     done = [_without_first(one, dropped) for one in followed(cross, states, progress)]
     axes = drawn_axes(model.statement, event)
@@ -122,6 +128,28 @@ def section(
         status=status,
         message=message,
     )
+
+
+def point_counts(points: Any, skip: Any, name: str, least: int) -> tuple[int, int]:
+    """Return how many points of an orbit are kept, and how many before them are not."""
+    return whole_number(points, name, least, MOST_POINTS), whole_number(skip, "skip", 0, MOST_POINTS)
+
+
+def check_room(shape: Sequence[int]) -> None:
+    """Refuse points whose states (..., points, 2n) take too much memory."""
+    if math.prod(shape) > MOST_NUMBERS:
+        raise StatementError(
+            f"the states of {math.prod(shape[:-1]):.3g} points, those of skip among them, take "
+            f"{8 * math.prod(shape):.3g} bytes, and there is room for {8 * MOST_NUMBERS:.3g}: give fewer points, a "
+            "smaller skip, or fewer starts."
+        )
+
+
+def _positive(longest: Any) -> float:
+    found = real_number(longest, "longest, the time to wait for a crossing,")
+    if found <= 0:
+        raise StatementError(f"longest, the time to wait for a crossing, is {found:g}: give a positive time.")
+    return found
 
 
 def _without_first(found: Crossings, dropped: int) -> Crossings:
@@ -223,7 +251,7 @@ def _ended(done: Sequence[Crossings], wanted: int, event: Event | None, statemen
 
 def surface(event: Event, statement: Statement) -> str:
     """Return the equation of a switching surface by the names of coordinates, cut where it is long."""
-    return f"{str(event.expression.xreplace(dict(statement.plain)))[:60]} = 0"
+    return f"{formula(event.expression.xreplace(dict(statement.plain)), 60)} = 0"
 
 
 def _direction(event: Event) -> str:

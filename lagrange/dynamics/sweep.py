@@ -16,12 +16,12 @@ from lagrange.dynamics.axes import MOST_VALUES
 from lagrange.dynamics.crossings import Crosser, Crossings, points_side_by_side
 from lagrange.dynamics.driving import depends_on_time, driving_period
 from lagrange.dynamics.runs import Report, Runs, initial_of, starts_of, time_scale
-from lagrange.dynamics.section import drawn_axes, section_of
+from lagrange.dynamics.section import check_room, drawn_axes, section_of
 from lagrange.errors import StatementError, counted, listing, shown, suggestion
 from lagrange.machine.backend import FloatArray
 from lagrange.members.chunk import Starts
 from lagrange.statement.event import Event
-from lagrange.statement.number import flag, real_array, whole_number
+from lagrange.statement.number import real_array, whole_number
 from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
@@ -103,17 +103,16 @@ def sweep(
     given: Any,
     starts: Any,
     *,
-    points: Any,
-    skip: Any,
-    follow: Any,
+    count: int,
+    dropped: int,
+    followed: bool,
     progress: Report | None = None,
 ) -> SweepData:
     """Return the settled motion along a parameter; see `lagrange.bifurcation`."""
     model, statement = runs.model, runs.model.statement
-    count, dropped = whole_number(points, "points", 2), whole_number(skip, "skip", 0)
-    followed = flag(follow, "follow")
     place = [p.name for p in statement.parameters].index(parameter)
     base = starts_of(model, starts, initial_of(model, None))
+    check_room((len(values), len(base), count + dropped, model.layout.size))
     arrays = [with_value(runs, place, value) for value in values.tolist()]
     scale = time_scale(model, base, runs.parameters, statement.run.t_end)
     sections = [_section(runs, given, array) for array in arrays]

@@ -9,7 +9,7 @@ from typing import Any
 import mpmath
 import numpy as np
 
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import RunError, StatementError, shown
 from lagrange.evidence.precise_run import precise_run
 from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.flow import Flow
@@ -80,7 +80,7 @@ def reference_solution(
 def _independent(
     problem: Problem, times: Sequence[float], digits: int | None, unit: FloatArray, growth: float
 ) -> ReferenceSolution:
-    chosen = DIGITS if digits is None else _digits(digits)
+    chosen = DIGITS if digits is None else digits
     if not growth < 10.0 ** (chosen - APART):
         raise RunError(
             f"a relative error grows by {growth:.0e} until t = {problem.t1:g}, so that {chosen} digits say nothing "
@@ -132,10 +132,11 @@ def _distance(y: Sequence[Any], other: Sequence[Any], unit: FloatArray) -> float
     return max(abs(float(b - a)) / float(scale) for a, b, scale in zip(y, other, unit, strict=True))
 
 
-def _digits(given: Any) -> int:
+def digits_of(given: Any) -> int:
+    """Return the digits of a reference. Raises StatementError for what is no number of them."""
     number = real_number(given, "digits")
     if number != int(number) or not LEAST_DIGITS <= number <= GREATEST_DIGITS:
         raise StatementError(
-            f"digits = {given}: give a whole number from {LEAST_DIGITS} to {GREATEST_DIGITS}; doubles have 16."
+            f"digits = {shown(given)}: give a whole number from {LEAST_DIGITS} to {GREATEST_DIGITS}; doubles have 16."
         )
     return int(number)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown
-from lagrange.evidence.reference_solution import ReferenceSolution, reference_solution
+from lagrange.evidence.reference_solution import ReferenceSolution, digits_of, reference_solution
 from lagrange.evidence.sensitivity import Sensitivity, sensitivity
 from lagrange.machine.model import Model
 from lagrange.statement.expression import entries
@@ -62,6 +62,9 @@ NOTABLE_GROWTH = 1e4
 
 FINE_RUN_SECONDS = 60.0
 """Seconds that the fine preliminary run may always take."""
+
+MOST_OUTPUTS, MOST_REPEATS = 100_000, 10_000
+"""Most times at which errors are measured, each of which the reference computes with many digits; most timed runs."""
 
 SHORTEST_TIMING = 1e-3
 """Least seconds of a timing; a shorter run is repeated."""
@@ -133,6 +136,7 @@ class RaceSettings:
     repeats: int
     max_wall: float
     relative: bool
+    digits: int | None = None
 
 
 def race(
@@ -143,7 +147,6 @@ def race(
     methods: Iterable[Any] | None,
     chosen: RaceSettings,
     reference: Any = None,
-    digits: int | None = None,
 ) -> Result:
     """Measure every method at every setting. Raises StatementError, or RunError if nothing can be measured."""
     labelled = _labelled_methods(methods)
@@ -154,7 +157,7 @@ def race(
     size = np.where(size > 0, size, 1.0)
     unit = size if chosen.relative else np.ones_like(size)
     growth = sensitivity(model, run, problem.parameters, size, unit)
-    right = reference_solution(problem, chosen.times, reference, digits, unit, growth.growth)
+    right = reference_solution(problem, chosen.times, reference, chosen.digits, unit, growth.growth)
     if not right.uncertainty < LARGEST_UNCERTAINTY * float((size / unit).max()):
         raise RunError(
             f"the reference is known to {right.uncertainty:.1e} only, so there is nothing to measure errors against: a "
@@ -245,6 +248,7 @@ def race_settings(
     max_wall: Any = 10.0,
     outputs: Any = None,
     relative: bool = False,
+    digits: Any = None,
 ) -> RaceSettings:
     """Return the checked settings of a race. Raises StatementError for a request that has no meaning.
 
@@ -256,20 +260,17 @@ def race_settings(
     seconds = real_number(max_wall, "max_wall")
     if seconds <= 0:
         raise StatementError(f"max_wall = {shown(max_wall)}: give a positive number of seconds.")
-    count = 1 if outputs is None else _whole("outputs", outputs)
+    count = 1 if outputs is None else whole_number(outputs, "outputs", 1, MOST_OUTPUTS)
     times = [t0 + (t1 - t0) * k / count for k in range(1, count)]
     return RaceSettings(
         times=(*times, t1),
         tolerances=_sizes("tolerances", tolerances),
         steps=None if steps is None else _sizes("steps", steps),
-        repeats=_whole("repeats", repeats),
+        repeats=whole_number(repeats, "repeats", 1, MOST_REPEATS),
         max_wall=seconds,
         relative=flag(relative, "relative"),
+        digits=None if digits is None else digits_of(digits),
     )
-
-
-def _whole(what: str, given: Any) -> int:
-    return whole_number(given, what, 1)
 
 
 def _sizes(what: str, given: Any) -> tuple[float, ...]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, shown
 from lagrange.export.contents import module_of, wanted
 from lagrange.export.registry import check_operations, find
 from lagrange.machine.model import Model
@@ -68,12 +68,13 @@ def _folder(path: str | os.PathLike[str]) -> tuple[Path, list[Path]]:
     Raises StatementError for one that cannot be made.
     """
     folder = real_path(path)
-    missing = [one for one in (folder, *folder.parents) if not one.exists()]
     try:
+        missing = [one for one in (folder, *folder.parents) if not one.exists()]
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StatementError(
-            f"the folder {folder} cannot be made ({error.strerror}): name another folder for the files."
+            f"the folder {shown(str(folder), 120)} cannot be made ({error.strerror}): name another folder for the "
+            "files."
         ) from error
     return folder, missing
 

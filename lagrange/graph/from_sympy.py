@@ -11,7 +11,7 @@ from typing import Any
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, formula
 from lagrange.graph.node import Graph, Kind, Node
 
 SINC_RADIUS = Fraction(1, 2)
@@ -62,7 +62,7 @@ def _translate(graph: Graph, expression: Any, args: list[Node]) -> Node:
         return graph.constant(_number(expression))
     build = _BUILD.get(type(expression)) or _BUILD.get(expression.func)
     if build is None:
-        raise StatementError(f"{type(expression).__name__} in {str(expression)[:80]!r} is not supported.")
+        raise StatementError(f"{type(expression).__name__} in {formula(expression, 80)!r} is not supported.")
     return build(graph, *args)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property, lru_cache
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -238,7 +239,7 @@ class Model:
         parameters: Parameters = None,
     ) -> Any:
         """Return any quantity that `kernel` knows, in its shape, with the batch as the last axis."""
-        return scalar(self._of_parts(name, t, q, v, parameters))
+        return scalar(self._of_parts(text(name, "name"), t, q, v, parameters))
 
     def evaluate_expression(
         self, expression: Any, t: ArrayLike, y: ArrayLike, parameters: Parameters = None
@@ -385,9 +386,13 @@ class Model:
         return self.layout.split(array)
 
 
+MOST_NODES = 10_000_000
+"""Nodes that a list may have. One of a user's own class may have no end."""
+
+
 def _nodes(given: Iterable[Any]) -> tuple[Node, ...]:
     """Return nodes of a graph. Raises StatementError for anything else."""
-    nodes = tuple(given) if isinstance(given, (tuple, list)) else None
+    nodes = tuple(islice(given, MOST_NODES)) if isinstance(given, (tuple, list)) else None
     if nodes is None or not all(isinstance(node, Node) for node in nodes):
         raise StatementError(f"{shown(given)} is no tuple of nodes: give those of the model's equations.")
     return nodes

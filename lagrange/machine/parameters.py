@@ -51,7 +51,7 @@ class ParameterValues:
             return self._default_array
         if isinstance(given, np.ndarray):
             return self._checked(given)
-        if given == {}:
+        if isinstance(given, Mapping) and not given:
             return self._default_array
         return ordered(self._overlaid(given), self._statement.parameters)
 

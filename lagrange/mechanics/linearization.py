@@ -16,7 +16,7 @@ from typing import Any
 
 import sympy
 
-from lagrange.errors import StatementError, listing
+from lagrange.errors import StatementError, formula, listing
 from lagrange.mechanics.plain_form import PlainForm
 from lagrange.mechanics.point import StatedPoint
 from lagrange.mechanics.simplification import simplest
@@ -166,7 +166,7 @@ def _note(point: StatedPoint, rest: Sequence[Any], balanced: bool, steady: bool)
         names = listing(name for name, v in zip(form.statement.names, point.v, strict=True) if v != 0)
         return f"Away from equilibrium: {names} moves, and the matrices hold at this instant."
     parts = [
-        f"{str(form.written(-r))[:80]} on {name}"
+        f"{formula(form.written(-r), 80)} on {name}"
         for name, r in zip(form.statement.names, rest, strict=True)
         if not point.is_zero(r, ())
     ]
@@ -203,8 +203,8 @@ class _Held:
             here = self.put(zero)
             if not self.point.is_zero(here, ()):
                 raise StatementError(
-                    f"the point is not on the constraint {one.name!r}, which is {str(here)[:80]} there and not zero: "
-                    "give values of all coordinates in it."
+                    f"the point is not on the constraint {one.name!r}, which is {formula(here, 80)} there and not "
+                    "zero: give values of all coordinates in it."
                 )
 
     @cached_property

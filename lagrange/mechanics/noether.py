@@ -16,7 +16,7 @@ from lagrange.equations.monomials import MonomialSum
 from lagrange.equations.stated_algebra import StatedAlgebra
 from lagrange.equations.terms import TooLargeError, differentiable
 from lagrange.equations.textbook_algebra import TextbookAlgebra
-from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.mechanics.quantity_rates import check_constant, quantity_rates
 from lagrange.mechanics.symmetries import Symmetry, SymmetryEquation
@@ -143,4 +143,4 @@ def _refusal(
 
 def _spelled(model: Model, quantity: Any) -> str:
     """Return a quantity in the spelling of scenes, cut where it is long."""
-    return str(quantity.xreplace(dict(model.statement.plain)))[:LONGEST_SHOWN]
+    return formula(quantity.xreplace(dict(model.statement.plain)), LONGEST_SHOWN)

@@ -10,7 +10,7 @@ from typing import Any
 import sympy
 
 from lagrange.equations.terms import printable
-from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.mechanics.corners import edges, on_side
 from lagrange.mechanics.identity import vanishes
 from lagrange.mechanics.plain_form import PlainForm
@@ -85,7 +85,7 @@ class StatedPoint:
                 if not self.is_zero((above - below).xreplace(self.table), ()):
                     raise StatementError(
                         f"the forces on {name} have a corner or a jump at {self.where}, where "
-                        f"{str(printable(edge))[:60]} is zero, so that they are not linear near it. Choose another "
+                        f"{formula(printable(edge), 60)} is zero, so that they are not linear near it. Choose another "
                         "point."
                     )
             residual = sides[0]

@@ -9,7 +9,7 @@ from typing import Any
 import sympy
 
 from lagrange.equations.terms import printable
-from lagrange.errors import StatementError, listing, shown
+from lagrange.errors import StatementError, formula, listing, shown
 from lagrange.mechanics.corners import edges
 from lagrange.mechanics.point import StatedPoint, stated_point
 from lagrange.mechanics.rewriting import rewritten
@@ -100,7 +100,7 @@ class _Expansion:
             if edge.has(*self.symbols) and simplest(edge.xreplace({**self.point.table, **here})) == 0:
                 raise StatementError(
                     f"{what} has no expansion about {self.where}: it has a corner or a jump where "
-                    f"{str(printable(edge))[:60]} is zero, which is there. Choose a point beside it."
+                    f"{formula(printable(edge), 60)} is zero, which is there. Choose a point beside it."
                 )
 
     def check_constraints(self) -> None:
@@ -109,8 +109,8 @@ class _Expansion:
             here = simplest(self.form.read(one.expression).xreplace(self.point.table))
             if not self.point.is_zero(here, ()):
                 raise StatementError(
-                    f"the point is not on the constraint {one.name!r}, which is {str(printable(here))[:80]} there and "
-                    "not zero: give values of all coordinates in it."
+                    f"the point is not on the constraint {one.name!r}, which is {formula(printable(here), 80)} there "
+                    "and not zero: give values of all coordinates in it."
                 )
 
     def check_inertia(self, lagrangian: Any) -> None:

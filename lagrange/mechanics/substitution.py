@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.mechanics.rewriting import rewritten
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import expression
@@ -63,7 +63,7 @@ def _value(parameter: Any, given: Any, by_name: Mapping[str, Any]) -> Any:
     survey.add(value, what)
     if survey.coordinates or survey.velocities or value.has(t):
         raise StatementError(
-            f"{what} is {str(value)[:60]}, which is not constant: state the system with it, so that its derivatives "
+            f"{what} is {formula(value, 60)}, which is not constant: state the system with it, so that its derivatives "
             "are taken."
         )
     value = in_own_parameters(value, tuple(by_name.values()))

@@ -51,6 +51,9 @@ class Ends:
 class Table(Protocol):
     """Members by their numbers, from 0 on."""
 
+    def __len__(self) -> int:
+        """Return how many there are."""
+
     def starts(self, which: MemberNumbers) -> Starts:
         """Return where some members start."""
 

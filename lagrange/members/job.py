@@ -17,6 +17,7 @@ from lagrange.members.flows import flow_engine
 from lagrange.members.keep import Column, Keep
 from lagrange.members.lanes import lane_engine
 from lagrange.members.singly import Explained, RunEngine
+from lagrange.statement.number import whole_number
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.plan import Planned
@@ -56,8 +57,9 @@ class Job:
         return RunEngine(problem.model, span, self.options, problem.t_eval, self.keep, self.columns)
 
     def explained(self, table: Table, member: int) -> Explained:
-        """Return how a run of one member ends, in words."""
-        return self.alone.explained(table.starts(np.array([member])))
+        """Return how a run of one member ends, in words. Raises StatementError for a number that no member has."""
+        chosen = whole_number(member, "member", 0, len(table) - 1)
+        return self.alone.explained(table.starts(np.array([chosen])))
 
     def packed(self) -> bytes:
         """Return the job for another process. Raises StatementError for what cannot be sent."""

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.members.reductions import REDUCTIONS
 from lagrange.procedure.members.queue import COUNTED
@@ -200,4 +200,4 @@ def _quoted(one: Any, model: Model) -> str:
 def _written(expression: Any, model: Model) -> str:
     """Return an expression by the names of coordinates."""
     plain = dict(model.statement.plain)
-    return str(expression.xreplace(plain) if hasattr(expression, "xreplace") else expression)[:80]
+    return formula(expression.xreplace(plain) if hasattr(expression, "xreplace") else expression, 80)

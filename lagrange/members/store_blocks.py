@@ -110,7 +110,7 @@ class StoreBlocks:
 
     def _matches(self, name: str, k: int, expected: Any) -> bool:
         begin, end = self.bounds(k)
-        return checksum(np.asarray(self.group[name][begin:end])) == expected
+        return bool(checksum(np.asarray(self.group[name][begin:end])) == expected)
 
 
 def same_array(found: Any, wanted: Any) -> bool:
@@ -120,7 +120,7 @@ def same_array(found: Any, wanted: Any) -> bool:
 
 def same_values(found: Any, wanted: FloatArray) -> bool:
     """Return whether an array has these values."""
-    return np.array_equal(np.asarray(found[:]), wanted)
+    return bool(np.array_equal(np.asarray(found[:]), wanted))
 
 
 def _layout(array: Any) -> tuple[Any, ...]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.errors import StatementError, counted, listing, suggestion
+from lagrange.errors import StatementError, UnknownKey, counted, listing, suggestion
 from lagrange.machine.model import Model
 from lagrange.members.chunk import INTERRUPTED, STATUSES, SUCCESS
 from lagrange.members.keep import (
@@ -44,6 +44,7 @@ from lagrange.show.files.resolution import FILE_DPI
 from lagrange.show.notebook.html_card import image, pairs, sentences
 from lagrange.show.rows import row_label
 from lagrange.show.terminal.table import duration, text_table
+from lagrange.statement.number import whole_number
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.trajectory import FloatArray, Status
@@ -335,16 +336,21 @@ class Messages(Mapping[int, str]):
     def __len__(self) -> int:
         return len(self.failed)
 
+    def __contains__(self, member: object) -> bool:
+        return member in self.failed
+
     def __iter__(self) -> Iterator[int]:
         return iter(self.failed)
 
     def __getitem__(self, member: int) -> str:
+        """Return the sentence of a member. Raises StatementError for one that succeeded, and where there is none."""
         results, ensemble = self.ensemble.results, self.ensemble
+        member = whole_number(member, "member", 0, len(ensemble) - 1)
         if member in results.messages:
             return results.messages[member]
         status = STATUSES[results.row(STATUS, member)]
         if status is Status.SUCCESS:
-            raise KeyError(member)
+            raise UnknownKey(f"member {member} succeeded: the messages are of members that did not.")
         t = float(results.row(TIME, member))
         if status is Status.INTERRUPTED and np.isnan(t):
             return "the ensemble was interrupted before this member was run."

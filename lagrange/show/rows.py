@@ -7,8 +7,11 @@ from typing import Any
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.errors import shown
+from lagrange.errors import formula, shown
 from lagrange.statement.coordinate import name_of, velocity_of
+
+MOST_LETTERS = 10_000
+"""Letters of an expression as the name of a row: as many as two expressions may need to differ in."""
 
 
 def row_label(key: Any) -> str:
@@ -17,4 +20,6 @@ def row_label(key: Any) -> str:
         return f"{name_of(key.expr)}_dot"
     if isinstance(key, AppliedUndef):
         return name_of(key)
-    return str(key) if isinstance(key, (str, sympy.Basic)) else shown(key)
+    if isinstance(key, sympy.Basic):
+        return formula(key, MOST_LETTERS)
+    return key if isinstance(key, str) else shown(key)

@@ -10,7 +10,7 @@ import sympy
 from sympy.core.relational import Relational
 from sympy.logic.boolalg import BooleanAtom
 
-from lagrange.errors import StatementError, shown
+from lagrange.errors import StatementError, formula, shown
 from lagrange.statement.coordinate import check_name
 from lagrange.statement.expression import TEXTS, entries, expression
 from lagrange.statement.multiplier import multiplier
@@ -87,8 +87,8 @@ def _without_coordinates(what: str, zero: Any) -> str:
     if zero.is_zero:
         return f"{what} is 0 = 0, which always holds: leave it out."
     if zero.is_number:
-        return f"{what} is {str(zero)[:60]} = 0, which never holds: no motion satisfies it."
+        return f"{what} is {formula(zero, 60)} = 0, which never holds: no motion satisfies it."
     return (
-        f"{what} contains no coordinate and no velocity ({str(zero)[:60]} = 0): a constraint relates coordinates or "
+        f"{what} contains no coordinate and no velocity ({formula(zero, 60)} = 0): a constraint relates coordinates or "
         "velocities. A relation of parameters belongs into the values of parameters."
     )

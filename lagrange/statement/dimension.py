@@ -14,7 +14,7 @@ from typing import Any
 
 import sympy
 
-from lagrange.errors import SceneError, StatementError, listing, shown, suggestion
+from lagrange.errors import MANY_PARTS, SceneError, StatementError, formula, has_many_parts, listing, shown, suggestion
 from lagrange.statement.parameters import label_of
 from lagrange.statement.scale import SAME_FACTOR
 from lagrange.statement.text import read_expression
@@ -202,10 +202,12 @@ def _dimension_of(expression: Any, what: str) -> Dimension:
     """Return the dimension of a product of powers of dimensions and units."""
     from sympy.physics import units
 
+    if has_many_parts(expression):
+        raise StatementError(f"{what} is {MANY_PARTS}: give a product of powers of dimensions or units.")
     dimension = DIMENSIONLESS
     for base, power in sympy.Mul(expression, evaluate=True).as_powers_dict().items():
         if not power.is_Rational:
-            raise StatementError(f"{what} is {str(expression)[:60]!r}: powers of dimensions are numbers.")
+            raise StatementError(f"{what} is {formula(expression, 60)!r}: powers of dimensions are numbers.")
         if base.is_number and base.is_positive:
             one = Dimension((), float(sympy.log(base)))
         elif isinstance(base, sympy.Symbol) and base.name in known_names():
@@ -214,8 +216,8 @@ def _dimension_of(expression: Any, what: str) -> Dimension:
             one = _measured(base)
         else:
             raise StatementError(
-                f"{what} is {str(expression)[:60]!r}, which is no product of powers of dimensions or units: give one, "
-                "such as 'mass*length/time**2' or 'N'."
+                f"{what} is {formula(expression, 60)!r}, which is no product of powers of dimensions or units: give "
+                "one, such as 'mass*length/time**2' or 'N'."
             )
         dimension = dimension * one ** Fraction(int(power.p), int(power.q))
     return dimension

@@ -9,7 +9,7 @@ import sympy
 from sympy.core.function import AppliedUndef
 from sympy.functions.elementary.trigonometric import InverseTrigonometricFunction
 
-from lagrange.errors import StatementError, listing
+from lagrange.errors import StatementError, formula, listing
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import entries, expression, vector
 from lagrange.statement.motion import motion_of
@@ -51,7 +51,7 @@ def _check_rate(rate: Any, what: str) -> None:
             part, told = ("is", rate) if alone else ("has the term", term)
             plain = {q: sympy.Symbol(name_of(q)) for q in rate.atoms(AppliedUndef)}
             raise StatementError(
-                f"{what} {part} {str(told.xreplace(plain))[:60]}, an angle: give its rate, such as "
+                f"{what} {part} {formula(told.xreplace(plain), 60)}, an angle: give its rate, such as "
                 f"{min(map(name_of, angles))}.dot. kinetic_energy takes a place, and rotational_energy a rate."
             )
 

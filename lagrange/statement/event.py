@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.statement.coordinate import t
 from lagrange.statement.declare import state_rows
 from lagrange.statement.event_dimensions import check_event_dimensions
@@ -104,7 +104,7 @@ def _instead_of(given: Any) -> str:
         case bool() | np.bool_() | sympy.logic.boolalg.BooleanAtom():
             return f"{written}, which Python makes of a comparison such as theta.dot == 0: give theta.dot alone."
         case sympy.core.relational.Relational():
-            zero = str(sympy.Add(given.lhs, sympy.Mul(-1, given.rhs)))[:80]
+            zero = formula(sympy.Add(given.lhs, sympy.Mul(-1, given.rhs)), 80)
             return (
                 f"{written!r}, a relation: give the difference of its sides, {zero}, whose zero is the event, and "
                 "direction=1 or -1 for the side to which it goes."
@@ -119,7 +119,7 @@ def _instead_of(given: Any) -> str:
 
 
 def _written(given: Any) -> str:
-    return str(given)[:80] if isinstance(given, (str, sympy.Basic)) else shown(given)
+    return formula(given, 80) if isinstance(given, (str, sympy.Basic)) else shown(given)
 
 
 def _value(value: Any) -> Any:
@@ -150,8 +150,8 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
         survey = _check(one.expression, f"event {place}", statement, motion=True)
         if not survey.coordinates and not survey.multipliers and not one.expression.has(t):
             raise StatementError(
-                f"event {place} is {str(one.expression)[:80]}, which stays as it is along a run: give an expression in "
-                "coordinates, velocities and t that becomes zero on the way."
+                f"event {place} is {formula(one.expression, 80)}, which stays as it is along a run: give an expression "
+                "in coordinates, velocities and t that becomes zero on the way."
             )
         rows = state_rows(statement.coordinates)
         if len({rows[key] for key in one.reset if key in rows}) < sum(key in rows for key in one.reset):
@@ -166,8 +166,8 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
             if key not in state_rows(statement.coordinates):
                 known = [label for label in state_rows(statement.coordinates) if isinstance(label, str)]
                 raise StatementError(
-                    f"the reset of event {place} names {str(key)[:80]!r}, which is no coordinate or velocity of this "
-                    f"system; they are {listing(known)}."
+                    f"the reset of event {place} names {formula(key, 80)!r}, which is no coordinate or velocity of "
+                    f"this system; they are {listing(known)}."
                 )
             _check(value, f"the reset of event {place}", statement)
         symbols = (*statement.coordinates, *statement.velocities)

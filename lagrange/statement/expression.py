@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.errors import StatementError, shown
+from lagrange.errors import StatementError, formula, shown
 from lagrange.statement.modulo import without_modulo
 from lagrange.statement.number import real_number
 from lagrange.statement.reality import real
@@ -22,11 +22,19 @@ from lagrange.statement.reality import real
 MOST_ENTRIES = 10_000
 """The most entries of a vector. A generator that gives more is refused, for it may have no end."""
 
+DEEPEST = 400
+"""Levels of an expression: Python's limit of 1,000 calls is two for each level in SymPy's `free_symbols`."""
+
 TEXTS = (str, bytes, bytearray, memoryview)
 
 
 def expression(value: Any, what: str) -> Any:
     """Return a SymPy expression with one value, from an expression or a number; `what` names it in the refusal."""
+    if isinstance(value, sympy.Basic) and is_too_deep(value):
+        raise StatementError(
+            f"{what} is an expression nested more than {DEEPEST} levels deep, which SymPy cannot read: give symbols to "
+            "its inner parts, or write it with fewer levels."
+        )
     if isinstance(value, sympy.Expr) and not value.is_Matrix and not isinstance(value, sympy.Lambda):
         return real(without_modulo(value))
     if isinstance(value, np.ndarray) and value.shape == () and not isinstance(value, np.ma.MaskedArray):
@@ -38,7 +46,7 @@ def expression(value: Any, what: str) -> Any:
     if isinstance(value, sympy.MatrixBase) or getattr(value, "is_Matrix", False) is True:
         raise StatementError(f"{what} is a matrix of shape {value.shape}: give a scalar, such as its entry [0, 0].")
     if isinstance(value, sympy.Basic) and not isinstance(value, sympy.Expr):
-        raise StatementError(f"{what} is {str(value)[:60]}, which has no value: give an expression.")
+        raise StatementError(f"{what} is {formula(value, 60)}, which has no value: give an expression.")
     function = callable(value) and not isinstance(value, sympy.Basic)
     if function or isinstance(value, (list, tuple, Mapping, Set)):
         raise StatementError(f"{what} is {shown(value, 60)} ({type(value).__name__}): give one SymPy expression.")
@@ -46,6 +54,16 @@ def expression(value: Any, what: str) -> Any:
     if isinstance(value, numbers.Rational):  # an int too, exactly
         return sympy.Rational(int(value.numerator), int(value.denominator))
     return sympy.Float(number)
+
+
+def is_too_deep(value: Any) -> bool:
+    """Return whether an expression is nested too deeply for the functions of SymPy, which call themselves."""
+    level = {id(value): value}
+    for _ in range(DEEPEST):
+        level = {id(part): part for node in level.values() for part in node.args if isinstance(part, sympy.Basic)}
+        if not level:
+            return False
+    return True
 
 
 def entries(value: Any, what: str) -> list[Any] | None:

@@ -9,6 +9,7 @@ from typing import Any
 import sympy
 from sympy.core.relational import Relational
 
+from lagrange.errors import formula
 from lagrange.statement.guard import RefusalError
 from lagrange.statement.lexer import DEEPEST
 from lagrange.statement.vocabulary import WORDS
@@ -52,7 +53,7 @@ class _Writer:
         """Return the text of a node, in parentheses where it holds together less than it has to."""
         write = next((write for kind, write in self.kinds if isinstance(node, kind)), None)
         if write is None:
-            raise RefusalError(f"{str(node)[:60]}, which has no name in a scene")
+            raise RefusalError(f"{formula(node, 60)}, which has no name in a scene")
         self.depth += 1
         if self.depth > 2 * DEEPEST:
             raise RefusalError(f"parts that stand more than {DEEPEST} deep in each other: state it in parts")
@@ -121,7 +122,7 @@ class _Writer:
         for one in condition.args if isinstance(condition, sympy.Or) else (condition,):
             relations = one.args if isinstance(one, sympy.And) else (one,)
             if len(relations) > MOST_RELATED or not all(isinstance(part, Relational) for part in relations):
-                raise RefusalError(f"the condition {str(one)[:60]}, which is no chain of comparisons")
+                raise RefusalError(f"the condition {formula(one, 60)}, which is no chain of comparisons")
             yield self._chain(relations)
 
     def _chain(self, relations: Sequence[Any]) -> str:
@@ -131,7 +132,7 @@ class _Writer:
                 chain = [one.reversed if turn else one for one, turn in zip(ordered, turned, strict=True)]
                 if all(one.rhs == other.lhs for one, other in pairwise(chain)):
                     return self.text(chain[0].lhs) + "".join(f" {one.rel_op} {self.text(one.rhs)}" for one in chain)
-        raise RefusalError(f"the condition {str(sympy.And(*relations))[:60]}, which is no chain of comparisons")
+        raise RefusalError(f"the condition {formula(sympy.And(*relations), 60)}, which is no chain of comparisons")
 
 
 def _number(number: Any) -> tuple[str, int]:
@@ -140,5 +141,5 @@ def _number(number: Any) -> tuple[str, int]:
         return text, SUM if number < 0 else ATOM if number.q == 1 else PRODUCT
     value = float(number)
     if sympy.Rational(number) != sympy.Rational(value):
-        raise RefusalError(f"the number {str(number)[:40]}, which has more digits than a floating-point number")
+        raise RefusalError(f"the number {formula(number, 40)}, which has more digits than a floating-point number")
     return repr(value), ATOM if value >= 0 else SUM

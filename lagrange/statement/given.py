@@ -11,7 +11,7 @@ import numpy as np
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.errors import StatementError, listing, suggestion
+from lagrange.errors import StatementError, formula, listing, suggestion
 from lagrange.statement.coordinate import check_symbol, function_of_time, name_of, t
 from lagrange.statement.expression import expression
 from lagrange.statement.motion import MARK, Motion, Table, motion_of
@@ -52,7 +52,7 @@ def _values(what: str, values: Any) -> Any:
     leaves = [*survey.coordinates, *survey.given, *survey.unknown]
     if leaves:
         raise StatementError(
-            f"{what} is {str(stated)[:60]}, which contains {leaves[0]}: give an expression in lg.t and parameters. "
+            f"{what} is {formula(stated, 60)}, which contains {leaves[0]}: give an expression in lg.t and parameters. "
             "What depends on the motion is a force, a constraint or a part of an energy."
         )
     return stated

@@ -14,7 +14,7 @@ import numpy as np
 import sympy
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange.errors import StatementError, shown
+from lagrange.errors import MANY_PARTS, StatementError, formula, has_many_parts, shown
 
 FloatArray = NDArray[np.float64]
 
@@ -23,6 +23,9 @@ DOUBLE = np.dtype(float)
 MOST_NUMBERS = 2**29
 """Entries that an array of a user's, or what is computed for it, may have: they take 4 GiB. A larger one is refused
 before it is made: the system would end the process instead of telling why."""
+
+MOST_AXES = 32
+"""Levels of lists in lists: as many as an array of NumPy has axes."""
 
 _FLOATS, _PLAIN = frozenset((float,)), frozenset((float, int))
 
@@ -70,7 +73,12 @@ def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
     """
     if type(value) is np.ndarray and value.dtype is DOUBLE and value.size * width <= MOST_NUMBERS:
         return value
-    if isinstance(value, list) and _FLOATS.issuperset(map(type, value)) and len(value) * width <= MOST_NUMBERS:
+    if (
+        isinstance(value, list)
+        and type(value).__iter__ is list.__iter__
+        and _FLOATS.issuperset(map(type, value))
+        and len(value) * width <= MOST_NUMBERS
+    ):
         return np.array(value, dtype=float)
     found = _array(value, what, width, "fiu")
     if found.dtype is DOUBLE:
@@ -108,7 +116,10 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
 
 def _ended(value: Any, entries: int, what: str) -> Any:
     """Return a sequence of a user's own class as a list: NumPy reads one to its end, whatever its length says."""
-    if isinstance(value, _ENDED) or not isinstance(value, Sized) or getattr(type(value), "__array__", None) is not None:
+    if type(value) in (list, tuple) or not isinstance(value, Sized):
+        return value
+    ended = isinstance(value, _ENDED) and not isinstance(value, (list, tuple))
+    if ended or getattr(type(value), "__array__", None) is not None:
         return value
     sequence: Any = value
     read = list(islice(iter(sequence), entries + 1))
@@ -119,13 +130,15 @@ def _ended(value: Any, entries: int, what: str) -> Any:
 
 def _count(value: Any, what: str, above: tuple[int, ...] = ()) -> int:
     """Return the number of entries of a list, with those of the lists in it; refuse what is no number."""
-    if isinstance(value, range) or not isinstance(value, (list, tuple)):
+    if type(value) not in (list, tuple):
         return len(value) if isinstance(value, Sized) and not isinstance(value, np.ndarray) else np.size(value)
     kinds = set(map(type, value))  # far fewer than entries, as a rule
     if kinds <= _PLAIN:
         return len(value)
     if id(value) in above:
         raise StatementError(f"{what} contains itself: give a list of numbers.")
+    if len(above) > MOST_AXES:
+        raise StatementError(f"{what} is a list in more than {MOST_AXES} lists: give a list of numbers.")
     for kind in sorted(kinds, key=lambda kind: kind.__name__):
         if issubclass(kind, _NO_NUMBERS):
             raise StatementError(f"{what} has entries of type {kind.__name__}: give real numbers.")
@@ -152,18 +165,20 @@ def _as_float(value: Any, what: str) -> float:
 
 
 def _from_sympy(value: Any, what: str) -> float:
+    if has_many_parts(value):
+        raise StatementError(f"{what} is {MANY_PARTS}: give a number.")
     if not isinstance(value, sympy.Expr) or isinstance(value, sympy.Lambda):
-        raise StatementError(f"{what} is {str(value)[:60]}, which has no value: give a number.")
+        raise StatementError(f"{what} is {formula(value, 60)}, which has no value: give a number.")
     if value.free_symbols or not value.is_number:
-        raise StatementError(f"{what} is {str(value)[:60]}, an expression with symbols in it: give a number.")
+        raise StatementError(f"{what} is {formula(value, 60)}, an expression with symbols in it: give a number.")
     if value in (sympy.nan, sympy.zoo):
         raise StatementError(f"{what} is {value}: give a finite number.")
     try:
         number = complex(value)
     except (TypeError, ValueError) as error:
-        raise StatementError(f"{what} is {str(value)[:60]}, which has no value: give a number.") from error
+        raise StatementError(f"{what} is {formula(value, 60)}, which has no value: give a number.") from error
     except OverflowError:
         raise StatementError(f"{what} is {TOO_LARGE}.") from None
     if number.imag != 0.0:
-        raise StatementError(f"{what} is {value}, a complex number: give a real number.")
+        raise StatementError(f"{what} is {formula(value, 60)}, a complex number: give a real number.")
     return number.real

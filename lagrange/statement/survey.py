@@ -12,7 +12,7 @@ from sympy.core.relational import Relational
 from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.logic.boolalg import ITE, And, BooleanAtom, Not, Or
 
-from lagrange.errors import StatementError, listing
+from lagrange.errors import StatementError, formula, listing
 from lagrange.statement.coordinate import check_symbol, name_of, t, velocity_of
 from lagrange.statement.motion import Motion, motion_of
 from lagrange.statement.multiplier import constraint_of
@@ -144,6 +144,6 @@ def _check_supported(node: Any, what: str) -> None:
     if type(node) in SYMPY_CLASSES:
         return
     raise StatementError(
-        f"{what} contains {type(node).__name__} in {str(node)[:80]!r}, which is not supported. The functions are "
+        f"{what} contains {type(node).__name__} in {formula(node, 80)!r}, which is not supported. The functions are "
         f"{listing([*WORDS, 'Piecewise'])}, and powers."
     )

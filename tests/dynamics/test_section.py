@@ -186,7 +186,7 @@ def test_ctrl_c_keeps_the_orbits_that_were_run_side_by_side(monkeypatch: pytest.
             {"energy": -1.0, "solve_for": x.dot},
             "start 0 with x = 0, y = 0, y_dot = 0 has the energy 0 without",
         ),
-        (star, x, {"crossings": 0}, "crossings = 0: give a whole number of at least 1"),
+        (star, x, {"crossings": 0}, "crossings = 0: give a whole number from 1 to 100000000"),
         (star, x, {"skip": -1}, "skip = -1"),
         (star, x, {"starts": [{"z": 1}]}, "start 0: initial names 'z'"),
         (star, "x", {}, "the event is 'x', a text"),

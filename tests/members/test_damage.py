@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,10 @@ def columns(runs: lg.Ensemble) -> dict[str, Any]:
     return {column.name: runs.results.column(column.name) for column in runs.columns}
 
 
+def read(folder: Path) -> dict[str, Any]:
+    return columns(run(folder))
+
+
 def damage(folder: Path, file: str, change: str) -> None:
     path = folder / file
     content = CHANGES[change](path.read_bytes())
@@ -90,7 +95,7 @@ def test_every_file_of_a_store_that_is_damaged_in_every_way(tmp_path: Path, whol
             target = tmp_path / "runs.zarr"
             shutil.copytree(whole, target)
             damage(target, file, change)
-            healed = is_right_or_refused(lambda target=target: columns(run(target)), right)
+            healed = is_right_or_refused(partial(read, target), right)
             assert healed or file == "zarr.json", (file, change)
             shutil.rmtree(target)
 
@@ -104,7 +109,7 @@ def test_damage_that_comes_after_the_call_is_seen_when_results_are_read(tmp_path
         damage(target, "x_end/c/1", change)
         with pytest.raises(lg.RunError, match=r"is damaged .* make the same call again, which runs the members of dam"):
             runs["x_end"]
-        assert is_right_or_refused(lambda target=target: columns(run(target)), right), change
+        assert is_right_or_refused(partial(read, target), right), change
 
 
 def test_a_layout_that_was_changed_is_restored(tmp_path: Path, whole: Path) -> None:
@@ -114,7 +119,7 @@ def test_a_layout_that_was_changed_is_restored(tmp_path: Path, whole: Path) -> N
         shutil.copytree(whole, target)
         path = target / "x_end" / "zarr.json"
         path.write_text(json.dumps({**json.loads(path.read_text()), key: value}))
-        assert is_right_or_refused(lambda target=target: columns(run(target)), right), key
+        assert is_right_or_refused(partial(read, target), right), key
         assert json.loads(path.read_text()) == json.loads((whole / "x_end" / "zarr.json").read_text())
 
 
@@ -124,4 +129,4 @@ def test_folders_that_are_missing_are_made_again(tmp_path: Path, whole: Path) ->
         target = tmp_path / name.replace("/", "-")
         shutil.copytree(whole, target)
         shutil.rmtree(target / name)
-        assert is_right_or_refused(lambda target=target: columns(run(target)), right), name
+        assert is_right_or_refused(partial(read, target), right), name

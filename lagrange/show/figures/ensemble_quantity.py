@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.dynamics.angles import is_angle, wrapped
-from lagrange.errors import StatementError
+from lagrange.errors import StatementError, formula
 from lagrange.members.chunk import INTERRUPTED, STATUSES
 from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, end_row, event_times
 from lagrange.show.figures.panel import label_of_entry
@@ -96,7 +96,7 @@ def label_of(runs: Ensemble, name: str) -> str:
         return f"{_WORDS[match[1]]} {label_of_entry(statement, match[2])}"
     if match := _EVENT.fullmatch(name):
         event = runs.problem.events[int(match[1])]
-        written = str(event.expression.xreplace(dict(statement.plain)))[:40]
+        written = formula(event.expression.xreplace(dict(statement.plain)), 40)
         return with_unit(f"first time of {written} = 0", unit_of(statement, "t"))
     return with_unit(_parameter(statement, name), unit_of(statement, name))
 

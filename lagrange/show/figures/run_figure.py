@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import islice
 from math import ceil, sqrt
 from typing import TYPE_CHECKING, Any
 
@@ -17,6 +18,7 @@ from lagrange.show.figures.shown_figure import new_figure
 from lagrange.show.figures.style import Style, on_paper, style_of
 from lagrange.show.figures.time_panel import TimePanel
 from lagrange.show.files.picture import LEAST_DPI, MOST_DPI
+from lagrange.statement.expression import entries
 from lagrange.statement.number import whole_number
 from lagrange.trajectory.trajectory import Status
 
@@ -76,8 +78,8 @@ def plot_runs(
 def labels_of(solutions: Sequence[Solution], given: Sequence[str] | None) -> list[str]:
     """Return what runs are called: what was given, else methods, parameters or first values that differ."""
     if given is not None:
-        found = [given] if isinstance(given, str) else list(given)
-        if len(found) != len(solutions) or not all(isinstance(one, str) for one in found):
+        found = [given] if isinstance(given, str) else entries(given, "labels")
+        if found is None or len(found) != len(solutions) or not all(isinstance(one, str) for one in found):
             raise StatementError(
                 f"labels are {shown(given)}: give a text for each of {counted(len(solutions), 'run')}."
             )
@@ -111,11 +113,14 @@ def _check_alike(solutions: Sequence[Solution]) -> None:
 
 def _draw_into(ax: Any, panels: Sequence[Panel], style: Style, dpi: int) -> Figure:
     """Draw panels into a user's axes, one each, and return their figure."""
-    axes = [*ax] if isinstance(ax, (list, tuple)) else [*ax.flat] if isinstance(ax, np.ndarray) else [ax]
+    several, axes = isinstance(ax, (list, tuple, np.ndarray)), [ax]
+    if several:
+        axes = [*islice(ax.flat if isinstance(ax, np.ndarray) else ax, len(panels))]
     figures = [figure_of(axis) for axis in axes]
-    if len(axes) != len(panels):
+    count = np.size(ax) if isinstance(ax, np.ndarray) else len(ax) if several else 1
+    if count != len(panels):
         raise StatementError(
-            f"ax is {counted(len(axes), 'panel')} and what is asked for takes {len(panels)}: choose with what= and "
+            f"ax is {counted(count, 'panel')} and what is asked for takes {len(panels)}: choose with what= and "
             f"of=, or give {len(panels)} axes."
         )
     for axis, figure, panel in zip(axes, figures, panels, strict=True):

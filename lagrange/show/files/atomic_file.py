@@ -119,7 +119,10 @@ def real_path(path: str | os.PathLike[str]) -> Path:
 def check_place(path: str | os.PathLike[str]) -> None:
     """Refuse a path that no file can be written to, before what shall be in it is made."""
     target = real_path(path)
-    old_mode(target)
+    try:
+        old_mode(target)
+    except OSError as error:  # a name that is too long
+        raise in_words(target, error) from error
     if not os.access(target.parent, os.W_OK | os.X_OK):
         raise in_words(target, PermissionError(errno.EACCES, os.strerror(errno.EACCES)))
 

@@ -6,14 +6,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
 from lagrange.errors import RunError, StatementError, listing
 from lagrange.graph.differentiate import tangents
 from lagrange.machine.model import Model
-from lagrange.statement.choice import one_of
+from lagrange.statement.choice import ByName, one_of
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_POINTS = 3
@@ -25,14 +25,6 @@ SAMPLES = 9
 ROUND_OFF = 1e-9
 """Part of a row of G that may be left, and singular value relative to the largest that counts as zero: far above the
 rounding of doubles, far below what a part of G makes that is of another direction."""
-
-
-class MultipliersByName(dict[str, FloatArray]):
-    """The multipliers of constraints, (N,) each; a name that is none raises StatementError."""
-
-    def __missing__(self, name: Any) -> NoReturn:
-        one_of(name, self, "{given} is no constraint of this system; they are {known}.")
-        raise KeyError(name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,12 +42,12 @@ class ConstraintForces:
         return [one.name for one in self.model.statement.constraints]
 
     @cached_property
-    def multipliers(self) -> MultipliersByName:
+    def multipliers(self) -> ByName[FloatArray]:
         """The multipliers by name, empty without constraints; NaN at a state at which they are not determined."""
         if not self.names:
-            return MultipliersByName()
+            return ByName("constraint")
         found = self._from(0, len(self.t))
-        return MultipliersByName(zip(self.names, found, strict=True))
+        return ByName("constraint", zip(self.names, found, strict=True))
 
     def _at_states(self, which: slice) -> FloatArray:
         """Return the multipliers at some of the states, (m, k)."""

@@ -10,6 +10,7 @@ from sympy import Abs
 
 from lagrange.machine.model import Model
 from lagrange.mechanics.conserved import conserved_quantities
+from lagrange.statement.choice import ByName
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_COORDINATES = 12
@@ -26,11 +27,11 @@ def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Mapping[A
     """Return what the system conserves by name, (N,) each, at states y (2n, N) at the times t (N,)."""
     found = conserved_quantities(model)
     if not found:
-        return {}
+        return ByName("invariant")
     nodes = tuple(model.equations.translate(one.expression) for one in found)
     with np.errstate(all="ignore"):  # a run that left the finite numbers says so itself
         values = model.function("invariants", nodes)(t, y, model.parameter_array(parameters))
-    return {one.name: row for one, row in zip(found, values, strict=True)}
+    return ByName("invariant", ((one.name, row) for one, row in zip(found, values, strict=True)))
 
 
 def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float]) -> Mapping[str, float]:

@@ -15,6 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.errors import formula
 from lagrange.graph.node import Binding
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.model import Model
@@ -118,7 +119,7 @@ class Discontinuities:
         """Return what is the matter with phi or psi of a constraint where a surface is crossed."""
         name, node = self.residuals.labels[which], self.residuals.switched.expressions[surface]
         zero = self.model.equations.express(node).xreplace(dict(self.model.statement.plain))
-        where = str(-zero if zero.could_extract_minus_sign() else zero)[:LONGEST_SURFACE]
+        where = formula(-zero if zero.could_extract_minus_sign() else zero, LONGEST_SURFACE)
         if which < self.residuals.places:
             return (
                 f"the constraint {name!r} jumps where {where} = 0, and no motion leads over that. End the run before "

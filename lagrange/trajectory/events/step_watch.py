@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from lagrange.errors import formula
 from lagrange.machine.backend import Driver, Kernel
 from lagrange.machine.state import DriverState
 from lagrange.machine.step_events import EventSteps
@@ -94,7 +95,7 @@ class StepWatch(EventLog):
     def names(self) -> list[str]:
         """Return the events in the user's symbols."""
         plain = dict(self.problem.model.statement.plain)
-        return [str(event.expression.xreplace(plain))[:80] for event in self.problem.events]
+        return [formula(event.expression.xreplace(plain), 80) for event in self.problem.events]
 
     def begin(self, state: DriverState) -> EventResult:
         """Begin at the start of the run."""

@@ -8,7 +8,7 @@ from functools import cached_property, partial
 
 import numpy as np
 
-from lagrange.errors import StatementError, shown
+from lagrange.errors import StatementError, formula, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.event_memory import EventMemory
@@ -168,5 +168,5 @@ def watched_names(problem: Problem) -> list[str]:
     shown = [*surfaces, *(event.expression for event in problem.events)]
     # SymPy would print sqrt(x**2) as Abs(x), which is what the user is asked to write instead.
     bases = [model.equations.express(base) for base in square_roots.values()]
-    names = [str(expression.xreplace(plain))[:80] for expression in (*shown, *bases)]
+    names = [formula(expression.xreplace(plain), 80) for expression in (*shown, *bases)]
     return [*names[: len(shown)], *(f"sqrt({name})" for name in names[len(shown) :])]
