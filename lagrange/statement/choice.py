@@ -18,9 +18,9 @@ def text(value: Any, what: str) -> str:
 
 
 def printable(value: Any, what: str) -> str:
-    """Return a text without characters on which a terminal acts. Raises StatementError for anything else."""
-    if not text(value, what).isprintable():
-        raise StatementError(f"{what} is {shown(value)}, which has control characters: give plain text on one line.")
+    """Return a text whose lines have no characters on which a terminal acts. Raises StatementError for another one."""
+    if not text(value, what).replace("\n", " ").isprintable():
+        raise StatementError(f"{what} is {shown(value)}, which has control characters: give plain text.")
     return str(value)
 
 

@@ -13,7 +13,7 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
-from lagrange.statement.choice import one_of, printable
+from lagrange.statement.choice import one_of, text
 from lagrange.statement.constraint import Constraint, declare_constraints
 from lagrange.statement.coordinate import check_name, check_symbol, declared, is_ours, name_of, t, velocity_of
 from lagrange.statement.declared_order import COORDINATES
@@ -86,9 +86,9 @@ def declare(
         initial=initial_state({} if initial is None else initial, chosen, (0.0,) * (2 * len(chosen))),
         positions=MappingProxyType({label: tuple(map(clean, point)) for label, point in points.items()}),
         links=_links(links, points),
-        name=printable(name, "name"),
-        about=printable(about, "about"),
-        source=printable(source, "source"),
+        name=text(name, "name"),
+        about=about,
+        source=source,
         run=run or RunSettings(),
         **_functions(survey, chosen if coordinates is None else ()),
     )

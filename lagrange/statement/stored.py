@@ -14,6 +14,7 @@ from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.logic.boolalg import ITE
 
 from lagrange.errors import StatementError, shown
+from lagrange.statement.choice import printable
 from lagrange.statement.coordinate import coordinate, name_of, t
 from lagrange.statement.declare import declare
 from lagrange.statement.dimension import Dimension
@@ -180,9 +181,9 @@ def _read(data: Any) -> Statement:
         initial=dict(zip(pairs, data["initial"], strict=True)),
         positions={label: tuple(map(at, point)) for label, point in data["positions"].items()},
         links=data["links"],
-        name=data["name"],
-        about=str(data["about"]),
-        source=str(data["source"]),
+        name=printable(data["name"], "name"),
+        about=printable(data["about"], "about"),
+        source=printable(data["source"], "source"),
         run=RunSettings(*data["run"]),
     )
     return replace(made, dimensions=MappingProxyType(dimensions))
