@@ -128,7 +128,8 @@ def _compared(
 ) -> EquationsComparison:
     """Return the result for one reading of each equation; `untried` are branches without a sample."""
     wrong = tuple(i for i, row in enumerate(rows) if not row.holds(samples))
-    multiples = multiples_of_multipliers(rows, samples) if wrong else None
+    moving = [row for row in rows if any(row.slopes.values())]  # beside them may stand the constraints
+    multiples = multiples_of_multipliers(moving, samples) if wrong and all(rows[i] in moving for i in wrong) else None
     wrong = () if multiples else wrong
     if wrong:
         return _refuted(derivation, rows, wrong, samples)

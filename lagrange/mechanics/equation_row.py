@@ -44,7 +44,12 @@ class EquationRow:
 
     @cached_property
     def _tape(self) -> Precise:
-        return tape([*self.slopes.values(), self.rest], self.statement)
+        return tape([*self.slopes.values(), self.rest, *self._parts], self.statement)
+
+    @property
+    def _parts(self) -> tuple[Any, ...]:
+        """The terms of an equation without accelerations, such as a constraint: rounding is relative to their sizes."""
+        return () if any(self.slopes.values()) else sympy.Add.make_args(self.rest)
 
     @property
     def switches(self) -> tuple[Any, ...]:
@@ -57,17 +62,18 @@ class EquationRow:
 
     def numbers(self, sample: MotionSample) -> tuple[list[Any], Any]:
         """Return the coefficients and the rest at a state. Raises OutsideDomain."""
-        *slopes, rest = values_at(self._tape, sample)
-        return slopes, rest
+        values = values_at(self._tape, sample)
+        return values[: len(self.slopes)], values[len(self.slopes)]
 
     def residual(self, sample: MotionSample) -> tuple[Any, Any]:
         """Return what the equation leaves for the motion, and the size of its terms."""
-        slopes, rest = self.numbers(sample)
+        values, count = values_at(self._tape, sample), len(self.slopes)
+        slopes, rest, parts = values[:count], values[count], values[count + 1 :]
         solved = [*sample.accelerations, *sample.multipliers]
         terms = [slope * x for slope, x in zip(slopes, solved, strict=True)]
         # An acceleration that is zero is known to as many digits as the others are, and not to more.
         floor = ZERO * (1 + max(map(abs, solved))) * sum(map(abs, slopes))
-        return sum(terms) + rest, sum(map(abs, terms)) + abs(rest) + floor
+        return sum(terms) + rest, sum(map(abs, terms)) + max(abs(rest), sum(map(abs, parts))) + floor
 
     def holds(self, samples: Sequence[MotionSample]) -> bool:
         """Return whether the motion satisfies the equation at all states where it has a value."""

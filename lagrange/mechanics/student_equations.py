@@ -84,7 +84,7 @@ class _EquationReader:
         held = [one.name for one in statement.constraints]
         spellings = {f"lambda_{k}": name for k, name in enumerate(multipliers, 1)} if len(held) > 1 else {}
         if len(held) == 1:
-            spellings["lambda"] = next(iter(multipliers))
+            spellings |= dict.fromkeys(("lambda", "lam"), next(iter(multipliers)))
         self.typed = TypedReader(self.names, spellings)
 
     def text(self, given: str) -> list[StudentEquation]:

@@ -187,8 +187,8 @@ def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Itera
     """Yield the sum of equations with constant weights that has the accelerations of the given one."""
     weights: list[Numbers] = []
     for sample in given.samples:
-        slopes, _ = row.numbers(sample)
         try:
+            slopes, _ = row.numbers(sample)
             weights.append(solve(sample.mass, [slopes[: len(sample.mass)]], SINGULAR)[0])
         except OutsideDomain:
             return

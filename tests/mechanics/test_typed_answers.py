@@ -87,3 +87,28 @@ def test_verdicts_are_short() -> None:
     )
     result = system.compare([f"{names[0]}_ddot + {wrong} = 0", f"{names[1]}_ddot = {wrong}"])
     assert not result and len(result.message) <= 400 and result.details
+
+
+def test_constraints_beside_the_equations_are_right_if_they_hold() -> None:
+    """The derivation lists them, and a multiple of a multiplier is still another name for it."""
+    pendulum = shared_scene("cartesian-pendulum")
+    equations = "m x'' = lambda x\nm y'' = -m g + lambda y\n"
+    assert pendulum.compare_text(equations + "x^2 + y^2 = l^2")
+    wrong = pendulum.compare_text(equations + "x^2 + y^2 = 2 l^2")
+    assert not wrong and 2 in wrong.wrong
+
+
+def test_an_abbreviation_holds_for_the_lines_after_it() -> None:
+    kepler = shared_scene("kepler")
+    assert kepler.compare_text("r = sqrt(x^2 + y^2)\nx'' = -mu x/r^3\ny'' = -mu y/r^3")
+    assert not kepler.compare_text("r = sqrt(x^2 + y^2)\nx'' = -mu x/r^2\ny'' = -mu y/r^3")
+    with pytest.raises(lg.StatementError, match="'tehta_dd' is not a symbol"):
+        shared_scene("pendulum").compare_text("tehta_dd = -g/l sin(theta)")
+
+
+def test_an_equation_without_a_value_somewhere_is_wrong() -> None:
+    drag = "D^2 gamma/m"
+    result = shared_scene("thrown-ball").compare_text(
+        f"x'' = -({drag}) x' sqrt(x'^2 - y'^2)\ny'' = -g - ({drag}) y' sqrt(x'^2 + y'^2)"
+    )
+    assert not result and result.wrong == (0,)

@@ -123,6 +123,8 @@ def _fraction(tokens: Sequence[Token], i: int) -> _Rate | None:
     if not tokens[middle + 1 : middle + 2] or not tokens[middle + 1].is_sign("{"):
         return None
     end = closing(tokens, middle + 1)
+    if end == len(tokens):
+        return None
     top, bottom = _top(tokens, i + 2, middle), _bottom(tokens, middle + 2, end)
     if top is None or bottom is None or top[2] != middle or bottom[1] != end or top[0] != bottom[0]:
         return None

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 
-_COMMENT = re.compile(r"(?<!\\)[#%][^\n]*")
+_COMMENT = re.compile(r"(?:(?<!\\)[#%]|(?<=\s)//)[^\n]*")
 _BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?")
 _ENVIRONMENT = re.compile(r"\\(?:begin|end|label|tag)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\[\[\]()]|\\item\b|\$+")
 _LABEL = re.compile(

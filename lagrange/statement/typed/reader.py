@@ -6,6 +6,7 @@ work have the bounds that it sets, and nothing is ever executed.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -25,6 +26,9 @@ from lagrange.statement.typed.tokens import Token, tokens_of
 
 LONGEST_TEXT = 20_000
 """Characters of one equation; a longer text is no equation that a person wrote."""
+
+_ABBREVIATION = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]{0,30})\s*=(?!=)")
+"""A name alone on the left side."""
 
 MOST_EQUATIONS = 1_000
 """Equations of one text."""
@@ -65,26 +69,33 @@ class TypedReader:
 
     def __init__(self, symbols: Mapping[str, Any], multipliers: Mapping[str, str]) -> None:
         self.symbols = dict(symbols)
-        self.names = Names(self.symbols, dict(multipliers))
+        self.multipliers = dict(multipliers)
+        self.names = Names(self.symbols, self.multipliers)
         self.rates = self._rates()
 
     def equations(self, text: str, what: str = "") -> list[TypedEquation]:
         """Return the equations of a text, none if there are only comments. Raises StatementError with all faults.
+
+        A line such as r = sqrt(x^2 + y^2) introduces a symbol for the lines after it.
 
         `what` begins a refusal, such as "equation 2"; places are columns, and lines where the text has several.
         """
         clean, spans = equation_spans(text)
         if len(spans) > MOST_EQUATIONS:
             raise StatementError(f"the text has {len(spans)} equations, and {MOST_EQUATIONS} are the most.")
-        found, faults = [], list[TypedFault]()
+        found, faults, reader = [], list[TypedFault](), self
         for begin, end in spans:
             if end - begin > LONGEST_TEXT:
                 label = what or f"line {_line(text, begin)}"
                 raise StatementError(
                     f"{label} has {end - begin} characters, and {LONGEST_TEXT} are the most of an equation."
                 )
+            known = reader._abbreviation(clean, begin, end, clean[end:])
+            if known:
+                reader = TypedReader(reader.symbols | known, self.multipliers)
+                continue
             try:
-                found.append(TypedEquation(self._readings(clean, begin, end), _line(text, begin)))
+                found.append(TypedEquation(reader._readings(clean, begin, end), _line(text, begin)))
             except _Faults as error:
                 faults += error.faults
         if faults:
@@ -118,6 +129,19 @@ class TypedReader:
                 continue
         return tuple(readings)
 
+    def _abbreviation(self, text: str, begin: int, end: int, later: str) -> dict[str, Any]:
+        """Return the symbol that a line such as r = sqrt(x^2 + y^2) introduces for later lines, {} for an equation."""
+        match = _ABBREVIATION.match(text, begin, end)
+        if match is None or self.names.readings(match.group(1)):
+            return {}
+        if not re.search(rf"\b{match.group(1)}\b", later):
+            return {}
+        try:
+            readings = self._readings(text, match.end(), end)
+        except _Faults:
+            return {}
+        return {match.group(1): readings[0].zero} if not readings[0].right else {}
+
     def _strict(self, text: str) -> Reading | None:
         """Return the reading of a text in the strict notation, None if it is not in it."""
         sides = text.strip().replace("==", "=").split("=")
@@ -134,6 +158,8 @@ class TypedReader:
         """Return the tokens of the sides of an equation. Raises _Faults."""
         tokens = with_derivatives(tokens_of(text, begin, end))
         places = [i for i, token in enumerate(tokens) if token.is_sign("=")]
+        if len(places) == 2 and places[0] == 1 and tokens[0].kind == "word" and not self.names.readings(tokens[0].text):
+            tokens, places = tokens[2:], [places[1] - 2]  # a = x'' = ... gives the acceleration a name
         if len(places) > 1:
             raise _Faults(
                 [

@@ -105,6 +105,8 @@ LINES = {
     "x'' = 0, theta'' = 0": ["x_ddot = 0", "theta_ddot = 0"],
     "# mine\nx'' = 0  # because": ["x_ddot = 0"],
     "x'' = 0   (3)": ["x_ddot = 0"],
+    "a = x'' = -k x": ["x_ddot = -k*x"],
+    "v = sqrt(x'^2)\nx'' = -v x' // drag": ["x_ddot = -v*x_dot"],
     "-k x = m x''\n-k theta = theta''": ["-k*x = m*x_ddot", "-k*theta = theta_ddot"],
     "\\begin{align}\n m \\ddot x &= -k x \\\\\n \\ddot\\theta &= 0 \\label{b}\n\\end{align}": [
         "m*x_ddot = -k*x",
@@ -133,6 +135,7 @@ def test_derivatives_of_expressions_are_taken_along_the_motion() -> None:
         ("x) + m", ["column 2: ')' closes nothing"]),
         ("m'' = x", ["'m' has no derivative of this order here"]),
         ("x''' = 0", ["'x' has no derivative of this order here"]),
+        (r"x + \frac{d}{dt", ["'{' is never closed"]),
         (r"\foo x", [r"column 1: the LaTeX command \foo is not known here"]),
         ("x\x1b = 0", ["the character U+001B (control character) cannot stand in an equation"]),
         ("x + = 0", ["a value is missing"]),
