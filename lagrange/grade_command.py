@@ -44,17 +44,25 @@ def grade(request: argparse.Namespace) -> Answer:
     The exit code is 0 if all are right, 1 if some are wrong, and 2 if a single file cannot be read.
     """
     if request.out is not None:
-        if not Path(request.file).is_dir():
+        if not _is_folder(request.file):
             raise StatementError("--out: a table is written for a folder of answers only.")
         check_place(Path(request.out))
     system = load_scene(request.scene)
-    if Path(request.file).is_dir():
+    if _is_folder(request.file):
         return _grade_folder(system, Path(request.file), request.out)
     row = _graded(system, Path(request.file))
     if row["verdict"] == UNREADABLE:
-        raise StatementError(f"{request.file}: {row['finding']}")
+        raise StatementError(f"{request.file[:80]}: {row['finding']}")
     data = {key: row[key] for key in ("right", "message", "details", "read", "wrong", "counterexample")}
     return Answer(DONE if row["right"] else FAILED, f"{row['message']} {row['details']}".rstrip(), data)
+
+
+def _is_folder(name: str) -> bool:
+    """Return whether a name is that of a folder; a name that is too long for a file is not."""
+    try:
+        return Path(name).is_dir()
+    except (OSError, ValueError):
+        return False
 
 
 def _grade_folder(system: System, folder: Path, out: str | None) -> Answer:
@@ -105,9 +113,9 @@ def _graded(system: System, path: Path) -> dict[str, Any]:
 
 def _text(path: Path) -> str:
     """Return the text of a file. Raises StatementError where it cannot be read."""
-    if not path.is_file():
-        raise StatementError("there is no such file. Give a text file with equations, or a folder of such files.")
     try:
+        if not path.is_file():
+            raise StatementError("there is no such file. Give a text file with equations, or a folder of such files.")
         if path.stat().st_size > LARGEST_FILE:
             raise StatementError(f"the file has more than {LARGEST_FILE} bytes, the most for equations.")
         return path.read_text("utf-8-sig")

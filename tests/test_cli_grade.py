@@ -47,6 +47,11 @@ def test_what_cannot_be_read_is_a_wrong_request(
     assert f"{tmp_path / 'answer.txt'}: {message}" in " ".join(capsys.readouterr().err.split())
 
 
+def test_a_name_too_long_for_a_file(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["grade", "pendulum", "x" * 5000]) == 2
+    assert "the file cannot be read (File name too long)." in " ".join(capsys.readouterr().err.split())
+
+
 def test_a_missing_file(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["grade", "pendulum", "nowhere.txt"]) == 2
     assert "nowhere.txt: there is no such file. Give a text file" in capsys.readouterr().err

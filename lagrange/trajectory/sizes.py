@@ -142,8 +142,9 @@ def noise_floors(model: Model, parameters: FloatArray, t: float, y: FloatArray, 
     layout = model.layout
     with np.errstate(all="ignore"):
         _, _, period = entry_sizes(slopes_of(model, parameters), layout, t, y, left, [(t, y)])
-        noise = np.nan_to_num(rounding_noise(model.interpreted("rhs").program, t, y, parameters)[layout.v], posinf=0.0)
-    return NOISE_MULTIPLE * np.concatenate([noise * period**2 / 2, noise * period])
+        noise = rounding_noise(model.interpreted("rhs").program, t, y, parameters)[layout.v]
+        floors = NOISE_MULTIPLE * np.concatenate([noise * period * period / 2, noise * period])
+    return np.nan_to_num(floors, posinf=0.0)
 
 
 def _floors_of_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
