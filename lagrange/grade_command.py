@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 from lagrange.arguments import DONE, FAILED, WRONG, Answer, add_command, add_json, load_scene
 from lagrange.errors import StatementError
 from lagrange.show.files.atomic_file import check_place, write_atomically, write_rows
-from lagrange.show.terminal.progress import counter
 from lagrange.show.terminal.table import text_table
 
 if TYPE_CHECKING:
@@ -18,6 +18,9 @@ if TYPE_CHECKING:
 
 LARGEST_FILE = 1_000_000
 """Bytes of a file of equations."""
+
+LONGEST_SHOWN = 250
+"""Characters of a file's name in a message."""
 
 COLUMNS = ("student", "verdict", "finding", "reading")
 """Columns of the table of a folder of answers."""
@@ -52,7 +55,7 @@ def grade(request: argparse.Namespace) -> Answer:
         return _grade_folder(system, Path(request.file), request.out)
     row = _graded(system, Path(request.file))
     if row["verdict"] == UNREADABLE:
-        raise StatementError(f"{request.file[:80]}: {row['finding']}")
+        raise StatementError(f"{request.file[:LONGEST_SHOWN]}: {row['finding']}")
     data = {key: row[key] for key in ("right", "message", "details", "read", "wrong", "counterexample")}
     return Answer(DONE if row["right"] else FAILED, f"{row['message']} {row['details']}".rstrip(), data)
 
@@ -71,11 +74,10 @@ def _grade_folder(system: System, folder: Path, out: str | None) -> Answer:
     if not files:
         raise StatementError(f"{folder}: the folder has no files. Put one file with equations for each student in it.")
     rows = []
-    with counter(len(files), "answer", wanted=True) as report:
-        for done, path in enumerate(files, 1):
-            rows.append(_graded(system, path))
-            if report is not None:
-                report(float(done))
+    for done, path in enumerate(files, 1):
+        rows.append(_graded(system, path))
+        if sys.stderr is not None and sys.stderr.isatty():
+            sys.stderr.write(f"\r{done} of {len(files)} answers" + "\n" * (done == len(files)))
     cells = [[str(row[column]) for column in COLUMNS] for row in rows]
     right = sum(row["verdict"] == "right" for row in rows)
     told = text_table(COLUMNS[:3], [line[:3] for line in cells])

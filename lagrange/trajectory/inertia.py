@@ -79,10 +79,10 @@ def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) ->
 def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
     """Return the message for a run that ends at a state (2n,) where motions cross and its errors choose one."""
     place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
+    names = problem.model.equations.constraints.names
     return (
-        f"{dependent_rows(problem.model.equations.constraints.names, dependent)} near there, at {place}, and an error "
-        "as small as the tolerance decides how the motion goes on. End the run before it, or pass it with equal steps, "
-        "such as those of rk4."
+        f"{dependent_rows(names, dependent)} near there, and an error as small as the tolerance decides how the motion "
+        f"goes on. The state is {place}. End the run before it, or pass it with equal steps, such as those of rk4."
     )
 
 

@@ -138,7 +138,7 @@ AWKWARD = (
     *("fn", "let", "self", "Self", "default", "true", "null", "this", "new", "var", "void", "mut", "match", "loop"),
     *("end", "endif", "otherwise", "until", "persistent", "zeros", "pick", "data", "dimension", "merge", "dp", "DP"),
     *("allocate", "subroutine", "function", "local", "ifelse", "smaller", "equal", "infinity", "found"),
-    *("use", "mod", "crate", "super", "where", "dyn", "type", "i", "x7", "eval", "power", "abs_", "A0", "Reals"),
+    *("use", "mod_", "crate", "super", "where", "dyn", "type", "i", "x7", "eval", "power", "abs_", "A0", "Reals"),
     *("STATE", "ENERGY", "None_"),
 )
 

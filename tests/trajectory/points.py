@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.equations.state_layout import StateLayout
+from lagrange.graph.node import Graph
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.trajectory.integrator import Problem
 
@@ -31,7 +32,7 @@ class Point:
 
     statement = SimpleNamespace(names=("x",), parameters=())
     layout = StateLayout(("x",), ("x",))
-    equations = SimpleNamespace(structure=SimpleNamespace(brief=False), constraints=(), accelerations=())
+    equations = SimpleNamespace(structure=SimpleNamespace(brief=False), constraints=(), accelerations=(), graph=Graph())
 
     def __init__(self, acceleration: Any) -> None:
         self.acceleration = acceleration
