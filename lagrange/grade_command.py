@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lagrange.arguments import DONE, FAILED, WRONG, Answer, add_command, add_json, load_scene
+from lagrange.arguments import DONE, FAILED, Answer, add_command, add_json, load_scene
 from lagrange.errors import StatementError
 from lagrange.show.files.atomic_file import check_place, write_atomically, write_rows
 from lagrange.show.terminal.table import text_table
@@ -99,7 +99,7 @@ def _graded(system: System, path: Path) -> dict[str, Any]:
     try:
         result = system.compare_text(_text(path))
     except StatementError as error:
-        return found | {"verdict": UNREADABLE, "finding": str(error), "code": WRONG}
+        return found | {"verdict": UNREADABLE, "finding": str(error)}
     return found | {
         "verdict": "right" if result else "wrong",
         "finding": "" if result else result.message,

@@ -26,8 +26,8 @@ MULTIPLIER = "lambda_"
 class StudentEquation:
     """An equation of motion: what it says is zero, in the plain symbols of `Statement.plain`.
 
-    `label` names it in messages. `right` is its right side. `read` is the
-    equation as it was understood. `others` are further readings of a text that can be understood in several ways.
+    `label` names it in messages. `right` is its right side. `read` is the equation as it was understood. `others` are
+    further readings of a text that can be understood in several ways.
     """
 
     label: str
