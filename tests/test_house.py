@@ -22,7 +22,7 @@ PAGES = {
     for path in sorted(ROOT.glob(pattern))
 }
 
-LONGEST_FILE = 400
+LONGEST_FILE = 600
 LONGEST_FUNCTION = 60
 MEDIAN_FUNCTION = 10
 
