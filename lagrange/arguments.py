@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import lagrange as lg
 from lagrange.errors import LagrangeError, StatementError, suggestion
-from lagrange.show.files.atomic_folder import recover
 from lagrange.show.terminal.fitting import fitted
 
 if TYPE_CHECKING:
@@ -139,7 +138,6 @@ def folder(name: str) -> Path:
         raise StatementError(f"--out {name}: the folder cannot be made ({error.strerror}). Name another.") from None
     if not os.access(path, os.W_OK | os.X_OK):
         raise StatementError(f"--out {name}: the folder may not be written to. Name another.")
-    recover(path)
     return path
 
 

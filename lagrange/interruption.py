@@ -1,8 +1,7 @@
 """The signals that ask a program to end: SIGINT, which is Ctrl-C, SIGTERM and SIGHUP.
 
-Python raises KeyboardInterrupt wherever a signal finds it. In a callback of the import machinery or in a finalizer that
-is printed and lost, and C code that imports makes another error of it. So a signal is noted first. It raises at once
-where that is safe, else at the next line of our own code.
+Python raises KeyboardInterrupt wherever a signal finds it. Raised inside an import or a finalizer it is lost or becomes
+another error. So such a signal is noted, and comes again until it finds other code.
 
 Few modules are imported here: until they are there, Ctrl-C prints a traceback.
 """
@@ -10,7 +9,6 @@ Few modules are imported here: until they are there, Ctrl-C prints a traceback.
 from __future__ import annotations
 
 import _thread
-import os
 import signal
 import sys
 import time
@@ -25,8 +23,8 @@ if TYPE_CHECKING:
 
 SENTENCE = "interrupted; no file was left half written."
 
-GRACE = 0.2
-"""Seconds that a second signal leaves to what is on its way out, as files that are put back."""
+INTERVAL = 0.01
+"""Seconds after which a signal that could not be raised comes again."""
 
 _IMPORTING = "<frozen importlib"
 
@@ -48,7 +46,6 @@ class Interruption:
 
     def __init__(self) -> None:
         self.number: int | None = None
-        self._over = False
 
     @property
     def code(self) -> int:
@@ -62,25 +59,17 @@ class Interruption:
                 signal.signal(number, self.handle)
         sys.unraisablehook = self._lost
         occupy_standard_streams()
-        read, write = os.pipe()
-        os.set_blocking(write, False)
-        signal.set_wakeup_fd(write, warn_on_full_buffer=False)
-        _thread.start_new_thread(self._watch, (read,))
 
     def close(self) -> None:
         """Raise no more: the program ends by itself. Its last milliseconds are those of the interpreter."""
-        self._over = True
         for number in self._numbers():
             signal.signal(number, signal.SIG_IGN)
 
     def handle(self, number: int, frame: FrameType | None) -> None:
-        """Note a signal and raise `Signalled`, here or at the next line of our own code."""
-        if self._over:
-            return
+        """Raise `Signalled`, or note a signal that comes during an import."""
         self.number = self.number or number
-        sys.settrace(None)
-        if _within(frame, _importing):
-            self._raise_soon(frame)
+        if _importing(frame):
+            self._come_again()
         else:
             raise Signalled(self.number)
 
@@ -89,53 +78,33 @@ class Interruption:
         names = signal.Signals.__members__
         return [names[name] for name in ("SIGINT", "SIGTERM", "SIGHUP") if name in names]
 
-    def _raise_soon(self, frame: FrameType | None) -> None:
-        """Trace the frames of our own code, those that wait for others and those to come."""
-        while frame is not None:
-            if _ours(frame):
-                frame.f_trace = self._trace
-            frame = frame.f_back
-        sys.settrace(lambda entered, *_: self._trace if _ours(entered) else None)
+    def _come_again(self) -> None:
+        """Let the signal come to the main thread, which is the one here, once more after `INTERVAL`."""
+        number, main_thread = self.number or signal.SIGINT, _thread.get_ident()
 
-    def _trace(self, frame: FrameType, event: str, _: Any) -> Any:
-        if event != "line" or self._over:
-            return self._trace
-        sys.settrace(None)
-        raise Signalled(self.number or 0)
+        def wait() -> None:
+            time.sleep(INTERVAL)
+            if sys.platform == "win32":
+                _thread.interrupt_main(number)
+            else:
+                signal.pthread_kill(main_thread, number)  # ends a wait of the main thread too
+
+        _thread.start_new_thread(wait, ())
 
     def _lost(self, unraisable: Any) -> None:
-        """Raise once more what was raised where nothing can be; see `sys.unraisablehook`.
+        """Let a signal that was raised where nothing can be raised come again; see `sys.unraisablehook`.
 
-        What other finalizers complain of while the program is interrupted comes from objects that were half made.
+        Other complaints of finalizers, while the program is interrupted, come from objects that were half made.
         """
         if self.number is None:
             sys.__unraisablehook__(unraisable)
         elif issubclass(unraisable.exc_type, KeyboardInterrupt):
-            self._raise_soon(sys._getframe())
-
-    def _watch(self, pipe: int) -> None:
-        """End the process with the second signal, in compiled code too, where no Python runs that could raise."""
-        came = b""
-        while len(came) < 2:
-            came += os.read(pipe, 2)
-        time.sleep(GRACE)
-        while not self._over:
-            if all(signal.getsignal(number) in (self.handle, signal.SIG_IGN) for number in self._numbers()):
-                os._exit(128 + came[0])
-            time.sleep(0.01)  # somebody holds signals back until files are in order
+            self._come_again()
 
 
-def _within(frame: FrameType | None, wanted: Any) -> bool:
+def _importing(frame: FrameType | None) -> bool:
     while frame is not None:
-        if wanted(frame):
+        if frame.f_code.co_filename.startswith(_IMPORTING):
             return True
         frame = frame.f_back
     return False
-
-
-def _importing(frame: FrameType) -> bool:
-    return frame.f_code.co_filename.startswith(_IMPORTING)
-
-
-def _ours(frame: FrameType) -> bool:
-    return str(frame.f_globals.get("__name__")).startswith("lagrange.") and frame.f_globals is not globals()

@@ -239,8 +239,8 @@ class System(Formulas):
         control), "main" (a program that runs the initial state and writes CSV) and, for some targets, "taylor"; the
         default is rhs and energy. `events` are expressions as for a run. `parameters` overlay the default values, which
         stand in the file.
-        The result has `.files`, and `.commands` that build and run the self-test in that folder. All files are written
-        or none. Raises StatementError for what a target cannot express, and for a parameter without a value.
+        The result has `.files`, and `.commands` that build and run the self-test in that folder. Raises StatementError
+        for what a target cannot express, and for a parameter without a value.
         """
         return export(self.compile("numpy", check=False), target, path, contents, events, parameters)
 

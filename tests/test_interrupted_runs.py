@@ -1,4 +1,4 @@
-"""`lagrange run --out`, stopped by SIGINT and SIGTERM at random moments: it ends, and the folder holds one run.
+"""`lagrange run --out`, stopped by SIGINT or SIGTERM at random moments: a folder with a card holds one run.
 
 Three signals are tried in turn, twenty with --all; `LAGRANGE_SIGNALS=200` tries 200. Moments are parts of the time
 that a run takes here and now, half of them in the first half of its writing: what comes after is soon over. That each
@@ -68,8 +68,8 @@ class Runs:
         self.whole = time.perf_counter() - began
 
     def wait(self, process: subprocess.Popen[str], *, writing: bool) -> None:
-        """Wait until the folder in which new files are prepared is there, or is gone."""
-        while process.poll() is None and any(self.folder.glob(".lagrange-*")) is not writing:
+        """Wait until new files are prepared, or are no more."""
+        while process.poll() is None and any(self.folder.glob(".*.part")) is not writing:
             time.sleep(0.002)
 
     def held(self) -> int:
@@ -98,6 +98,11 @@ class Runs:
             printed, complaint = process.communicate(timeout=600)
             self.slowest = max(self.slowest, time.perf_counter() - sent)
         assert time.perf_counter() - sent < PATIENCE + FACTOR * self.whole
+        if not (self.folder / "card.json").exists():
+            assert handled and process.returncode == 128 + number and not any(self.folder.glob(".*"))
+            self.seen["interrupted in the exchange, no card"] += 1
+            self.measure()
+            return
         after = {name: (self.folder / name).read_bytes() for name in NAMES}
         now = self.held()
         new = [name for name in NAMES if after[name] != before[name]]

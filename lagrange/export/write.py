@@ -45,7 +45,7 @@ def export(
     events: Any,
     parameters: Mapping[Any, Any] | None,
 ) -> Exported:
-    """Write a model for a target into a folder, all files or none; see `System.export`."""
+    """Write a model for a target into a folder; see `System.export`."""
     chosen = find(target)
     declared = () if events is None else declare_events(events, model.statement)
     folder, made = _folder(path)

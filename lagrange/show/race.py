@@ -151,7 +151,7 @@ class Race:
         return write_atomically(path, picture(self.plot, dpi))
 
     def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Write table.csv and plot.png, both or none, and return their paths.
+        """Write table.csv and, last, plot.png, and return their paths.
 
         The folder exists, and keeps its other files. Where no run got to its end there is no picture, and one of an
         earlier race is removed. Raises StatementError for a folder that cannot be written to, RunError if the disk is

@@ -285,7 +285,7 @@ class Solution:
         return write_atomically(path, picture(lambda: self.plot(dpi=dpi), dpi))
 
     def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Write trajectory.csv, trajectory.png and card.json, all of them or none, and return their paths.
+        """Write trajectory.csv, trajectory.png and, last, card.json, which marks a whole run; return their paths.
 
         The folder exists, and keeps its other files. A run without output has no picture, and one of an earlier run
         is removed. Raises StatementError for a folder that cannot be written to, RunError if the disk is full.

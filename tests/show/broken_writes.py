@@ -1,7 +1,7 @@
 """A program for tests: stop a change of files at each of its operations in turn, and print what was left as JSON.
 
 Its arguments are an empty folder, what is written (together, single), and one or more things that happen: kill, full,
-dead, SIGINT, SIGTERM, and full+3 for killed three operations after the disk was full. Each has a folder of its own.
+SIGINT. Each has a folder of its own.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from unittest import mock
 
 from lagrange.errors import LagrangeError
 from lagrange.show.files.atomic_file import write_atomically
-from lagrange.show.files.atomic_folder import recover, write_together
+from lagrange.show.files.atomic_folder import write_together
 
 OPERATIONS = ("open", "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.chmod", "os.listdir", "os.scandir")
 NAMES = ("a.csv", "b.png", "c.json")
@@ -31,17 +31,15 @@ def new(file: BinaryIO) -> None:
 def stop(how: str, folder: Path, number: int) -> Callable[[], None]:
     """Let the operation of that number in the folder, counted from 0, be stopped; return what counts one."""
     count = 0
-    killed = number if how == "kill" else number + int(how[5:]) if how.startswith("full+") else -1
 
     def operation() -> None:
         nonlocal count
         count += 1
-        if count - 1 == number and how.startswith("SIG"):
-            os.kill(os.getpid(), signal.Signals[how])
-        elif count - 1 == killed:
-            os.kill(os.getpid(), signal.SIGKILL)
-        elif (count - 1 == number and how.startswith("full")) or (count - 1 >= number and how == "dead"):
+        if count - 1 != number:
+            return
+        if how == "full":
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        os.kill(os.getpid(), signal.SIGKILL if how == "kill" else signal.SIGINT)
 
     def hook(event: str, arguments: tuple[Any, ...]) -> None:
         if event in OPERATIONS and str(arguments[0]).startswith(str(folder)):
@@ -64,15 +62,19 @@ def leave(code: int) -> None:
     os._exit(code)
 
 
+def write(what: str, folder: Path) -> None:
+    if what == "together":
+        write_together(folder, {"a.csv": new, "b.png": None, "c.json": new})
+    else:
+        write_atomically(folder / "a.csv", new)
+
+
 def child(how: str, what: str, folder: Path, number: int) -> None:
     """Write, stopped at an operation; end with 0 if that never came."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
     over = stop(how, folder, number)
     try:
-        if what == "together":
-            write_together(folder, {"a.csv": new, "b.png": None, "c.json": new})
-        else:
-            write_atomically(folder / "a.csv", new)
+        write(what, folder)
     except LagrangeError as error:
         sys.stderr.write(f"{error}\n")
         leave(8)
@@ -87,7 +89,7 @@ def state(folder: Path) -> dict[str, str]:
 
 
 def main(folder: Path, how: str, what: str) -> list[dict[str, Any]]:
-    """Return for each operation what was left, and what is there after the next one who writes has cleaned up."""
+    """Return for each operation what was left, and what is there after the next one who writes."""
     found = []
     for number in range(200):
         for name in (*NAMES, "mine.txt"):
@@ -97,10 +99,9 @@ def main(folder: Path, how: str, what: str) -> list[dict[str, Any]]:
         _, status = os.waitpid(process, 0)
         code = os.waitstatus_to_exitcode(status)
         left = state(folder)
-        if what == "together":
-            recover(folder)
-        else:
-            write_atomically(folder / "a.csv", lambda file: file.write(b"next"))
+        for path in folder.glob(".*"):
+            path.unlink()
+        write(what, folder)
         found.append({"code": code, "left": left, "then": state(folder)})
         if code == 0:
             return found

@@ -66,7 +66,7 @@ def test_the_system_s_refusals_in_words(
     def refuse(*_: Any, **__: Any) -> Any:
         raise OSError(code, os.strerror(code))
 
-    monkeypatch.setattr(Path if where == "replace" else os, where, refuse)
+    monkeypatch.setattr(os if where == "fsync" else Path, where, refuse)
     with pytest.raises(kind) as refusal:
         write_atomically(tmp_path / "a.txt", hello)
     monkeypatch.undo()

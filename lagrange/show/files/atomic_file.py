@@ -7,12 +7,12 @@ import numbers
 import os
 import stat
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
 from lagrange.errors import RunError, StatementError, shown
-from lagrange.show.files.temporary import abandoned, lock, locked, sync_folder, uninterrupted
 
 _FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used up", errno.EFBIG: "it is too large"}
 
@@ -26,8 +26,8 @@ def write_atomically(path: str | os.PathLike[str], write: Writer) -> Path:
     """Let `write` fill a temporary file in the same folder, sync it and move it to `path`, which is returned.
 
     Whatever stops it, there is either the whole new file or what was there before. A link is followed; an existing
-    file keeps its permissions. What a killed process left of the same file is removed. Raises StatementError for a
-    path that cannot be written, RunError if the disk is full or fails.
+    file keeps its permissions. Raises StatementError for a path that cannot be written, RunError if the disk is full or
+    fails.
     """
     target = real_path(path)
     try:
@@ -67,43 +67,44 @@ def _lines(names: Sequence[str], columns: Sequence[Iterable[object]]) -> Iterato
 
 
 def _write(target: Path, write: Writer) -> Path:
-    mode = old_mode(target)
-    part: Path | None = None
+    part = filled_part(target, write, old_mode(target))
     try:
-        with locked(target.parent), uninterrupted():
-            part = _free_name(target)
-            file = part.open("xb")
-            lock(file.fileno())
-        with file:
-            fill(file, write)
-            with locked(target.parent), uninterrupted():
-                file.close()
-                if mode is not None:
-                    part.chmod(mode)
-                part.replace(target)
-                part = None
+        part.replace(target)
     except BaseException:
-        if part is not None:
-            with uninterrupted():
-                part.unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
         raise
     sync_folder(target.parent)
     return target
 
 
-def _free_name(target: Path) -> Path:
-    """Return a name for the temporary file, always the same one unless another process writes this file as well."""
-    part = target.with_name(f".{target.name[:32]}.part")
-    if abandoned(part):
-        part.unlink()
-    return target.with_name(f".{target.name[:32]}.{os.urandom(8).hex()}.part") if os.path.lexists(part) else part
+def filled_part(target: Path, write: Writer, mode: int | None) -> Path:
+    """Let `write` fill a new hidden file beside the target, with permissions `mode`, and return its path.
+
+    It is on the disk when this returns. An exception removes it.
+    """
+    part = target.with_name(f".{target.name[:32]}.{os.urandom(8).hex()}.part")
+    try:
+        with part.open("xb") as file:
+            write(file)
+            file.flush()
+            os.fsync(file.fileno())
+        if mode is not None:
+            part.chmod(mode)
+    except BaseException:
+        part.unlink(missing_ok=True)
+        raise
+    return part
 
 
-def fill(file: BinaryIO, write: Writer) -> None:
-    """Let `write` fill a file, up to the disk."""
-    write(file)
-    file.flush()
-    os.fsync(file.fileno())
+def sync_folder(folder: Path) -> None:
+    """Make new names in a folder last through a power cut, where the system can do that to a folder."""
+    if os.name == "posix":
+        with suppress(OSError):
+            descriptor = os.open(folder, os.O_RDONLY)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
 
 
 def real_path(path: str | os.PathLike[str]) -> Path:
