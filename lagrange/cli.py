@@ -27,7 +27,6 @@ from lagrange.arguments import (
     folder,
     load_scene,
 )
-from lagrange.completion_command import add_completion
 from lagrange.ensemble_command import add_ensemble
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.export_command import add_export
@@ -161,7 +160,6 @@ def parser() -> argparse.ArgumentParser:
     new_ = add_command(commands, "new", new, "write a commented scene file to start from", takes_scene=False)
     new_.add_argument("name", metavar="NAME", help="name of the scene; the file is NAME.toml")
     new_.add_argument("--out", metavar="DIR", default=".", help="folder to write it to (default: this one)")
-    add_completion(commands)
     return top
 
 

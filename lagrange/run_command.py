@@ -21,7 +21,6 @@ from lagrange.arguments import (
     start,
 )
 from lagrange.errors import listing
-from lagrange.show.terminal.sparkline import sketch
 
 if TYPE_CHECKING:
     from lagrange.show.solution import Solution
@@ -81,9 +80,8 @@ def run(request: argparse.Namespace) -> Answer:
     )
     files = solution.to_folder(target) if target is not None else []
     written = f"\nwritten to {target}: {listing(path.name for path in files)}" if target is not None else ""
-    drawn = "" if request.json else sketch(solution)
-    text = repr(solution) + (f"\n\n{drawn}" if drawn else "") + written
-    return Answer(code_of(solution), text, {**solution.card(), "files": [str(path) for path in files]})
+    data = {**solution.card(), "files": [str(path) for path in files]}
+    return Answer(code_of(solution), repr(solution) + written, data)
 
 
 def _times(t_end: float, points: int) -> Any:
