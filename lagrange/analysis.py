@@ -24,12 +24,13 @@ from lagrange.mechanics.point import stated_point, with_inputs_as_parameters
 from lagrange.mechanics.reduction import reduced
 from lagrange.mechanics.routh import routhian
 from lagrange.mechanics.small import small
-from lagrange.mechanics.student_equations import equations_of_text, read_equations
+from lagrange.mechanics.student_equations import read_equations
 from lagrange.mechanics.substitution import substituted
 from lagrange.mechanics.transformation import transformed
 from lagrange.show.dynamics import ShownModes, shown_as
 from lagrange.show.figures.eigenvalue_figure import plot_eigenvalues
 from lagrange.show.notebook.shown_lists import ConservedList, EquilibriumList
+from lagrange.statement.choice import text as checked_text
 from lagrange.statement.given import require_values, with_values
 from lagrange.statement.statement import Statement
 
@@ -109,11 +110,8 @@ class Analysis(ABC):
         return compare_equations(self._known, self._known_derivation, read_equations(derived, self._known))
 
     def compare_text(self, text: str) -> EquationsComparison:
-        """Compare equations of motion in a text, as `compare` does, which says how texts are read.
-
-        Raises StatementError, with line and column of each fault, for what cannot be read.
-        """
-        return compare_equations(self._known, self._known_derivation, equations_of_text(text, self._known))
+        """Compare equations of motion in one text: `compare`, for text only."""
+        return self.compare(checked_text(text, "the text of the equations"))
 
     def conserved(self) -> list[Conserved]:
         """Return what is found to be conserved: records with `.name`, `.expression` and `.reason`.

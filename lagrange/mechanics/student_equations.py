@@ -9,7 +9,6 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError, listing, suggestion
-from lagrange.statement.choice import text
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.expression import TEXTS, entries, expression
 from lagrange.statement.multiplier import constraint_of
@@ -20,6 +19,9 @@ from lagrange.statement.typed.reader import TypedEquation, TypedReader
 
 MULTIPLIER = "lambda_"
 """What the name of a constraint has before it where its multiplier is meant."""
+
+FORCES = ("T", "N", "S")
+"""Letters of a force of a constraint: the multiplier, or each of them with its number, where no symbol has the name."""
 
 
 @dataclass(frozen=True)
@@ -43,9 +45,9 @@ def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
     A text says what is zero, or has = or == between two sides; q_dot and q_ddot are the derivatives of q, lambda_name
     is the multiplier of a constraint. Raises StatementError, with the equation's place, for what cannot be read.
     """
-    reader = _EquationReader(statement)
     if isinstance(given, str):
-        return reader.text(given)
+        return equations_of_text(given, statement)
+    reader = _EquationReader(statement)
     if isinstance(given, Mapping):
         listed = [(f"the {coordinate_name(key, statement.names)} equation", value) for key, value in given.items()]
     else:
@@ -59,7 +61,7 @@ def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
 
 def equations_of_text(given: str, statement: Statement) -> list[StudentEquation]:
     """Return the equations of a text as people type it. A refusal has all faults, each with line and column."""
-    return _EquationReader(statement).text(text(given, "the text of the equations"))
+    return _EquationReader(statement).text(given)
 
 
 def spelled(expression: Any) -> str:
@@ -82,17 +84,24 @@ class _EquationReader:
         multipliers = {f"{MULTIPLIER}{one.name}": one.multiplier for one in statement.constraints}
         self.names = multipliers | self.names
         held = [one.name for one in statement.constraints]
-        spellings = {f"lambda_{k}": name for k, name in enumerate(multipliers, 1)} if len(held) > 1 else {}
+        letters = [letter for letter in FORCES if letter not in self.names]
+        spellings = {f"{one}{k}": name for k, name in enumerate(multipliers, 1) for one in ("lambda", *letters)}
         if len(held) == 1:
-            spellings |= dict.fromkeys(("lambda", "lam"), next(iter(multipliers)))
+            spellings |= dict.fromkeys(("lambda", "lam", *letters), next(iter(multipliers)))
         self.typed = TypedReader(self.names, spellings)
 
     def text(self, given: str) -> list[StudentEquation]:
         """Return the equations of a text, which may have several lines."""
-        equations = self.typed.equations(given)
+        equations = [one for one in self.typed.equations(given) if not self._is_kinetic_energy(one)]
         if not equations:
             raise StatementError("there is no equation: write one a line, such as  theta_ddot + g/l*sin(theta) = 0.")
         return [_equation(f"equation {k}", one) for k, one in enumerate(equations, 1)]
+
+    def _is_kinetic_energy(self, equation: TypedEquation) -> bool:
+        """Return whether an equation says what T is, where T may be the force of a constraint."""
+        if not self.statement.constraints or not equation.readings[0].read.startswith(MULTIPLIER):
+            return False
+        return bool(sympy.expand(equation.readings[0].right - self.statement.kinetic.xreplace(self.plain)) == 0)
 
     def read(self, given: Any, what: str) -> StudentEquation:
         """Return one equation: a text, an expression that is zero, or an Eq."""

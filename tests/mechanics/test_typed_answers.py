@@ -98,6 +98,12 @@ def test_constraints_beside_the_equations_are_right_if_they_hold() -> None:
     assert not wrong and 2 in wrong.wrong
 
 
+def test_a_letter_for_the_force_of_the_only_constraint_is_its_multiplier() -> None:
+    pendulum = shared_scene("cartesian-pendulum")
+    assert pendulum.compare("T = 1/2 m (x'^2 + y'^2)\nV = m g y\nm x'' = -T x/l\nm y'' = -T y/l - m g")
+    assert not pendulum.compare("m x'' = -T x/l\nm y'' = T y/l - m g")
+
+
 def test_an_abbreviation_holds_for_the_lines_after_it() -> None:
     kepler = shared_scene("kepler")
     assert kepler.compare_text("r = sqrt(x^2 + y^2)\nx'' = -mu x/r^3\ny'' = -mu y/r^3")

@@ -7,19 +7,19 @@ from __future__ import annotations
 
 import re
 
+from lagrange.statement.typed.latex import FRAME, LINE_BREAK, OPERATOR, PROSE
+
 _COMMENT = re.compile(r"(?:(?<!\\)[#%]|(?<=\s)//)[^\n]*")
-_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?")
-_ENVIRONMENT = re.compile(r"\\(?:begin|end|label|tag)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\[\[\]()]|\\item\b|\$+")
 _LABEL = re.compile(
     r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*[ivx]{1,4}\s*\)(?=\s)|[0-9]{1,2}\s*\)|[0-9]{1,2}\.(?=\s)|[a-h]\)(?=\s)|[-*•](?=\s+[-(A-Za-z\\].*=))"
 )
 _HEADING = re.compile(r"[^=\n]*:(?!=)")
 _TRAILING_LABEL = re.compile(r"\s+\(\s*[0-9]{1,2}[a-z]?\s*\)\s*$")
 _END = re.compile(r"[\s;,.]+$")
-_GOES_ON = re.compile(r"(?:[-+*/=^({\[,\u2212·⋅×]|\\(?:cdot|times|left\s*[(\[]))\s*[&\s]*$")
-_CONTINUES = re.compile(r"[\s&]*(?:[+*/=^\u2212·⋅×)\]}-]|\\(?:cdot|times|right\b|quad\b|qquad\b))")
+_GOES_ON = re.compile(rf"(?:[-+*/=^({{\[,\u2212·⋅×]|{OPERATOR})\s*[&\s]*$")
+_CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:right|quad|qquad)\b)")
 _EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")
-_SEPARATOR = re.compile(r"[;,]|\band\b")
+_SEPARATOR = re.compile(r"[;,&]|\band\b|\bund\b")
 _OPEN, _CLOSE = "([{", ")]}"
 
 
@@ -31,8 +31,9 @@ def equation_spans(text: str) -> tuple[str, list[tuple[int, int]]]:
     equation if both it and the one before have a sign of equality.
     """
     blanked = _blank(_COMMENT, text)
-    blanked = _BREAK.sub(lambda match: "\n" + " " * (len(match.group()) - 1), blanked)
-    blanked = _blank(_ENVIRONMENT, blanked)
+    blanked = LINE_BREAK.sub(lambda match: "\n" + _spaces(match.group()[1:]), blanked)
+    blanked = PROSE.sub(lambda match: match.group(1).center(len(match.group())), blanked)
+    blanked = _blank(FRAME, blanked)
     spans: list[tuple[int, int]] = []
     place = 0
     lines = []
@@ -90,4 +91,9 @@ def _separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
 
 
 def _blank(pattern: re.Pattern[str], text: str) -> str:
-    return pattern.sub(lambda match: " " * len(match.group()), text)
+    return pattern.sub(lambda match: _spaces(match.group()), text)
+
+
+def _spaces(text: str) -> str:
+    """Return blanks in place of a text, with its line breaks."""
+    return re.sub(r"[^\n]", " ", text)

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import sympy
@@ -22,13 +24,17 @@ from lagrange.statement.typed.faults import TypedFault, faults_of
 from lagrange.statement.typed.grammar import Choices, Formula, parsed
 from lagrange.statement.typed.lines import equation_spans
 from lagrange.statement.typed.names import Names
+from lagrange.statement.typed.remarks import Clause, Line, Word, clauses_of
 from lagrange.statement.typed.tokens import Token, tokens_of
 
 LONGEST_TEXT = 20_000
 """Characters of one equation; a longer text is no equation that a person wrote."""
 
-_ABBREVIATION = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]{0,30})\s*=(?!=)")
-"""A name alone on the left side."""
+_CONSTANT = (["const"], ["constant"], ["konst"])
+"""What is said of a quantity whose derivative is zero."""
+
+_ABBREVIATION = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]{0,30})\s*(\^2|\*\*2|²)?\s*=(?!=)")
+"""A name alone on the left side, or its square."""
 
 MOST_EQUATIONS = 1_000
 """Equations of one text."""
@@ -76,38 +82,90 @@ class TypedReader:
     def equations(self, text: str, what: str = "") -> list[TypedEquation]:
         """Return the equations of a text, none if there are only comments. Raises StatementError with all faults.
 
-        A line such as r = sqrt(x^2 + y^2) introduces a symbol for the lines after it.
+        A line such as r = sqrt(x^2 + y^2) introduces a symbol for the other lines. Remarks and values are left out.
 
         `what` begins a refusal, such as "equation 2"; places are columns, and lines where the text has several.
         """
         clean, spans = equation_spans(text)
         if len(spans) > MOST_EQUATIONS:
             raise StatementError(f"the text has {len(spans)} equations, and {MOST_EQUATIONS} are the most.")
-        found, faults, reader = [], list[TypedFault](), self
         for begin, end in spans:
             if end - begin > LONGEST_TEXT:
                 label = what or f"line {_line(text, begin)}"
                 raise StatementError(
                     f"{label} has {end - begin} characters, and {LONGEST_TEXT} are the most of an equation."
                 )
-            known = reader._abbreviation(clean, begin, end, clean[end:])
+        clauses = [clause for span in spans for clause in clauses_of(clean, *span, self._reads)]
+        reader, listed = self, []
+        for clause in clauses:
+            known = reader._abbreviation(clean, clause)
             if known:
                 reader = TypedReader(reader.symbols | known, self.multipliers)
+            else:
+                listed.append(clause)
+        return reader._all(text, clean, listed, what)
+
+    def _all(self, text: str, clean: str, clauses: Sequence[Clause], what: str) -> list[TypedEquation]:
+        """Return the equations of clauses. Raises StatementError, also where there are only remarks."""
+        found, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
+        for clause in clauses:
+            line = self._line_of(clean, clause.begin, clause.end)
+            if line.is_value(self._is_parameter) or (clause.aside and not self._is_equation(line)):
                 continue
             try:
-                found.append(TypedEquation(reader._readings(clean, begin, end), _line(text, begin)))
+                equations = self._without_remarks(line)
             except _Faults as error:
-                faults += error.faults
-        if faults:
-            raise StatementError(self._refusal(text, faults, what))
+                (remarks if line.is_remark() else faults).extend(error.faults)
+                continue
+            found += [TypedEquation(readings, _line(text, clause.begin)) for readings in equations]
+        if faults or (remarks and not found):
+            raise StatementError(self._refusal(text, faults or remarks, what))
         return found
 
-    def _readings(self, text: str, begin: int, end: int) -> tuple[Reading, ...]:
-        """Return the readings of one equation. Raises _Faults."""
+    def _line_of(self, text: str, begin: int, end: int) -> Line:
+        """Return a part of a text with its words."""
+        words = []
+        for token in with_derivatives(tokens_of(text, begin, end)):
+            if token.kind == "word":
+                pieces = next(iter(self.names.readings(token.text)), [])
+                marked = token.order > 0 or token.primes > 0
+                known = bool(pieces or marked or self.names.hint(token.text))
+                formula = marked or any(one.kind == "function" or one.order for one in pieces)
+                words.append(Word(token.begin, token.end, known, formula))
+        return Line(text, begin, end, tuple(words))
+
+    def _is_equation(self, line: Line) -> bool:
+        """Return whether a part has a sign of equality and an acceleration."""
+        return "=" in line.shown and self._accelerates(with_derivatives(tokens_of(line.text, line.begin, line.end)))
+
+    def _reads(self, word: str) -> bool:
+        """Return whether a word is a symbol of the system, or a product of such."""
+        return bool(self.names.readings(word))
+
+    def _is_parameter(self, word: str) -> bool:
+        """Return whether a word is one symbol that does not move."""
+        pieces = next(iter(self.names.readings(word)), [])
+        return len(pieces) == 1 and pieces[0].kind == "symbol" and not pieces[0].moves
+
+    def _without_remarks(self, line: Line) -> list[tuple[Reading, ...]]:
+        """Return the readings of each equation of a part, without the words around it. Raises _Faults."""
+        try:
+            return self._readings(line.text, line.begin, line.end)
+        except _Faults:
+            for begin, end in line.narrower():
+                with suppress(_Faults):
+                    return self._readings(line.text, begin, end)
+            raise
+
+    def _readings(self, text: str, begin: int, end: int) -> list[tuple[Reading, ...]]:
+        """Return the readings of each equation of a part: a = b = c has two. Raises _Faults."""
         strict = self._strict(text[begin:end])
         if strict is not None:
-            return (strict,)
-        sides = self._sides(text, begin, end)
+            return [(strict,)]
+        return [self._readings_of(sides, begin) for sides in self._equated(text, begin, end)]
+
+    def _readings_of(self, sides: Sequence[Sequence[Token]], begin: int) -> tuple[Reading, ...]:
+        """Return the readings of one equation by its sides. Raises _Faults."""
         faults = [fault for side in sides for fault in faults_of(side, self.names)]
         if faults:
             raise _Faults(faults)
@@ -123,24 +181,23 @@ class TypedReader:
                 formulas.append(other)
         readings = [self._built(formulas[0], begin)]
         for one in formulas[1:]:
-            try:
+            with suppress(_Faults):
                 readings.append(self._built(one, begin))
-            except _Faults:
-                continue
         return tuple(readings)
 
-    def _abbreviation(self, text: str, begin: int, end: int, later: str) -> dict[str, Any]:
-        """Return the symbol that a line such as r = sqrt(x^2 + y^2) introduces for later lines, {} for an equation."""
-        match = _ABBREVIATION.match(text, begin, end)
-        if match is None or self.names.readings(match.group(1)):
+    def _abbreviation(self, text: str, clause: Clause) -> dict[str, Any]:
+        """Return the symbol that a line such as r = sqrt(x^2 + y^2) introduces for other lines, {} for an equation."""
+        match = _ABBREVIATION.match(text, clause.begin, clause.end)
+        if match is None or self._reads(match.group(1)):
             return {}
-        if not re.search(rf"\b{match.group(1)}\b", later):
+        if not re.search(rf"\b{match.group(1)}\b", text[: clause.begin] + text[clause.end :]):
             return {}
         try:
-            readings = self._readings(text, match.end(), end)
-        except _Faults:
+            (readings,) = self._readings(text, match.end(), clause.end)
+        except (_Faults, ValueError):
             return {}
-        return {match.group(1): readings[0].zero} if not readings[0].right else {}
+        value = sympy.sqrt(readings[0].zero) if match.group(2) else readings[0].zero
+        return {match.group(1): value} if not readings[0].right else {}
 
     def _strict(self, text: str) -> Reading | None:
         """Return the reading of a text in the strict notation, None if it is not in it."""
@@ -154,28 +211,44 @@ class TypedReader:
         shown = " = ".join(" ".join(side.split()) for side in sides)
         return _reading(values, shown)
 
-    def _sides(self, text: str, begin: int, end: int) -> list[list[Token]]:
-        """Return the tokens of the sides of an equation. Raises _Faults."""
+    def _equated(self, text: str, begin: int, end: int) -> list[list[list[Token]]]:
+        """Return the sides of each equation of a part. Raises _Faults.
+
+        Of a = b = c these are a = b and a = c. A further side with a name of its own, as in p = m x' = const, is left
+        out. The derivative of what is said to be constant is zero.
+        """
         tokens = with_derivatives(tokens_of(text, begin, end))
         places = [i for i, token in enumerate(tokens) if token.is_sign("=")]
-        if len(places) == 2 and places[0] == 1 and tokens[0].kind == "word" and not self.names.readings(tokens[0].text):
-            tokens, places = tokens[2:], [places[1] - 2]  # a = x'' = ... gives the acceleration a name
-        if len(places) > 1:
-            raise _Faults(
-                [
-                    TypedFault(
-                        f"there are {len(places)} signs of equality: write one equation with two sides",
-                        tokens[places[1]].begin,
-                    )
-                ]
+        cuts = [-1, *places, len(tokens)]
+        sides = [tokens[left + 1 : right] for left, right in pairwise(cuts)]
+        for place, left, right in zip(places, sides, sides[1:], strict=False):
+            if not left or not right:
+                side = "left" if not left else "right"
+                raise _Faults([TypedFault(f"nothing stands {side} of the sign of equality", tokens[place].begin)])
+        plain = [side for side in sides if self._is_constant(side) or not faults_of(side, self.names)]
+        sides = plain if len(plain) > 1 else sides
+        if len(sides) > 2 and not any(map(self._accelerates, sides)):
+            many = f"there are {len(places)} signs of equality: write one equation with two sides"
+            raise _Faults([TypedFault(many, tokens[places[1]].begin)])
+        if len(sides) > 1 and self._is_constant(sides[-1]):
+            return [[[Token("rate", "1", begin, begin), *_bracketed(side)]] for side in sides[:-1]]
+        return [[sides[0], side] for side in sides[1:]] or [sides]
+
+    @staticmethod
+    def _is_constant(side: Sequence[Token]) -> bool:
+        return [token.text for token in side] in _CONSTANT
+
+    def _accelerates(self, side: Sequence[Token]) -> bool:
+        """Return whether a second derivative, or the derivative of an expression, is in a formula."""
+        return any(
+            token.kind == "rate"
+            or max(token.order, token.primes) > 1
+            or (
+                token.kind == "word"
+                and any(piece.order > 1 for one in self.names.readings(token.text) for piece in one)
             )
-        if not places:
-            return [tokens]
-        sides = [tokens[: places[0]], tokens[places[0] + 1 :]]
-        for side, name in zip(sides, ("left", "right"), strict=True):
-            if not side:
-                raise _Faults([TypedFault(f"nothing stands {name} of the sign of equality", tokens[places[0]].begin)])
-        return sides
+            for token in side
+        )
 
     def _formulas(self, sides: Sequence[Sequence[Token]], choices: Choices) -> list[Formula]:
         found: list[Formula] = []
@@ -282,6 +355,12 @@ class _Faults(Exception):
 def _reading(values: Sequence[Any], read: str) -> Reading:
     right = values[1] if len(values) > 1 else sympy.S.Zero
     return Reading(values[0] - right, right, read)
+
+
+def _bracketed(side: Sequence[Token]) -> list[Token]:
+    """Return the tokens of a formula in brackets."""
+    begin, end = side[0].begin, side[-1].end
+    return [Token("sign", "(", begin, begin), *side, Token("sign", ")", end, end)]
 
 
 def _line(text: str, place: int) -> int:

@@ -9,7 +9,15 @@ import re
 import unicodedata
 from dataclasses import dataclass
 
-from lagrange.statement.letters import GREEK
+from lagrange.statement.typed.latex import (
+    COMMAND_SIGNS,
+    DERIVATIVES,
+    FRACTIONS,
+    FUNCTION_COMMANDS,
+    LETTER_COMMANDS,
+    SPACES,
+    WORD_GROUPS,
+)
 
 DOTS = {"\N{COMBINING DOT ABOVE}": 1, "\N{COMBINING DIAERESIS}": 2}
 """Combining marks above a letter, and the order of the time derivative that each stands for."""
@@ -29,59 +37,12 @@ SIGNS = {
 GREEK_VARIANTS = {"ϕ": "phi", "ϑ": "theta", "ϵ": "epsilon", "ϱ": "rho", "µ": "mu", "π": "pi", "ℓ": "ell", "ς": "sigma"}
 """Letters that look like those of a name but are other characters."""
 
-COMMAND_SIGNS = {
-    **dict.fromkeys(("cdot", "times", "ast"), "*"),
-    **dict.fromkeys(("lvert", "rvert", "vert", "mid"), "|"),
-    "div": "/",
-    "lbrace": "(",
-    "rbrace": ")",
-    "lparen": "(",
-    "rparen": ")",
-    "prime": "'",
-}
-"""LaTeX commands that are signs, and what each means."""
-
-FRACTIONS = ("frac", "dfrac", "tfrac", "cfrac", "sfrac", "nicefrac")
-"""LaTeX commands with a numerator and a denominator."""
-
-DERIVATIVES = {"dot": 1, "ddot": 2}
-"""LaTeX commands that put dots on a letter, and the order of the derivative."""
-
-WORD_GROUPS = ("mathrm", "text", "textrm", "mathit", "operatorname", "mathsf", "mathbf", "boldsymbol", "rm", "mathop")
-"""LaTeX commands whose group is one word."""
-
-SPACES = (
-    *("quad", "qquad", "left", "right", "big", "Big", "bigg", "Bigg", "bigl", "bigr", "Bigl", "Bigr", "displaystyle"),
-    *("biggl", "biggr", "Biggl", "Biggr", "textstyle", "limits", "nonumber", "notag", "thinspace", "space", "hfill"),
-)
-"""LaTeX commands that change only how a formula looks."""
-
-LETTER_COMMANDS = {name: name for name in GREEK.values()} | {
-    "varphi": "phi",
-    "vartheta": "theta",
-    "varepsilon": "epsilon",
-    "varrho": "rho",
-    "varsigma": "sigma",
-    "varpi": "pi",
-    "pi": "pi",
-    "ell": "ell",
-}
-"""LaTeX commands that are letters, and how a name spells them."""
-
-FUNCTION_COMMANDS = {
-    **{name: name for name in ("sin", "cos", "tan", "cot", "sec", "csc", "sinh", "cosh", "tanh", "exp", "log", "ln")},
-    **{f"arc{name}": f"a{name}" for name in ("sin", "cos", "tan")},
-    **{name: name for name in ("min", "max", "sqrt")},
-    "sgn": "sign",
-}
-"""LaTeX commands that are functions, and the name of each in the strict notation."""
-
 _NUMBER = re.compile(r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+(?![A-Za-z0-9_]))?")
 _COMMAND = re.compile(r"\\([A-Za-z]+|.)", re.DOTALL)
 _BLANK = re.compile(r"[\s~&$\u00a0\u2009\u200b\u2061\u2062\u2063]+")
 _GROUP = re.compile(r"\s*\{\s*([^{}]*?)\s*\}")
 _INDEX = re.compile(r"\s*_\s*(?:\{((?:[^{}]|\{[^{}]*\})*)\}|\\([A-Za-z]+)|([A-Za-z0-9]))")
-_INDEX_COMMAND = re.compile(r"\\(?:mathrm|text|textrm|rm|mathit)(?![A-Za-z])|[{}\\]")
+_INDEX_COMMAND = re.compile(rf"\\(?:{'|'.join(WORD_GROUPS)})(?![A-Za-z])|[{{}}\\]")
 _PLAIN_INDEX = re.compile(r"_([0-9]+|[A-Za-z][A-Za-z0-9]*)")
 _BRACKETED = re.compile(r"\[([A-Za-z][A-Za-z0-9_]*)\]")
 _RATE = re.compile(r"\.(d{1,2}ot)\b")

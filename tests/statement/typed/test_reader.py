@@ -120,6 +120,49 @@ def test_lines_are_joined_and_labels_left_out(text: str) -> None:
     assert [one.readings[0].read for one in reader().equations(text)] == LINES[text]
 
 
+REMARKS = {
+    "x'' = -k x/m   (small angles)": ["x_ddot = -k*x/m"],
+    "x'' = -k x/m (counted downwards for m)": ["x_ddot = -k*x/m"],
+    "x'' = -g x/l, where g = 9.81 m/s^2": ["x_ddot = -g*x/l"],
+    "x'' = -a x, where a = k/m": ["x_ddot = -a*x"],
+    "x'' = -w^2 x\n(w^2 = k/m)": ["x_ddot = -w**2*x"],
+    "x'' = -g x/l  [rad/s^2]": ["x_ddot = -g*x/l"],
+    "x'' = -k x/m; k = 30 N/m": ["x_ddot = -k*x/m"],
+    "Lagrange (L = T - V): d/dt(dL/dx') = dL/dx\nm x'' = -k x": ["m*x_ddot = -k*x"],
+    "L = 1/2 m x'^2 - 1/2 k x^2 => m x'' = -k x": ["m*x_ddot = -k*x"],
+    "The equation of motion for x is m x'' = -k x    Q.E.D.": ["m*x_ddot = -k*x"],
+    "m x'' = -k x\nso w^2 = k/m for small x": ["m*x_ddot = -k*x"],
+    "m x'' = -k x & M theta'' = 0": ["m*x_ddot = -k*x", "M*theta_ddot = 0"],
+    "$$m \\ddot x = -k x$$ $$M \\ddot\\theta = 0$$": ["m*x_ddot = -k*x", "M*theta_ddot = 0"],
+    "m \\ddot x = -k x \\quad \\text{for all } x": ["m*x_ddot = -k*x"],
+    "m x'' = F = -k x": ["m*x_ddot = -k*x"],
+    "x'' = -k x/m = -k/m x": ["x_ddot = -k*x/m", "x_ddot = -k/m*x"],
+    "p = m x' = const.": ["d/dt(m*x_dot)"],
+}
+"""Answers with words around the equations, and the equations."""
+
+
+@pytest.mark.parametrize("text", REMARKS)
+def test_remarks_belong_to_no_equation(text: str) -> None:
+    assert [one.readings[0].read for one in reader().equations(text)] == REMARKS[text]
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("m x'' = -k x mu", "mu"),
+        ("mass x'' = -k x", "mass"),
+        ("x'' = -g/l (sin thta)", "thta"),
+        ("l tehta'' + g x = 0\nx'' = 0", "tehta"),
+        ("x'' = 0\nc*theta_dot = 0", "c"),
+        ("x'' = -k (x) (foo + x)", "foo"),
+    ],
+)
+def test_an_unknown_factor_is_no_remark(text: str, word: str) -> None:
+    with pytest.raises(StatementError, match=f"'{word}' is not a symbol of this system"):
+        reader().equations(text)
+
+
 def test_derivatives_of_expressions_are_taken_along_the_motion() -> None:
     (equation,) = reader().equations("d/dt(m x^2 theta') + d/dt(sin x)")
     m, x, v, w, a = sp.symbols("m x x_dot theta_dot theta_ddot", real=True)

@@ -1,0 +1,69 @@
+"""LaTeX in typed answers: what each command means, and which marks divide or frame formulas."""
+
+from __future__ import annotations
+
+import re
+
+from lagrange.statement.letters import GREEK
+
+COMMAND_SIGNS = {
+    **dict.fromkeys(("cdot", "times", "ast"), "*"),
+    **dict.fromkeys(("lvert", "rvert", "vert", "mid"), "|"),
+    "div": "/",
+    "lbrace": "(",
+    "rbrace": ")",
+    "lparen": "(",
+    "rparen": ")",
+    "prime": "'",
+}
+"""LaTeX commands that are signs, and what each means."""
+
+FRACTIONS = ("frac", "dfrac", "tfrac", "cfrac", "sfrac", "nicefrac")
+"""LaTeX commands with a numerator and a denominator."""
+
+DERIVATIVES = {"dot": 1, "ddot": 2}
+"""LaTeX commands that put dots on a letter, and the order of the derivative."""
+
+WORD_GROUPS = ("mathrm", "text", "textrm", "mathit", "operatorname", "mathsf", "mathbf", "boldsymbol", "rm", "mathop")
+"""LaTeX commands whose group is one word."""
+
+SPACES = (
+    *("quad", "qquad", "left", "right", "big", "Big", "bigg", "Bigg", "bigl", "bigr", "Bigl", "Bigr", "displaystyle"),
+    *("biggl", "biggr", "Biggl", "Biggr", "textstyle", "limits", "nonumber", "notag", "thinspace", "space", "hfill"),
+)
+"""LaTeX commands that change only how a formula looks."""
+
+LETTER_COMMANDS = {name: name for name in GREEK.values()} | {
+    "varphi": "phi",
+    "vartheta": "theta",
+    "varepsilon": "epsilon",
+    "varrho": "rho",
+    "varsigma": "sigma",
+    "varpi": "pi",
+    "pi": "pi",
+    "ell": "ell",
+}
+"""LaTeX commands that are letters, and how a name spells them."""
+
+FUNCTION_COMMANDS = {
+    **{name: name for name in ("sin", "cos", "tan", "cot", "sec", "csc", "sinh", "cosh", "tanh", "exp", "log", "ln")},
+    **{f"arc{name}": f"a{name}" for name in ("sin", "cos", "tan")},
+    **{name: name for name in ("min", "max", "sqrt")},
+    "sgn": "sign",
+}
+"""LaTeX commands that are functions, and the name of each in the strict notation."""
+
+LINE_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?|\$+\s+\$+|\\\]\s*\\\[|\\\)\s*\\\(")
+"""A new line of LaTeX, or the end of one formula and the beginning of the next."""
+
+FRAME = re.compile(r"\\(?:begin|end|label|tag)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\[\[\]()]|\\item\b|\$+")
+"""Marks around formulas: environments, labels, dollar signs."""
+
+PROSE = re.compile(r"(?<![_{])\\(?:text|mbox|textrm|textit|intertext)\s*\{([^{}\n]*)\}")
+"""A group of words that is no subscript."""
+
+OPERATOR = rf"\\(?:{'|'.join(name for name, sign in COMMAND_SIGNS.items() if sign in '*/')})(?![A-Za-z])"
+"""A command that is an operator between two values."""
+
+ARROW = r"\\(?:Rightarrow|implies|Longrightarrow|rightarrow|therefore|iff)(?![A-Za-z])"
+"""A command between an equation and what follows from it."""

@@ -1,0 +1,218 @@
+"""Words in an answer that belong to no equation: remarks, units, clauses such as "where g = 9.81", whole sentences.
+
+A word is one of a sentence only if it is no symbol of the system. Nothing is left out of what can be read as it stands,
+and a word that may be a misspelled symbol stays, so that it is refused.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+from lagrange.statement.typed.latex import ARROW
+
+_ASIDES = (
+    *("where", "with", "for", "if", "when", "since", "because", "as", "here", "assuming", "provided", "using", "by"),
+    *("wobei", "mit", "für", "wenn", "falls", "weil", "da"),
+)
+_LINKS = (
+    *("so", "thus", "hence", "therefore", "then", "and", "or", "gives", "yields", "we", "get", "obtain", "is", "that"),
+    *("from", "let", "answer", "solution", "eom", "ok", "qed", "done", "finally", "also", "und", "somit"),
+)
+_ARROW = re.compile(rf"=>|->|[⇒→⟹⟶∴]|{ARROW}")
+_ASIDE = re.compile(rf"\b(?:{'|'.join(_ASIDES)})\b", re.IGNORECASE)
+_UNIT = r"(?:rad|deg|degrees|kg|cm|mm|km|sec|Nm|Hz|m|s|N|J|W|g|°)"
+_UNITS = rf"{_UNIT}(?:\s?[*/·.]?\s?(?:{_UNIT}|[\^²³⁻¹\-0-9]+))*"
+_UNITS_AT_END = re.compile(rf"\s(?:\[\s*{_UNITS}\s*\]|\(\s*{_UNITS}\s*\)|{_UNITS})[\s.]*$")
+_NUMBER_AT_END = re.compile(rf"=\s*[-+]?[0-9][0-9.,]*(?:\s*[*·×]\s*10\s*\^?\s*[-0-9]+)?\s*(?:{_UNITS})?[\s.]*$")
+_OPERATOR_AT_END = re.compile(r"[-+*/^=(\[{,\u2212·]\s*$")
+_LETTERS = re.compile(r"[\s,;.]*(?:[A-Za-z]\.)+[A-Za-z]\.?\s*$")
+_LAGRANGE = re.compile(r"∂|\\partial|\bd(?:L|T|V|U)\b")
+_DEFINED = re.compile(r"[\s(]*([^\W\d_]\w*)\s*(?:\([^()=]*\)\s*)?:?=")
+_OPEN, _CLOSE = "([{", ")]}"
+
+
+@dataclass(frozen=True)
+class Word:
+    """The span of a word in a text.
+
+    `known` is true for what may be a symbol or a product of the system, misspelled too, or a function. `formula` is
+    true for functions and derivatives, which no sentence has.
+    """
+
+    begin: int
+    end: int
+    known: bool
+    formula: bool = False
+
+
+@dataclass(frozen=True)
+class Clause:
+    """The span of one clause of a line. `aside` is true after words such as "where" and "with"."""
+
+    begin: int
+    end: int
+    aside: bool = False
+
+
+def clauses_of(text: str, begin: int, end: int, known: Callable[[str], bool]) -> list[Clause]:
+    """Return the clauses of text[begin:end], which is divided at arrows and at words such as "where".
+
+    A word that is a symbol of the system divides nothing.
+    """
+    cuts = [(match.span(), False) for match in _ARROW.finditer(text, begin, end)]
+    cuts += [(match.span(), True) for match in _ASIDE.finditer(text, begin, end) if not known(match.group())]
+    found, start, aside = [], begin, False
+    for (left, right), opens in sorted(cuts):
+        found.append(_trimmed(text, start, left, aside))
+        start, aside = right, opens
+    found.append(_trimmed(text, start, end, aside))
+    return [one for one in found if one.end > one.begin]
+
+
+def _trimmed(text: str, begin: int, end: int, aside: bool) -> Clause:
+    """Return a clause without punctuation at its ends and without brackets whose other ends are in other clauses."""
+    while end > begin and (text[end - 1] in " \t\r\n,;" or (text[end - 1] in _OPEN and _depth(text[begin:end]) > 0)):
+        end -= 1
+    while aside and end > begin and text[end - 1] in ")] ." and (_depth(text[begin:end]) < 0 or text[end - 1] in " ."):
+        end -= 1
+    while begin < end and text[begin] in " \t\r\n,;":
+        begin += 1
+    if text[begin : begin + 1] == "(" and text[end - 1] == ")" and "=" in text[begin:end]:
+        closed = next((i for i in range(begin, end) if _depth(text[begin : i + 1]) == 0), end)
+        return Clause(begin + (closed == end - 1), end - (closed == end - 1), aside)
+    return Clause(begin, end, aside)
+
+
+@dataclass(frozen=True)
+class Line:
+    """A part text[begin:end] of an answer, with its words."""
+
+    text: str
+    begin: int
+    end: int
+    words: tuple[Word, ...]
+
+    @property
+    def shown(self) -> str:
+        """The part itself."""
+        return self.text[self.begin : self.end]
+
+    def narrower(self) -> Iterator[tuple[int, int]]:
+        """Yield spans of the equation that is left without the words before and after it."""
+        head = self._after_introduction()
+        for start in dict.fromkeys((self.begin, head)):
+            if start != self.begin:
+                yield start, self.end
+            for cut in self._remarks(start):
+                before = self.text[start:cut]
+                if "=" in before and not _OPERATOR_AT_END.search(before):
+                    yield start, cut
+
+    def is_remark(self) -> bool:
+        """Return whether a part that cannot be read says nothing about the motion.
+
+        It is a sentence, a definition of another quantity such as L = T - V, or Lagrange's formula.
+        """
+        if "=" not in self.shown or _LAGRANGE.search(self.shown):
+            return True
+        defined = _DEFINED.match(self.text, self.begin, self.end)
+        first = self.words[0] if self.words else None
+        if defined and first and first.begin == defined.start(1) and not first.known:
+            return True
+        return self._has_sentence(self.begin)
+
+    def is_value(self, parameter: Callable[[str], bool]) -> bool:
+        """Return whether a part gives a parameter its value, such as g = 9.81."""
+        name, _, _ = self.shown.partition("=")
+        place = self.begin + len(name)
+        return parameter(name.strip()) and bool(_NUMBER_AT_END.fullmatch(self.text, place, self.end))
+
+    def _after_introduction(self) -> int:
+        """Return the place after the words that introduce an equation, `begin` where there are none."""
+        colon = self.text.rfind(":", self.begin, self.end)
+        if colon >= 0 and any(not word.known for word in self.words if word.end <= colon):
+            return colon + 1
+        run: list[Word] = []
+        place = self.begin
+        for word in self.words:
+            if word.formula or self.text[place : word.begin].strip(" \t\r\n.,;"):
+                break
+            run.append(word)
+            place = word.end
+        strange = [word for word in run if not word.known]
+        if not strange or (len(run) == 1 and not self._links(run[0])):
+            return self.begin
+        if len(strange) == 1 and len(run) > 1 and not self._is_word(strange[0]):
+            return self.begin
+        return strange[-1].end
+
+    def _remarks(self, begin: int) -> Iterator[int]:
+        """Yield places from which the rest of the part is a remark or a unit."""
+        strange = [word for word in self.words if not word.known and word.begin >= begin]
+        unit = _UNITS_AT_END.search(self.text, begin, self.end)
+        if unit and any(word.begin >= unit.start() for word in strange):
+            yield unit.start()
+        if not strange:
+            return
+        place = strange[0].begin
+        bracket = _outermost(self.text, begin, place)
+        if bracket is not None:
+            if self._is_remark_in_brackets(bracket):
+                yield bracket
+            return
+        separator = max(self.text.rfind(mark, begin, place) for mark in (",", ";", "  ", "\t", ". "))
+        for cut in (separator, place):
+            if cut > begin and self._is_sentence(cut):
+                yield cut
+
+    def _is_remark_in_brackets(self, begin: int) -> bool:
+        """Return whether brackets that end a part have words in them, or one word of more than three letters."""
+        inside = [word for word in self.words if word.begin >= begin]
+        spaced = self.text[begin - 1 : begin].isspace()
+        alone = len(inside) == 1 and inside[0].end - inside[0].begin > 3
+        plain = not re.search(r"[-+*/^=]", self.text[begin : self.end])
+        return spaced and (self._has_sentence(begin) or (alone and plain))
+
+    def _is_sentence(self, begin: int) -> bool:
+        """Return whether the end of a part is words rather than factors."""
+        rest, words = self.text[begin : self.end], [word for word in self.words if word.begin >= begin]
+        if _LETTERS.match(rest) or (len(words) == 1 and self._links(words[0])):
+            return True
+        return not re.search(r"[+*/^]", rest) and self._has_sentence(begin)
+
+    def _has_sentence(self, begin: int) -> bool:
+        """Return whether two words stand side by side of which one is no symbol and no short name."""
+        pairs = pairwise(word for word in self.words if word.begin >= begin)
+        return any(
+            not self.text[left.end : right.begin].strip(" \t\r\n.,;:")
+            and self.text[left.end : right.begin]
+            and not left.formula
+            and (self._is_word(left) or self._is_word(right))
+            for left, right in pairs
+        )
+
+    def _is_word(self, word: Word) -> bool:
+        spelled = self.text[word.begin : word.end]
+        return not word.known and "dot" not in spelled and (len(spelled) > 2 or self._links(word))
+
+    def _links(self, word: Word) -> bool:
+        """Return whether a word is one that joins equations in a text."""
+        return self.text[word.begin : word.end].lower() in (*_LINKS, *_ASIDES)
+
+
+def _outermost(text: str, begin: int, place: int) -> int | None:
+    """Return the place of the outermost bracket that is open at a place, None where there is none."""
+    opened: list[int] = []
+    for i in range(begin, place + 1):
+        if text[i] in _OPEN:
+            opened.append(i)
+        elif text[i] in _CLOSE and opened:
+            opened.pop()
+    return opened[0] if opened else None
+
+
+def _depth(text: str) -> int:
+    return sum((mark in _OPEN) - (mark in _CLOSE) for mark in text)
