@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from lagrange.errors import LagrangeError, RunError, SceneError, StatementError
     from lagrange.evidence.trust import TrustHorizon, trust_horizon
     from lagrange.export.registry import targets
+    from lagrange.library import scene, scenes
     from lagrange.loading import load
     from lagrange.members.varied import grid, sample
     from lagrange.racing import race
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
     from lagrange.statement.event import Event, event
     from lagrange.statement.given import given
     from lagrange.statement.multiplier import multiplier
-    from lagrange.system import System, scene, scenes
+    from lagrange.system import System
     from lagrange.trajectory.integrator import Claims, Integrator, Problem
     from lagrange.trajectory.trajectory import Status, Trajectory
 
@@ -64,7 +65,8 @@ _HOMES = {
     "lagrange.statement.energy": ("gravity", "kinetic_energy", "rotational_energy", "spring"),
     "lagrange.statement.event": ("Event", "event"),
     "lagrange.statement.given": ("given",),
-    "lagrange.system": ("System", "scene", "scenes"),
+    "lagrange.library": ("scene", "scenes"),
+    "lagrange.system": ("System",),
     "lagrange.trajectory.integrator": ("Claims", "Integrator", "Problem"),
     "lagrange.trajectory.trajectory": ("Status", "Trajectory"),
 }

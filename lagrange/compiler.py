@@ -19,37 +19,27 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+from lagrange.equations.euler_lagrange import Equations
 from lagrange.equations.inputs import with_needed_inputs
+from lagrange.equations.regularity import allowed_equations
 from lagrange.errors import StatementError
 from lagrange.evidence.quick import quick_check
-from lagrange.evidence.regularity import check_regularity, independent_constraints
 from lagrange.graph.node import Node
-from lagrange.machine.backend import Kernel, Machine, Series
+from lagrange.machine.backend import FloatArray, Kernel, Machine, Series
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.program.catalogue import lower_nodes, program_of
 from lagrange.program.switching import Switched
 from lagrange.program.taylor import series_program
 from lagrange.recipes.model import Model
 from lagrange.statement.choice import one_of
-from lagrange.statement.declare import declare
-from lagrange.statement.given import require_formulas, with_inputs, with_values
-from lagrange.statement.statement import REFUSE, Statement
-
-if TYPE_CHECKING:
-    from lagrange.export.write import Exported
+from lagrange.statement.given import require_formulas, with_inputs
+from lagrange.statement.statement import Statement
+from lagrange.trajectory.constraints.projection import Projection
 
 MACHINES = {"llvm": "lagrange.machine.llvm_machine:LlvmMachine", "numpy": "lagrange.machine.numpy_machine:NumpyMachine"}
 """Every target by name. A machine is imported when it is first asked for: numpy runs where llvmlite is missing."""
-
-PAGE = "lagrange.page.write:write_page"
-"""What writes a web page, with the language that it computes in: imported when it is first asked for."""
-
-EXPORT = "lagrange.export.write:export"
-"""What writes a model for other solvers, with all languages: imported when it is first asked for."""
 
 
 @dataclass(frozen=True)
@@ -82,27 +72,11 @@ class Stages:
         return partial(_on_machine, self.machine.name)
 
 
-def state(**stated: Any) -> Statement:
-    """Return what was stated, checked; see `lagrange.System`."""
-    return declare(**stated)
-
-
-def equations_of(statement: Statement) -> Equations:
-    """Return the equations of motion. Raises StatementError where no state determines the motion."""
-    statement = with_values(statement)
-    equations = _laws(statement)
-    # A mass matrix without coupled blocks is not evaluated, and numpy's machine is then not imported.
-    check_regularity(equations, lambda: Stages(equations, machine("numpy")), statement)
-    return equations
-
-
-def _laws(statement: Statement) -> Equations:
-    """Return the equations of motion, solved with independent constraints where redundant ones are allowed."""
-    equations = euler_lagrange(statement)
-    if statement.redundant == REFUSE or len(statement.constraints) < 2:
-        return equations
-    kept = independent_constraints(Model(statement, equations, Stages(equations, machine("numpy"))))
-    return equations if len(kept) == len(statement.constraints) else euler_lagrange(statement, kept)
+def reached(statement: Statement, equations: Equations, states: FloatArray, parameters: FloatArray) -> list[FloatArray]:
+    """Return the projections of states (2n, k) onto the constraints, those that exist."""
+    projection = Projection(Model(statement, equations, Stages(equations, machine("numpy"))), 0.0, parameters)
+    found = (projection.reached(state) for state in states.T)
+    return [state for state in found if state is not None]
 
 
 def _on_machine(target: str, statement: Statement) -> Model:
@@ -122,7 +96,7 @@ def model_of(statement: Statement, on: Machine, equations: Equations | None = No
     """
     require_formulas(statement)
     statement = with_inputs(statement)
-    laws = _laws(statement) if equations is None or statement.inputs else equations
+    laws = allowed_equations(statement, reached) if equations is None or statement.inputs else equations
     if statement.inputs:
         statement, laws = with_needed_inputs(statement, laws)
     return Model(statement, laws, Stages(laws, on))
@@ -151,18 +125,6 @@ def machine(target: str) -> Machine:
             f"target {target!r} needs a package that is missing ({error}): use target='numpy'."
         ) from error
     return made
-
-
-def export(model: Model, *given: Any) -> Exported:
-    """Write a model as source files of a target; what is given is that of `lagrange.export.write.export`."""
-    written: Exported = _loaded(EXPORT)(model, *given)
-    return written
-
-
-def page(model: Model, *given: Any) -> Path:
-    """Write the web page of a model; what is given is that of `lagrange.page.write.write_page`."""
-    written: Path = _loaded(PAGE)(model, *given)
-    return written
 
 
 def _loaded(place: str) -> Any:

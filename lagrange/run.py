@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 from numpy.typing import ArrayLike
 
 from lagrange.evidence.stiffness import with_stiff_end
-from lagrange.machine.model import Model
+from lagrange.machine.model import Model, Stated
 from lagrange.show.solution import Solution
-from lagrange.show.terminal.progress import progress_bar
-from lagrange.statement.number import flag
+from lagrange.show.terminal.progress import compiling, progress_bar
+from lagrange.statement.number import flag, real_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate as trajectory_of
 from lagrange.trajectory.integrate import time_span
 from lagrange.trajectory.messages import interrupted
+from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import RunOptions
 
 
@@ -71,6 +73,33 @@ def integrate_since(
     except KeyboardInterrupt:
         found = interrupted(trajectory, span)
     return Solution(found, model, values)
+
+
+def run_stated(
+    system: Stated,
+    t_start: float,
+    t_end: float | None,
+    initial: Any,
+    options: RunOptions,
+    target: str,
+    *,
+    check: bool,
+    progress: bool,
+) -> Solution:
+    """Compile a system and run it; see `lagrange.System.run`. Options that are None come from its scene."""
+    began, scene = time.perf_counter(), system.statement.run
+    end = scene.t_end if t_end is None else real_number(t_end, "t_end, the time at which the run ends,")
+    chosen = scene.method or DEFAULT if options.method is None else options.method
+    options = replace(options, method=chosen)
+    if isinstance(chosen, str):
+        if find(chosen).claims.adaptive:
+            rtol, atol = scene.rtol if options.rtol is None else options.rtol, options.atol
+            options = replace(options, rtol=rtol, atol=scene.atol if atol is None else atol)
+        elif options.step is None:
+            options = replace(options, step=scene.step)
+    with compiling(system.statement.name, wanted=flag(progress, "progress")):
+        model = system.compile(target, check=check)
+    return integrate_since(began, model, (t_start, end), initial, options, progress=progress)
 
 
 def flow(

@@ -3,47 +3,49 @@
 from __future__ import annotations
 
 import os
-import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from lagrange.compiler import compile_model, equations_of, export, machine, model_of, page, state
-from lagrange.errors import StatementError, abridged, listing, shown
-from lagrange.evidence.check import check
-from lagrange.evidence.independent import solved_statement
-from lagrange.evidence.report import Report
-from lagrange.formulas import Formulas
-from lagrange.recipes.model import Model
-from lagrange.run import integrate_since
-from lagrange.show.files.atomic_file import write_atomically
-from lagrange.show.notebook.explore_widgets import explore
-from lagrange.show.notebook.explored_sliders import explored_sliders
-from lagrange.show.notebook.shown_lists import SceneList
+from lagrange.equations.regularity import equations_of
+from lagrange.errors import StatementError, abridged, shown
+from lagrange.show.notation.sections import ShownQuantity
+from lagrange.show.notebook.shown_derivation import ShownDerivation, written_derivation
+from lagrange.show.notebook.shown_lists import EquationList, ExpressionDict
 from lagrange.show.notebook.system_page import system_page
-from lagrange.show.solution import Solution
-from lagrange.show.terminal.progress import compiling
+from lagrange.show.terminal.languages import DETAILS
 from lagrange.statement import scene as scene_files
-from lagrange.statement.given import require_values
-from lagrange.statement.number import flag, real_number
-from lagrange.statement.scene_text import scene_text
-from lagrange.statement.statement import RunSettings, Statement
-from lagrange.trajectory.constraints.consistent import Consistent, consistent
-from lagrange.trajectory.methods.registry import DEFAULT, find
-from lagrange.trajectory.options import RunOptions
+from lagrange.statement.choice import ByName, one_of
+from lagrange.statement.choice import text as checked_text
+from lagrange.statement.coordinate import acceleration_of, name_of
+from lagrange.statement.declare import declare
+from lagrange.statement.given import require_values, with_values
+from lagrange.statement.number import flag
+from lagrange.statement.statement import Statement
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from lagrange.equations.euler_lagrange import Equations
+    from lagrange.evidence.report import Report
     from lagrange.export.write import Exported
+    from lagrange.mechanics.comparison import EquationsComparison
+    from lagrange.mechanics.conserved import Conserved
+    from lagrange.mechanics.eigenvalue_path import EigenvaluePath
+    from lagrange.mechanics.equilibria import Equilibrium
+    from lagrange.mechanics.hamilton import Hamiltonian
+    from lagrange.mechanics.linearization import Linearization
+    from lagrange.recipes.model import Model
+    from lagrange.show.dynamics import ShownModes
+    from lagrange.show.solution import Solution
+    from lagrange.trajectory.constraints.consistent import Consistent
 
 
-MOST_DERIVED = 100
-"""Coordinates up to which a check compares with the textbook derivation, which takes some 10 s for 300."""
-
-
-class System(Formulas):
+class System:
     """A mechanical system: n coordinates, kinetic and potential energy, forces, parameters, initial state.
 
     Units are the user's own, consistent ones. Raises StatementError, in the user's symbols, for anything that
@@ -82,7 +84,7 @@ class System(Formulas):
         axes have units where units were given.
         """
         self._adopt(
-            state(
+            declare(
                 kinetic=kinetic,
                 potential=potential,
                 lagrangian=lagrangian,
@@ -103,7 +105,7 @@ class System(Formulas):
     def _adopt(self, statement: Statement) -> None:
         self.statement = statement
         self._models: dict[str, Model] = {}
-        self.laws = equations_of(statement)
+        self.laws: Equations = equations_of(statement, _reached)
 
     @classmethod
     def from_statement(cls, statement: Statement) -> System:
@@ -128,6 +130,13 @@ class System(Formulas):
     def _repr_markdown_(self) -> str:
         return system_page(self.derivation(), self.structure)
 
+    def __getattr__(self, name: str) -> Any:
+        if name == "page":
+            raise AttributeError(
+                "a System has no page: derivation() is the derivation, to_page(path) writes a web page."
+            )
+        raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
+
     @property
     def name(self) -> str:
         """The system's name."""
@@ -148,12 +157,87 @@ class System(Formulas):
         """What kind of system it is, in sentences: mass matrix, conserved energy and momenta, unused parameters."""
         return [*self.laws.structure.sentences(), *self.statement.remarks()]
 
+    def derivation(self, detail: str = "full") -> ShownDerivation:
+        """Return the textbook derivation in SymPy, independent of the compiled equations.
+
+        Its parts are expressions. It prints as text, has `.text()`, `.unicode()`, `.latex()`, `.markdown()` and
+        `.html()`, and a notebook shows it. `detail` is "full" or "short", which leaves out the steps for each
+        coordinate. Raises StatementError for another detail.
+        """
+        chosen = one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")
+        return replace(self._derivation, findings=tuple(self.structure), detail=chosen)
+
+    @cached_property
+    def _derivation(self) -> ShownDerivation:
+        return written_derivation(self.statement)
+
+    def equations(self) -> list[Any]:
+        """Return the Euler-Lagrange equations, a list of n SymPy Eq, one per coordinate, as in a textbook.
+
+        Goldstein, Poole, Safko, Classical Mechanics, 3rd ed., sections 1.4 and 1.5, with constraints section 2.4.
+        The forces of constraints stand on the right, with their multipliers `lagrange.multiplier(name)`. The
+        constraints themselves are `derivation().constraints`.
+        """
+        return EquationList(self._derivation.equations, self.statement)
+
+    def accelerations(self) -> dict[Any, Any]:
+        """Return the accelerations, {coordinate: SymPy expression}; the multipliers are solved for and gone.
+
+        Raises StatementError for a singular mass matrix, and where the formulas would be too long to print; the
+        compiled model has no such bound.
+        """
+        second = {q: acceleration_of(q) for q in self.statement.coordinates}
+        return ExpressionDict(self._derivation.accelerations, self.statement, second)
+
+    @property
+    def constraint_forces(self) -> dict[str, dict[Any, Any]]:
+        """What each constraint exerts, {name: {coordinate: SymPy expression in lagrange.multiplier(name)}}.
+
+        These are generalized forces, G^T lambda: lambda dphi/dq of a constraint phi = 0 on positions, lambda dpsi/dv of
+        a constraint psi = 0 on velocities (Chetaev's rule where psi is not linear in them).
+        """
+        found = self._derivation.constraint_forces.items()
+        return ByName("constraint", ((name, dict(forces)) for name, forces in found))
+
+    @property
+    def kinetic(self) -> Any:
+        """T, with like terms merged; the whole of L where a Lagrangian was stated alone."""
+        return self._derivation.kinetic
+
+    @property
+    def potential(self) -> Any:
+        """V, with like terms merged; 0 where a Lagrangian was stated alone."""
+        return self._derivation.potential
+
+    @property
+    def lagrangian(self) -> Any:
+        """L = T - V, with like terms merged."""
+        return self._derivation.lagrangian
+
+    @property
+    def momenta(self) -> dict[Any, Any]:
+        """The conjugate momenta dL/dv, {coordinate: SymPy expression}."""
+        letters = {q: ShownQuantity("p", (name_of(q),)) for q in self.statement.coordinates}
+        return ExpressionDict(self._derivation.momenta, self.statement, letters)
+
+    @property
+    def mass_matrix(self) -> Any:
+        """The mass matrix d2L/dv2, a SymPy Matrix (n, n)."""
+        return self._derivation.mass_matrix
+
+    @property
+    def energy(self) -> Any:
+        """The energy v.p - L (the Jacobi integral), which is T + V where T is quadratic in the velocities."""
+        return self._derivation.energy
+
     def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
         """Compile for a target, "llvm" or "numpy"; the model is kept for the next call.
 
         A quick check of the compiled accelerations against numerical differentiation of T and V runs unless `check`
         is false. Raises RunError if it fails, StatementError for another target and one whose package is missing.
         """
+        from lagrange.compiler import compile_model
+
         if not isinstance(target, str) or target not in self._models:
             self._models[target] = compile_model(self.statement, self.laws, target, check=flag(check, "check"))
         return self._models[target]
@@ -183,45 +267,42 @@ class System(Formulas):
         Times are in the units of the statement. What is not given comes from the scene, where there is one. Raises
         StatementError for a request that cannot be meant; what happens along the way is in the Solution.
         """
-        began, scene = time.perf_counter(), self.statement.run
-        end = scene.t_end if t_end is None else real_number(t_end, "t_end, the time at which the run ends,")
-        chosen = scene.method or DEFAULT if method is None else method
-        if find(chosen).claims.adaptive:
-            rtol = scene.rtol if rtol is None and _is_name(chosen) else rtol
-            atol = scene.atol if atol is None and _is_name(chosen) else atol
-        elif step is None and _is_name(chosen):
-            step = scene.step
-        with compiling(self.name, wanted=flag(progress, "progress")):
-            model = self.compile(target, check=check)
-        return integrate_since(
-            began,
-            model,
-            (t_start, end),
-            initial,
-            RunOptions(chosen, rtol, atol, step, t_eval, events, max_steps, max_wall, max_memory, parameters),
-            progress=progress,
-        )
+        from lagrange.run import run_stated
+        from lagrange.trajectory.options import RunOptions
 
-    def explore(
-        self,
-        ranges: Mapping[Any, Any] | None = None,
-        *,
-        t_end: float | None = None,
-        method: Any = None,
-        play: bool = True,
-        style: str = "light",
-        **sliders: Any,
-    ) -> Any:
-        """Return sliders for parameters and initial values in a notebook, over a picture that follows them.
+        options = RunOptions(method, rtol, atol, step, t_eval, events, max_steps, max_wall, max_memory, parameters)
+        return run_stated(self, t_start, t_end, initial, options, target, check=check, progress=progress)
 
-        `explore(l=(0.1, 2), theta=(0, 3))` has a slider for the parameter l and one for the value of theta at t = 0;
-        `ranges` are those by symbol, {theta.dot: (-1, 1)}. The picture has the named positions, or the coordinates
-        where none are stated, beside the energy, from t = 0 to `t_end`; `play` moves through it. A run that fails, or
-        takes longer than a second, says so below. Needs ipywidgets, which the extra `notebook` has.
-        Raises StatementError for a slider of what is no parameter, coordinate or velocity, and without ipywidgets.
+    def check(self, *, target: str = "llvm", points: int = 5, seed: int = 0) -> Report:
+        """Compare everything compiled with numerical differentiation of the stated energies, and return a report.
+
+        It also compares with the textbook derivation and with the other machine. The report prints as a table and is
+        truthy when everything holds. `points` is the number of random states, which follow from `seed`. Raises
+        StatementError for numbers that are none and for another target.
         """
-        chosen = explored_sliders(self.statement, ranges, sliders)
-        return explore(self.statement, chosen, self.run, t_end=t_end, method=method, play=play, style=style)
+        from lagrange.evidence.stated_check import check_stated
+
+        require_values(self.statement)
+        return check_stated(self, target, points, seed)
+
+    def consistent(
+        self,
+        initial: Mapping[Any, Any] | None = None,
+        *,
+        hold: Iterable[Any] = (),
+        parameters: Mapping[Any, Any] | None = None,
+        t: float = 0.0,
+    ) -> Consistent:
+        """Return the nearest state on the constraints: `.initial` is complete, `.moved` the largest change.
+
+        `initial` overlays the statement's initial state as in `run`. The coordinates move first, by the least amount
+        that the kinetic energy measures, then the velocities; those in `hold`, such as `[x, y.dot]`, stay as they are.
+        Raises StatementError where no such state is near, with the constraints that are not met.
+        """
+        from lagrange.compiler import machine, model_of
+        from lagrange.trajectory.constraints.consistent import consistent
+
+        return consistent(model_of(self.statement, machine("numpy"), self.laws), initial, hold, parameters, t)
 
     def export(
         self,
@@ -242,6 +323,8 @@ class System(Formulas):
         The result has `.files`, and `.commands` that build and run the self-test in that folder. Raises StatementError
         for what a target cannot express, and for a parameter without a value.
         """
+        from lagrange.export.write import export
+
         return export(self.compile("numpy", check=False), target, path, contents, events, parameters)
 
     def to_page(
@@ -259,8 +342,10 @@ class System(Formulas):
         their bounds, {l: (0.5, 2), theta.dot: (-3, 3)}. Raises StatementError for what has no slider, for functions
         that JavaScript has not, and for a path that cannot be written.
         """
+        from lagrange.page.write import write_page
+
         require_values(self.statement)
-        return page(self.compile("numpy", check=False), self.derivation(), path, parameters, initial, sliders)
+        return write_page(self.compile("numpy", check=False), self.derivation(), path, parameters, initial, sliders)
 
     def to_scene(self, path: str | os.PathLike[str]) -> Path:
         """Write the statement as a scene file, which `System.from_scene` reads as the same one. Returns its path.
@@ -270,73 +355,246 @@ class System(Formulas):
         StatementError for what no scene can hold, such as a parameter without a value or a function without a formula,
         and for a path that cannot be written.
         """
+        from lagrange.show.files.atomic_file import write_atomically
+        from lagrange.statement.scene_text import scene_text
+
         return write_atomically(path, lambda file: file.write(scene_text(self.statement).encode()))
 
-    def consistent(
+    def explore(
         self,
-        initial: Mapping[Any, Any] | None = None,
+        ranges: Mapping[Any, Any] | None = None,
         *,
-        hold: Iterable[Any] = (),
+        t_end: float | None = None,
+        method: Any = None,
+        play: bool = True,
+        style: str = "light",
+        **sliders: Any,
+    ) -> Any:
+        """Return sliders for parameters and initial values in a notebook, over a picture that follows them.
+
+        `explore(l=(0.1, 2), theta=(0, 3))` has a slider for the parameter l and one for the value of theta at t = 0;
+        `ranges` are those by symbol, {theta.dot: (-1, 1)}. The picture has the named positions, or the coordinates
+        where none are stated, beside the energy, from t = 0 to `t_end`; `play` moves through it. A run that fails, or
+        takes longer than a second, says so below. Needs ipywidgets, which the extra `notebook` has.
+        Raises StatementError for a slider of what is no parameter, coordinate or velocity, and without ipywidgets.
+        """
+        from lagrange.show.notebook.explore_widgets import explore
+        from lagrange.show.notebook.explored_sliders import explored_sliders
+
+        chosen = explored_sliders(self.statement, ranges, sliders)
+        return explore(self.statement, chosen, self.run, t_end=t_end, method=method, play=play, style=style)
+
+    def eliminate(self, *coordinates: Any) -> System:
+        """Return a smaller System: holonomic constraints solved for coordinates, and both left out.
+
+        Each of `coordinates` is a coordinate or its name, the name of a constraint, or {coordinate: expression} where
+        the constraint has several solutions and one is meant. Energies, forces, dissipation, positions and the initial
+        state of the other coordinates are carried over. Raises StatementError where a constraint does not determine the
+        coordinate: it must be linear in it, with a coefficient that never vanishes.
+        """
+        from lagrange.mechanics.reduction import reduced
+
+        return self.from_statement(reduced(self.statement, coordinates))
+
+    def substitute(self, parameters: Mapping[Any, Any]) -> System:
+        """Return the System with numbers or expressions for some parameters, such as {l: 1, m2: mu*m1}.
+
+        Keys are symbols or names. A given function of time is replaced too, as in {X: sin(t)}. What only the
+        expressions contain becomes a parameter without a value. Raises StatementError for what is no parameter, and for
+        expressions that are not constant.
+        """
+        from lagrange.mechanics.substitution import substituted
+
+        return self.from_statement(substituted(self.statement, parameters))
+
+    def small(self, about: Mapping[Any, Any] | None = None, *, order: int = 2) -> System:
+        """Return the System expanded about a point, to an order in changes of coordinates and velocities.
+
+        `about` has values of coordinates and of velocities, numbers or expressions in parameters; what it does not name
+        is zero. L, the dissipation and the constraints are expanded to that order, forces to one less: order 2 gives
+        linear equations. The coordinates stay what they are. The point need not be an equilibrium; the description on
+        the page says whether it is, since elsewhere the accelerations are right at the point alone. Raises
+        StatementError where there is no expansion: at corners and poles, off the constraints, and where a coordinate
+        loses its inertia.
+        """
+        from lagrange.mechanics.small import small
+
+        return self.from_statement(small(self._known, about, order))
+
+    def transform(
+        self,
+        coordinates: Mapping[Any, Any],
+        *,
+        positive: Any = (),
         parameters: Mapping[Any, Any] | None = None,
-        t: float = 0.0,
-    ) -> Consistent:
-        """Return the nearest state on the constraints: `.initial` is complete, `.moved` the largest change.
+        initial: Mapping[Any, Any] | None = None,
+    ) -> System:
+        """Return the System in new coordinates, given {x: r*cos(phi), y: r*sin(phi)}; t may stand there too.
 
-        `initial` overlays the statement's initial state as in `run`. The coordinates move first, by the least amount
-        that the kinetic energy measures, then the velocities; those in `hold`, such as `[x, y.dot]`, stay as they are.
-        Raises StatementError where no such state is near, with the constraints that are not met.
+        Energies, forces by virtual work, dissipation, constraints and positions are carried over; the initial state is
+        solved for by number, unless `initial` gives it in the new coordinates. Those in `positive`, such as [r], are
+        taken for positive, so that sqrt(r**2) is r. `parameters` has values of those that only the expressions contain.
+        Raises StatementError where the new coordinates are singular.
         """
-        return consistent(model_of(self.statement, machine("numpy"), self.laws), initial, hold, parameters, t)
+        from lagrange.mechanics.transformation import transformed
 
-    def check(self, *, target: str = "llvm", points: int = 5, seed: int = 0) -> Report:
-        """Compare everything compiled with numerical differentiation of the stated energies, and return a report.
+        model = self.compile("numpy", check=False)
+        return self.from_statement(transformed(self._known, coordinates, positive, parameters, initial, model))
 
-        It also compares with the textbook derivation and with the other machine. The report prints as a table and is
-        truthy when everything holds. `points` is the number of random states, which follow from `seed`. Raises
-        StatementError for numbers that are none and for another target.
+    def routhian(self, *coordinates: Any) -> System:
+        """Return a smaller System without ignorable coordinates; the momentum p_phi of each is a parameter.
+
+        Its value is that of the initial state. The `potential` is the effective one. Points that an ignored coordinate
+        places are left out. Raises StatementError, with the rate of its momentum, for one that is not ignorable.
+        Goldstein, Poole, Safko, 3rd ed., section 8.3.
         """
+        from lagrange.mechanics.routh import routhian
+
+        return self.from_statement(routhian(self._known, coordinates, self.compile("numpy", check=False)))
+
+    def ignored(self, solution: Any) -> dict[Any, Any]:
+        """Return the ignored coordinates and their velocities along a run of the Routhian, {symbol: (N,)}.
+
+        They are integrated over the path of the run, to 1e-12 of what they go through, from the initial values here.
+        Raises StatementError for a solution of another system, and where the outputs are too far apart for 1e-12.
+        """
+        from lagrange.mechanics.ignored import ignored
+
+        return ignored(self.statement, solution)
+
+    def hamiltonian(self) -> Hamiltonian:
+        """Return Hamilton's form: H in momenta, Hamilton's equations, Poisson brackets, and a System that runs.
+
+        Raises StatementError where momenta do not determine the velocities, and for systems with constraints.
+        Goldstein, Poole, Safko, 3rd ed., sections 8.1 and 9.5.
+        """
+        from lagrange.mechanics.hamilton import hamiltonian
+
+        return hamiltonian(self._known, self.compile("numpy", check=False), self.from_statement)
+
+    def conserved(self) -> list[Conserved]:
+        """Return what is found to be conserved: records with `.name`, `.expression` and `.reason`.
+
+        The energy or Jacobi integral, momenta of ignorable coordinates and of point symmetries, which are solved for,
+        and the Runge-Lenz vector. Each is proven as an identity and tested along the compiled motion. What is not in
+        the list was not found; nothing is said of it.
+        """
+        from lagrange.mechanics.conserved import conserved_quantities
+        from lagrange.show.notebook.result_pages import ConservedList
+
         require_values(self.statement)
-        model = self.compile(target, check=False)
-        statement = solved_statement(model)
-        if statement is not model.statement:
-            names = listing(repr(one.name) for one in statement.constraints)
-            report = System.from_statement(statement).check(target=target, points=points, seed=seed)
-            return replace(report, notes=(*report.notes, f"checked with {names} alone: other constraints follow."))
-        other = self.compile("numpy" if target == "llvm" else "llvm", check=False)
-        textbook, notes = self._textbook(dict(model.statement.prescribed))
-        report = check(model, textbook=textbook, other=other, points=points, seed=seed)
-        return replace(report, notes=(*report.notes, *notes))
+        return ConservedList(conserved_quantities(self.compile("numpy", check=False)))
 
-    def _textbook(self, prescribed: Mapping[Any, Any]) -> tuple[Mapping[Any, Any] | None, tuple[str, ...]]:
-        """Return the accelerations of the textbook derivation, or a note that they are too large to be derived.
+    def noether(self, generator: Mapping[Any, Any]) -> Any:
+        """Return the conserved quantity of a symmetry that moves coordinates so: {x: -y, y: x}.
 
-        `prescribed` are the values of given functions and their derivatives.
+        Keys are coordinates, their names, or t for a shift in time; values depend on coordinates, parameters and t. The
+        Lagrangian may change by a total derivative. Raises StatementError, with the rate of the quantity, for what is
+        no symmetry, and where no proof is found. Goldstein, Poole, Safko, 3rd ed., section 13.7.
         """
-        if len(self.coordinates) > MOST_DERIVED:
-            limit = f"which is done up to {MOST_DERIVED} coordinates."
-            return None, (f"not compared with the textbook derivation, {limit}",)
-        try:
-            return {q: a.xreplace(prescribed) for q, a in self._derivation.accelerations.items()}, ()
-        except StatementError as refusal:
-            return None, (f"not compared with the textbook derivation: {refusal}",)
+        from lagrange.mechanics.noether import noether_quantity
+
+        require_values(self.statement)
+        return noether_quantity(self.compile("numpy", check=False), generator)
+
+    def compare(self, derived: Any) -> EquationsComparison:
+        """Compare equations of motion that somebody derived, such as a student, with those of the system.
+
+        Each is a text as people type it, such as "l theta'' + g sin theta = 0", a SymPy expression that is zero, or an
+        Eq; give a list, {coordinate: equation}, or one text with several lines. Equations are right if they are
+        equivalent: in any order, multiplied by anything, combined linearly or solved for the accelerations. The result
+        is truthy if so. Its `.message` names the first wrong term, `.read` has the equations as they were understood,
+        `.details` a state at which one does not hold. Raises StatementError for what cannot be read, with all faults
+        and their places, and for equations that are not linear in the accelerations.
+        """
+        from lagrange.mechanics.comparison import compare_equations
+        from lagrange.mechanics.student_equations import read_equations
+
+        return compare_equations(self._known, self._known_derivation, read_equations(derived, self._known))
+
+    def compare_text(self, text: str) -> EquationsComparison:
+        """Compare equations of motion in a text, as `compare` does. Raises StatementError for what is no text."""
+        return self.compare(checked_text(text, "the text of the equations"))
+
+    def equilibria(self, rates: Mapping[Any, Any] | None = None) -> list[Equilibrium]:
+        """Return the equilibria, each with `.coordinates`, `.stable`, `.energy` and the `.condition` for it to exist.
+
+        They are found in symbols where factors of the forces give them, else by number from many starts, at the values
+        of the parameters. `rates` gives ignorable coordinates steady velocities, as {phi: w}: the others rest then.
+        Raises StatementError where none is found, with what was tried.
+        """
+        from lagrange.mechanics.equilibria import equilibria
+        from lagrange.show.notebook.result_pages import EquilibriumList
+
+        return EquilibriumList(equilibria(self._known, rates, self.compile("numpy", check=False)))
+
+    def linearize(self, at: Mapping[Any, Any] | None = None, *, inputs: Any = ()) -> Linearization:
+        """Return M, C, K and A, B of small changes about a point, SymPy matrices.
+
+        `at` has values of coordinates, of velocities of steady motions and of inputs, numbers or expressions in
+        parameters; what it does not name is zero. `inputs` are parameters or given functions of time. With constraints
+        the equations are those of independent coordinates. Away from equilibrium the matrices hold at that instant, and
+        `.note` says so. Tested against the Jacobian of the compiled model. Raises StatementError for a point that is
+        off the constraints or has no derivatives. Goldstein, Poole, Safko, 3rd ed., section 6.1.
+        """
+        from lagrange.mechanics.linearization import linearized_at
+        from lagrange.mechanics.linearization_check import check as check_linearization
+        from lagrange.mechanics.point import stated_point, with_inputs_as_parameters
+
+        statement, at, inputs = with_inputs_as_parameters(self.statement, at, inputs)
+        system = self if statement is self.statement else self.from_statement(statement)
+        model, point = system.compile("numpy", check=False), stated_point(system._known, at, inputs)
+        found = linearized_at(point)
+        check_linearization(found, point, model)
+        return found
+
+    def modes(self, at: Mapping[Any, Any] | None = None) -> ShownModes:
+        """Return frequencies, shapes and stability of small oscillations about an equilibrium; `plot()` draws them.
+
+        They are symbolic while roots of degree two give them, else numbers at the values of the parameters, in radians
+        per unit of time. Raises StatementError away from equilibrium. Goldstein, Poole, Safko, 3rd ed., section 6.2.
+        """
+        from lagrange.mechanics.modes import modes
+        from lagrange.mechanics.point import stated_point
+        from lagrange.show.dynamics import ShownModes, shown_as
+
+        found = modes(self.linearize(at), stated_point(self._known, at))
+        return shown_as(ShownModes, found)
+
+    def eigenvalues(self, parameter: Any, values: ArrayLike, at: Mapping[Any, Any] | None = None) -> EigenvaluePath:
+        """Return the eigenvalues about an equilibrium at values (k,) of a parameter: `.eigenvalues`, (k, 2n).
+
+        `at` is the equilibrium, as `linearize` takes it: an expression in the parameters, or decimals for one at the
+        first value, which is followed. Raises StatementError where there is none at any value.
+        """
+        from lagrange.mechanics.eigenvalue_path import eigenvalue_path
+
+        return eigenvalue_path(self._known, parameter, values, at, self.compile("numpy", check=False))
+
+    def plot_eigenvalues(
+        self, parameter: Any, values: ArrayLike, at: Mapping[Any, Any] | None = None, *, style: str = "light"
+    ) -> Figure:
+        """Return a Matplotlib figure of the eigenvalues about an equilibrium along a parameter.
+
+        The arguments, and what is raised, are those of `System.eigenvalues`; `style` is "light" or "dark".
+        """
+        from lagrange.show.figures.eigenvalue_figure import plot_eigenvalues
+
+        return plot_eigenvalues(self.eigenvalues(parameter, values, at), style)
+
+    @property
+    def _known(self) -> Statement:
+        """The statement with values for its given functions; StatementError where one is open."""
+        require_values(self.statement)
+        return with_values(self.statement)
+
+    @property
+    def _known_derivation(self) -> ShownDerivation:
+        return self.from_statement(self._known).derivation() if self.statement.given else self.derivation()
 
 
-def _is_name(method: Any) -> bool:
-    return isinstance(method, str)
+def _reached(*given: Any) -> list[Any]:
+    """Return the states on constraints that are nearest to others; see `lagrange.compiler.reached`."""
+    from lagrange.compiler import reached
 
-
-def scene(name: str) -> System:
-    """Return a system of the scene library; `lagrange.scenes()` lists the names.
-
-    Raises StatementError for a name that is not there, with those that are.
-    """
-    return System.from_statement(scene_files.load(name))
-
-
-def scenes() -> list[str]:
-    """Return the names of the scene library."""
-    entries = scene_files.library()
-    return SceneList((entry.name for entry in entries), (entry.about for entry in entries))
-
-
-__all__ = ["RunSettings", "System", "scene", "scenes"]
+    return reached(*given)

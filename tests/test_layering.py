@@ -33,8 +33,10 @@ STAGES = (
 )
 TOP = len(STAGES)
 """Where lagrange itself and the modules beside it stand: compiler, system, run, cli and the like."""
-TABLES = ("lagrange", "lagrange.compiler")
-"""The modules that name others in a table and load them on demand: public names, and machines by target."""
+TABLES = ("lagrange", "lagrange.compiler", "lagrange.statement.notebook_page")
+"""The modules that name others and load them on demand: public names, machines by target, pages of results."""
+IMPORTS_INSIDE = ("lagrange.system",)
+"""Modules whose methods import the rooms that they call, so that stating a system loads few modules."""
 DRAWERS = re.compile(r"_*(utils?|core|common|helpers?|misc)")
 
 Modules = Mapping[str, ast.Module]
@@ -123,13 +125,33 @@ def hidden_imports(modules: Modules) -> list[str]:
     found = []
     for name, tree in modules.items():
         functions = [node for node in nodes(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
-        for function in functions:
+        for function in functions if name not in IMPORTS_INSIDE else ():
             found += [f"{name}:{line} imports {what}" for what, line in imports_of(function, modules)]
             inside = statements_of_import(function)
             found += [f"{name}:{function.lineno} imports relatively" for node in inside if relative(node)]
         if name not in TABLES:
             found += [f"{name} imports by name" for node in nodes(tree) if by_name(node)]
     return found
+
+
+MOST_LOADED = 120
+"""Modules that stating a system and showing its derivation may load: 100 today."""
+
+
+def loaded_by(start: str, modules: Modules) -> set[str]:
+    """Return the modules that importing one loads: those imported outside of functions and not for types alone."""
+    reached: set[str] = set()
+    waiting = [start]
+    while waiting:
+        name = waiting.pop()
+        if name in reached:
+            continue
+        reached.add(name)
+        parts = name.split(".")
+        waiting += [".".join(parts[:k]) for k in range(1, len(parts))]
+        outside = [node for node in modules[name].body if isinstance(node, (ast.Import, ast.ImportFrom))]
+        waiting += [target for node in outside for target, _ in imports_of(node, modules)]
+    return reached
 
 
 def relative(node: ast.AST) -> bool:
@@ -164,7 +186,7 @@ def unreachable(modules: Modules, entries: set[str]) -> list[str]:
 
 PAGE = "lagrange.compiler"
 STAGE_CALLS = {
-    "lagrange.equations.euler_lagrange": ("euler_lagrange",),
+    "lagrange.equations.regularity": ("allowed_equations",),
     "lagrange.program.catalogue": ("program_of", "lower_nodes"),
     "lagrange.program.taylor": ("series_program",),
     "lagrange.machine.llvm_machine": ("LlvmMachine",),
@@ -211,6 +233,13 @@ def test_no_import_of_ourselves_inside_a_function() -> None:
 
 def test_every_module_is_reachable() -> None:
     assert not unreachable(package(), entry_points())
+
+
+def test_stating_a_system_loads_few_modules() -> None:
+    loaded = loaded_by("lagrange.library", package())
+    assert {"lagrange.system", "lagrange.equations.regularity", "lagrange.show.derivation"} <= loaded
+    assert len(loaded) <= MOST_LOADED
+    assert not {name for name in loaded if layer(name) in map(STAGES.index, ("machine", "trajectory", "mechanics"))}
 
 
 def test_entry_points_exist() -> None:

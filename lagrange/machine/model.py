@@ -6,13 +6,15 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property, lru_cache
 from itertools import islice
-from typing import Any
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lagrange.equations.derivation import Derivation
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.equations.expressions import node_of
+from lagrange.equations.singular import singular_sentence
 from lagrange.errors import RunError, StatementError, abridged, counted, listing, shown
 from lagrange.graph.branches import square_roots
 from lagrange.graph.node import Node
@@ -20,7 +22,6 @@ from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine
 from lagrange.machine.calls import Quick, column_of_zero, may_vanish, scalar, surely_finite
 from lagrange.machine.kernel.python_kernel import PythonKernel, printed
 from lagrange.machine.parameters import Parameters, ParameterValues
-from lagrange.machine.singular import singular_sentence
 from lagrange.program.catalogue import LAW_QUANTITIES, quantities_of
 from lagrange.program.switching import Switched
 from lagrange.statement.choice import one_of, text
@@ -396,3 +397,19 @@ def _nodes(given: Iterable[Any]) -> tuple[Node, ...]:
     if nodes is None or not all(isinstance(node, Node) for node in nodes):
         raise StatementError(f"{shown(given)} is no tuple of nodes: give those of the model's equations.")
     return nodes
+
+
+class Stated(Protocol):
+    """A system; `lagrange.System` is one."""
+
+    statement: Statement
+
+    @classmethod
+    def from_statement(cls, statement: Statement) -> Self:
+        """Return the system of a checked statement."""
+
+    def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
+        """Compile for a target."""
+
+    def derivation(self) -> Derivation:
+        """Return the textbook derivation."""

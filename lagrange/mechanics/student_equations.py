@@ -45,9 +45,9 @@ def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
     A text says what is zero, or has = or == between two sides; q_dot and q_ddot are the derivatives of q, lambda_name
     is the multiplier of a constraint. Raises StatementError, with the equation's place, for what cannot be read.
     """
-    if isinstance(given, str):
-        return equations_of_text(given, statement)
     reader = _EquationReader(statement)
+    if isinstance(given, str):
+        return reader.text(given)
     if isinstance(given, Mapping):
         listed = [(f"the {coordinate_name(key, statement.names)} equation", value) for key, value in given.items()]
     else:
@@ -57,11 +57,6 @@ def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
     if not listed:
         raise StatementError("no equation is given: give a list with one for each coordinate.")
     return [reader.read(value, label) for label, value in listed]
-
-
-def equations_of_text(given: str, statement: Statement) -> list[StudentEquation]:
-    """Return the equations of a text as people type it. A refusal has all faults, each with line and column."""
-    return _EquationReader(statement).text(given)
 
 
 def spelled(expression: Any) -> str:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from lagrange.equations.singular import Singular, dependent_rows, few, motion_along
 from lagrange.machine.backend import SingularMassMatrix
-from lagrange.machine.singular import Singular, dependent_rows, few, motion_along
 from lagrange.trajectory.constraints.approach import regularity
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import number, row_names

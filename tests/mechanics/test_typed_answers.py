@@ -8,7 +8,7 @@ import pytest
 import sympy as sp
 
 import lagrange as lg
-from lagrange.mechanics.student_equations import equations_of_text
+from lagrange.mechanics.student_equations import read_equations
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.latex import LatexNotation
 from lagrange.show.notation.text import AsciiNotation, UnicodeNotation
@@ -26,7 +26,7 @@ def test_printed_equations_are_read_back(name: str, notation: type) -> None:
     laws = system.equations()
     text = "\n".join(f"{typeset.write(law.lhs)} = {typeset.write(law.rhs)}" for law in laws)
     dice = random.Random(name)
-    for law, read in zip(laws, equations_of_text(text, system.statement), strict=True):
+    for law, read in zip(laws, read_equations(text, system.statement), strict=True):
         zero = (law.lhs - law.rhs).xreplace(system.statement.plain)
         values = {
             symbol: dice.uniform(0.5, 1.5) for symbol in sorted(zero.free_symbols | read.zero.free_symbols, key=str)

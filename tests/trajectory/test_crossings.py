@@ -11,7 +11,7 @@ from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.compiler import machine, model_of
-from lagrange.machine.singular import Singular
+from lagrange.equations.singular import Singular
 from lagrange.trajectory import flow as flow_module
 from lagrange.trajectory import shortened
 from lagrange.trajectory.constraints import passage

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from sympy import Abs
 
+from lagrange.equations.singular import MOST_NAMED, motion_along
 from lagrange.machine.model import Model
-from lagrange.machine.singular import MOST_NAMED, motion_along
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import TARGETS, build, x, y
 from tests.trajectory.runs import run

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
@@ -10,13 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.graph.evaluate import DOUBLE_FUNCTIONS
 from lagrange.program.program import Program
-
-
-def _error_function(a: Any) -> Any:
-    """Return the error function of a number or of each number; NumPy has none, and SciPy's takes 0.2 s to import."""
-    return np.array([math.erf(x) for x in np.ravel(a).tolist()]).reshape(np.shape(a))[()]
-
 
 OPERATIONS: dict[str, Callable[..., Any]] = {
     "neg": np.negative,
@@ -27,32 +21,7 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     "fma": lambda a, b, c: a * b + c,
     "sqrt": np.sqrt,
     "power": np.power,
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "asin": np.arcsin,
-    "acos": np.arccos,
-    "atan": np.arctan,
-    "atan2": np.arctan2,
-    "exp": np.exp,
-    "log": np.log,
-    "sinh": np.sinh,
-    "cosh": np.cosh,
-    "tanh": np.tanh,
-    "asinh": np.arcsinh,
-    "acosh": np.arccosh,
-    "atanh": np.arctanh,
-    "erf": _error_function,
-    "abs": np.abs,
-    "sign": np.sign,
-    "min": np.minimum,
-    "max": np.maximum,
-    "less": np.less,
-    "less_equal": np.less_equal,
-    "equal": np.equal,
-    "and": np.logical_and,
-    "or": np.logical_or,
-    "not": np.logical_not,
+    **DOUBLE_FUNCTIONS,
     "select": np.where,
 }
 """The spelling of each operation, on numbers or on one number per column."""

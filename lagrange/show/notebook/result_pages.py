@@ -172,3 +172,25 @@ def _rounded(value: Any) -> Any:
     if not isinstance(value, sympy.Expr):
         return value
     return value.xreplace({one: sympy.Float(f"{float(one):.6g}") for one in value.atoms(sympy.Float)})
+
+
+class ConservedList(list[Conserved]):
+    """Conserved quantities."""
+
+    def _repr_markdown_(self) -> str | None:
+        if not self:
+            return None
+        writer = PageWriter(self[0].statement)
+        parts = (part for one in self for part in conserved_parts(one, writer))
+        return joined(parts, "`.expression` has it.")
+
+
+class EquilibriumList(list[Equilibrium]):
+    """Equilibria."""
+
+    def _repr_markdown_(self) -> str | None:
+        if not self:
+            return None
+        writer = PageWriter(self[0].statement)
+        parts = (part for one in self for part in equilibrium_parts(one, writer))
+        return joined(parts, "the fields of the record have it.")

@@ -7,12 +7,9 @@ from typing import Any
 
 from sympy import Basic
 
-from lagrange.mechanics.conserved import Conserved
-from lagrange.mechanics.equilibria import Equilibrium
 from lagrange.show.notation.sections import Formula
 from lagrange.show.notebook.html_card import table
 from lagrange.show.notebook.page_writer import MOST_OPERATIONS, PageWriter, Part, joined, left_out
-from lagrange.show.notebook.result_pages import conserved_parts, equilibrium_parts
 from lagrange.statement.statement import Statement
 
 
@@ -44,28 +41,6 @@ class ExpressionDict(dict[Any, Any]):
     def _repr_markdown_(self) -> str:
         rows = [(f"that of {key}", self.shown.get(key, key), value) for key, value in self.items()]
         return joined(_formulas(rows, self.statement), "`print(...)` has it.")
-
-
-class ConservedList(list[Conserved]):
-    """Conserved quantities."""
-
-    def _repr_markdown_(self) -> str | None:
-        if not self:
-            return None
-        writer = PageWriter(self[0].statement)
-        parts = (part for one in self for part in conserved_parts(one, writer))
-        return joined(parts, "`.expression` has it.")
-
-
-class EquilibriumList(list[Equilibrium]):
-    """Equilibria."""
-
-    def _repr_markdown_(self) -> str | None:
-        if not self:
-            return None
-        writer = PageWriter(self[0].statement)
-        parts = (part for one in self for part in equilibrium_parts(one, writer))
-        return joined(parts, "the fields of the record have it.")
 
 
 class SceneList(list[str]):

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from lagrange.equations.singular import Singular, least_regular, matrices_at, scales
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.machine.singular import Singular, least_regular, matrices_at, scales
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.constraints.residuals import residuals_of
 

@@ -6,11 +6,10 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from lagrange.equations.first_order import RELATION
-from lagrange.errors import StatementError, listing
+from lagrange.equations.singular import DEPENDENT, Singular, dependent_everywhere, least_regular
+from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.machine.singular import Singular, dependent_rows, least_regular
 from lagrange.statement.statement import REFUSE
 from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of, units_of
@@ -21,10 +20,6 @@ configuration alone are then independent by about as much."""
 
 SAMPLES = 4
 """States tried around one."""
-
-DEPENDENT = 1e-8
-"""Rows are dependent on the surface where their least singular value is below this part of the largest: a state is on
-the surface up to 1e-12, and off it rows that are dependent on it differ by as much."""
 
 CLEARLY = 1e-4
 """Rows whose least singular value is above this part of the largest are independent beyond doubt: rounding of a start
@@ -101,37 +96,6 @@ def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArr
         raise StatementError(dependent_everywhere(residuals_of(model).names, found, allowed=allowed))
 
 
-def independent_rows(model: Model, t: float, states: FloatArray, parameters: FloatArray) -> tuple[int, ...] | None:
-    """Return the most constraints that are independent at a state that satisfies all, sought from some (2n, k).
-
-    None if no such state is found.
-    """
-    projection, best = Projection(model, t, parameters), None
-    count = len(model.statement.constraints)
-    for state in states.T:
-        reached = projection.reached(state)
-        if reached is not None:
-            rows = _pivots(residuals_of(model).gradient(t, reached, parameters)[:count])
-            best = rows if best is None or len(rows) > len(best) else best
-    return best
-
-
-def _pivots(rows: FloatArray) -> tuple[int, ...]:
-    """Return rows that span all, each the longest beside those before, in units of its own length."""
-    sizes = np.sqrt((rows**2).sum(axis=1))
-    left, chosen = rows / np.where(sizes > 0, sizes, 1.0)[:, None], []
-    for _ in range(len(rows)):
-        lengths = np.sqrt((left**2).sum(axis=1))
-        # The first of the longest, so that rounding does not choose.
-        row = int(np.argmax(lengths > (1 - DEPENDENT) * lengths.max()))
-        if lengths[row] <= DEPENDENT:
-            break
-        chosen.append(row)
-        along = left[row] / lengths[row]
-        left = left - np.outer(left @ along, along)
-    return tuple(sorted(chosen))
-
-
 def _rows(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
     """Return the dependent rows of G at a state, or None if they are independent."""
     gradient = residuals_of(model).gradient(t, y, parameters)
@@ -145,42 +109,3 @@ def _vanishing(model: Model, t: float, off: FloatArray, on: FloatArray, paramete
     before, here = (np.abs(residuals_of(model).gradient(t, y, parameters)).max(axis=1) for y in (off, on))
     which = np.flatnonzero(here < VANISHING * before)
     return Singular(0.0, rows=((int(which[0]), 1.0),)) if len(which) else None
-
-
-def contradictory(model: Model, t: float, states: FloatArray, parameters: FloatArray) -> bool:
-    """Return whether no state that satisfies the constraints is found from any of some states, (2n, k)."""
-    projection = Projection(model, t, parameters)
-    return all(projection.reached(state) is None for state in states.T)
-
-
-def dependent_everywhere(names: tuple[str, ...], singular: Singular, *, allowed: bool = False) -> str:
-    """Return the refusal of constraints that are dependent wherever they hold, those that are `allowed` to be too."""
-    if any(names[i].startswith(RELATION) for i, _ in singular.rows):
-        return (
-            f"{dependent_rows(names, singular)} at every state tried. Add the kinetic energy that is missing, or use "
-            "fewer coordinates."
-        )
-    involved = [repr(names[i]) for i, _ in singular.rows]
-    if len(involved) == 1:
-        return (
-            f"{dependent_rows(names, singular)} wherever it holds: state it without the square, or leave it out if it "
-            "holds always."
-        )
-    remedy = "state the system with redundant='allow', and they share their forces."
-    if allowed:
-        remedy = (
-            "state the system with these parameters: which constraints are redundant is found with those it states."
-        )
-    return (
-        f"{dependent_rows(names, singular)} here: where {listing(involved[:-1])} "
-        f"{'holds' if len(involved) == 2 else 'hold'}, {involved[-1]} restricts no further. Drop one of them, or "
-        f"{remedy}"
-    )
-
-
-def contradiction(names: tuple[str, ...], singular: Singular) -> str:
-    """Return the refusal of dependent constraints that no state satisfies."""
-    return (
-        f"{dependent_rows(names, singular)} and contradict one another: no state was found that satisfies them "
-        "together. Drop one of them, or correct it."
-    )

@@ -15,11 +15,11 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.equations.singular import Singular, dependent_rows
 from lagrange.errors import formula
 from lagrange.graph.node import Binding
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.model import Model
-from lagrange.machine.singular import Singular, dependent_rows
 from lagrange.trajectory.constraints.nearest import ON_SURFACE
 from lagrange.trajectory.constraints.residuals import ConstraintResiduals, residuals_of
 

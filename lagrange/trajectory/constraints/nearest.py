@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from lagrange.equations.singular import RANK, balanced
 from lagrange.machine.backend import FloatArray
-from lagrange.machine.singular import RANK, balanced
 
 ON_SURFACE = 2.0**-40
 """A residual of at most this part of its size is round-off: no state of doubles is much closer to the surface."""

@@ -11,9 +11,9 @@ import math
 
 import numpy as np
 
+from lagrange.equations.singular import Singular, least_regular, scales
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.machine.singular import Singular, least_regular, scales
 from lagrange.trajectory.constraints.residuals import residuals_of
 
 SHORT_STEP = 0.1

@@ -8,15 +8,15 @@ import pytest
 import sympy as sp
 from sympy import cos, sin
 
-from lagrange.compiler import Stages, machine
+from lagrange.compiler import reached
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+from lagrange.equations.regularity import check_regularity
 from lagrange.errors import StatementError
-from lagrange.evidence.regularity import check_regularity
 from tests.models import SYSTEMS, M, chain, k, l, laws, m, stated, theta, x, y, z
 
 
 def checked(equations: Equations) -> None:
-    check_regularity(equations, lambda: Stages(equations, machine("numpy")))
+    check_regularity(equations, reach=reached)
 
 
 def refusal(**given: Any) -> str:

@@ -8,23 +8,32 @@ Source: J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., 2006, lemma 1
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.equations.first_order import RELATION
 from lagrange.errors import listing
 from lagrange.graph.node import Node
-from lagrange.machine.backend import FloatArray, Kernel
+
+FloatArray = NDArray[np.float64]
+
+Values = Callable[[float, FloatArray, FloatArray], FloatArray]
+"""A function of t, a state (2n,) and parameters (k,)."""
 
 RANK = 1e-13
 """A singular value below this fraction of the largest counts as zero once rows and columns are scaled alike."""
 
 NEARLY_SINGULAR = 1e-6
 """Where nothing is nearer to zero than this part, what was solved for is not the motion."""
+
+DEPENDENT = 1e-8
+"""Rows are dependent on the surface where their least singular value is below this part of the largest: a state is on
+the surface up to 1e-12, and off it rows that are dependent on it differ by as much."""
 
 NAMED_SHARE = 1e-6
 """Entries of a null vector below this part of the largest are round-off."""
@@ -36,10 +45,10 @@ MOST_NAMED = 8
 class Provider(Protocol):
     """What makes kernels for a few states: a model, or what a model is made of."""
 
-    def interpreted(self, name: str) -> Kernel:
+    def interpreted(self, name: str) -> Values:
         """Return a quantity of the system."""
 
-    def function(self, name: str, nodes: tuple[Node, ...]) -> Kernel:
+    def function(self, name: str, nodes: tuple[Node, ...]) -> Values:
         """Return nodes of the equations' graph as a function of t, q and v."""
 
 
@@ -182,3 +191,36 @@ def motion_along(names: Sequence[str], null: FloatArray) -> str:
 def few(parts: list[str]) -> str:
     """Return the parts of a list in one line, the last of many left out."""
     return ", ".join(parts if len(parts) <= MOST_NAMED else [*parts[: MOST_NAMED - 1], "and so on"])
+
+
+def dependent_everywhere(names: tuple[str, ...], singular: Singular, *, allowed: bool = False) -> str:
+    """Return the refusal of constraints that are dependent wherever they hold, those that are `allowed` to be too."""
+    if any(names[i].startswith(RELATION) for i, _ in singular.rows):
+        return (
+            f"{dependent_rows(names, singular)} at every state tried. Add the kinetic energy that is missing, or use "
+            "fewer coordinates."
+        )
+    involved = [repr(names[i]) for i, _ in singular.rows]
+    if len(involved) == 1:
+        return (
+            f"{dependent_rows(names, singular)} wherever it holds: state it without the square, or leave it out if it "
+            "holds always."
+        )
+    remedy = "state the system with redundant='allow', and they share their forces."
+    if allowed:
+        remedy = (
+            "state the system with these parameters: which constraints are redundant is found with those it states."
+        )
+    return (
+        f"{dependent_rows(names, singular)} here: where {listing(involved[:-1])} "
+        f"{'holds' if len(involved) == 2 else 'hold'}, {involved[-1]} restricts no further. Drop one of them, or "
+        f"{remedy}"
+    )
+
+
+def contradiction(names: tuple[str, ...], singular: Singular) -> str:
+    """Return the refusal of dependent constraints that no state satisfies."""
+    return (
+        f"{dependent_rows(names, singular)} and contradict one another: no state was found that satisfies them "
+        "together. Drop one of them, or correct it."
+    )

@@ -1,0 +1,263 @@
+"""Whether the motion is determined at all; tested when a system is stated, in the user's symbols.
+
+Without constraints the mass matrix must not be singular by construction. With constraints each must restrict something,
+they must be independent, and no motion that they allow may be without inertia.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.equations.constraints import empty_constraint
+from lagrange.equations.euler_lagrange import Equations, euler_lagrange, no_inertia
+from lagrange.equations.singular import (
+    DEPENDENT,
+    RANK,
+    FloatArray,
+    Singular,
+    balanced,
+    contradiction,
+    dependent_everywhere,
+    least_regular,
+    motion_along,
+)
+from lagrange.errors import StatementError, listing
+from lagrange.graph.evaluate import doubles
+from lagrange.graph.node import Node
+from lagrange.graph.term_size import term_sizes
+from lagrange.statement.given import with_values
+from lagrange.statement.statement import REFUSE, Statement
+
+POINTS = 8
+"""Random states at which the rank is tested, beside the stated one; one regular point clears a block."""
+
+ROUND_OFF = 1e-12
+"""A value that vanishes at every state is below this part of its terms at each."""
+
+Reach = Callable[[Statement, Equations, FloatArray, FloatArray], list[FloatArray]]
+"""A function that projects states (2n, k) onto the constraints, with parameters, and returns those that it reaches."""
+
+
+def equations_of(statement: Statement, reach: Reach) -> Equations:
+    """Return the equations of motion, solved with independent constraints where redundant ones are allowed.
+
+    `reach` is called for constraints that depend on each other, allowed or not. Raises StatementError where no state
+    determines the motion.
+    """
+    statement = with_values(statement)
+    equations = allowed_equations(statement, reach)
+    check_regularity(equations, statement, reach)
+    return equations
+
+
+def allowed_equations(statement: Statement, reach: Reach) -> Equations:
+    """Return the equations of motion with the redundant constraints left out, if the statement allows any."""
+    equations = euler_lagrange(statement)
+    if statement.redundant == REFUSE or len(statement.constraints) < 2:
+        return equations
+    kept = _independent_constraints(statement, equations, reach)
+    return equations if len(kept) == len(statement.constraints) else euler_lagrange(statement, kept)
+
+
+def check_regularity(equations: Equations, statement: Statement | None = None, reach: Reach | None = None) -> None:
+    """Raise StatementError if the accelerations are undetermined at every state and for all parameters that are tried.
+
+    These are random ones and, of a statement, its initial state with its default parameters. The message names the
+    constraints, or the combination of velocities that has no inertia. With `reach` it also says whether dependent
+    constraints contradict each other.
+    """
+    if len(equations.constraints):
+        _check_constraints(Tried(equations, statement), reach)
+    else:
+        _check_mass_matrix(Tried(equations, statement))
+
+
+def _check_mass_matrix(tried: Tried) -> None:
+    """Raise StatementError if the mass matrix is singular at every state and for all parameters that are tried."""
+    names = tried.equations.structure.names
+    coupled = [block for block in tried.equations.structure.blocks if len(block) > 1]
+    if not coupled:
+        return
+    matrices = tried.mass_matrices()
+    for block in coupled:
+        null = _common_null_vector(matrices[np.ix_(block, block)])
+        if null is not None:
+            raise StatementError(_no_inertia_along([names[i] for i in block], null))
+
+
+def _check_constraints(tried: Tried, reach: Reach | None) -> None:
+    """Raise StatementError for constraints that are empty, dependent, or leave a motion without inertia."""
+    equations, constraints = tried.equations, tried.equations.constraints
+    entries = [entry for row in constraints.gradient for entry in row]
+    shape = (len(constraints), len(equations.q), -1)
+    gradient = tried.values(entries).reshape(shape)
+    sizes = tried.values(term_sizes(entries)).reshape(shape)
+    pairs = zip(constraints.positions, constraints.velocities, strict=True)
+    stated = [psi if phi is None else phi for phi, psi in pairs]
+    _check_empty(constraints.names, gradient, sizes, tried.values(stated), tried.values(term_sizes(stated)))
+    singular = _common_singular(tried.mass_matrices(), gradient)
+    if singular is None:
+        return
+    if singular.motion is not None:
+        raise StatementError(_undetermined(equations, singular.motion))
+    raise StatementError(_dependent(tried, singular, reach))
+
+
+def _independent_constraints(statement: Statement, equations: Equations, reach: Reach) -> tuple[int, ...]:
+    """Return the most constraints that are independent at a state where all hold; the others follow from them.
+
+    Raises StatementError where no state is found that satisfies them.
+    """
+    tried, count = Tried(equations, statement), len(statement.constraints)
+    states, parameters = tried.starts(), tried.some_parameters(statement)
+    gradient = [entry for row in equations.stated.gradient for entry in row]
+    reached = reach(statement, equations, states, parameters)
+    if not reached:
+        names = listing(repr(constraint.name) for constraint in statement.constraints)
+        raise StatementError(
+            f"no state was found that satisfies the constraints {names} together, so it is not known which of them "
+            "follow from others. Give an initial state that satisfies them, and the values of all parameters."
+        )
+    points = (tried.point(0.0, state[:, None], parameters) for state in reached)
+    return max((_pivots(doubles(gradient, point, 1).reshape(count, -1)) for point in points), key=len)
+
+
+def _pivots(rows: FloatArray) -> tuple[int, ...]:
+    """Return the indices of rows that span all of them.
+
+    The next row is the longest after projection, in units of its own length.
+    """
+    sizes = np.sqrt((rows**2).sum(axis=1))
+    left, chosen = rows / np.where(sizes > 0, sizes, 1.0)[:, None], []
+    for _ in range(len(rows)):
+        lengths = np.sqrt((left**2).sum(axis=1))
+        # The first of the longest, so that rounding does not choose.
+        row = int(np.argmax(lengths > (1 - DEPENDENT) * lengths.max()))
+        if lengths[row] <= DEPENDENT:
+            break
+        chosen.append(row)
+        along = left[row] / lengths[row]
+        left = left - np.outer(left @ along, along)
+    return tuple(sorted(chosen))
+
+
+def _dependent(tried: Tried, singular: Singular, reach: Reach | None) -> str:
+    """Return the refusal of constraints that are dependent wherever they were tried."""
+    equations, statement = tried.equations, tried.statement
+    names = equations.constraints.names
+    # Without values for its parameters no state says whether constraints contradict one another.
+    only_stated = all(row < len(equations.stated) for row, _ in singular.rows)
+    if reach is None or statement is None or not only_stated or len(statement.defaults) < len(statement.parameters):
+        return dependent_everywhere(names, singular)
+    found = reach(statement, equations, tried.starts(), tried.some_parameters(statement))
+    return dependent_everywhere(names, singular) if found else contradiction(names, singular)
+
+
+@dataclass(frozen=True, eq=False)
+class Tried:
+    """The states and parameters at which regularity is tested."""
+
+    equations: Equations
+    statement: Statement | None
+
+    def random_states(self) -> FloatArray:
+        """Return random states, (2n, POINTS)."""
+        return np.random.default_rng(7).uniform(0.2, 1.2, (self.equations.layout.size, POINTS))
+
+    def starts(self) -> FloatArray:
+        """Return the initial state of the statement and the random states, (2n, 1 + POINTS)."""
+        random = self.random_states()
+        return random if self.statement is None else np.array([self.statement.initial, *random.T]).T
+
+    def some_parameters(self, statement: Statement | None) -> FloatArray:
+        """Return values of the parameters: the defaults of a statement, and random ones where there are none."""
+        some = np.random.default_rng(9).uniform(0.5, 2.0, len(self.equations.parameters))
+        if statement is None:
+            return some
+        return np.array([statement.defaults.get(p, x) for p, x in zip(statement.parameters, some, strict=True)])
+
+    def point(self, t: FloatArray | float, states: FloatArray, parameters: FloatArray) -> dict[Node, FloatArray]:
+        """Return the values of all symbols at times (k,) and states (2n, k)."""
+        e, count = self.equations, states.shape[1]
+        symbols = (*e.q, *e.v, *e.parameters, e.time)
+        rows = (*states, *(np.full(count, p) for p in parameters), np.broadcast_to(t, (count,)))
+        return dict(zip(symbols, rows, strict=True))
+
+    def values(self, nodes: Sequence[Node]) -> FloatArray:
+        """Return nodes at every state, (nodes, states)."""
+        statement, state = self.statement, self.random_states()
+        random = np.random.default_rng(8)
+        some = self.some_parameters(None)
+        found = [doubles(nodes, self.point(random.uniform(0.2, 1.2, POINTS), state, some), POINTS)]
+        if statement is not None:
+            stated = self.some_parameters(statement)
+            initial = np.array(statement.initial)[:, None]
+            around = initial + (1e-2 * np.abs(initial) + 1e-3) * random.uniform(-1.0, 1.0, state.shape)
+            states = np.concatenate([initial, around], axis=1)
+            found.append(doubles(nodes, self.point(0.0, states, stated), 1 + POINTS))
+        return np.concatenate(found, axis=1)
+
+    def mass_matrices(self) -> FloatArray:
+        """Return the mass matrix at every state, (n, n, states)."""
+        n = len(self.equations.q)
+        return self.values([entry for row in self.equations.mass for entry in row]).reshape(n, n, -1)
+
+
+def _check_empty(
+    names: Sequence[str], gradient: FloatArray, sizes: FloatArray, values: FloatArray, terms: FloatArray
+) -> None:
+    """Refuse constraints whose derivatives by the velocities, (m, n, states), vanish at every state with values."""
+    for name, rows, size, value, term in zip(names, gradient, sizes, values, terms, strict=True):
+        finite = np.isfinite(value) & np.isfinite(rows).all(axis=0)
+        if finite.any() and (np.abs(rows) <= ROUND_OFF * size)[:, finite].all():
+            worst = int(np.argmax(np.where(finite, np.abs(value), -1.0)))
+            raise StatementError(empty_constraint(name, float(value[worst]), float(term[worst])))
+
+
+def _common_singular(mass: FloatArray, gradient: FloatArray) -> Singular | None:
+    """Return what is singular at the first state if something is at every one with finite numbers."""
+    first = None
+    for k in range(mass.shape[2]):
+        found = least_regular(mass[:, :, k], gradient[:, :, k])
+        if found is None:
+            continue
+        if found.regularity > RANK:
+            return None
+        first = found if first is None else first
+    return first
+
+
+def _undetermined(equations: Equations, motion: FloatArray) -> str:
+    return (
+        f"a motion with {motion_along(equations.layout.rates, motion)} satisfies the constraints and has no "
+        "inertia at every state tried, so these accelerations are not determined. Add the kinetic energy that is "
+        "missing, or use fewer coordinates."
+    )
+
+
+def _common_null_vector(matrices: FloatArray) -> FloatArray | None:
+    """Return the null vector of the first matrix if every finite one is singular."""
+    found = None
+    for k in range(matrices.shape[2]):
+        matrix = matrices[:, :, k]
+        if not np.isfinite(matrix).all():
+            continue
+        scaled, scale = balanced(matrix)
+        _, values, vectors = np.linalg.svd(scaled)
+        if values[-1] > RANK * values[0]:
+            return None
+        found = vectors[-1] / scale if found is None else found
+    return found
+
+
+def _no_inertia_along(names: list[str], null: FloatArray) -> str:
+    motion = motion_along(names, null)
+    if "," not in motion:
+        return no_inertia(motion.partition(".dot")[0])
+    return (
+        f"the mass matrix d2L/dv2 is singular at every state tried: a motion with {motion} has no inertia, so "
+        "these accelerations are not determined. Add the kinetic energy that is missing, or use fewer coordinates."
+    )
