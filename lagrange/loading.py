@@ -17,6 +17,7 @@ from lagrange.show.solution import Solution
 from lagrange.statement.choice import printable
 from lagrange.statement.stored import restored
 from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
+from lagrange.trajectory.parameter_history import ParameterHistory
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -80,7 +81,21 @@ def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model
         step=card["step"],
         rtol=card["rtol"],
         atol=card["atol"],
+        history=_history(arrays, model),
     )
+
+
+def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None:
+    """Return the parameters over a run whose events set some."""
+    if "history_begins" not in arrays:
+        return None
+    names = ("history_begins", "history_values", "history_added")
+    if missing := [name for name in names if name not in arrays]:
+        raise StatementError(f"it lacks {listing(missing)}, the parameters that events have set.")
+    history = ParameterHistory(*(arrays[name] for name in names))
+    if history.values.shape[1:] != (len(model.statement.parameters),):
+        raise StatementError(f"it has {history.values.shape[1:]} parameters after events, not those of its system.")
+    return history
 
 
 def _known(arrays: Mapping[str, Any], t: FloatArray, y: FloatArray) -> OutputPath:

@@ -17,7 +17,7 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
         *("parameters", "printed_run", "python_source", "singular", "state", "step_events"),
     ),
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
-    "trajectory records": ("integrator", "options", "tolerances", "trajectory"),
+    "trajectory records": ("integrator", "options", "parameter_history", "tolerances", "trajectory"),
     "trajectory runs": (
         *(
             "edge",
@@ -33,7 +33,9 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
             "sticking",
         ),
     ),
-    "trajectory entries": ("conservation", "flow", "integrate", "over_crossings", "touching", "unresolved"),
+    "trajectory entries": (
+        *("conservation", "flow", "integrate", "over_crossings", "parts", "segments", "touching", "unresolved"),
+    ),
 }
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
 stand before all rooms of their stage, the entries behind all."""
@@ -73,7 +75,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     ),
     "trajectory entries": (
         *("machine records", "machine entries", "trajectory/constraints"),
-        *("trajectory records", "trajectory/paths", "trajectory runs", "trajectory/methods"),
+        *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs", "trajectory/methods"),
     ),
 }
 """Each room, in the order in which it is built, and the rooms that it knows. What a trajectory knows of the machine's

@@ -19,6 +19,7 @@ from lagrange.dynamics.angles import angles, difference
 from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
+from lagrange.machine.parameters import Parameters
 from lagrange.mechanics.linearization import Linearization, linearized_at
 from lagrange.mechanics.plain_form import number, numeric
 from lagrange.mechanics.point import StatedPoint, stated_point
@@ -66,14 +67,20 @@ def energy_exchange(
     kind = one_of(by, KINDS, "by = {given}: give {known}.")
     if at is not None and kind == ENERGIES:
         raise StatementError('at is the equilibrium about which modes are looked at: give by="modes" with it.')
+    if kind != ENERGIES and trajectory.history is not None:
+        raise StatementError(
+            "events of this run set parameters, so that it has not one set of modes: take the energies, "
+            'by="energies", or a run of each part.'
+        )
     if not len(trajectory.t):
         raise StatementError("there is no energy to follow: the run ended before the first of its output times.")
     require_values(model.statement)
     t, y = _sampled(trajectory)
     q, v = model.layout.split(y)
-    whole = np.asarray(model.energy(q, v, t, parameters))
+    along = trajectory.parameters_at(t, parameters)
+    whole = np.asarray(model.energy(q, v, t, along))
     frequencies = np.empty(0)
-    kinds = _kinds(model, t, y, parameters)
+    kinds = _kinds(model, t, y, along)
     if kind == ENERGIES:
         parts = kinds
     else:
@@ -114,7 +121,7 @@ def _sampled(trajectory: Trajectory) -> tuple[FloatArray, FloatArray]:
         return trajectory.t, trajectory.y  # the steps were dropped, or the run was read from a file
 
 
-def _kinds(model: Model, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float]) -> dict[str, FloatArray]:
+def _kinds(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> dict[str, FloatArray]:
     """Return T and V as stated, or for a Lagrangian alone its parts of second and of no degree in the velocities."""
     known = with_values(model.statement)
     if not known.lagrangian_alone:

@@ -73,7 +73,7 @@ class SectionData:
 def section_of(given: Any, model: Model, parameters: FloatArray) -> Event | float:
     """Return the event of a section, or the period of one at equal times: a number, or an expression in parameters."""
     if isinstance(given, Event):
-        return declare_events([given], model.statement)[0]
+        return declare_events([given], model.statement, constant="a section")[0]
     constant = isinstance(given, sympy.Expr) and not expression(given, "the section").has(t)
     if constant or (not isinstance(given, (sympy.Basic, str, bytes)) and not callable(given)):
         values = dict(zip(model.statement.parameters, parameters.tolist(), strict=True))

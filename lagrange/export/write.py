@@ -47,7 +47,7 @@ def export(
 ) -> Exported:
     """Write a model for a target into a folder; see `System.export`."""
     chosen = find(target)
-    declared = () if events is None else declare_events(events, model.statement)
+    declared = () if events is None else declare_events(events, model.statement, constant="an export")
     folder, made = _folder(path)
     try:
         module = module_of(model, wanted(chosen, model, contents, declared), declared, parameters)

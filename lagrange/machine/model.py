@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from itertools import islice
 from typing import Any, Protocol, Self
 
@@ -21,7 +21,7 @@ from lagrange.graph.node import Node
 from lagrange.machine.backend import FloatArray, Kernel, KernelProvider, Machine, Series, SingularMassMatrix
 from lagrange.machine.calls import Quick, column_of_zero, may_vanish, scalar, surely_finite
 from lagrange.machine.kernel.python_kernel import PythonKernel, printed
-from lagrange.machine.parameters import Parameters, ParameterValues
+from lagrange.machine.parameters import Parameters, ParameterValues, by_parameters
 from lagrange.program.catalogue import LAW_QUANTITIES, quantities_of
 from lagrange.program.switching import Switched
 from lagrange.statement.choice import one_of, text
@@ -45,8 +45,8 @@ class Model:
 
     Coordinates and velocities are arrays (n,), or (n, batch) for many states at once; a state y is [q, v],
     (2n,) or (2n, batch). Units are those of the statement. `parameters` is a dict, by symbol or name, over the
-    statement's defaults. Every method raises StatementError for wrong shapes, a missing or unknown parameter,
-    and RunError where the mass matrix is singular.
+    statement's defaults, or all values (k,), or (k, batch) with one column for each state. Every method raises
+    StatementError for wrong shapes, a missing or unknown parameter, and RunError where the mass matrix is singular.
     """
 
     def __init__(self, statement: Statement, equations: Equations, made: KernelProvider) -> None:
@@ -188,11 +188,7 @@ class Model:
         return self._of_whole("jacobian", t, y, parameters)
 
     def mass_matrix(
-        self,
-        q: ArrayLike,
-        t: float | ArrayLike = 0.0,
-        parameters: Parameters = None,
-        v: ArrayLike | None = None,
+        self, q: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None, v: ArrayLike | None = None
     ) -> FloatArray:
         """Return M = d2L/dv2, (n, n), or (n, n, batch).
 
@@ -232,12 +228,7 @@ class Model:
         return self._of_parts("multipliers", t, q, v, parameters)
 
     def evaluate(
-        self,
-        name: str,
-        q: ArrayLike,
-        v: ArrayLike,
-        t: float | ArrayLike = 0.0,
-        parameters: Parameters = None,
+        self, name: str, q: ArrayLike, v: ArrayLike, t: float | ArrayLike = 0.0, parameters: Parameters = None
     ) -> Any:
         """Return any quantity that `kernel` knows, in its shape, with the batch as the last axis."""
         return scalar(self._of_parts(text(name, "name"), t, q, v, parameters))
@@ -250,7 +241,11 @@ class Model:
         `y` has shape (2n, batch) and `t` (batch,). Raises StatementError for an expression with anything else in it.
         """
         kernel = self.function("expression", (node_of(expression, self.statement, self.equations),))
-        return np.asarray(self._call(kernel, t, self._checked_state(y), parameters)[0])
+        return np.asarray(self.called(kernel, t, y, parameters)[0])
+
+    def called(self, kernel: Kernel, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
+        """Return the result of a kernel of this model for states (2n,) or (2n, batch)."""
+        return self._call(kernel, t, self._checked_state(y), parameters)
 
     def parameter_values(self, given: Mapping[Any, Any] | None = None) -> dict[Any, float]:
         """Return a value for every parameter: the defaults overlaid with `given`, by symbol or name."""
@@ -287,6 +282,8 @@ class Model:
         q, v = state
         time = self._time(t, q)
         values = self.parameter_array(parameters)
+        if values.ndim == 2:
+            return by_parameters(partial(self._call, kernel), time, state, values)
         try:
             result = kernel.columns(time, state, values) if q.ndim > 1 else kernel(time, np.concatenate(state), values)
         except SingularMassMatrix as error:

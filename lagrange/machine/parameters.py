@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from typing import Any
 
@@ -16,7 +16,10 @@ from lagrange.statement.parameters import label_of, parameter_values, table_of
 from lagrange.statement.statement import Statement
 
 Parameters = Mapping[Any, Any] | FloatArray | None
-"""Parameters as a user gives them: a dict over the defaults, or all values (k,) as `parameter_array` returns them."""
+"""Parameters as a user gives them: a dict over the defaults, or all values as `parameter_array` returns them.
+
+These have the shape (k,), or (k, batch) where each of many states has its own.
+"""
 
 
 def ordered(values: Mapping[Any, float], parameters: tuple[Any, ...]) -> FloatArray:
@@ -24,6 +27,39 @@ def ordered(values: Mapping[Any, float], parameters: tuple[Any, ...]) -> FloatAr
     if tuple(values) == parameters:  # the hash of a symbol takes longer than all else here
         return np.array(list(values.values()), dtype=float)
     return np.array([values[symbol] for symbol in parameters], dtype=float)
+
+
+def some_of(parameters: Parameters, states: Any) -> Parameters:
+    """Return the parameters of some of many states, by number; `parameters` itself where all have the same."""
+    if isinstance(parameters, np.ndarray) and parameters.ndim == 2:
+        return np.ascontiguousarray(parameters[:, states])
+    return parameters
+
+
+def by_parameters(
+    call: Callable[[FloatArray, tuple[FloatArray, FloatArray], FloatArray], FloatArray],
+    t: float | FloatArray,
+    state: tuple[FloatArray, FloatArray],
+    parameters: FloatArray,
+) -> FloatArray:
+    """Return what `call(t, (q, v), parameters)` gives of states (2n, batch) with parameters (k, batch).
+
+    States with the same parameters (k,) are one call.
+    """
+    q, v = state
+    if q.shape[1:] != parameters.shape[1:]:
+        raise StatementError(
+            f"parameters has shape {parameters.shape} and the states have {q.shape[1:] or 'no'} columns: give (k,), or "
+            "one column for each state."
+        )
+    times, found = np.broadcast_to(t, q.shape[1:]), np.empty(0)
+    unique, which = np.unique(parameters, axis=1, return_inverse=True)
+    for i, values in enumerate(unique.T if unique.shape[1] else np.ones((1, len(unique)))):
+        columns = np.flatnonzero(which.reshape(-1) == i)
+        part = call(times[columns], (q[:, columns], v[:, columns]), np.ascontiguousarray(values))
+        found = found if i else np.empty((*part.shape[:-1], q.shape[1]))
+        found[..., columns] = part
+    return found
 
 
 def with_zero_inputs(statement: Statement, given: Parameters) -> Parameters:
@@ -46,7 +82,7 @@ class ParameterValues:
         return dict(self._defaults) if given is None else self._overlaid(given)
 
     def array(self, given: Parameters) -> FloatArray:
-        """Return the values (k,) in the statement's order; an array that is given is checked and returned as it is."""
+        """Return the values (k,) in the statement's order; an array, also (k, batch), is checked and returned."""
         if given is None:
             return self._default_array
         if isinstance(given, np.ndarray):
@@ -70,6 +106,10 @@ class ParameterValues:
         plain = type(given) is np.ndarray and given.dtype is DOUBLE
         array = given if plain else real_array(given, "parameters")
         parameters = self._statement.parameters
+        if array.ndim == 2 and len(array) == len(parameters):
+            for column in np.unique(array, axis=1).T:
+                self._checked(np.ascontiguousarray(column))
+            return array
         if array.shape != (len(parameters),):
             raise StatementError(
                 f"parameters has shape {array.shape}: give ({len(parameters)},), the values of "

@@ -14,6 +14,7 @@ import numpy as np
 
 from lagrange.machine.array_source import arrays_loaded
 from lagrange.machine.model import Model
+from lagrange.machine.parameters import Parameters
 from lagrange.members.keep import Reduction
 from lagrange.procedure.members.along import NEAR_END, RISE, SIGNS, lobatto
 from lagrange.procedure.members.extremum import largest_between, memory_size
@@ -56,8 +57,23 @@ class SampledRun:
             return _Mean(self, one, first, float(t[-1] - t[0]))
         return _Extremum(self, one, SIGNS[one.how] * first if first == first else -np.inf)
 
-    def _values(self, expression: Any, times: FloatArray, states: FloatArray) -> FloatArray:
-        return self.model.evaluate_expression(expression, times, states, self.parameters)
+    def _values(
+        self, expression: Any, times: FloatArray, states: FloatArray, parameters: Parameters = None
+    ) -> FloatArray:
+        """Return an expression at times (K,) with parameters (k, K), or those of the member."""
+        values = self.run.parameters_at(times, self.parameters) if parameters is None else parameters
+        return self.model.evaluate_expression(expression, times, states, values)
+
+    def _parameters(self, low: int, high: int) -> Parameters:
+        """Return the parameters at the points of some steps, (k, (high - low)*POINTS); see `_Steps`."""
+        begin = self.run.parameters_at(self.run.t, self.parameters)
+        if not (isinstance(begin, np.ndarray) and begin.ndim == 2):
+            return begin
+        points = np.repeat(begin[:, low:high, None], len(lobatto()[0]), axis=2)
+        # A step to the time of an event ends with the parameters before, a reset with those behind.
+        resets = low + np.flatnonzero(np.diff(self.run.t[low : high + 1]) == 0)
+        points[:, resets - low, -1] = begin[:, resets + 1]
+        return points.reshape(len(begin), -1)
 
     def _steps(self) -> Iterator[_Steps]:
         """Yield the steps in groups; a reset is one of no length."""
@@ -69,16 +85,17 @@ class SampledRun:
             inner = self.run.dense(times.ravel()).reshape(len(y), *times.shape)
             times = np.concatenate([begins[:, None], times, t[low + 1 : high + 1, None]], axis=1)
             ends = y[:, low:high, None], inner, y[:, low + 1 : high + 1, None]
-            yield _Steps(self, times, np.concatenate(ends, axis=2))
+            yield _Steps(self, times, np.concatenate(ends, axis=2), self._parameters(low, high))
 
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Some steps of a run: times (k, POINTS), and states (2n, k, POINTS)."""
+    """Some steps of a run: times (k, POINTS), states (2n, k, POINTS), and parameters."""
 
     of: SampledRun
     times: FloatArray
     states: FloatArray
+    parameters: Parameters
 
     @property
     def lengths(self) -> FloatArray:
@@ -88,7 +105,8 @@ class _Steps:
     def values(self, expression: Any) -> FloatArray:
         """Return an expression at the points, (k, POINTS)."""
         states = self.states.reshape(len(self.states), -1)
-        return self.of._values(expression, self.times.ravel(), states).reshape(self.times.shape)
+        found = self.of._values(expression, self.times.ravel(), states, self.parameters)
+        return found.reshape(self.times.shape)
 
     def inside(self, expression: Any, which: Any, fractions: FloatArray) -> FloatArray:
         """Return an expression at a fraction of each of some steps."""

@@ -58,9 +58,19 @@ def relative_drift(first: FloatArray, last: FloatArray, kinetic: FloatArray, aft
     return np.asarray(np.where(np.isnan(found), np.nan, found))
 
 
-def energies_of(model: Model, starts: Starts, after: FloatArray, span: tuple[float, float]) -> Energies:
-    """Return the energies of members that went from their starts to states (m, 2n)."""
-    first, last = (_observed(model, y, t, starts.parameters) for y, t in zip((starts.states, after), span, strict=True))
+def energies_of(
+    model: Model,
+    starts: Starts,
+    after: FloatArray,
+    span: tuple[float, float],
+    last_parameters: FloatArray | None = None,
+) -> Energies:
+    """Return the energies of members that went from their starts to states (m, 2n).
+
+    `last_parameters` (m, k) are those at the end, where events set some.
+    """
+    first = _observed(model, starts.states, span[0], starts.parameters)
+    last = _observed(model, after, span[1], starts.parameters if last_parameters is None else last_parameters)
     return Energies(starts.states, after, first, last)
 
 

@@ -208,6 +208,8 @@ def _kind(plan: Plan) -> Any:
 def _runs_in_lanes(alone: RunEngine, plan: Plan, problem: Problem) -> bool:
     """Return whether there is machine code for all that a run needs."""
     model = alone.model
+    if any(event.settings for event in problem.events):
+        return False
     if model.target != "llvm" or len(model.equations.constraints) or model.statement.given:
         return False
     if isinstance(plan, TaylorPlan):

@@ -66,7 +66,7 @@ def _number(given: Any, name: str) -> float | None:
 
 def _event(event: Event) -> list[Any]:
     """Return what an event is, as JSON has it."""
-    resets = [[str(key), _exactly(value)] for key, value in event.reset.items()]
+    resets = [[str(key), _exactly(value)] for key, value in {**event.reset, **event.settings}.items()]
     return [_exactly(event.expression), event.direction, event.terminal, resets]
 
 

@@ -126,7 +126,8 @@ class RunEngine:
         if self.keep.counts:
             found |= {name: getattr(run, name) for name in COUNTED}
         if self.keep.drift:
-            found[DRIFT] = energies_of(self.model, start, self.end(run)[None], run.span).drift[0]
+            values = None if run.history is None else run.history.values[-1:]
+            found[DRIFT] = energies_of(self.model, start, self.end(run)[None], run.span, values).drift[0]
         found |= SampledRun(self.model, run, start.parameters[0]).reduced(self.keep.reductions)
         for k in range(len(run.t_events) if self.keep.events else 0):
             most = self.keep.events

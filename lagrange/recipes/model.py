@@ -31,7 +31,7 @@ class Model(compiled.Model):
         one for each name in `model.inputs`. Raises StatementError for what cannot be meant; the functions raise
         RunError where the mass matrix is singular.
         """
-        found = declare_events(events, self.statement)
+        found = declare_events(events, self.statement, constant="as_scipy")
         functions = input_functions(self, inputs)
         values = self.parameter_array(with_zero_inputs(self.statement, parameters)).copy()
         return ScipyProblem(self, values, found, functions)

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
-from lagrange.errors import counted
+from lagrange.errors import counted, listing
 from lagrange.show.files.data_sets import finite
+from lagrange.show.measures.invariants import drift_lines
 from lagrange.show.rows import row_label
+from lagrange.show.terminal.table import duration
 from lagrange.show.units import unit_of
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:
     from lagrange.show.solution import Solution
+
+MOST_CHANGES = 3
+"""Number of parameter changes on the card; `solution.parameter_changes` has all."""
 
 
 def card_of(solution: Solution) -> dict[str, Any]:
@@ -43,6 +48,8 @@ def card_of(solution: Solution) -> dict[str, Any]:
         "units": {name: unit for name in (*solution.names, "t") if (unit := unit_of(solution.model.statement, name))},
         "parameters": {row_label(key): finite(value) for key, value in solution.parameters.items()},
     }
+    if solution.parameter_changes:
+        card["changes"] = [{"t": finite(t), "parameters": values} for t, values in solution.parameter_changes]
     for when, column in (("initial", 0), ("final", -1)):
         card[when] = {
             name: finite(row[column]) for name, row in zip(solution.names, solution.y, strict=True) if len(row)
@@ -58,7 +65,32 @@ def _energy(solution: Solution) -> dict[str, Any] | None:
     return {key: finite(value) if isinstance(value, float) else value for key, value in drift.items()}
 
 
-def setting_lines(run: Trajectory) -> list[tuple[str, str]]:
+def card_lines(solution: Solution) -> list[tuple[str, str]]:
+    """Return the lines of the card as a person reads them, a label and a text each."""
+    run, unit = solution.trajectory, unit_of(solution.model.statement, "t")
+    begun, reached = run.span
+    outputs = counted(len(run.t), "output") if len(run.t) else "no outputs"
+    unknown = "not known: it has no value at some state of the run"
+    return [
+        ("method", ", ".join(part for part in (run.method, run.form) if part)),
+        *_setting_lines(run),
+        ("time", f"{begun:.6g} to {reached:.6g}{f' {unit}' if unit else ''}, {outputs}"),
+        ("steps", f"{run.steps} ({run.rejected} rejected), {counted(run.evaluations, 'evaluation')}"),
+        (
+            "energy drift" if solution.model.conservative else "energy",
+            solution.drift.sentence() if solution.has_energy else unknown,
+        ),
+        *drift_lines(solution.momentum_drift),
+        *([("constraint drift", solution.constraint_drift.sentence())] if solution.constraint_drift else []),
+        *_event_lines(run.t_events),
+        *_change_lines(solution.parameter_changes),
+        *([("stiffness", solution.stiff.sentence())] if solution.stiff else []),
+        ("wall time", duration(run.wall)),
+        ("message", run.message),
+    ]
+
+
+def _setting_lines(run: Trajectory) -> list[tuple[str, str]]:
     """Return the line with the step or the tolerances of a run, if its method has any."""
     if run.step is not None:
         return [("step", f"{run.step:.6g}")]
@@ -68,7 +100,18 @@ def setting_lines(run: Trajectory) -> list[tuple[str, str]]:
     return [("tolerances", f"rtol = {run.rtol:g}, atol {atol}")]
 
 
-def event_lines(times: Sequence[FloatArray]) -> list[tuple[str, str]]:
+def _change_lines(changes: Sequence[tuple[float, Mapping[str, float]]]) -> list[tuple[str, str]]:
+    """Return the line with the parameters that events have set: the first changes, and how many are left out."""
+    told = [
+        f"{listing(f'{name} = {value:.6g}' for name, value in values.items())} from t = {t:.6g}"
+        for t, values in changes[:MOST_CHANGES]
+    ]
+    left = len(changes) - MOST_CHANGES
+    more = [f"{counted(left, 'later change')}"] if left > 0 else []
+    return [("parameters", listing(told + more))] if told else []
+
+
+def _event_lines(times: Sequence[FloatArray]) -> list[tuple[str, str]]:
     """Return the line with how often each event occurred, if there are any."""
     if not times:
         return []

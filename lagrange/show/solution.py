@@ -14,30 +14,28 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange.errors import LagrangeError, RunError, StatementError, counted, listing, shown, suggestion
+from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown, suggestion
 from lagrange.evidence.stiffness import Stiffness, stiffness
 from lagrange.machine.model import Model
+from lagrange.machine.parameters import Parameters
 from lagrange.show.animation.animation import Animation, animate
-from lagrange.show.card import card_of, event_lines, setting_lines
+from lagrange.show.card import card_lines, card_of
 from lagrange.show.figures.run_figure import DPI, plot_runs
 from lagrange.show.files.atomic_file import Writer, write_atomically, write_rows
 from lagrange.show.files.atomic_folder import write_together
-from lagrange.show.files.data_sets import data_frame, data_set, event_arrays
+from lagrange.show.files.contents import arrays_of_run, columns_of
+from lagrange.show.files.data_sets import data_frame, data_set
 from lagrange.show.files.picture import picture
 from lagrange.show.files.resolution import FILE_DPI
-from lagrange.show.measures.between import stored_between
 from lagrange.show.measures.constraint_drift import ConstraintDrift, constraint_drift
 from lagrange.show.measures.constraint_forces import ConstraintForces
 from lagrange.show.measures.drift import EnergyDrift, energy_drift, since_start
-from lagrange.show.measures.invariants import drift_lines, invariants, momentum_drifts
+from lagrange.show.measures.invariants import invariants, momentum_drifts
 from lagrange.show.measures.sampling import states_at, times_at
 from lagrange.show.notebook.html_card import image, pairs
 from lagrange.show.rows import row_label
-from lagrange.show.terminal.table import duration, text_table
-from lagrange.show.units import unit_of
-from lagrange.statement.multiplier import multiplier
+from lagrange.show.terminal.table import text_table
 from lagrange.statement.number import real_array
-from lagrange.statement.stored import stored
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 if TYPE_CHECKING:
@@ -147,16 +145,34 @@ class Solution:
         times = np.atleast_1d(real_array(t, "t"))
         return replace(self, trajectory=replace(self.trajectory, t=times, y=self.at(times)))
 
+    def parameters_at(self, t: ArrayLike) -> Parameters:
+        """Return the parameters at times (K,), as the methods of a model take them.
+
+        They are `parameters` itself, or if an event of the run set some, the values (k, K) in the statement's order.
+        """
+        return self.trajectory.parameters_at(np.atleast_1d(real_array(t, "t")), self.parameters)
+
+    @property
+    def parameter_changes(self) -> list[tuple[float, dict[str, float]]]:
+        """The times of events that set parameters, each with the new values by name, which hold from then on."""
+        names, history = [symbol.name for symbol in self.model.statement.parameters], self.trajectory.history
+        return [] if history is None else history.changes(names)
+
+    @cached_property
+    def _along(self) -> Parameters:
+        """The parameters at the outputs."""
+        return self.trajectory.parameters_at(self.t, self.parameters)
+
     @cached_property
     def energy(self) -> FloatArray:
         """The energy v.p - L at the output times, (N,)."""
-        return np.asarray(self.model.energy(*self.model.layout.split(self.y), self.t, self.parameters))
+        return np.asarray(self.model.energy(*self.model.layout.split(self.y), self.t, self._along))
 
     @cached_property
     def drift(self) -> EnergyDrift:
         """How far the energy moved from the start over the output times, or from the first if no start is known."""
         self._check_output()
-        return energy_drift(self.model, *self._since_start, self.parameters)
+        return energy_drift(self.model, *self._since_start, self.parameters, self.trajectory)
 
     @cached_property
     def _since_start(self) -> tuple[FloatArray, FloatArray, bool]:
@@ -165,12 +181,13 @@ class Solution:
     @cached_property
     def invariants(self) -> Mapping[str, FloatArray]:
         """What the system conserves by name, (N,) each: see `System.conserved`, which it looks for when first asked."""
-        return invariants(self.model, self.t, self.y, self.parameters)
+        return invariants(self.model, self.t, self.y, self._along)
 
     @cached_property
     def momentum_drift(self) -> Mapping[str, FloatArray]:
         """How far momenta of ignorable coordinates are from their first values, (N,), relative to their terms."""
-        found = momentum_drifts(self.model, *self._since_start[:2], self.parameters)
+        t, y, _ = self._since_start
+        found = momentum_drifts(self.model, t, y, self.parameters_at(t))
         return {name: drift[-len(self.t) :] for name, drift in found.items()}
 
     @property
@@ -181,7 +198,7 @@ class Solution:
     @cached_property
     def constraint_drift(self) -> ConstraintDrift | None:
         """How far the run is from its constraints; None without constraints, and without output."""
-        return constraint_drift(self.model, self.t, self.y, self.parameters)
+        return constraint_drift(self.model, self.t, self.y, self._along)
 
     @cached_property
     def has_energy(self) -> bool:
@@ -202,11 +219,11 @@ class Solution:
         It may contain coordinates, velocities, accelerations, multipliers (`lagrange.multiplier(name)`), parameters and
         t. Anything else is a StatementError.
         """
-        return self.model.evaluate_expression(expression, self.t, self.y, self.parameters)
+        return self.model.evaluate_expression(expression, self.t, self.y, self._along)
 
     @cached_property
     def _exerted(self) -> ConstraintForces:
-        return ConstraintForces(self.model, self.t, self.y, self.parameters)
+        return ConstraintForces(self.model, self.t, self.y, self._along)
 
     @property
     def multipliers(self) -> Mapping[str, FloatArray]:
@@ -264,21 +281,7 @@ class Solution:
         With m constraints also constraint_error (N,), multipliers (m, N), and constraints (m,), their names; with
         events t_event_0 (k,), y_event_0 (k, 2n), and so on. `lagrange.load` reads it. Raises what `to_csv` does.
         """
-        return write_atomically(path, self._npz)
-
-    def _npz(self, file: BinaryIO) -> None:
-        texts = {"card": json.dumps(self.card()), "statement": json.dumps(stored(self.model.statement))}
-        arrays = {"t": self.t, "y": self.y, "names": np.array(self.names)}
-        arrays |= {name: np.array(text) for name, text in texts.items()}
-        arrays |= event_arrays(self.t_events, self.y_events) | stored_between(self.trajectory)
-        if self.multipliers:
-            arrays |= {
-                "multipliers": np.stack([*self.multipliers.values()]),
-                "constraints": np.array([*self.multipliers]),
-                "constraint_error": self.constraint_error,
-            }
-        energy = self.energy if self.has_energy else np.full(len(self.t), np.nan)
-        np.savez(file, allow_pickle=False, energy=energy, **arrays)
+        return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, **arrays_of_run(self)))
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI) -> Path:
         """Write the picture of `plot()`, of `dpi` dots to an inch; raises what `to_csv` does."""
@@ -299,25 +302,19 @@ class Solution:
         return write_together(folder, files)
 
     def _csv(self, file: BinaryIO) -> None:
-        columns = self._columns
+        columns = columns_of(self)
         write_rows(file, ("t", *columns), [self.t.tolist(), *(row.tolist() for row in columns.values())])
-
-    @property
-    def _columns(self) -> dict[str, FloatArray]:
-        """The rows of the state by name, and the multipliers behind them as lambda[name]."""
-        rows = dict(zip(self.names, self.y, strict=True))
-        return rows | {str(multiplier(name)): row for name, row in self.multipliers.items()}
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a DataFrame: index t, a column per row of the state and multiplier; the status card is in `.attrs`."""
-        return data_frame(self.t, self._columns, self.card())
+        return data_frame(self.t, columns_of(self), self.card())
 
     def to_xarray(self) -> xarray.Dataset:
         """Return a Dataset over the dimension t; how the run ended is in `.attrs`.
 
         It has a variable per row of the state, and one for each multiplier, called lambda[name].
         """
-        return data_set(self.t, self._columns, self.card())
+        return data_set(self.t, columns_of(self), self.card())
 
     def plot(
         self,
@@ -363,37 +360,12 @@ class Solution:
         return animate(self, path, fps=fps, speed=speed, size=size, style=style, trail=trail, progress=progress)
 
     def __repr__(self) -> str:
-        return f"{self.model.statement.name}: {self.status.value}\n{text_table(('', ''), self._lines())}"
+        return f"{self.model.statement.name}: {self.status.value}\n{text_table(('', ''), card_lines(self))}"
 
     def _repr_html_(self) -> str:
         heading = f"{self.model.statement.name}: {self.status.value}"
         picture = image(self.plot(), f"plot of {heading}") if len(self.t) else ""
-        return pairs(heading, self._lines()) + picture
-
-    def _lines(self) -> list[tuple[str, str]]:
-        begun, reached = self.trajectory.span
-        outputs = counted(len(self.t), "output") if len(self.t) else "no outputs"
-        return [
-            ("method", ", ".join(part for part in (self.method, self.trajectory.form) if part)),
-            *setting_lines(self.trajectory),
-            ("time", f"{begun:.6g} to {reached:.6g}{self._time_unit}, {outputs}"),
-            ("steps", f"{self.steps} ({self.trajectory.rejected} rejected), {counted(self.evaluations, 'evaluation')}"),
-            (
-                "energy drift" if self.model.conservative else "energy",
-                self.drift.sentence() if self.has_energy else "not known: it has no value at some state of the run",
-            ),
-            *drift_lines(self.momentum_drift),
-            *([("constraint drift", self.constraint_drift.sentence())] if self.constraint_drift else []),
-            *event_lines(self.t_events),
-            *([("stiffness", self.stiff.sentence())] if self.stiff else []),
-            ("wall time", duration(self.wall)),
-            ("message", self.message),
-        ]
-
-    @property
-    def _time_unit(self) -> str:
-        unit = unit_of(self.model.statement, "t")
-        return f" {unit}" if unit else ""
+        return pairs(heading, card_lines(self)) + picture
 
     def _check_output(self) -> None:
         if not len(self.t):

@@ -30,13 +30,15 @@ class Event:
 
     `direction` is 1 for zeros at which the expression rises in the direction of the run, -1 where it falls, 0 for
     both and for touches. The run ends at the `terminal`-th occurrence (0: never). `reset` maps coordinates and
-    velocities to expressions of the state before the event.
+    velocities to expressions of the state before the event. `declare_events` moves the parameters that `reset` sets to
+    `settings`.
     """
 
     expression: Any
     direction: int = 0
     terminal: int = 0
     reset: Mapping[Any, Any] = field(default_factory=dict)
+    settings: Mapping[Any, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         terminal = self.terminal
@@ -46,8 +48,8 @@ class Event:
             )
         if not isinstance(self.reset, Mapping):
             raise StatementError(
-                f"reset is {_written(self.reset)!r}: give a dict from coordinates and velocities to expressions, such "
-                "as {y.dot: -0.9*y.dot}."
+                f"reset is {_written(self.reset)!r}: give a dict from coordinates, velocities and parameters to "
+                "expressions, such as {y.dot: -0.9*y.dot}."
             )
         chosen = {key: _value(value) for key, value in self.reset.items()}
         for name, value in (
@@ -55,12 +57,13 @@ class Event:
             ("direction", _sign(self.direction)),
             ("terminal", int(terminal)),
             ("reset", MappingProxyType(chosen)),
+            ("settings", MappingProxyType(dict(self.settings))),
         ):
             object.__setattr__(self, name, value)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Read-only views of dicts do not pickle.
-        return Event, (self.expression, self.direction, self.terminal, dict(self.reset))
+        return Event, (self.expression, self.direction, self.terminal, dict(self.reset), dict(self.settings))
 
 
 def event(
@@ -71,8 +74,9 @@ def event(
     `expression` is a SymPy expression (or an equation) in coordinates, velocities, accelerations such as x.ddot, the
     multipliers of constraints, parameters and t; the event is where it becomes zero. `direction` is positive for rising
     zeros only, negative for falling ones, as in SciPy's solve_ivp. `terminal` ends the run at the event, or with a
-    whole number at its occurrence of that number. `reset` maps coordinates and velocities, or their names, to
-    expressions of the state before, such as {y.dot: -0.9*y.dot} for an impact; what is not named goes on as it was.
+    whole number at its occurrence of that number. `reset` maps coordinates, velocities and parameters, or their names,
+    to expressions of the state before, such as {y.dot: -0.9*y.dot} for an impact, or {k: 0} for a spring that breaks;
+    what is not named goes on as it was.
 
     Raises StatementError for what cannot be meant.
     """
@@ -134,8 +138,11 @@ def _value(value: Any) -> Any:
     )
 
 
-def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
-    """Return the events of a run, checked against a statement; a bare expression is an event of either direction."""
+def declare_events(events: Any, statement: Statement, *, constant: str = "") -> tuple[Event, ...]:
+    """Return the events of a run, checked against a statement; a bare expression is an event of either direction.
+
+    `constant` names what has constant parameters, so that events may not set any.
+    """
     if events is None:
         return ()
     alone = (Event, sympy.Basic, str, bytes, numbers.Number, np.bool_)
@@ -153,27 +160,34 @@ def declare_events(events: Any, statement: Statement) -> tuple[Event, ...]:
                 f"event {place} is {formula(one.expression, 80)}, which stays as it is along a run: give an expression "
                 "in coordinates, velocities and t that becomes zero on the way."
             )
-        rows = state_rows(statement.coordinates)
-        if len({rows[key] for key in one.reset if key in rows}) < sum(key in rows for key in one.reset):
-            raise StatementError(f"the reset of event {place} names the same coordinate or velocity twice.")
-        for key, value in one.reset.items():
-            if label_of(key) in [p.name for p in statement.parameters]:
-                raise StatementError(
-                    f"the reset of event {place} sets the parameter {label_of(key)}, and resets set coordinates and "
-                    "velocities: end the run there with terminal=True, and go on with run(t_end, run.final, "
-                    f"t_start=run.t[-1], parameters={{'{label_of(key)}': ...}})."
-                )
-            if key not in state_rows(statement.coordinates):
-                known = [label for label in state_rows(statement.coordinates) if isinstance(label, str)]
-                raise StatementError(
-                    f"the reset of event {place} names {formula(key, 80)!r}, which is no coordinate or velocity of "
-                    f"this system; they are {listing(known)}."
-                )
-            _check(value, f"the reset of event {place}", statement)
-        symbols = (*statement.coordinates, *statement.velocities)
-        resets = [(symbols[rows[key]], value) for key, value in one.reset.items()]
-        check_event_dimensions(place, one.expression, resets, statement)
+        _check_resets(place, one, statement)
+        if constant and one.settings:
+            name = next(iter(one.settings)).name
+            raise StatementError(
+                f"the reset of event {place} sets the parameter {name}, and {constant} has constant parameters: leave "
+                f"{name} out of the reset, or call system.run(), whose events set parameters."
+            )
     return found
+
+
+def _check_resets(place: int, one: Event, statement: Statement) -> None:
+    """Raise StatementError for a reset of what the system does not have, or of one entry twice."""
+    rows = state_rows(statement.coordinates)
+    if len({rows[key] for key in one.reset if key in rows}) < sum(key in rows for key in one.reset):
+        raise StatementError(f"the reset of event {place} names the same coordinate or velocity twice.")
+    for key in one.reset:
+        if key not in rows:
+            known = [label for label in rows if isinstance(label, str)]
+            raise StatementError(
+                f"the reset of event {place} names {formula(key, 80)!r}, which is no coordinate or velocity of "
+                f"this system; they are {listing(known)}, and its parameters are "
+                f"{listing(p.name for p in statement.parameters) or 'none'}."
+            )
+    symbols = (*statement.coordinates, *statement.velocities)
+    resets = [*((symbols[rows[key]], value) for key, value in one.reset.items()), *one.settings.items()]
+    for _, value in resets:
+        _check(value, f"the reset of event {place}", statement)
+    check_event_dimensions(place, one.expression, resets, statement)
 
 
 def _either_way(given: Any) -> Event:
@@ -187,10 +201,17 @@ _kept = lru_cache(maxsize=256)(event)
 @lru_cache(maxsize=256)
 def _in_own_parameters(one: Event, parameters: tuple[Any, ...]) -> Event:
     """Return an event in a system's own parameters, itself where it is; kept, as what is prepared for it is."""
+    by_name = {p.name: p for p in parameters}
     zero = in_own_parameters(one.expression, parameters)
-    reset = {key: in_own_parameters(value, parameters) for key, value in one.reset.items()}
-    same = zero == one.expression and reset == one.reset
-    return one if same else Event(zero, one.direction, one.terminal, reset)
+    values = {key: in_own_parameters(value, parameters) for key, value in one.reset.items()}
+    settings = {key: value for key, value in values.items() if label_of(key) in by_name}
+    if len({label_of(key) for key in settings}) < len(settings):
+        raise StatementError(f"a reset names the parameter {label_of(next(iter(settings)))} twice.")
+    reset = {key: value for key, value in values.items() if key not in settings}
+    if zero == one.expression and reset == one.reset:
+        return one
+    own = {by_name[label_of(key)]: value for key, value in settings.items()}
+    return Event(zero, one.direction, one.terminal, reset, {**one.settings, **own})
 
 
 @lru_cache(maxsize=256)

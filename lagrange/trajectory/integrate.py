@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,7 @@ from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
 from lagrange.trajectory.over_crossings import run_over_crossings
 from lagrange.trajectory.plan import locates_events
+from lagrange.trajectory.segments import run_in_segments
 from lagrange.trajectory.touching import with_touching_bodies
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 from lagrange.trajectory.unresolved import with_resolution
@@ -79,20 +81,30 @@ def integrate(
     _check_memory(problem)
     integrator = find(DEFAULT if options.method is None else options.method)
     _check_events(problem, integrator)
-    before = _check_start(problem)
-    if constrained:
-        check_independent(model, t0, start, problem.parameter_array)
-    trajectory = run_over_crossings(integrator, problem)
-    if trajectory.status is Status.SINGULAR and not trajectory.steps and constrained:
-        refuse_dependent(model, t0, start, problem.parameter_array)
+    if any(event.settings for event in problem.events):
+        trajectory = run_in_segments(problem, partial(_run, integrator))
+    else:
+        trajectory = _run(integrator, problem)
     if start is not given:
         trajectory = replace(trajectory, message=f"{trajectory.message}{moved_sentence(model, given, start)}")
+    return trajectory, values
+
+
+def _run(integrator: Integrator, problem: Problem) -> Trajectory:
+    """Return the run of a problem with constant parameters, tested."""
+    model, constrained = problem.model, bool(problem.model.equations.constraints)
+    before = _check_start(problem)
+    if constrained:
+        check_independent(model, problem.t0, problem.y0, problem.parameter_array)
+    trajectory = run_over_crossings(integrator, problem)
+    if trajectory.status is Status.SINGULAR and not trajectory.steps and constrained:
+        refuse_dependent(model, problem.t0, problem.y0, problem.parameter_array)
     if trajectory.status.complete and constrained:
         trajectory = _on_constraints(problem, trajectory)
     if len(problem.events) > 1:
         trajectory = with_touching_bodies(problem, trajectory)
     trajectory = with_resolution(problem, trajectory)
-    return verified(problem, trajectory, before, adaptive=integrator.claims.adaptive), values
+    return verified(problem, trajectory, before, adaptive=integrator.claims.adaptive)
 
 
 def _on_constraints(problem: Problem, trajectory: Trajectory) -> Trajectory:

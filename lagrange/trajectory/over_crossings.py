@@ -11,21 +11,19 @@ state; a motion that is not smooth at the crossing does not, and the run ends as
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lagrange.errors import listing
-from lagrange.statement.event import Event
 from lagrange.trajectory.constraints.approach import NEAR, Independence, regularity
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
 from lagrange.trajectory.integrator import Integrator, Problem, run_by
 from lagrange.trajectory.messages import number
 from lagrange.trajectory.methods.explicit import RK4
+from lagrange.trajectory.parts import joined, last_state, rest_of
 from lagrange.trajectory.paths.known import OutputPath
-from lagrange.trajectory.paths.piecewise import PiecewisePath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, run_until
 
 FAR = 0.03
@@ -80,21 +78,24 @@ def run_over_crossings(integrator: Integrator, problem: Problem) -> Trajectory:
         crossing = _crossing_at_end(problem, parts[-1])
         if crossing is None:
             break
-        over = _led_over(_rest(problem, parts, crossing.begin, crossing.y), crossing, found.rtol)
+        over = _led_over(rest_of(problem, parts, crossing.begin, crossing.y), crossing, found.rtol)
         if over is None:
             break
         crossings.append(crossing)
         parts = [*parts[:-1], run_until(parts[-1], crossing.begin), over]
         if over.status is Status.SUCCESS and over.span[1] != problem.t1:
-            parts.append(run_by(integrator, _rest(problem, parts, over.span[1], _last_state(over))))
-    return _joined(problem, parts, crossings) if crossings else found
+            parts.append(run_by(integrator, rest_of(problem, parts, over.span[1], last_state(over))))
+    if not crossings:
+        return found
+    whole = joined(problem, parts, _told(crossings))
+    return whole if problem.t_eval is not None else replace(whole, steps=len(whole.t) - 1)
 
 
 def _crossing_at_end(problem: Problem, part: Trajectory) -> _Crossing | None:
     """Return the crossing towards which a run ended, or None if there is none, or no path to go back on."""
     path = part.dense.path if isinstance(part.dense, OutputPath) else part.dense
     (begin, end), near = part.span, Independence(problem.model, problem.parameter_array, (problem.t0, problem.y0))
-    if path is None or near.at(end, _last_state(part)) > NEAR:
+    if path is None or near.at(end, last_state(part)) > NEAR:
         return None
 
     def values(times: list[float]) -> FloatArray:
@@ -110,7 +111,7 @@ def _crossing_at_end(problem: Problem, part: Trajectory) -> _Crossing | None:
     roots = [root.real for root in np.roots(polynomial) if abs(root.imag) < NEAREST_SAMPLE]
     if not roots or min(map(abs, roots)) > NEAREST_SAMPLE:
         return None
-    found = regularity(problem.model, problem.parameter_array, near.start, (end, _last_state(part)))
+    found = regularity(problem.model, problem.parameter_array, near.start, (end, last_state(part)))
     if found is None or not found[1].rows:
         return None
     names = tuple(problem.model.equations.constraints.names[i] for i, _ in found[1].rows)
@@ -147,39 +148,8 @@ def _apart(rest: Problem, one: Trajectory, other: Trajectory) -> float:
     """Return how far apart two runs end, relative to the largest coordinate, and velocity; infinity if one failed."""
     if not (one.status.complete and one.status is other.status):
         return math.inf
-    a, b = (rest.model.layout.split(_last_state(part)) for part in (one, other))
+    a, b = (rest.model.layout.split(last_state(part)) for part in (one, other))
     return max(float(np.abs(x - y).max() / (np.abs(y).max() or 1.0)) for x, y in zip(a, b, strict=True))
-
-
-def _last_state(part: Trajectory) -> FloatArray:
-    """Return the state at the end of a run, which is no output of each."""
-    known = len(part.t) > 0 and part.t[-1] == part.span[1]
-    return np.ascontiguousarray(part.y[:, -1] if known else part.dense(np.array([part.span[1]]))[:, 0])
-
-
-def _rest(problem: Problem, parts: Sequence[Trajectory], begin: float, y: FloatArray) -> Problem:
-    """Return what is left of a problem behind a time, at which it is in a state."""
-    forward = 1.0 if problem.t1 >= problem.t0 else -1.0
-    wanted = None if problem.t_eval is None else problem.t_eval[forward * (problem.t_eval - begin) > 0]
-    steps = sum(part.steps + part.rejected for part in parts)
-    wall = None if problem.max_wall is None else max(problem.max_wall - sum(part.wall for part in parts), 1e-3)
-    times = [np.concatenate(times) for times in zip(*(part.t_events for part in parts), strict=True)]
-    seen = [int((forward * (each - begin) <= 0).sum()) for each in times]
-    return replace(
-        problem,
-        t0=begin,
-        y0=y,
-        t_eval=wanted,
-        max_steps=max(problem.max_steps - steps, 1),
-        max_wall=wall,
-        events=tuple(_counted(event, count) for event, count in zip(problem.events, seen, strict=True)),
-        began=time.perf_counter(),
-    )
-
-
-def _counted(event: Event, count: int) -> Event:
-    """Return an event that has happened so often."""
-    return replace(event, terminal=max(event.terminal - count, 1)) if event.terminal else event
 
 
 def _told(crossings: Sequence[_Crossing]) -> str:
@@ -191,35 +161,4 @@ def _told(crossings: Sequence[_Crossing]) -> str:
     return (
         f"Equal steps of rk4 led over {listing(places)}, where constraints become dependent and other motions cross: "
         f"{listing(names)}."
-    )
-
-
-def _joined(problem: Problem, parts: Sequence[Trajectory], crossings: Sequence[_Crossing]) -> Trajectory:
-    """Return the parts of a run as one."""
-    first, last = parts[0], parts[-1]
-    t, y = np.concatenate([part.t for part in parts]), np.concatenate([part.y for part in parts], axis=1)
-    # Without output times each part has its first state, where the one before may end.
-    new = np.ones(len(t), dtype=bool) if problem.t_eval is not None else np.append(True, np.diff(t) != 0)
-    t, y = t[new], y[:, new]
-    path = PiecewisePath(
-        np.array([part.span[0] for part in parts] + [last.span[1]]), problem.y0, [part.dense for part in parts]
-    )
-    return replace(
-        last,
-        t=t,
-        y=y,
-        message=f"{last.message} {_told(crossings)}",
-        method=first.method,
-        steps=len(t) - 1 if problem.t_eval is None else sum(part.steps for part in parts),
-        rejected=sum(part.rejected for part in parts),
-        evaluations=sum(part.evaluations for part in parts),
-        wall=sum(part.wall for part in parts),
-        span=(first.span[0], last.span[1]),
-        dense=path if problem.t_eval is None else OutputPath(t, y, path),
-        form=first.form,
-        step=first.step,
-        rtol=first.rtol,
-        atol=first.atol,
-        t_events=tuple(np.concatenate(times) for times in zip(*(part.t_events for part in parts), strict=True)),
-        y_events=tuple(np.concatenate(states) for states in zip(*(part.y_events for part in parts), strict=True)),
     )

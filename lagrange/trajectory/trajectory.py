@@ -11,7 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.errors import StatementError, shown
+from lagrange.machine.parameters import Parameters
 from lagrange.statement.number import real_array, real_number
+from lagrange.trajectory.parameter_history import ParameterHistory
 
 FloatArray = NDArray[np.float64]
 
@@ -59,6 +61,7 @@ class Trajectory:
     compiled once for many runs apart. `form` says how the method computed its steps, where it has a choice. For
     each event, `t_events` has its times (k,) and `y_events` the states there, (k, 2n), before any reset. `step` is the
     length of equal steps, `rtol` and `atol` are the tolerances of the others; what a method does not have is None.
+    `history` has the parameters of a run whose events set some.
     """
 
     t: FloatArray
@@ -78,6 +81,7 @@ class Trajectory:
     step: float | None = None
     rtol: float | None = None
     atol: float | None = None
+    history: ParameterHistory | None = None
 
     def __repr__(self) -> str:
         reached = f"{self.steps} steps of {self.method} from t = {self.span[0]:g} to {self.span[1]:g}"
@@ -103,6 +107,19 @@ class Trajectory:
             given = getattr(self, name)
             if given is not None:
                 self._hold(name, real_number(given, f"{name} of a trajectory"))
+
+    def parameters_at(self, times: FloatArray, start: Parameters) -> Parameters:
+        """Return the parameters at times (K,), one column each, (k, K); `start` itself if no event sets parameters."""
+        if self.history is None:
+            return start
+        return np.ascontiguousarray(self.history.values[self._segments(self.history, times)].T)
+
+    def added_energy(self, times: FloatArray) -> FloatArray:
+        """Return the energy that events have added until times (K,) by setting parameters."""
+        return np.zeros(len(times)) if self.history is None else self.history.added[self._segments(self.history, times)]
+
+    def _segments(self, history: ParameterHistory, times: FloatArray) -> NDArray[np.intp]:
+        return history.segments(times, forward=self.span[1] >= self.span[0])
 
     def _hold(self, name: str, value: Any) -> None:
         """Put what was checked in the place of what was given, if it is another object."""

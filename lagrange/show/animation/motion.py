@@ -59,7 +59,7 @@ def motion_of(solution: Solution, timing: Timing) -> Motion:
     t = np.interp(places, np.arange(len(frames)), frames)
     t[::detail] = frames
     states = states_for_pictures(solution, t)
-    points = points_at(solution.model, t, states, solution.parameters)
+    points = points_at(solution.model, t, states, solution.parameters_at(t))
     for name, point in points.items():
         lost = np.flatnonzero(~np.isfinite(point).all(axis=0))
         if len(lost):
@@ -78,13 +78,13 @@ def _energies(solution: Solution, t: FloatArray, states: FloatArray) -> dict[str
     """Return the energies that have a value everywhere; none where the energy itself has not."""
     if not solution.has_energy:
         return {}
-    model, statement = solution.model, solution.model.statement
+    model, statement, parameters = solution.model, solution.model.statement, solution.parameters_at(t)
     try:
-        found = {"energy": np.asarray(model.energy(*model.layout.split(states), t, solution.parameters))}
+        found = {"energy": np.asarray(model.energy(*model.layout.split(states), t, parameters))}
         if statement.potential != 0:  # a Lagrangian has no parts, and without V the kinetic energy is the whole
             parts = {"kinetic": statement.kinetic, "potential": statement.potential}
             found = {
-                name: model.evaluate_expression(part, t, states, solution.parameters) for name, part in parts.items()
+                name: model.evaluate_expression(part, t, states, parameters) for name, part in parts.items()
             } | found
     except LagrangeError:
         return {}

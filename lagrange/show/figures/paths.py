@@ -87,7 +87,7 @@ def limits(points: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def named_points(solution: Solution, t: FloatArray) -> dict[str, FloatArray]:
     """Return where the named points are at times (K,), (2, K) or (3, K) each; empty where none was stated."""
-    return points_at(solution.model, t, solution.at(t), solution.parameters)
+    return points_at(solution.model, t, solution.at(t), solution.parameters_at(t))
 
 
 def common_view(solutions: tuple[Solution, ...]) -> View | None:

@@ -126,7 +126,7 @@ def momenta(solution: Solution) -> Quantity | None:
 
 def invariants(solution: Solution) -> list[Quantity]:
     """Return how far each conserved quantity is from its first value, relative to the size of its terms."""
-    sizes = invariant_sizes(solution.model, solution.t, solution.y, solution.parameters)
+    sizes = invariant_sizes(solution.model, solution.t, solution.y, solution.parameters_at(solution.t))
     return [_invariant(name, values[0], sizes[name]) for name, values in solution.invariants.items()]
 
 

@@ -69,9 +69,7 @@ class _Between:
         self.rates = self._rates(self.t, self.y)
 
     def _rates(self, t: FloatArray, y: FloatArray) -> FloatArray:
-        model, parameters = self.solution.model, self.solution.parameters
-        states = zip(t, np.ascontiguousarray(y.T), strict=True)
-        return np.stack([model.rhs(time, state, parameters) for time, state in states], axis=1)
+        return self.solution.model.rhs(t, np.ascontiguousarray(y), self.solution.parameters_at(t))
 
     def __call__(self, t: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return states (2n, K) and accelerations (n, K) at times (K,)."""

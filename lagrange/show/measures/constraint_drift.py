@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from lagrange.machine.model import Model
+from lagrange.machine.parameters import Parameters
 from lagrange.trajectory.constraints.residuals import residuals_of, units_of
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -60,16 +59,14 @@ class ConstraintDrift:
         return {name: float(np.max(part)) for name, part in {**parts, "velocities": self.velocities}.items()}
 
 
-def constraint_drift(
-    model: Model, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float]
-) -> ConstraintDrift | None:
+def constraint_drift(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> ConstraintDrift | None:
     """Return the drift of states y (2n, N) at the times t (N,), or None without constraints or without states."""
     values, held = model.parameter_array(parameters), model.equations.stated
     if not len(held) or not len(t):
         return None
     with np.errstate(all="ignore"):  # a run that left the finite numbers says so itself
-        size = np.abs(model.kernel("constraints")(t, y, values))
-        terms = model.kernel("constraint_sizes")(t, y, values)
+        size = np.abs(model.called(model.kernel("constraints"), t, y, values))
+        terms = model.called(model.kernel("constraint_sizes"), t, y, values)
         alone = (size >= CANCELS * terms).all(axis=1)
         entries = _sizes_of_entries(model, t, y, values) if alone.any() else 0.0
         scale = np.maximum(terms.max(axis=1), np.where(alone, entries, 0.0))[:, None]
@@ -88,7 +85,11 @@ def _sizes_of_entries(model: Model, t: FloatArray, y: FloatArray, parameters: Fl
     found = np.zeros(2 * m)
     places, velocities = np.flatnonzero(residuals.holonomic[:m]), np.arange(m, 2 * m)
     for i in dict.fromkeys(np.linspace(0, len(t) - 1, SAMPLES).astype(int).tolist()):
-        given = float(t[i]), np.ascontiguousarray(y[:, i]), parameters
+        given = (
+            float(t[i]),
+            np.ascontiguousarray(y[:, i]),
+            parameters[:, i].copy() if parameters.ndim == 2 else parameters,
+        )
         if not np.isfinite(given[1]).all():
             continue
         units = units_of(mass(*given))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -13,6 +13,7 @@ import numpy as np
 from lagrange.errors import RunError, StatementError, listing
 from lagrange.graph.differentiate import tangents
 from lagrange.machine.model import Model
+from lagrange.machine.parameters import Parameters, some_of
 from lagrange.statement.choice import ByName, one_of
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -34,7 +35,7 @@ class ConstraintForces:
     model: Model
     t: FloatArray
     y: FloatArray
-    parameters: Mapping[Any, float]
+    parameters: Parameters
 
     @property
     def names(self) -> list[str]:
@@ -52,7 +53,7 @@ class ConstraintForces:
     def _at_states(self, which: slice) -> FloatArray:
         """Return the multipliers at some of the states, (m, k)."""
         q, v = self.model.layout.split(self.y[:, which])
-        return self.model.multipliers(q, v, self.t[which], self.parameters)
+        return self.model.multipliers(q, v, self.t[which], some_of(self.parameters, which))
 
     def _from(self, begin: int, end: int) -> FloatArray:
         """Return the multipliers at the states from one to before another, (m, k), NaN where they are not determined.
@@ -110,8 +111,7 @@ class ConstraintForces:
             nodes = [equations.translate(entry) for entry in point]
             columns = [tangents(nodes, {symbol: equations.graph.one}) for symbol in equations.q]
             kernel = self.model.function("slopes", tuple(column(node) for node in nodes for column in columns))
-            state = self.model.layout.split(self.y)
-            values = kernel.columns(self.t, state, self.model.parameter_array(self.parameters))
+            values = self.model.called(kernel, self.t, self.y, self.parameters)
             found[label] = values.reshape(len(nodes), len(columns), len(self.t))
         return found
 

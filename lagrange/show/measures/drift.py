@@ -10,6 +10,7 @@ import numpy as np
 
 from lagrange.errors import RunError
 from lagrange.machine.model import Model
+from lagrange.machine.parameters import Parameters
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 _NEAR_ZERO = 1e-3
@@ -65,11 +66,15 @@ def since_start(run: Trajectory) -> tuple[FloatArray, FloatArray, bool]:
 
 
 def energy_drift(
-    model: Model, t: FloatArray, y: FloatArray, from_start: bool, parameters: Mapping[Any, float]
+    model: Model, t: FloatArray, y: FloatArray, from_start: bool, start: Mapping[Any, float], run: Trajectory
 ) -> EnergyDrift:
-    """Return the drift of the energy of states y (2n, N) at times t (N,); `from_start` says whether the first is it."""
+    """Return the drift of the energy of states y (2n, N) at times t (N,); `from_start` says whether the first is it.
+
+    `start` are the first parameters of the run. The energy that events add by setting parameters is taken off.
+    """
+    parameters = run.parameters_at(t, start)
     with np.errstate(all="ignore"):  # a run that left the finite numbers says so itself
-        energy = np.asarray(model.energy(*model.layout.split(y), t, parameters))
+        energy = np.asarray(model.energy(*model.layout.split(y), t, parameters)) - run.added_energy(t)
         return _drift(model, energy, t, y, parameters, from_start=from_start)
 
 
@@ -78,7 +83,7 @@ def _drift(
     energy: FloatArray,
     t: FloatArray,
     y: FloatArray,
-    parameters: Mapping[Any, float],
+    parameters: Parameters,
     *,
     from_start: bool,
 ) -> EnergyDrift:

@@ -9,6 +9,7 @@ import numpy as np
 from sympy import Abs
 
 from lagrange.machine.model import Model
+from lagrange.machine.parameters import Parameters, some_of
 from lagrange.mechanics.conserved import conserved_quantities
 from lagrange.statement.choice import ByName
 from lagrange.trajectory.trajectory import FloatArray
@@ -23,18 +24,18 @@ MOST_LINES = 3
 """Momenta on the card, and in the plot."""
 
 
-def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float]) -> Mapping[str, FloatArray]:
+def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, FloatArray]:
     """Return what the system conserves by name, (N,) each, at states y (2n, N) at the times t (N,)."""
     found = conserved_quantities(model)
     if not found:
         return ByName("invariant")
     nodes = tuple(model.equations.translate(one.expression) for one in found)
     with np.errstate(all="ignore"):  # a run that left the finite numbers says so itself
-        values = model.function("invariants", nodes)(t, y, model.parameter_array(parameters))
+        values = model.called(model.function("invariants", nodes), t, y, parameters)
     return ByName("invariant", ((one.name, row) for one, row in zip(found, values, strict=True)))
 
 
-def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float]) -> Mapping[str, float]:
+def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, float]:
     """Return the largest size of the terms of each conserved quantity, which itself may be zero up to round-off."""
     found = conserved_quantities(model)
     if not found or not len(t):
@@ -42,7 +43,7 @@ def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Mapp
     nodes = tuple(model.equations.translate(_terms(one.expression)) for one in found)
     some = np.unique(np.linspace(0, len(t) - 1, SAMPLES).astype(int))
     with np.errstate(all="ignore"):
-        sizes = model.function("sizes", nodes)(t[some], y[:, some], model.parameter_array(parameters))
+        sizes = model.called(model.function("sizes", nodes), t[some], y[:, some], some_of(parameters, some))
     return {one.name: float(row.max()) for one, row in zip(found, np.abs(sizes), strict=True)}
 
 
@@ -55,9 +56,7 @@ def _terms(given: Any) -> Any:
     return Abs(given)
 
 
-def momentum_drifts(
-    model: Model, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float]
-) -> Mapping[str, FloatArray]:
+def momentum_drifts(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, FloatArray]:
     """Return how far the momenta of ignorable coordinates are from their first values, (N,) each.
 
     That is relative to the largest of what they are sums of, the entries M_ij v_j: a momentum may be zero. They are few
@@ -71,7 +70,8 @@ def momentum_drifts(
     with np.errstate(all="ignore"):
         momenta = np.asarray(model.momenta(q, v, t, parameters))[places]
         some = np.unique(np.linspace(0, len(t) - 1, SAMPLES).astype(int))
-        mass = model.interpreted("mass_matrix")(t[some], y[:, some], model.parameter_array(parameters))[places]
+        kernel = model.interpreted("mass_matrix")
+        mass = model.called(kernel, t[some], y[:, some], some_of(parameters, some))[places]
         terms = np.abs(mass * v[:, some]).sum(axis=1).max(axis=1, keepdims=True)
         scale = np.maximum(np.abs(momenta).max(axis=1, keepdims=True), terms)
         drifts = np.divide(momenta - momenta[:, :1], scale, out=np.zeros_like(momenta), where=scale > 0)

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 from sympy.core.function import AppliedUndef
 
 from lagrange.machine.model import Model
+from lagrange.machine.parameters import Parameters
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray
 
 
-def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Mapping[Any, float]) -> dict[str, FloatArray]:
+def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> dict[str, FloatArray]:
     """Return each named point, (2, K) or (3, K), at K times and states y (2n, K); the origin too where a link names it.
 
     The order is that of the statement, the origin last; empty if no position was stated.

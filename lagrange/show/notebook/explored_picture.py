@@ -135,7 +135,7 @@ class ExploredPicture:
         self._times = np.linspace(start, end, SAMPLES)
         states = solution.at(self._times)
         self._rows = states[: len(self.statement.names)]
-        self._points = points_at(solution.model, self._times, states, solution.parameters)
+        self._points = points_at(solution.model, self._times, states, solution.parameters_at(self._times))
         if self._points:
             self._show_points()
         else:
@@ -167,7 +167,7 @@ class ExploredPicture:
             self._titled("energy: it has no value at some state")
             return
         model, drift = solution.model, solution.drift
-        energy = np.asarray(model.energy(*model.layout.split(states), self._times, solution.parameters))
+        energy = np.asarray(model.energy(*model.layout.split(states), self._times, solution.parameters_at(self._times)))
         if drift.conserved:
             energy = (energy - drift.first) / (drift.scale if drift.scale > 0 else 1.0)
             self._titled(f"energy drift, relative to {drift.against}")
