@@ -69,8 +69,8 @@ def energy_exchange(
         raise StatementError('at is the equilibrium about which modes are looked at: give by="modes" with it.')
     if kind != ENERGIES and trajectory.history is not None:
         raise StatementError(
-            "events of this run set parameters, so that it has not one set of modes: take the energies, "
-            'by="energies", or a run of each part.'
+            'events of this run set parameters, and modes are those of constant ones: take by="energies", or a run '
+            "of each part."
         )
     if not len(trajectory.t):
         raise StatementError("there is no energy to follow: the run ended before the first of its output times.")

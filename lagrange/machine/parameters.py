@@ -42,7 +42,7 @@ def by_parameters(
     state: tuple[FloatArray, FloatArray],
     parameters: FloatArray,
 ) -> FloatArray:
-    """Return what `call(t, (q, v), parameters)` gives of states (2n, batch) with parameters (k, batch).
+    """Return the results of `call(t, (q, v), parameters)` for states (2n, batch) with parameters (k, batch).
 
     States with the same parameters (k,) are one call.
     """
