@@ -5,13 +5,18 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import sys
 from collections.abc import Iterator
+from types import FunctionType, ModuleType
+from typing import Any
 
 import hypothesis
 import matplotlib as mpl
 import pytest
+from sympy import Symbol
+from sympy.core.function import AppliedUndef
 
-from lagrange.statement.declared_order import COORDINATES, PARAMETERS, DeclaredOrder
+from lagrange.statement.declared_order import COORDINATES, PARAMETERS
 from tests import covering
 
 mpl.use("Agg")
@@ -93,10 +98,6 @@ def pytest_collection() -> None:
     gc.disable()
 
 
-DECLARED: list[tuple[DeclaredOrder, list[str]]] = []
-"""The orders of declared names when all files of tests have been imported."""
-
-
 @pytest.fixture(autouse=True)
 def _larger(request: pytest.FixtureRequest) -> Iterator[None]:
     """Tell what asks how much is tested whether the test runs in both parts of a run of all."""
@@ -106,10 +107,22 @@ def _larger(request: pytest.FixtureRequest) -> Iterator[None]:
 
 
 @pytest.fixture(autouse=True)
-def _declared() -> None:
-    """Give each test the same order of states, whatever other tests declared in this process: models are shared."""
-    for order, names in DECLARED:
-        order.names = names
+def _declared(request: pytest.FixtureRequest) -> None:
+    """Declare the names of the file of each test again, whatever other files and tests declared in this process."""
+    values: dict[Any, None] = {}
+    _collect(request.module, values)
+    COORDINATES.declare([value.name for value in values if isinstance(value, AppliedUndef)])
+    PARAMETERS.declare([value.name for value in values if isinstance(value, Symbol)])
+
+
+def _collect(module: ModuleType, values: dict[Any, None]) -> None:
+    """Add the coordinates and symbols of a file of tests, after those of the files that it imports from."""
+    own = [*vars(module).values()]
+    files = dict.fromkeys(value.__module__ for value in own if isinstance(value, (type, FunctionType)))
+    for name in files:
+        if name.startswith("tests.") and name != module.__name__:
+            _collect(sys.modules[name], values)
+    values.update(dict.fromkeys(value for value in own if isinstance(value, (AppliedUndef, Symbol))))
 
 
 OLDEST = 2
@@ -135,7 +148,6 @@ def pytest_collection_finish() -> None:
 
     Tests share models and graphs, which stay too: it looks at them less often than a program without them is used to.
     """
-    DECLARED[:] = [(order, order.names) for order in (COORDINATES, PARAMETERS)]
     gc.enable()
     gc.collect()
     gc.freeze()

@@ -3,48 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from itertools import count
 from threading import Lock
 from typing import Any
 
 
 class DeclaredOrder:
-    """An order of names, each at the place of its first declaration.
+    """The calls that declared names, and the order that they give to the names of one statement.
 
-    What one call declares together is in the order of that call, whatever was declared before: its names share the
-    places that they have, and new ones stand beside them. So another program that declares some of the same names
-    again, in the same order, changes nothing.
+    A statement reads the latest calls back to the first that, together, declare all its names. Its names are in the
+    order of these calls, and earlier declarations are without effect: a program that declares its names gets the same
+    order whatever other programs declared before in the same process.
     """
 
     def __init__(self) -> None:
-        self.names: list[str] = []
-        """The names in their order; the list is never changed, but replaced."""
+        self.calls: dict[int, tuple[str, ...]] = {}
+        """Names by the number of the call. Calls whose names were all declared again later are left out."""
+        self._latest: dict[str, int] = {}
+        self._numbers = count()
         self._lock = Lock()
 
     def declare(self, names: Sequence[str]) -> None:
         """Enter the names of one call."""
-        names = list(dict.fromkeys(names))
         with self._lock:
-            known = iter(sorted(self.names.index(name) for name in names if name in self.names))
-            old = [name for name in names if name in self.names]
-            ordered = list(self.names)
-            for name, place in zip(old, known, strict=True):
-                ordered[place] = name
-            for k, name in enumerate(names):
-                if name not in ordered:
-                    ordered.insert(_place(ordered, names[:k], names[k + 1 :]), name)
-            self.names = ordered
+            number = next(self._numbers)
+            earlier = {self._latest[name] for name in names if name in self._latest}
+            self._latest.update(dict.fromkeys(names, number))
+            self.calls[number] = tuple(names)
+            for call in earlier:
+                if all(self._latest[name] != call for name in self.calls[call]):
+                    del self.calls[call]
 
     def of(self, leaves: Iterable[tuple[str, Any]]) -> list[Any]:
         """Return what is given with its names in the order of declaration, then the others as they come."""
-        places = {name: place for place, name in enumerate(self.names)}
-        return [leaf for _, leaf in sorted(leaves, key=lambda pair: places.get(pair[0], len(places)))]
-
-
-def _place(ordered: Sequence[str], before: Sequence[str], behind: Sequence[str]) -> int:
-    """Return where a new name goes: behind the one before it in its call, else before one behind it, else last."""
-    if before:
-        return ordered.index(before[-1]) + 1
-    return next((ordered.index(name) for name in behind if name in ordered), len(ordered))
+        pairs = list(leaves)
+        names = {name for name, _ in pairs}
+        with self._lock:
+            first = min((self._latest[name] for name in names if name in self._latest), default=0)
+            calls = [call for number, call in self.calls.items() if number >= first]
+        order = dict.fromkeys(name for call in calls for name in call if name in names)
+        places = {name: place for place, name in enumerate(order)}
+        return [leaf for _, leaf in sorted(pairs, key=lambda pair: places.get(pair[0], len(places)))]
 
 
 COORDINATES, PARAMETERS = DeclaredOrder(), DeclaredOrder()

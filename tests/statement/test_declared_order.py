@@ -41,26 +41,51 @@ def test_parameters_follow_their_values_and_then_the_declaration(names: str) -> 
     assert list(lg.System(**energy, parameters={third: 1.0}).parameters) == [third]
 
 
-def order(*calls: str) -> str:
+def order(*calls: str, names: str) -> str:
+    """Return the order of names, one letter each, after calls that declare letters."""
     known = DeclaredOrder()
     for call in calls:
         known.declare(list(call))
-    return "".join(
-        known.of((name, name) for name in "zyxwvutsrqponmlkjihgfedcba" if any(name in call for call in calls))
-    )
+    return "".join(known.of((name, name) for name in sorted(names, reverse=True)))
 
 
-def test_the_last_call_counts_and_moves_nothing_else() -> None:
-    assert order("xy", "z") == "xyz" and order("z", "xy") == "zxy"
-    assert order("xy", "x", "y", "xy") == "xy"
-    assert order("abcd", "ac", "bd") == "abcd"
-    assert order("abcd", "ca") == "cbad"
-    assert order("ab", "xa") == "xab" and order("ab", "ax") == "axb" and order("ab", "xyb") == "axyb"
+def test_the_latest_calls_that_declare_all_names_count() -> None:
+    assert order("xy", "z", names="xyz") == "xyz" and order("z", "xy", names="xyz") == "zxy"
+    assert order("xy", "yx", names="xy") == "yx" and order("xy", "x", names="xy") == "xy"
+    assert order("abcd", "ac", "bd", names="abcd") == "acbd"
+    assert order("abcd", "ca", names="abcd") == "abcd" and order("abcd", "ca", names="ac") == "ca"
+    assert order("xy", "azx", names="xy") == "xy"
+
+
+def test_earlier_declarations_have_no_effect() -> None:
     draw = random.Random(5)
-    calls = ["".join(draw.sample("abcdefgh", draw.randint(1, 5))) for _ in range(40)]
-    for k in range(1, 41):
-        found = order(*calls[:k])
-        assert [name for name in found if name in calls[k - 1]] == list(calls[k - 1])
+    letters = "abcdefgh"
+    for _ in range(200):
+        before, program = (["".join(draw.sample(letters, draw.randint(1, 4))) for _ in range(6)] for _ in range(2))
+        program.append("".join(set(letters).difference(*program)))
+        names = "".join(draw.sample(letters, 5))
+        assert order(*before, *program, names=names) == order(*program, names=names)
+        assert order(*before, *letters, names=letters) == letters
+
+
+def test_calls_are_kept_while_they_hold_the_latest_declaration_of_a_name() -> None:
+    known = DeclaredOrder()
+    for _ in range(100):
+        known.declare(["x", "y"])
+        known.declare(["y"])
+    assert [*known.calls.values()] == [("x", "y"), ("y",)]
+
+
+def test_states_follow_this_program_whatever_was_declared_before() -> None:
+    """Another program in this process declared some of the names, and in another order."""
+    lg.coordinates("u_2 u_1 u_3")
+    lg.parameters("c_3 c_2")
+    coordinates = [lg.coordinate(f"u_{i}") for i in range(5)]
+    stiffness = [lg.parameters(f"c_{i}") for i in range(5)]
+    springs = [c * q**2 for c, q in zip(stiffness, coordinates, strict=True)]
+    system = lg.System(sum(q.dot**2 for q in coordinates), sum(springs))
+    assert system.statement.names == ("u_0", "u_1", "u_2", "u_3", "u_4")
+    assert [p.name for p in system.statement.parameters] == ["c_0", "c_1", "c_2", "c_3", "c_4"]
 
 
 def test_names_that_were_not_declared_come_last() -> None:
