@@ -6,7 +6,6 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Iterator
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -68,13 +67,25 @@ def pytest_report_header(config: pytest.Config) -> str:
         return "cases: all"
     if config.option.remaining:
         return "cases: those that a run without options leaves out, and those that are larger in a run of all"
-    return "cases: every value of every parameter; --all takes every product"
+    return f"cases: {covering.CASES} of each product of parameters, none that is slow; --all takes all"
 
 
 def larger(item: pytest.Item) -> bool:
-    """Return whether a case does more in a run of all: one that says so, or a law on examples of Hypothesis."""
-    marked = item.get_closest_marker("larger") is not None
-    return marked or hypothesis.is_hypothesis_test(getattr(item, "obj", None))
+    """Return whether a case does more in a run of all: it asks how much, or is a law on examples of Hypothesis."""
+    asks = not {"everything", "share"}.isdisjoint(getattr(item, "fixturenames", ()))
+    return asks or hypothesis.is_hypothesis_test(getattr(item, "obj", None))
+
+
+@pytest.fixture(scope="session")
+def everything() -> bool:
+    """Return whether a test does all that it can. A test that asks runs by default and with --remaining."""
+    return covering.ALL
+
+
+@pytest.fixture(scope="session")
+def share() -> covering.Share:
+    """Return how often a test repeats what it does in a run of all so many times, with other random numbers."""
+    return covering.examples
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -96,14 +107,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
 def pytest_collection() -> None:
     """Collect tests without looking for garbage: nearly all that is made then is kept."""
     gc.disable()
-
-
-@pytest.fixture(autouse=True)
-def _larger(request: pytest.FixtureRequest) -> Iterator[None]:
-    """Tell what asks how much is tested whether the test runs in both parts of a run of all."""
-    covering.LARGER = larger(request.node)
-    yield
-    covering.LARGER = None
 
 
 @pytest.fixture(autouse=True)

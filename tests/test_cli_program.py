@@ -100,7 +100,7 @@ def test_standard_output_that_is_closed(arguments: tuple[str, ...]) -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="the shell is that of POSIX")
 @pytest.mark.parametrize(
-    "before", ["exec 2>&-;", pytest.param("exec 2>/dev/full;", marks=pytest.mark.exhaustive)], ids=["closed", "full"]
+    "before", ["exec 2>&-;", pytest.param("exec 2>/dev/full;", marks=pytest.mark.slow)], ids=["closed", "full"]
 )
 def test_standard_error_that_nobody_reads_leaves_the_exit_code_and_the_output(tmp_path: Path, before: str) -> None:
     with (tmp_path / "printed").open("w") as printed:
@@ -119,7 +119,7 @@ def test_a_terminal_that_knows_no_accents(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
 @pytest.mark.parametrize(
-    ("number", "code"), [pytest.param(signal.SIGINT, 130, marks=pytest.mark.exhaustive), (signal.SIGTERM, 143)]
+    ("number", "code"), [pytest.param(signal.SIGINT, 130, marks=pytest.mark.slow), (signal.SIGTERM, 143)]
 )
 def test_a_signal_keeps_the_partial_result(tmp_path: Path, number: signal.Signals, code: int) -> None:
     # SciPy's steps are slow enough that the run is still going on any machine: ours would be through in two seconds.

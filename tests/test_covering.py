@@ -1,4 +1,4 @@
-"""A default run takes few of the cases of a product, and every value of every parameter is among them."""
+"""A default run takes few of the cases of a product, and what is left out remains."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import itertools
 import random
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from tests import covering
-from tests.covering import Case, dealt, drawn, examples, share, spread
+from tests.covering import Case, examples
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -21,101 +21,77 @@ def product(**axes: int) -> list[Case]:
     return list(itertools.product(*([(name, value) for value in range(count)] for name, count in axes.items())))
 
 
-@pytest.mark.parametrize("start", [0, 1, 12345])
 @pytest.mark.parametrize("axes", [{"a": 3, "b": 3}, {"a": 2, "b": 39, "c": 2}, {"a": 5, "b": 4, "c": 4, "d": 3}])
-def test_every_value_is_taken_in_as_many_cases_as_the_longest_parameter_has_values(
-    axes: dict[str, int], start: int
-) -> None:
+def test_as_many_cases_as_are_asked_for(axes: dict[str, int]) -> None:
     cases = product(**axes)
-    taken = covering.covering(cases, start)
-    assert len(taken) == max(axes.values()) and taken == sorted(set(taken))
-    assert {value for k in taken for value in cases[k]} == {value for case in cases for value in case}
+    for most in (1, 4, 50):
+        taken = covering.covering(cases, most)
+        assert len(taken) == min(most, len(cases)) and taken == sorted(set(taken))
 
 
-def test_every_value_is_taken_equally_often() -> None:
+def test_every_value_is_taken_where_there_is_room_and_equally_often() -> None:
     cases = product(method=20, system=5)
-    systems = [cases[k][1] for k in covering.covering(cases, 7)]
+    taken = [cases[k] for k in covering.covering(cases, 20)]
+    assert {value for case in taken for value in case} == {value for case in cases for value in case}
+    systems = [case[1] for case in taken]
     assert [systems.count(("system", n)) for n in range(5)] == [4] * 5
 
 
 def test_as_many_pairs_as_fit() -> None:
     cases = product(method=12, order=3, way=2)
-    assert len({cases[k][1:] for k in covering.covering(cases)}) == 6
+    assert len({cases[k][1:] for k in covering.covering(cases, 12)}) == 6
 
 
 def test_the_reference_machine_is_taken_once() -> None:
     cases = [(("name", n), ("target", target)) for n in range(30) for target in ("numpy", "llvm")]
-    slow = [[cases[k][0][1] for k in covering.covering(cases, s) if cases[k][1][1] == "numpy"] for s in range(30)]
-    assert all(len(names) == 1 for names in slow) and len({names[0] for names in slow}) == 30
+    assert [cases[k][1][1] for k in covering.covering(cases)].count("numpy") == 1
 
 
 def test_no_value_is_lost_in_a_product_with_gaps() -> None:
     chance = random.Random(3)
     for _ in range(50):
         cases = [case for case in product(a=6, b=4, c=3) if chance.random() < 0.3]
-        taken = covering.covering(cases, chance.randrange(9))
+        taken = covering.covering(cases, 13)
         assert {value for k in taken for value in cases[k]} == {value for case in cases for value in case}
 
 
-def test_one_list_of_parameters_is_taken_as_a_whole() -> None:
-    assert covering.covering(product(a=5)) == [0, 1, 2, 3, 4] and covering.covering([]) == []
-    assert covering.covering([(), ()]) == [0, 1]
+def test_no_cases() -> None:
+    assert covering.covering([]) == [] and covering.covering([(), ()]) == [0, 1]
 
 
-@pytest.mark.larger
-def test_shares(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_random_examples(monkeypatch: pytest.MonkeyPatch) -> None:
     counts = (2, 3, 10, 100)
-    for everything, found in ((False, [2, 2, 2, 16]), (True, [2, 3, 10, 100])):
+    for everything, numbers in ((False, [2, 2, 2, 16]), (True, [2, 3, 10, 100])):
         monkeypatch.setattr(covering, "ALL", everything)
-        assert [share(count) for count in counts] == [examples(count) for count in counts] == found
-
-
-def test_how_much_is_tested_is_asked_where_a_run_of_the_remaining_cases_knows_it(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    with pytest.raises(RuntimeError, match=r"mark it as `@pytest\.mark\.larger`"):
-        share(12)
-    monkeypatch.setattr(covering, "LARGER", None)
-    with pytest.raises(RuntimeError, match="is asked inside a test"):
-        share(12)
-
-
-def test_parameters() -> None:
-    """All are there, and those that a default run leaves out are marked."""
-
-    def parts(parameters: list[Any]) -> tuple[list[Any], list[Any]]:
-        left = [one for one in parameters if isinstance(one, type(pytest.param()))]
-        assert all([mark.name for mark in one.marks] == ["exhaustive"] for one in left)
-        return [one for one in parameters if one not in left], [one.values for one in left]
-
-    rows = [(a, b) for a in "abcd" for b in "xy"]
-    taken, left = parts(dealt(rows))
-    assert len(taken) == 4 and {value for row in taken for value in row} == set("abcdxy")
-    assert sorted([*taken, *left]) == rows
-    assert parts(spread("abcdefg", 3)) == ([*"adg"], [("b",), ("c",), ("e",), ("f",)])
-    assert parts(spread("ab", 3)) == ([*"ab"], [])
-    assert parts(drawn(12)) == ([0, 1], [(k,) for k in range(2, 12)])
+        assert [examples(count) for count in counts] == numbers
 
 
 FILE = """
 import pytest
 from hypothesis import given, strategies
-from tests.covering import drawn
 
 @pytest.mark.parametrize("target", ["numpy", "llvm"])
 @pytest.mark.parametrize("name", [object() for _ in range(5)])
 def test_product(name, target): ...
 
-@pytest.mark.parametrize("seed", drawn(40))
+@pytest.mark.parametrize("name", range(7))
+def test_list(name): ...
+
+@pytest.mark.few
+@pytest.mark.parametrize("seed", range(40))
 def test_chance(seed): ...
 
-@pytest.mark.exhaustive
-def test_long(): ...
+@pytest.mark.parametrize("name", ["quick", pytest.param("long", marks=pytest.mark.slow)])
+def test_long(name): ...
 
-@pytest.mark.larger
-@pytest.mark.parametrize("target", ["numpy", "llvm"])
-@pytest.mark.parametrize("name", [object() for _ in range(3)])
-def test_sizes(name, target): ...
+@pytest.mark.few
+@pytest.mark.parametrize("name", range(5))
+def test_sizes(name, share): ...
+
+@pytest.fixture
+def size(everything): ...
+
+def test_size(size): ...
 
 @given(strategies.none())
 def test_law(nothing): ...
@@ -145,9 +121,17 @@ def test_what_a_run_takes(tmp_path: Path) -> None:
             cases = taken[line[2:]] = []
         elif "::" in line:
             cases.append(line.partition("::")[2])
-    assert len(taken[by_keyword]) == 10 and taken[by_name] == ["test_long"]
-    assert len(taken[default]) == 5 + 6 + 3 + 1 and len(taken[everything]) == 10 + 40 + 1 + 6 + 1
-    both = {case for case in taken[default] if "sizes" in case or "law" in case}
+    assert len(taken[by_keyword]) == 10 and taken[by_name] == ["test_long[quick]", "test_long[long]"]
+    counts = Counter(case.partition("[")[0] for case in taken[default])
+    assert counts == {
+        "test_product": 4,
+        "test_list": 7,
+        "test_chance": 4,
+        "test_long": 1,
+        "test_sizes": 4,
+    } | dict.fromkeys(("test_size", "test_law"), 1)
+    assert len(taken[everything]) == 10 + 7 + 40 + 2 + 5 + 1 + 1
+    both = {case for case in taken[default] if "size" in case or "law" in case}
     assert sorted(taken[everything]) == sorted({*taken[default], *taken[remaining]})
-    assert {*taken[default]} & {*taken[remaining]} == both and len(both) == 4
+    assert {*taken[default]} & {*taken[remaining]} == both and len(both) == 6
     assert all(len(set(cases)) == len(cases) for cases in taken.values())

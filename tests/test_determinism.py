@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterable
-from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +22,7 @@ from lagrange.program.catalogue import QUANTITIES, program_of
 from lagrange.trajectory.methods.explicit import DOP853, RK4
 from lagrange.trajectory.methods.explicit import runge_kutta_step as step_of
 from lagrange.trajectory.methods.splitting import Verlet, splitting_step
-from tests.covering import share
+from tests.covering import Share
 from tests.models import SYSTEMS
 
 NAMES = ("double pendulum", "chain of 7", "cart and pole", "blocks", "friction", "8 carried masses", "saddle")
@@ -69,8 +68,8 @@ def reports() -> list[str]:
     return [str(branched.check(points=2)), str(lg.scene("falling-ball").check(points=2))]
 
 
-@cache
-def in_processes() -> tuple[Any, ...]:
+@pytest.fixture(scope="module")
+def in_processes(share: Share) -> tuple[Any, ...]:
     """Return reports and digests of several processes with hash seeds of their own."""
     code = "import json; from tests.test_determinism import digests, reports; print(json.dumps([reports(), digests()]))"
     root = str(Path(__file__).resolve().parent.parent)
@@ -90,9 +89,8 @@ def in_processes() -> tuple[Any, ...]:
     return tuple(answers)
 
 
-@pytest.mark.larger
-def test_every_process_prints_the_same_check() -> None:
-    first, *others = (found for found, _ in in_processes())
+def test_every_process_prints_the_same_check(in_processes: tuple[Any, ...]) -> None:
+    first, *others = (found for found, _ in in_processes)
     assert sum(report.count("Everything holds.") for report in first) == 2
     assert others and all(found == first for found in others)
 
@@ -102,9 +100,8 @@ def test_a_second_build_gives_the_same_text() -> None:
         assert texts(name) == texts(name)
 
 
-@pytest.mark.larger
-def test_every_process_gives_the_same_text() -> None:
-    first, *others = (found for _, found in in_processes())
+def test_every_process_gives_the_same_text(in_processes: tuple[Any, ...]) -> None:
+    first, *others = (found for _, found in in_processes)
     assert sum("scalar" in name for name in first) == 4 * len(CHOSEN)
     assert others and all(found == first for found in others)
 

@@ -15,7 +15,6 @@ import pytest
 import lagrange as lg
 from lagrange import cli
 from lagrange.trajectory.methods import registry
-from tests.covering import PART
 
 ROOT = Path(__file__).resolve().parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
@@ -95,10 +94,9 @@ def test_the_readme_has_a_first_result_in_six_lines() -> None:
 
 
 PROGRAMS = [
-    pytest.param(body, id=page, marks=[pytest.mark.exhaustive] * (k % PART > 0))
-    for k, (page, body) in enumerate(snippets())
+    pytest.param(body, id=page, marks=[pytest.mark.slow] * (k % 6 > 0)) for k, (page, body) in enumerate(snippets())
 ]
-"""The Python of all pages, of which a default run takes one in `PART`, the readme's first."""
+"""The Python of all pages, of which a default run takes one in six, the readme's first."""
 
 
 @pytest.mark.parametrize("body", PROGRAMS)

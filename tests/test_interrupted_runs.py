@@ -20,7 +20,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.covering import share
+from tests.covering import Share
 
 SEED = int(os.environ.get("LAGRANGE_SEED", "20"))
 
@@ -130,9 +130,8 @@ def listens(process: int) -> bool:
     return bool(caught >> (signal.SIGHUP - 1) & 1)
 
 
-@pytest.mark.larger
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc to know when signals are handled")
-def test_signals_at_random_moments(tmp_path: Path) -> None:
+def test_signals_at_random_moments(tmp_path: Path, share: Share) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     runs, chance = Runs(tmp_path), random.Random(SEED)
     count = int(os.environ.get("LAGRANGE_SIGNALS", share(20)))

@@ -16,8 +16,6 @@ import nbformat
 import pytest
 from nbclient import NotebookClient
 
-from tests.covering import spread
-
 ROOT = Path(__file__).resolve().parent.parent
 SCRIPT = runpy.run_path(str(ROOT / "docs" / "notebooks.py"))
 NOTEBOOKS = sorted((ROOT / "examples").glob("*.ipynb"))
@@ -94,7 +92,8 @@ def time_of_processes() -> float:
     return times.children_user + times.children_system
 
 
-@pytest.mark.parametrize("path", spread(NOTEBOOKS, 2), ids=lambda path: path.stem)
+@pytest.mark.few
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_the_notebook_runs(path: Path, kernel: str, tmp_path: Path) -> None:
     notebook = nbformat.read(path, as_version=4)
     began = time_of_processes()

@@ -19,7 +19,7 @@ CONTENTS = ("rhs", "energy", "jacobian", "mass_matrix", "momenta", "acceleration
 SCENES = (
     "double-pendulum",
     "cartesian-double-pendulum",
-    pytest.param("seven-body-mechanism", marks=pytest.mark.exhaustive),
+    pytest.param("seven-body-mechanism", marks=pytest.mark.slow),
 )
 
 needs_cc = pytest.mark.skipif(shutil.which("cc") is None, reason="cc is not installed")

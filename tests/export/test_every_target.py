@@ -225,7 +225,7 @@ def test_random_graphs(target: str, tmp_path: Path) -> None:
     check_graphs(target, 6, tmp_path)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.parametrize("target", PRINTED)
 def test_many_random_graphs(target: str, tmp_path: Path) -> None:
     check_graphs(target, 60, tmp_path)

@@ -101,7 +101,7 @@ def test_every_scene_is_valid_and_its_sources_are_right(scene: str, tmp_path: Pa
     assert said.endswith("results are right\n")
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_the_sources_compile_without_a_warning_by_the_headers_of_the_standard(tmp_path: Path) -> None:
     x = lg.coordinate("x")
     bare = lg.System(kinetic=x.dot**2 / 2, potential=cos(x), initial={x: 0.5}, name="pendulum")  # without parameters

@@ -96,7 +96,7 @@ def test_random_graphs() -> None:
     check_graphs(12)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_many_random_graphs() -> None:
     check_graphs(60)
 

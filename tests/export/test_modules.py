@@ -31,7 +31,7 @@ every_target = pytest.mark.parametrize("target", TARGETS)
 def every_second(first: int) -> pytest.MarkDecorator:
     """Return all languages as parameters, of which a default run takes every second one: compilers take their time."""
     return pytest.mark.parametrize("target", [
-        pytest.param(*one.values, marks=[*one.marks, *[pytest.mark.exhaustive] * ((k + first) % 2)])
+        pytest.param(*one.values, marks=[*one.marks, *[pytest.mark.slow] * ((k + first) % 2)])
         for k, one in enumerate(TARGETS)
     ])  # fmt: skip
 
@@ -127,7 +127,7 @@ def test_random_graphs(target: str, tmp_path: Path) -> None:
 
 
 @every_target
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_many_random_graphs(target: str, tmp_path: Path) -> None:
     check_graphs(target, 60, tmp_path)
 

@@ -17,11 +17,10 @@ from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.program.lower import lower
 from lagrange.program.program import Program
-from tests.covering import waiting
 
-TERMS = [(20_000, 201), *waiting((100_000, 448))]
+TERMS = [(20_000, 201), pytest.param(100_000, 448, marks=pytest.mark.slow)]
 """How many products of so many factors, which have some more."""
-DEPTHS = [5_000, *waiting(20_000)]
+DEPTHS = [5_000, pytest.param(20_000, marks=pytest.mark.slow)]
 
 
 def program_of(outputs: list[Node], state: list[Node]) -> Program:

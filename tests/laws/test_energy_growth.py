@@ -37,7 +37,7 @@ def exponent(flow: Flow, energy: lg.Model, starts: list[FloatArray], times: tupl
     return math.log(sizes[1] / sizes[0]) / math.log(times[1] / times[0])
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_kepler_over_a_hundred_thousand_orbits() -> None:
     orbit = build(kinetic=(x.dot**2 + y.dot**2) / 2, potential=-1 / sqrt(x**2 + y**2))
     flow = flow_of(orbit, rtol=1e-16, atol=1e-16)

@@ -17,7 +17,6 @@ from lagrange.machine.model import Model
 from lagrange.run import flow as flow_of
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.trajectory import FloatArray
-from tests.covering import spread
 from tests.models import loaded, model, shared_scene
 
 SCENES = tuple(name for name in lg.scenes() if not loaded(name).constraints and name != "two-point-vortices")
@@ -61,7 +60,8 @@ def course(name: str) -> tuple[float, FloatArray, FloatArray, float]:
     return end, last, size, growth
 
 
-@pytest.mark.parametrize("name", spread([*SCENES, *MODELS], 8))
+@pytest.mark.few
+@pytest.mark.parametrize("name", [*SCENES, *MODELS])
 def test_the_reference_agrees_with_another_method(name: str) -> None:
     """DOP853 at the edge of round-off: its own error is some hundred times its tolerance times the growth."""
     end, last, size, growth = course(name)

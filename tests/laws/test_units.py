@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from sympy import cos, sin, sqrt
 
 import lagrange as lg
-from tests.covering import dealt
 
 x, y, z, theta, phi, r = lg.coordinates("x y z theta phi r")
 a, b, c, d = lg.coordinates("a b c d")
@@ -167,7 +166,8 @@ def skip_without(method: str) -> None:
         pytest.importorskip("sksundae")
 
 
-@pytest.mark.parametrize(("name", "method"), dealt([*product(CASES, OWN)]))
+@pytest.mark.few
+@pytest.mark.parametrize(("name", "method"), [*product(CASES, OWN)])
 def test_a_motion_is_the_same_in_all_units(name: str, method: str) -> None:
     plain = error(name, method, (0, 0, 0))
     for powers in UNITS:
@@ -180,7 +180,8 @@ def test_a_motion_is_the_same_in_all_units(name: str, method: str) -> None:
     assert np.array_equal(here, there)
 
 
-@pytest.mark.parametrize(("name", "method"), dealt([*product(("orbit", "driven from rest", "plucked chain"), THEIRS)]))
+@pytest.mark.few
+@pytest.mark.parametrize(("name", "method"), [*product(("orbit", "driven from rest", "plucked chain"), THEIRS)])
 def test_solvers_of_other_packages_have_the_same_errors_in_all_units(name: str, method: str) -> None:
     skip_without(method)
     plain = error(name, method, (0, 0, 0))

@@ -24,7 +24,6 @@ from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.integrator import Problem
-from tests.covering import dealt
 from tests.models import TARGETS, c, k, m, stated, x, y
 from tests.trajectory.runs import FIXED, IMPLICIT, SPLITTINGS, STEPPED, planned
 
@@ -138,7 +137,8 @@ TAKEN = [
 ]
 
 
-@pytest.mark.parametrize(("name", "system"), dealt(TAKEN))
+@pytest.mark.few
+@pytest.mark.parametrize(("name", "system"), TAKEN)
 def test_both_machines_decide_alike(name: str, system: str) -> None:
     if (name, system) in (("trapezoidal", "pole"), ("trapezoidal", "edge"), ("radau5", "edge")):
         pytest.skip("round-off decides which step is the last that has a solution")

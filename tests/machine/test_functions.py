@@ -14,7 +14,6 @@ import pytest
 from lagrange.compiler import machine
 from lagrange.machine.backend import Kernel
 from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
-from tests import covering
 from tests.models import TARGETS
 from tests.operations import operations
 
@@ -155,10 +154,10 @@ ANGLES = {
 }
 
 
-@pytest.mark.larger
+@pytest.mark.few
 @pytest.mark.parametrize("where", ANGLES)
-def test_sine_and_cosine_are_good_to_little_more_than_a_unit(where: str) -> None:
-    angles = ANGLES[where][:: 1 if covering.whole() else covering.PART]
+def test_sine_and_cosine_are_good_to_little_more_than_a_unit(where: str, everything: bool) -> None:
+    angles = ANGLES[where][:: 1 if everything else 6]
     angles = np.concatenate([angles, -angles])
     code = (Instruction("state"), Instruction("sin", (0,)), Instruction("cos", (0,)))
     program = Program(

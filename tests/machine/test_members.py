@@ -17,7 +17,6 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.interpreter import run
 from lagrange.procedure.spread import COMMON, OWN, Spreads
-from tests.covering import drawn
 from tests.procedure import random_procedures
 from tests.procedure.random_procedures import KEPT, SIZE, RandomProcedure
 from tests.procedure.test_conformance import DATA, TABLE, bits
@@ -87,7 +86,7 @@ def alone(procedure: Procedure, member: Any) -> list[Any]:
 
 
 @pytest.mark.parametrize("lanes", [2, 4, 8])
-@pytest.mark.parametrize("seed", drawn(60))
+@pytest.mark.parametrize("seed", range(60))
 def test_each_member_gives_what_it_gives_alone(seed: int, lanes: int) -> None:
     procedure = bound(RandomProcedure(seed, fused=True).build(), functions())
     draw = random.Random(seed)

@@ -34,6 +34,7 @@ def invert(matrix: FloatArray) -> tuple[FloatArray, bool]:
     return rows[:, :n], singular
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("n", ORDERS)
 def test_the_inverse_is_that_of_lapack(n: int) -> None:
     draw = np.random.default_rng(n)

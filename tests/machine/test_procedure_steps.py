@@ -192,6 +192,7 @@ def four_bar() -> Model:
     return compile_model(load("four-bar"), euler_lagrange(load("four-bar")))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "name", [name for name in (*SLOPES, *CONTROLLED, *STEPPED) if name not in CONSTRAINED + SPLITTINGS]
 )

@@ -17,10 +17,9 @@ from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.program.lower import lower
 from lagrange.program.program import Program
 from lagrange.program.solve_groups import SolveGroup, scheduled
-from tests.covering import waiting, whole
 from tests.machine.matrices import REGULAR, SINGULAR, Matrix, hollow, positive
 
-ORDERS = (2, 3, 7, *waiting(6, 12))
+ORDERS = (2, 3, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in (6, 12)))
 """Of these 6 and 12 are written in loops, as 7 is, and take the longest to compile."""
 WIDTH = 9
 
@@ -80,13 +79,14 @@ def steps_of(program: Program, most: int = 32) -> list[int | SolveGroup]:
     return scheduled(program, range(program.hoisted, len(program.instructions)), lambda _: most)
 
 
-@pytest.mark.larger
 @pytest.mark.parametrize("n", ORDERS)
 @pytest.mark.parametrize("kind", REGULAR, ids=lambda kind: kind.__name__)
-def test_together_is_one_by_one_to_the_last_bit(n: int, kind: Matrix, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_together_is_one_by_one_to_the_last_bit(
+    n: int, kind: Matrix, monkeypatch: pytest.MonkeyPatch, everything: bool
+) -> None:
     """Matrices with trusted pivots and without, from the state and from the parameters, alone and in columns."""
     rng = np.random.default_rng([n, REGULAR.index(kind)])
-    for hoisted in (False, True) if whole() else (n % 2 == 0,):
+    for hoisted in (False, True) if everything else (n % 2 == 0,):
         program = random_program(rng, n, hoisted=hoisted)
         matrices = np.concatenate([triangle(kind(rng, n)), triangle(positive(rng, n))])
         right = rng.normal(size=(n, WIDTH))
@@ -102,7 +102,7 @@ def test_together_is_one_by_one_to_the_last_bit(n: int, kind: Matrix, monkeypatc
         assert (together == alone).all()
 
 
-@pytest.mark.parametrize("n", [3, pytest.param(6, marks=pytest.mark.exhaustive)])
+@pytest.mark.parametrize("n", [3, pytest.param(6, marks=pytest.mark.slow)])
 def test_multipliers_too(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Pivots below zero for the last unknown, behind a matrix with pivots that are trusted or not."""
     rng = np.random.default_rng(n)

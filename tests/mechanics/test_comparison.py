@@ -14,7 +14,6 @@ import sympy as sp
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.mechanics.student_equations import spelled
-from tests import covering
 from tests.models import shared_scene
 
 RIGHT = re.compile(r"The equations are right: they are equivalent to those of the system, at the \d+ states tried\.")
@@ -151,13 +150,12 @@ def leaves(name: str, term: Any) -> list[str]:
     return sorted({spelled(one) for one in term.free_symbols} - {spelled(first_parameter(name))})[:1]
 
 
-@pytest.mark.larger
-def test_wrong_terms_are_named() -> None:
+def test_wrong_terms_are_named(everything: bool) -> None:
     """At least five of six by the mutated term; the others as another one where a factor may be meant either way."""
     mutated = list(mutants())
     assert len(mutated) >= 60 and {how for _, _, how, _, _ in mutated} == set(MUTATIONS)
     missed = []
-    looked_at = mutated if covering.whole() else mutated[::4]
+    looked_at = mutated if everything else mutated[::4]
     for name, place, how, term, zero in looked_at:
         given = [zero if i == place else other for i, other in enumerate(rows(name))]
         result = system(name).compare(texts(given))

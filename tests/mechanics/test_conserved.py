@@ -11,7 +11,6 @@ from sympy import cos, sin, sqrt
 
 import lagrange as lg
 from lagrange.mechanics.motion_rates import MotionRates, random_rates
-from tests.covering import dealt
 from tests.mechanics.conserving_systems import FLAT, POLAR_T, SYSTEMS, T, c, g, k, m, omega, phi, r, u, w, x, y, z
 
 CASES = [(name, k) for name in SYSTEMS for k in range(3)]
@@ -42,7 +41,8 @@ def states(model: lg.Model, seed: int) -> MotionRates:
     return replace(at, y=y)
 
 
-@pytest.mark.parametrize(("name", "k"), dealt(CASES))
+@pytest.mark.few
+@pytest.mark.parametrize(("name", "k"), CASES)
 def test_everything_that_is_conserved_is_found_and_nothing_else(name: str, k: int) -> None:
     listed = SYSTEMS[name]
     way = listed.ways[k]

@@ -11,7 +11,7 @@ import pytest
 from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
 from lagrange.run import flow
-from tests.covering import share, spread
+from tests.covering import Share
 from tests.mechanisms.formulation import Formulation
 from tests.mechanisms.scenes import FORMULATIONS
 from tests.models import loaded
@@ -27,7 +27,8 @@ def model(name: str, target: str = "llvm") -> Model:
     return model_of(loaded(name), machine(target))
 
 
-@pytest.mark.parametrize("name", spread([*FORMULATIONS], 8))
+@pytest.mark.few
+@pytest.mark.parametrize("name", [*FORMULATIONS])
 def test_a_scene_starts_where_its_formulation_does_and_on_its_constraints(name: str) -> None:
     start = np.array(loaded(name).initial)
     assert formulation(name).lift(formulation(name).first, 0.0) == pytest.approx(start, rel=1e-14, abs=2e-15)
@@ -39,10 +40,9 @@ def test_a_scene_starts_where_its_formulation_does_and_on_its_constraints(name: 
     assert np.abs(off).max() <= 1e-15 * size**2
 
 
-@pytest.mark.larger
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("name", FORMULATIONS)
-def test_the_accelerations_are_those_of_the_formulation(name: str, target: str) -> None:
+def test_the_accelerations_are_those_of_the_formulation(name: str, target: str, share: Share) -> None:
     compiled, expected = model(name, target), formulation(name)
     n = compiled.dimension
     for z in expected.draws(share(20)):
@@ -60,7 +60,8 @@ def expected_states(name: str) -> Any:
     return times, formulation(name).states(times)
 
 
-@pytest.mark.parametrize("name", spread([*FORMULATIONS], 8))
+@pytest.mark.few
+@pytest.mark.parametrize("name", [*FORMULATIONS])
 def test_the_run_is_that_of_the_formulation(name: str) -> None:
     times, right = expected_states(name)
     run: Any = flow(model(name), rtol=1e-13, atol=1e-15)

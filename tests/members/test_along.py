@@ -15,7 +15,6 @@ from lagrange.machine.array_source import arrays_loaded
 from lagrange.members import job, work
 from lagrange.procedure.members.along import lobatto
 from lagrange.procedure.members.extremum import largest_between, memory_size
-from tests.covering import parameters
 
 METHODS: dict[str, dict[str, Any]] = {
     "taylor": {"rtol": 1e-9},
@@ -49,7 +48,8 @@ def one_after_the_other(monkeypatch: pytest.MonkeyPatch, *args: Any, **options: 
 
 
 @pytest.mark.parametrize("backward", [False, True])
-@pytest.mark.parametrize("method", parameters(list(METHODS), range(2)))
+@pytest.mark.few
+@pytest.mark.parametrize("method", list(METHODS))
 def test_states_at_output_times_are_those_of_a_run(method: str, backward: bool) -> None:
     """Times at the ends, twice at once, several in a step, and steps without one.
 
@@ -82,7 +82,8 @@ def test_a_run_with_a_limit_of_steps_ends_where_it_ends_alone() -> None:
                 assert np.isnan(runs.y[:, reached:, 1]).all()
 
 
-@pytest.mark.parametrize("method", parameters(list(METHODS), range(2)))
+@pytest.mark.few
+@pytest.mark.parametrize("method", list(METHODS))
 def test_extremes_and_means_of_an_oscillator_have_closed_forms(method: str) -> None:
     """x = a cos 2t over t = 5: three periods and a part.
 
@@ -103,7 +104,8 @@ def test_extremes_and_means_of_an_oscillator_have_closed_forms(method: str) -> N
     assert (runs["min(Abs(x))"] < 2e-8).all()
 
 
-@pytest.mark.parametrize("method", parameters(list(METHODS), range(2)))
+@pytest.mark.few
+@pytest.mark.parametrize("method", list(METHODS))
 def test_a_member_alone_keeps_the_same(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same points, rule and search: what differs is round-off of the path, some units of 2**-52."""
     (theta,) = pendulum().coordinates

@@ -92,7 +92,7 @@ def test_some_writes_that_fail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, 
         goes_on_after(room, disk, tmp_path / f"{room}.zarr", whole)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_every_write_that_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, whole: dict[str, bytes]) -> None:
     disk = Filling(monkeypatch)
     for room in range(writes_of(disk, tmp_path / "counted.zarr")):
@@ -116,7 +116,7 @@ def small_disk(folder: Path, options: str) -> Iterator[Path]:
         subprocess.run(["umount", str(folder)], check=True)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["size", "nr_inodes"])
 def test_a_disk_of_every_size(tmp_path: Path, kind: str, whole: dict[str, bytes]) -> None:
     """It has one more page, or room for one more file, each time, until a call is through from the start.
@@ -144,7 +144,7 @@ def test_a_disk_of_every_size(tmp_path: Path, kind: str, whole: dict[str, bytes]
     assert fails > 20
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_a_disk_that_grows_page_by_page(tmp_path: Path, whole: dict[str, bytes]) -> None:
     with small_disk(tmp_path / "disk", f"size={PAGE}") as disk:
         for count in range(2, 1000):

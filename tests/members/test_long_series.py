@@ -13,7 +13,6 @@ from sympy import cos, sin, sqrt
 
 import lagrange as lg
 from lagrange.members import compiled
-from tests.covering import parameters
 from tests.members.test_member_events import HENON, agree, runs_alone, without_lanes
 
 
@@ -49,7 +48,7 @@ MADE = {"two links": (2, 1e-9), "four links": (4, 1e-12), "thirteen links": (13,
 
 
 @pytest.mark.usefixtures("by_order")
-@pytest.mark.parametrize("name", [*parameters(list(MADE), {0, 1}), "bodies"])
+@pytest.mark.parametrize("name", [*MADE, "bodies"])
 def test_a_member_ends_where_a_run_of_its_own_ends(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Round-off grows by less than 100 in this time."""
     links, rtol = MADE.get(name, (0, 1e-11))
@@ -67,7 +66,8 @@ def test_a_member_ends_where_a_run_of_its_own_ends(name: str, monkeypatch: pytes
 
 
 @pytest.mark.usefixtures("by_order")
-@pytest.mark.parametrize("case", parameters(list(HENON)[:6], {0, 2}))
+@pytest.mark.few
+@pytest.mark.parametrize("case", list(HENON)[:6])
 def test_events_of_a_member_are_those_of_its_run(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Lyapunov growth over t = 20 multiplies round-off by less than 100. Lanes leave what they cannot resolve to runs
     alone: three members where a product of velocities has many zeros."""

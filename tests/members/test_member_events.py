@@ -15,7 +15,6 @@ import lagrange as lg
 from lagrange.members import job, work
 from lagrange.members.singly import RunEngine
 from lagrange.trajectory.events import event_loop
-from tests.covering import drawn, parameters, spread
 
 EQUAL_STEPS: dict[str, dict[str, Any]] = {"rk4": {"step": 0.02}, "forest-ruth4": {"step": 0.02}}
 METHODS: dict[str, dict[str, Any]] = {
@@ -125,7 +124,7 @@ BEYOND = ("a transcendental one",)
 that is as right as the tolerance of 1e-10 makes it."""
 
 
-@pytest.mark.parametrize("case", spread(list(HENON), 3))
+@pytest.mark.parametrize("case", list(HENON))
 @pytest.mark.parametrize("end", [20.0, -7.0])
 @pytest.mark.parametrize("method", METHODS)
 def test_events_of_a_member_are_those_of_its_run(
@@ -171,7 +170,7 @@ def random_ensemble(rng: np.random.Generator) -> tuple[lg.System, dict[str, Any]
     return system, starts, {"events": events, "keep": (("events", 5),)}
 
 
-@pytest.mark.parametrize("seed", drawn(12))
+@pytest.mark.parametrize("seed", range(12))
 @pytest.mark.parametrize("method", EQUAL_STEPS)
 def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(
     method: str, seed: int, monkeypatch: pytest.MonkeyPatch
@@ -190,7 +189,8 @@ def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(
         assert np.array_equal(found, expected, equal_nan=column.kind == "f8"), column.name
 
 
-@pytest.mark.parametrize("method", parameters(list(METHODS), {0, 1}))
+@pytest.mark.few
+@pytest.mark.parametrize("method", list(METHODS))
 def test_events_at_both_ends_of_a_run(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Zeros from which a motion begins are no events; some that lie at its very end are, as in a run."""
     (y,) = ball().coordinates
@@ -204,7 +204,8 @@ def test_events_at_both_ends_of_a_run(method: str, monkeypatch: pytest.MonkeyPat
                 agree(together, lg.ensemble(ball(), 1.0, start, workers=1, **given))
 
 
-@pytest.mark.parametrize("method", parameters(list(METHODS), {0, 1}))
+@pytest.mark.few
+@pytest.mark.parametrize("method", list(METHODS))
 def test_what_a_member_keeps_depends_on_it_alone(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Chunks, threads, order, and neighbours that escape or are left to runs of their own: the same bytes."""
     henon = lg.scene("henon-heiles")
@@ -239,7 +240,8 @@ def test_a_root_in_the_forces_is_watched_in_lanes_too(monkeypatch: pytest.Monkey
     agree(together, alone)
 
 
-@pytest.mark.parametrize("method", parameters(list(METHODS), {0, 2}))
+@pytest.mark.few
+@pytest.mark.parametrize("method", list(METHODS))
 def test_a_limit_of_steps_holds_with_events(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     (x,) = oscillator().coordinates
     given: dict[str, Any] = {"events": [x], "keep": ("end", "counts", ("events", 9)), "method": method}

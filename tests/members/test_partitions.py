@@ -134,7 +134,7 @@ def test_a_partition(partition: str, method: str, tmp_path: Path, monkeypatch: p
     same(PARTITIONS[partition], method, tmp_path, monkeypatch)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["taylor", "radau5"])
 @pytest.mark.parametrize("partition", ELSEWHERE)
 def test_a_partition_elsewhere(partition: str, method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -165,7 +165,7 @@ def test_a_program_that_is_killed_and_called_again() -> None:
     assert found["sound"] and found["kills"] and found["trials"] == 1, found
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", sorted(kills.KINDS))
 def test_kills_at_random_moments(kind: str) -> None:
     if kind == "dask":
@@ -195,7 +195,7 @@ def peak(*arguments: str) -> int:
     return int(done.stdout)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells the memory of a program alone")
 def test_memory_is_bounded(tmp_path: Path) -> None:
     """A million members take less than 500 MB beside their results, and a store no more with five times the members."""

@@ -36,7 +36,7 @@ def ran(begin: Callable[[], None]) -> lg.Ensemble:
         return lg.ensemble(lg.scene("henon-heiles"), 3.0, STARTS, executor=executor)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_a_worker_without_a_compiler_runs_by_numpy() -> None:
     runs = ran(without_llvmlite)
     assert runs.form.startswith("runs one after the other by numpy; a worker has no llvmlite: the last digits may")
@@ -44,7 +44,7 @@ def test_a_worker_without_a_compiler_runs_by_numpy() -> None:
     assert np.allclose(runs.y, here.y, rtol=1e-9, atol=1e-10) and "digits" not in here.form
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_a_worker_of_another_processor_compiles_for_it() -> None:
     pytest.importorskip("llvmlite")
     runs = ran(on_a_smaller_processor)

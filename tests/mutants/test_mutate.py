@@ -7,7 +7,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.covering import whole
 from tests.mutants.mutate import Mutant, mutants, mutated, population, sample
 from tests.mutants.order import Reached, chosen, distance
 
@@ -66,19 +65,18 @@ def test_names_stay_where_lines_move_and_other_functions_change() -> None:
     assert not {mutant.name for mutant in twice} & {mutant.name for mutant in mutants(FILE, before, 2)}
 
 
-@pytest.mark.larger
-def test_every_mutant_of_the_package_is_python_and_another_one() -> None:
+def test_every_mutant_of_the_package_is_python_and_another_one(everything: bool) -> None:
     every = population(ROOT, 1)
     assert len({mutant.name for mutant in every}) == len(every) > 5000
     # A mutant takes some 20 ms. They are in the order of their names, which are digests: some are as good as others.
-    for mutant in every[: 500 if whole() else 10]:
+    for mutant in every[: 500 if everything else 10]:
         source = (ROOT / mutant.file).read_text("utf-8")
         changed = mutated(source, mutant)
         compile(changed, mutant.file, "exec", ast.PyCF_ONLY_AST)
         assert changed != ast.unparse(ast.parse(source))
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_a_sample_begins_the_population() -> None:
     assert sample(ROOT, 1, 10) == population(ROOT, 1)[:10]
 

@@ -14,7 +14,6 @@ from sympy import Abs, cos, sqrt
 
 import lagrange as lg
 from lagrange.page.motion import TOLERANCE
-from tests.covering import spread
 from tests.models import shared_scene
 from tests.page.browser import Browser, Tab, program
 
@@ -78,7 +77,8 @@ def slide(tab: Tab, place: int) -> float:
     return moved
 
 
-@pytest.mark.parametrize("scene", spread(lg.scenes(), 4))
+@pytest.mark.few
+@pytest.mark.parametrize("scene", lg.scenes())
 def test_a_scene_moves_as_ours_and_follows_its_sliders(scene: str, browser: Browser, tmp_path: Path) -> None:
     system = shared_scene(scene)
     end = system.statement.run.t_end
@@ -319,7 +319,7 @@ def test_fingers(browser: Browser, tmp_path: Path) -> None:
         assert tab.complaints() == []
 
 
-@pytest.mark.parametrize("scene", spread(["double-pendulum", "pleiades", "seven-body-mechanism", "four-bar"], 2))
+@pytest.mark.parametrize("scene", ["double-pendulum", "pleiades", "seven-body-mechanism", "four-bar"])
 def test_a_phone_shows_everything_in_its_width(scene: str, browser: Browser, tmp_path: Path) -> None:
     with browser.open(shared_scene(scene).to_page(tmp_path / "page.html"), *PHONE) as tab:
         assert tab.value("document.documentElement.scrollWidth") == PHONE[0]

@@ -17,7 +17,6 @@ from lagrange.machine.python_source import loaded
 from lagrange.procedure.kernel.kernels import kernel, prepare
 from lagrange.procedure.kernel.prepared import WRITTEN_OUT, Prepared
 from lagrange.program.program import Instruction, Program, ProgramBlock
-from tests.covering import spread
 
 NAMES = ("rhs", "jacobian", "energy", "mass_matrix", "momenta")
 
@@ -35,7 +34,8 @@ def evaluated(programs: list[Program], t: float, y: np.ndarray, parameters: np.n
     return found
 
 
-@pytest.mark.parametrize("scene", spread(lg.scenes(), 10))
+@pytest.mark.few
+@pytest.mark.parametrize("scene", lg.scenes())
 def test_every_scene(scene: str) -> None:
     system = lg.scene(scene)
     model: Model = system.compile("numpy")

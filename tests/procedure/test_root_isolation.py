@@ -14,7 +14,7 @@ from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.procedure.events.constants import MOST_COEFFICIENTS, MOST_ROOTS, TOO_MANY, UNFIT
 from lagrange.procedure.events.roots import roots
 from lagrange.procedure.interpreter import OPERATIONS, run
-from tests.covering import drawn, share
+from tests.covering import Share
 
 EPSILON = 2.0**-52
 
@@ -63,23 +63,24 @@ def outcome(isolate: Callable[..., Any], case: Case, room: int = MOST_ROOTS) -> 
     return tuple(map(int, found)), times[:met].tolist(), rising[:met].tolist()
 
 
-@pytest.mark.larger
-@pytest.mark.parametrize("seed", drawn(8))
-def test_machine_code_finds_what_the_interpreter_finds(seed: int) -> None:
+@pytest.mark.few
+@pytest.mark.parametrize("seed", range(8))
+def test_machine_code_finds_what_the_interpreter_finds(seed: int, share: Share) -> None:
     for case in cases(seed, share(150)):
         assert outcome(LLVM, case) == outcome(interpreted, case), case
 
 
-@pytest.mark.larger
-@pytest.mark.parametrize("seed", drawn(8))
-def test_python_finds_what_the_interpreter_finds(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.few
+@pytest.mark.parametrize("seed", range(8))
+def test_python_finds_what_the_interpreter_finds(seed: int, monkeypatch: pytest.MonkeyPatch, share: Share) -> None:
     """To the last bit where products and sums are rounded one by one, as in Python."""
     monkeypatch.setattr("lagrange.procedure.interpreter.OPERATIONS", {**OPERATIONS, "fma": lambda a, b, c: a * b + c})
     for case in cases(seed, share(150)):
         assert outcome(PYTHON, case) == outcome(interpreted, case), case
 
 
-@pytest.mark.parametrize("seed", drawn(8))
+@pytest.mark.few
+@pytest.mark.parametrize("seed", range(8))
 def test_python_decides_as_machine_code_does(seed: int) -> None:
     """The places differ by what the rounding of products does to a root."""
     for case in cases(seed, 400):

@@ -125,8 +125,8 @@ def foreign(callee: Callee, place: int) -> Any:
     [
         "dopri5",
         "gauss2",
-        pytest.param("rk4", marks=pytest.mark.exhaustive),
-        pytest.param("radau5", marks=pytest.mark.exhaustive),
+        pytest.param("rk4", marks=pytest.mark.slow),
+        pytest.param("radau5", marks=pytest.mark.slow),
     ],
 )
 def test_machine_code_takes_steps_with_events_as_the_interpreter_does(

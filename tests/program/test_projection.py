@@ -49,6 +49,7 @@ def test_what_is_left_is_the_square_of_the_violation(seed: int, target: str) -> 
     assert left[0] / left[1] == pytest.approx(100, rel=0.03)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_corrections_are_normal_to_the_constraints_in_the_metric_of_the_mass_matrix(seed: int) -> None:
     """No admissible velocity u, G u = 0, has a part of M dq or M dv: the change is the least one."""
@@ -65,6 +66,7 @@ def test_the_corrections_are_normal_to_the_constraints_in_the_metric_of_the_mass
         assert np.abs(admissible @ mass @ part).max() < 2e-14 * np.abs(mass).max() * np.abs(part).max()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("seed", SEEDS)
 def test_both_machines_compute_the_same_corrections(seed: int) -> None:
     y = displaced(seed, 1e-3)
@@ -83,6 +85,7 @@ def test_a_constraint_on_velocities_moves_no_coordinate() -> None:
     assert corrections(sleigh, y + move)[1] < 1e-15
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("seed", SEEDS)
 def test_the_violation_is_that_of_the_constraints_relative_to_the_sizes_of_their_terms(seed: int) -> None:
     model, y = compiled(seed), displaced(seed, 1e-2)

@@ -11,15 +11,13 @@ from pathlib import Path
 import pytest
 
 import lagrange as lg
-from tests.covering import PART, whole
 from tests.public.audit import MARK, TEXT
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
-@pytest.mark.larger
-def test_no_text_is_run_whatever_it_is_in(tmp_path: Path) -> None:
-    part = 1 if whole() else 2 * PART
+def test_no_text_is_run_whatever_it_is_in(tmp_path: Path, everything: bool) -> None:
+    part = 1 if everything else 12
     result = subprocess.run(
         [sys.executable, "-W", "error", "-m", "tests.public.audit", str(part)],
         capture_output=True,

@@ -15,7 +15,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.trajectory.methods import registry
-from tests.covering import share
+from tests.covering import Share
 from tests.public.surface import INSTANCES, Public, arguments, classes, surface
 from tests.public.values import KINDS, MADE
 
@@ -109,8 +109,7 @@ def raw(public: Public, positional: list[Any], named: dict[str, Any]) -> str:
     return f"{type(error).__name__}: {str(error)[:80]} at {place}"
 
 
-@pytest.mark.larger
-def test_wrong_calls_end_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_wrong_calls_end_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, share: Share) -> None:
     monkeypatch.chdir(tmp_path)
     chance = random.Random(SEED)
     found = surface()

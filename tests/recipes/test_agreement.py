@@ -13,7 +13,7 @@ from hypothesis import HealthCheck, given, settings
 
 from lagrange.recipes.model import Model
 from lagrange.statement.coordinate import t
-from tests.covering import examples, spread
+from tests.covering import examples
 from tests.laws.test_random_systems import kinetic_energies, potentials, states, x, y
 from tests.models import build
 from tests.recipes.agreement import EPS, OWN, SCENES, apart, named, sensitivity
@@ -54,12 +54,14 @@ def check(package: str, model: Model, quantity: str = "rhs", count: int = 3) -> 
         assert apart(model, quantity, time, state, found(time, state, model.parameter_array())) <= 1, (time, state)
 
 
-@pytest.mark.parametrize("name", [*spread(SCENES, 6), *OWN])
+@pytest.mark.few
+@pytest.mark.parametrize("name", [*SCENES, *OWN])
 def test_casadi_computes_what_the_model_does(name: str) -> None:
     check(CASADI, named(name))
 
 
-@pytest.mark.parametrize("name", [*spread(SCENES, 6), *OWN])
+@pytest.mark.few
+@pytest.mark.parametrize("name", [*SCENES, *OWN])
 def test_sympy_computes_what_the_model_does(name: str) -> None:
     check(SYMPY, named(name))
 
@@ -73,7 +75,7 @@ def test_jax_computes_what_the_model_does(name: str) -> None:
     check(JAX, named(name), count=2)
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in [*SCENES, *OWN] if name not in JAX_SYSTEMS])
 def test_jax_computes_what_the_model_does_in_every_scene(name: str) -> None:
     check(JAX, named(name))
@@ -110,7 +112,8 @@ def derivative_apart(model: Model, time: float, state: Any, found: Any) -> float
     return float(np.abs(np.asarray(found, dtype=float) - exact).max() / bound)
 
 
-@pytest.mark.parametrize("name", [*spread(SCENES, 3), *spread(OWN, 3)])
+@pytest.mark.few
+@pytest.mark.parametrize("name", [*SCENES, *OWN])
 def test_derivatives_by_casadi_are_the_jacobian(name: str) -> None:
     ready(CASADI)
     model = named(name)
@@ -135,7 +138,7 @@ def test_derivatives_by_jax_are_the_jacobian(name: str) -> None:
     assert jax_derivative(name) <= 1
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", [name for name in [*SCENES, *OWN] if name not in ("cart and pole", "8 carried masses")]
 )

@@ -213,6 +213,7 @@ HOSTILE_NAMES = [
 ]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("style", FORMATS)
 def test_names_are_never_commands(style: str) -> None:
     qs = [coordinate(name) for name in HOSTILE_NAMES]

@@ -45,6 +45,7 @@ def records() -> dict[str, Any]:
 KINDS = ("portrait", "section", "sweep", "branches", "passage", "basins", "exchange")
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_record_has_a_card_a_picture_and_a_file(kind: str, tmp_path: Path) -> None:
     record = records()[kind]

@@ -29,7 +29,6 @@ from lagrange.show.notation.sections import (
     sections,
 )
 from lagrange.show.notation.text import AsciiNotation, UnicodeNotation
-from tests.covering import spread, waiting
 from tests.models import shared_scene
 from tests.show import formula_readers
 
@@ -44,7 +43,7 @@ LONG = (
     "four-bar-ladder",
     "four-bar-change-point",
 )
-SCENES = [*spread([name for name in lg.scenes() if name not in LONG], 10), *waiting(*LONG)]
+SCENES = [pytest.param(name, marks=[pytest.mark.slow] * (name in LONG)) for name in lg.scenes()]
 DIGITS = 80
 STEP = mpmath.mpf(10) ** -20
 """Central differences, nested once, leave 20 digits or more of what they are taken of."""
@@ -186,6 +185,7 @@ def page(name: str) -> tuple[lg.System, list[Formula]]:
     return system, [row for part in sections(system.derivation()) for row in part.rows if isinstance(row, Formula)]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SCENES)
 def test_each_side_is_what_the_compiled_model_gives(name: str) -> None:
     system, rows = page(name)

@@ -57,7 +57,7 @@ QUICK = (
     "swinging-atwood-machine",
     "thrown-ball",
 )
-SCENES = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.exhaustive]) for name in lg.scenes()]
+SCENES = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in lg.scenes()]
 
 
 @pytest.mark.parametrize("file", GOLDEN)
@@ -66,6 +66,7 @@ def test_golden_pages(file: str) -> None:
     assert shared_scene(name).derivation().written(style) == (PAGES / file).read_text("utf-8")
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SCENES)
 def test_latex_is_well_formed(name: str) -> None:
     page = shared_scene(name).derivation().latex()
@@ -96,6 +97,7 @@ def test_pdflatex_sets_the_page(name: str, tmp_path: Path) -> None:
     assert b"Overfull" not in done.stdout
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SCENES)
 def test_html_is_well_formed(name: str) -> None:
     page = shared_scene(name).derivation().html()

@@ -19,7 +19,6 @@ from lagrange.show.figures.style import DARK, LIGHT, STYLES, line_styles
 from lagrange.show.measures.points import fixed_points
 from lagrange.show.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
-from tests.covering import spread
 from tests.show.examples import k, m, oscillator, x
 
 DPI = 150
@@ -82,7 +81,7 @@ def curves_are_exact(run: Solution) -> None:
 
 
 @pytest.mark.parametrize("end", [None, 1000.0])
-@pytest.mark.parametrize("name", spread(SCENES, 3))
+@pytest.mark.parametrize("name", SCENES)
 def test_curves_are_within_a_pixel_of_the_exact_ones(name: str, end: float | None) -> None:
     scene = lg.scene(name)
     curves_are_exact(scene.run() if end is None else scene.run(end))
@@ -157,7 +156,8 @@ CROWDED = ("pleiades", "sun-earth-moon")
 """Scenes with many names, and with long numbers."""
 
 
-@pytest.mark.parametrize("name", [*CROWDED, *spread([name for name in lg.scenes() if name not in CROWDED], 3)])
+@pytest.mark.few
+@pytest.mark.parametrize("name", [*CROWDED, *[name for name in lg.scenes() if name not in CROWDED]])
 def test_no_text_overlaps_another_or_is_cut(name: str) -> None:
     nothing_overlaps(lg.scene(name).run(max_steps=2000).plot())
 

@@ -16,7 +16,6 @@ import pytest
 from lagrange.errors import SceneError
 from lagrange.statement.scene import read_scene
 from lagrange.statement.vocabulary import WORDS
-from tests.covering import PART, whole
 from tests.statement.attacks import ATTACKS, CANARY
 from tests.statement.scenes import DROP, LEAN, write
 
@@ -59,12 +58,11 @@ def test_there_are_many_and_different() -> None:
     assert len(set(ATTACKS)) >= 200
 
 
-@pytest.mark.larger
 @pytest.mark.parametrize("field", FIELDS)
-def test_every_attack_is_refused_in_every_field(field: str, tmp_path: Path) -> None:
+def test_every_attack_is_refused_in_every_field(field: str, tmp_path: Path, everything: bool) -> None:
     read_scene(write(tmp_path, LEAN))
-    # One attack in `PART` meets each field, and each attack a field at least, unless all are asked for.
-    first, every = (0, 1) if whole() else (list(FIELDS).index(field) % PART, PART)
+    # One attack in six meets each field, and each attack a field at least, unless all are asked for.
+    first, every = (0, 1) if everything else (list(FIELDS).index(field) % 6, 6)
     for attack in ATTACKS[first::every]:
         path = write(tmp_path, LEAN, **FIELDS[field](attack))
         error, seconds = refusal_of(path)

@@ -19,7 +19,7 @@ from lagrange.statement.coordinate import coordinate, t, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.statement import Statement
 from lagrange.system import System
-from tests.covering import share
+from tests.covering import Share
 from tests.textbook.systems import value
 
 Draw = Callable[[st.SearchStrategy[Any]], Any]
@@ -79,9 +79,8 @@ def numbers(count: int) -> st.SearchStrategy[list[Fraction]]:
     return st.lists(st.fractions(-2, 2, max_denominator=64), min_size=count, max_size=count)
 
 
-@pytest.mark.larger
 @pytest.mark.parametrize(("n", "examples"), [(1, 15), (2, 10), (3, 5)])
-def test_random_lagrangians_agree_with_lagranges_method(n: int, examples: int) -> None:
+def test_random_lagrangians_agree_with_lagranges_method(n: int, examples: int, share: Share) -> None:
     # An example costs a tenth of a second and more: shrinking one would take minutes.
     @settings(max_examples=share(examples), phases=[Phase.explicit, Phase.reuse, Phase.generate])
     @given(statements(n), numbers(2 * n + 1))

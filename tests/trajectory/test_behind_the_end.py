@@ -88,6 +88,7 @@ def test_tiny_steps_where_a_body_sticks_are_explained(method: str, limit: int) -
 ADAPTIVE = ("bs3", "dopri5", "tsit5", "verner9", "dop853", "radau3", "radau5")
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("method", [*ADAPTIVE, *(name for name in ("scipy-radau", "scipy-rk23") if name in OUTSIDE)])
 def test_a_body_that_sticks_is_named_long_before_the_step_limit(method: str) -> None:
     """At v = 0 friction of either sign leads back: dop853 took ten million steps, and spoke of the step limit."""

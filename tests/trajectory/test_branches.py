@@ -24,7 +24,7 @@ from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.covering import share
+from tests.covering import Share
 from tests.models import TARGETS, build, x
 
 Law = Callable[[float, float, float], float]
@@ -183,9 +183,9 @@ def test_every_other_method_goes_through(name: str, method: str) -> None:
     assert found.y[:, -1] == pytest.approx(truth(name), abs=3e-5 if adaptive else 2e-2)
 
 
-@pytest.mark.larger
+@pytest.mark.few
 @pytest.mark.parametrize("name", CASES)
-def test_the_check_holds_in_every_branch(name: str) -> None:
+def test_the_check_holds_in_every_branch(name: str, share: Share) -> None:
     report = check(system(name), points=share(6))
     assert report, str(report)
 

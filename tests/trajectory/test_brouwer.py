@@ -46,6 +46,7 @@ def allowed(name: str) -> float:
     return 2.0 if name in MOMENTA else 0.4
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "name", ["implicit-midpoint", "gauss2", "gauss3", "variational-midpoint", "galerkin4", "galerkin6"]
 )

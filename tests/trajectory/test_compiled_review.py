@@ -17,7 +17,6 @@ from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.covering import drawn, whole
 from tests.models import build, model, x, y
 from tests.trajectory.runs import FIXED, IMPLICIT, SPLITTINGS, STEPPED, run
 from tests.trajectory.watched import FALL, G, ball, floor
@@ -70,10 +69,10 @@ def settings(name: str, rng: np.random.Generator) -> dict[str, Any]:
     return {"rtol": tolerance, "atol": tolerance}
 
 
-def taken(place: int) -> list[tuple[str, tuple[Model, dict[str, float]]]]:
+def taken(place: int, *, everything: bool) -> list[tuple[str, tuple[Model, dict[str, float]]]]:
     """Return the systems that a method meets: all, or two in a default run, others for the next method."""
     found = list(systems().items())
-    return found if whole() else [found[k % len(found)] for k in (place, place + 1)]
+    return found if everything else [found[k % len(found)] for k in (place, place + 1)]
 
 
 def both(monkeypatch: pytest.MonkeyPatch, go: Callable[[], Trajectory]) -> tuple[Trajectory, Trajectory]:
@@ -96,12 +95,11 @@ def alike(one: Trajectory, other: Trajectory, off: float = 1e-9) -> None:
         assert states == pytest.approx(right, abs=off, rel=1e-9)
 
 
-@pytest.mark.larger
-@pytest.mark.parametrize("seed", drawn(5))
+@pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("name", METHODS)
-def test_events_of_random_systems(name: str, seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_events_of_random_systems(name: str, seed: int, monkeypatch: pytest.MonkeyPatch, everything: bool) -> None:
     rng = np.random.default_rng([METHODS.index(name), seed])
-    for title, (of, initial) in taken(METHODS.index(name) + seed):
+    for title, (of, initial) in taken(METHODS.index(name) + seed, everything=everything):
         options, events = settings(name, rng), events_of(rng)
         end = float(rng.choice((-1, 1)) * (3.0 if name in IMPLICIT else 12.0))
         if name in SPLITTINGS and title == "coupled":
@@ -193,10 +191,10 @@ def test_the_terminal_count_of_bounces_ends_the_run(monkeypatch: pytest.MonkeyPa
     assert found.y[1, -1] == pytest.approx(G * FALL) and found.y_events[0][-1][1] == pytest.approx(-G * FALL)
 
 
-@pytest.mark.larger
+@pytest.mark.few
 @pytest.mark.parametrize("name", ["dop853", "rk4", "radau5", "gauss2", "implicit-midpoint", "bdf2", "verner9"])
 def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
-    name: str, monkeypatch: pytest.MonkeyPatch
+    name: str, monkeypatch: pytest.MonkeyPatch, everything: bool
 ) -> None:
     """The driver is called for as many steps as it took in the time before: events are those of the problem alone."""
     of, initial = systems()["Henon-Heiles"]
@@ -207,7 +205,7 @@ def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
         monkeypatch.setattr("lagrange.trajectory.events.event_loop.WORTH_COMPILING", least)
         for several in (events, [*events, wall]):
             found = []
-            for most in (16384, 64, 7, 2) if whole() else (16384, 7):
+            for most in (16384, 64, 7, 2) if everything else (16384, 7):
                 monkeypatch.setattr("lagrange.trajectory.run_loop.MOST_STEPS_PER_CALL", most)
                 found.append(run(of, 20.0, name, initial=initial, events=several, **options))
             for other in found[1:]:

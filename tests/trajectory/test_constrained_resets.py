@@ -49,6 +49,7 @@ def test_a_reset_of_one_velocity_of_two_ends_the_run(method: str, options: dict[
     assert "'rod' (the rate of change of -l**2 + x**2 + y**2) is -1.98" in found.message
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("method", "options"), METHODS)
 def test_a_reset_that_satisfies_the_constraint_goes_on(method: str, options: dict[str, Any]) -> None:
     """Thrown back at x = -0.3 it has the energy that it had; the path of a step may be off by its error."""

@@ -45,6 +45,7 @@ def error(name: str, t: float = 1.0, **options: Any) -> tuple[float, float]:
     return float(np.abs(solution.y[:2, -1] - reference(t)).max()), float(solution.constraint_error.max())
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in PROJECTED if name in FIXED])
 def test_a_method_with_equal_steps_keeps_its_order_on_the_constraints(name: str) -> None:
     """Or is at round-off: half the step leaves 2**-order of the error, by half an order."""
@@ -53,6 +54,7 @@ def test_a_method_with_equal_steps_keeps_its_order_on_the_constraints(name: str)
     assert max(one, other) < ROUNDED
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in PROJECTED if name in ADAPTIVE])
 def test_a_method_with_step_control_follows_the_angle_to_its_tolerance(name: str) -> None:
     """Errors of a run are some tolerances: 20 for radau3, and 100 are allowed."""
@@ -82,6 +84,7 @@ def test_a_splitting_is_refused_where_the_forces_of_constraints_depend_on_veloci
         error(name, step=0.01)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SPLITTINGS)
 def test_a_splitting_runs_where_constraints_are_linear(name: str) -> None:
     """Two masses on a rod along a line, tied to a spring: kick and drift both keep x - y + l = 0."""
@@ -108,6 +111,7 @@ def test_random_mechanisms_stay_on_their_constraints(seed: int, target: str) -> 
         assert solution.constraint_error.max() < ROUNDED
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("seed", SEEDS)
 def test_runs_of_random_mechanisms_converge_to_one_motion(seed: int) -> None:
     model = compiled(seed)
@@ -158,6 +162,7 @@ def test_the_projection_keeps_the_energy() -> None:
 BOUNDS = {"taylor": 1e-12, "dop853": 1e-10, "rk4": 1e-10, "radau5": 1e-10, "gauss2": 1e-10, "bdf2": 1e-10}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", BOUNDS)
 def test_a_four_bar_linkage_stays_closed_over_many_turns(name: str) -> None:
     """The page has 1e6 steps; nothing grows from step to step."""

@@ -14,7 +14,7 @@ import lagrange as lg
 from lagrange.trajectory.events.actions import impacts
 from lagrange.trajectory.events.roots import Side
 from lagrange.trajectory.events.sides_behind import sides_behind
-from tests.covering import share
+from tests.covering import Share
 from tests.trajectory.runs import OUTSIDE
 
 STEPS = {"rk4": 0.01, "verlet": 0.01}
@@ -39,6 +39,7 @@ def run(system: lg.System, end: float, method: str, events: list[Any], **initial
     return system.run(end, method=method, events=events, step=STEPS.get(method), initial=initial)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("method", METHODS)
 def test_a_contact_that_touches_already_passes_the_impact_on(method: str) -> None:
     for gap, first in ((0.0, -1.0), (1e-17, -1.0), (1e-12, -1.0), (0.0, 0.0)):
@@ -59,9 +60,9 @@ def test_a_contact_entered_the_wrong_way_acts_at_once(method: str) -> None:
     assert below.require().t_events[0].tolist() == [0.0] and below.final["y"] == pytest.approx(0.05095, abs=1e-7)
 
 
-@pytest.mark.larger
+@pytest.mark.few
 @pytest.mark.parametrize("method", METHODS)
-def test_a_ball_aimed_at_a_corner_stays_in_the_box(method: str) -> None:
+def test_a_ball_aimed_at_a_corner_stays_in_the_box(method: str, share: Share) -> None:
     walls = [turn(x - 1, x.dot, 1), turn(x, x.dot), turn(y - 1, y.dot, 1), turn(y, y.dot)]
     known = run(PLANE, 40, method, walls, x=0.9666666666666667, y=0.900000000000001, x_dot=1.0, y_dot=3.0)
     assert [len(times) for times in known.require().t_events] == [20, 20, 60, 60]
@@ -77,9 +78,9 @@ def test_a_ball_aimed_at_a_corner_stays_in_the_box(method: str) -> None:
         assert len(found.t_events[0]) and len(found.t_events[2])
 
 
-@pytest.mark.larger
+@pytest.mark.few
 @pytest.mark.parametrize("method", METHODS)
-def test_an_event_beside_a_reset_happens_once(method: str) -> None:
+def test_an_event_beside_a_reset_happens_once(method: str, share: Share) -> None:
     """It may come before it, behind it or with it, end the run, or be the very zero of the reset."""
     random = np.random.default_rng(2)
     wall = turn(x, x.dot)

@@ -17,7 +17,6 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.covering import dealt
 from tests.models import SYSTEMS, TARGETS, build, k, m, model, springs, x
 from tests.trajectory.runs import ADAPTIVE, CONTROLLED, FIXED, NAMES, STEPPED, implicit, planned, run
 
@@ -52,7 +51,8 @@ TAKEN = [
 ]
 
 
-@pytest.mark.parametrize(("name", "system"), dealt(TAKEN))
+@pytest.mark.few
+@pytest.mark.parametrize(("name", "system"), TAKEN)
 def test_both_machines_take_the_same_steps(name: str, system: str) -> None:
     ours, theirs = (run(model(system, target), 0.75, name, **loose(name)) for target in TARGETS)
     assert_same(ours, theirs, name)
@@ -67,12 +67,14 @@ def assert_near(ours: Trajectory, theirs: Trajectory) -> None:
     assert np.abs(ours.y[:, -1] - theirs.y[:, -1]).max() < 1e-10 * (1 + np.abs(theirs.y).max())
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("system", SPLITTABLE + OTHERS)
 def test_both_machines_sum_the_same_series(system: str) -> None:
     method = Taylor(rtol=1e-12, atol=1e-12, order=15)
     assert_near(*(run(model(system, target), 0.75, method) for target in TARGETS))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 16, 17, 21])
 def test_series_of_every_length(n: int) -> None:
     method = Taylor(rtol=1e-12, atol=1e-12, order=15)
@@ -100,6 +102,7 @@ class Counting:
         """Nothing is quick: every call counts."""
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", NAMES)
 def test_the_count_is_honest(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What is counted are right-hand sides; of a Taylor run whole series, and the right-hand side of a first look."""

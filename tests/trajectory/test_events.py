@@ -61,6 +61,7 @@ ON_A_SINE: list[Any] = [
 ]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("expression", ON_A_SINE, ids=str)
 def test_the_zeros_are_those_of_a_dense_search(expression: Any) -> None:
     """Along x = sin t, against a bracketing of the closed form: poles nearby, high powers, kinks, a jump through zero.

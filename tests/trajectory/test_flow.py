@@ -125,6 +125,7 @@ def test_threads_share_a_flow(target: str) -> None:
             assert all((a == b).all() for a, b in zip(found, expected, strict=True))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2", "scipy-rk45", "scipy-lsoda"])
 def test_threads_share_a_flow_from_its_first_call_with_parameters_of_their_own(method: str) -> None:
     """The bits of calls in a row, whatever runs beside them: other states, other parameters, either direction."""

@@ -176,6 +176,7 @@ def test_energy_stays_bounded_without_drift(name: str) -> None:
     assert found.status.complete and halves[1] < 2 * halves[0] < 0.1
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in IMPLICIT if find(name).claims.a_stable])
 def test_what_claims_to_be_stable_damps_what_is_too_fast_for_its_steps(name: str) -> None:
     """Over-damped and oscillating, a thousand times too fast for the step: nothing grows."""

@@ -58,6 +58,7 @@ def test_what_a_solver_keeps_of_a_step_counts_too(model: Model) -> None:
     assert 4 * other.steps < own.steps
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "name", ["scipy-rk45", "scipy-rk23", "scipy-dop853", "scipy-radau", "scipy-bdf", "scipy-lsoda"]
 )
@@ -215,6 +216,7 @@ def test_a_pipe_is_told_nothing(capfd: pytest.CaptureFixture[str], monkeypatch: 
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet", "radau5", "scipy-dop853"])
 def test_time_is_kept_while_events_are_located(method: str) -> None:
     """A step with hundreds of zeros takes a while; a block of steps is not looked at to its end first."""

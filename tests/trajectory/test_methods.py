@@ -311,6 +311,7 @@ def test_rk4_drifts_where_verlet_does_not() -> None:
     assert drifts["rk4"] > 10 * drifts["verlet"]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", ADAPTIVE)
 def test_errors_follow_the_tolerance(name: str) -> None:
     compiled = model("double pendulum")

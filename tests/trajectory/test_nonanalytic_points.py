@@ -128,6 +128,7 @@ def test_a_force_that_jumps_is_not_leapt_over(force: Any) -> None:
     assert "sqrt(x**2 - 2*x*y + y**2) becomes zero there" in found.message and "as abs" in found.message
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("square", "absolute"),
     [

@@ -13,7 +13,7 @@ import pytest
 
 from lagrange.trajectory.events.roots import Root, Side, may_vanish, roots
 from lagrange.trajectory.trajectory import FloatArray
-from tests.covering import drawn, share, waiting
+from tests.covering import Share
 
 pytestmark = pytest.mark.usefixtures("isolation")
 
@@ -115,9 +115,9 @@ def sturm_count(c: FloatArray) -> int:
     return changes(0) - changes(1)
 
 
-@pytest.mark.larger
-@pytest.mark.parametrize("seed", drawn(10))
-def test_every_root_of_a_random_polynomial_is_found_once(seed: int) -> None:
+@pytest.mark.few
+@pytest.mark.parametrize("seed", range(10))
+def test_every_root_of_a_random_polynomial_is_found_once(seed: int, share: Share) -> None:
     """A thousand with known roots in each block; the location is right to the round-off of g over its slope."""
     rng = np.random.default_rng(seed)
     every = [random_case(rng) for _ in range(share(1500))]
@@ -138,7 +138,8 @@ def test_every_root_of_a_random_polynomial_is_found_once(seed: int) -> None:
             assert abs(root.time / h - s) <= 2 * 4 * EPSILON * size / slope + 2 * EPSILON
 
 
-@pytest.mark.parametrize("seed", [0, *waiting(1, 2, 3)])
+@pytest.mark.few
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
 def test_the_count_is_that_of_sturm(seed: int) -> None:
     """Of the polynomial with the rounded coefficients, in exact arithmetic."""
     rng = np.random.default_rng(100 + seed)
@@ -155,7 +156,8 @@ def test_sturm_counts_for_itself() -> None:
     assert sturm_count(rounded([0.25, 0.5, 1.0], [2.0, 0.5 + 1j])) == 3 and sturm_count(rounded([0.25] * 2, [0.0])) == 1
 
 
-@pytest.mark.parametrize("seed", [0, *waiting(1, 2, 3)])
+@pytest.mark.few
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
 def test_any_coefficients_keep_the_order_and_the_signs(seed: int) -> None:
     """Also beyond what they resolve: times in order, crossings in turn, and the side at the end that of g there."""
     rng = np.random.default_rng(200 + seed)
@@ -215,6 +217,7 @@ def wave(t: float, turns: int) -> FloatArray:
     return np.array([derivatives[(k + turns) % 4] / math.factorial(k) for k in range(30)])
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("digits", range(1, 13))
 def test_grazing(digits: int) -> None:
     """cos t - (1 - e): two crossings for e > 0, none for e < 0, one touch for 0, wherever the series stands."""
@@ -356,6 +359,7 @@ def test_a_run_reports_each_touch_once(seed: int, noise: float) -> None:
             assert [time for time, _ in events] == pytest.approx(places[:: 1 if path is edges else -1], abs=3e-6)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("order", [1, 2, 3, 4, 5])
 def test_a_flat_root_at_a_joint_is_one(order: int) -> None:
     rng = np.random.default_rng(order)

@@ -31,6 +31,7 @@ def method(request: Any) -> Any:
     return request.param()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("t1", [7.0, -7.0])
 def test_reaches_the_end_with_a_path_between_the_steps(method: Any, t1: float) -> None:
     run = method.integrate(problem(oscillator, t1))

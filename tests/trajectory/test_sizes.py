@@ -71,6 +71,7 @@ def test_round_off_of_forces_that_cancel_does_not_shorten_steps(method: str, off
     assert steps(model, 10.0, method) <= 1.5 * steps(model, 10.0, method, atol=1e-9) + 100
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("method", ADAPTIVE)
 def test_what_has_not_begun_to_move_does_not_shorten_steps(method: str) -> None:
     model = compiled(chain, 24)

@@ -51,6 +51,7 @@ def test_the_parts_of_a_splitting_add_up_to_a_step() -> None:
         Splitting("half", 1, ((math.nan, 1.0),))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SPLITTINGS)
 def test_a_splitting_is_of_no_higher_order_than_it_claims_and_holds_every_coefficient(name: str) -> None:
     method = find(name)

@@ -16,7 +16,6 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.methods.registry import find, table
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.covering import drawn
 from tests.models import TARGETS, build, x, y
 from tests.trajectory import watched
 from tests.trajectory.runs import ADAPTIVE, FIXED, IMPLICIT, NAMES, OUTSIDE, STEPPED, run
@@ -41,6 +40,7 @@ def test_every_method_locates_events() -> None:
     assert able >= {*NAMES, *OUTSIDE}
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in (*SHARP, "verlet") if name in NAMES])
 def test_grazing_turns_of_a_pendulum(name: str) -> None:
     """It passes 1 - eps twice at each return, and SciPy's DOP853 finds 1 to 11 of these 15 crossings."""
@@ -117,6 +117,7 @@ def pendulum() -> Model:
     return build(kinetic=x.dot**2 / 2, potential=-cos(x), initial={x: 1.0})
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [*NAMES, *OUTSIDE])
 def test_what_stays_zero_is_no_event(name: str) -> None:
     """A conserved quantity less its value: the path of a step strays from it to and fro, hundreds of times here."""
@@ -177,6 +178,7 @@ def test_no_ball_falls_through_the_floor(name: str) -> None:
         assert len(found.t_events[0]) >= 6
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", ["rk4", "verlet", "dopri5", "dop853", *OUTSIDE])
 def test_a_circular_billiard(name: str) -> None:
     """Energy and angular momentum are conserved, and chords take the same time."""
@@ -271,7 +273,8 @@ def test_control_c_keeps_events_and_states_together(name: str) -> None:
     assert len(found.t_events[1]) in (len(found.t_events[0]), len(found.t_events[0]) + 1)
 
 
-@pytest.mark.parametrize("seed", drawn(30))
+@pytest.mark.few
+@pytest.mark.parametrize("seed", range(30))
 def test_random_polynomials_with_known_roots(seed: int) -> None:
     """Up to 7 roots at least 0.05 apart in [0, 2], single, double or triple, which are touches and crossings."""
     rng = np.random.default_rng(seed)
@@ -287,7 +290,8 @@ def test_random_polynomials_with_known_roots(seed: int) -> None:
         assert found.t_events[1] == pytest.approx(rising, abs=1e-9), name
 
 
-@pytest.mark.parametrize("seed", drawn(20))
+@pytest.mark.few
+@pytest.mark.parametrize("seed", range(20))
 def test_random_systems_agree_with_the_taylor_method(seed: int) -> None:
     rng = np.random.default_rng(seed)
     a = [round(float(value), 3) for value in rng.uniform(0.3, 1.5, 4)]

@@ -19,7 +19,7 @@ from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.tableaux.verner9 import MATRIX, B
-from tests.covering import dealt, share, whole
+from tests.covering import Share
 from tests.models import SYSTEMS, TARGETS, build, laws, model, phi, theta
 from tests.trajectory.precisely import (
     DIGITS,
@@ -70,9 +70,9 @@ def verner9_in_digits(f: Rhs, t: Any, y: Any, h: Any) -> Any:
     return y + h * sum(mpmath.mpf(b) * s for b, s in zip(B.split(), slopes, strict=True))
 
 
-@pytest.mark.larger
-@pytest.mark.parametrize(("name", "law"), dealt(PRECISE))
-def test_the_order_without_round_off(name: str, law: Law) -> None:
+@pytest.mark.few
+@pytest.mark.parametrize(("name", "law"), PRECISE)
+def test_the_order_without_round_off(name: str, law: Law, everything: bool) -> None:
     """At 60 digits, one step less two of half the size is of order p + 1, in the mean over some places.
 
     What is measured approaches p as the step goes to 0, in proportion to it, and is extrapolated by that. It ends
@@ -86,7 +86,7 @@ def test_the_order_without_round_off(name: str, law: Law) -> None:
     rng, changes = np.random.default_rng(1), []
     with mpmath.workdps(DIGITS):
         size = 2 if law is DRIVEN_PENDULUM else 4
-        count = 2 if name not in EXPLICIT else 6 if whole() else 3
+        count = 2 if name not in EXPLICIT else 6 if everything else 3
         starts = [array(map(mpmath.mpf, rng.uniform(-0.5, 0.5, size))) for _ in range(count)]
         for power in range(1, 10):
             t, h = mpmath.mpf("0.3"), mpmath.mpf(2) ** -power
@@ -136,7 +136,8 @@ EACH = [
 ]
 
 
-@pytest.mark.parametrize(("name", "law"), dealt(EACH))
+@pytest.mark.few
+@pytest.mark.parametrize(("name", "law"), EACH)
 def test_the_step_itself_is_symplectic_or_clearly_not(name: str, law: Law) -> None:
     """Methods of slopes get Hamilton's equations, where kinetic energy and potential need not separate."""
     error = defect(name, law, lagrange=program(name).law != "rhs")
@@ -152,6 +153,7 @@ def test_in_velocities_a_method_of_slopes_is_not_symplectic_where_the_mass_matri
     assert defect(name, DOUBLE_PENDULUM, lagrange=True) > 1e-6
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [*EXPLICIT, *SOLVED])
 def test_a_step_back_undoes_a_step_where_that_is_claimed(name: str) -> None:
     law = DOUBLE_PENDULUM if name in MOMENTA else HENON_HEILES
@@ -212,12 +214,9 @@ def compiled(law: Law, target: str) -> Model:
     return build(target, kinetic=kinetic, potential=-2 * sp.cos(a) - sp.cos(b), coordinates=[a, b])
 
 
-@pytest.mark.larger
 @pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize(
-    ("name", "law"), dealt([(name, law) for name, law in EACH if name in EXPLICIT or name in FIXED])
-)
-def test_the_compiled_step_is_the_step_that_was_written(name: str, law: Law, target: str) -> None:
+@pytest.mark.parametrize(("name", "law"), [(name, law) for name, law in EACH if name in EXPLICIT or name in FIXED])
+def test_the_compiled_step_is_the_step_that_was_written(name: str, law: Law, target: str, share: Share) -> None:
     """So that what is proven of the step in many digits holds for the one that runs, to round-off."""
     model = compiled(law, target)
     start, worst = np.array(law.start, dtype=float), 0.0

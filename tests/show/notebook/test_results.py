@@ -98,10 +98,11 @@ def race() -> lg.Race:
     return lg.race(SYSTEM, 1.0, methods=["rk4", "dop853"], tolerances=[1e-6], steps=[0.1], repeats=1)
 
 
-LONG = pytest.mark.exhaustive
+LONG = pytest.mark.slow
 """What compiles a chain of thirty links, for some seconds."""
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "name", [pytest.param(name, marks=LONG if name == "the run of a long chain" else ()) for name in RESULTS]
 )
@@ -116,6 +117,7 @@ def test_a_result_is_readable_and_bounded(name: str, tmp_path: Path) -> None:
         held(way, what)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("kind", [kind for kind in surface.INSTANCES if kind not in STATED], ids=lambda k: k.__name__)
 def test_no_public_class_shows_its_fields(kind: type) -> None:
     made = surface.INSTANCES[kind]()
