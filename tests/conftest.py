@@ -6,6 +6,8 @@ import gc
 import os
 import signal
 import sys
+from collections.abc import Generator
+from functools import cache
 from types import FunctionType, ModuleType
 from typing import Any
 
@@ -43,6 +45,7 @@ def load_profile(*, whole: bool) -> None:
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--all", action="store_true", help="run every case of every product of parameters")
     parser.addoption("--remaining", action="store_true", help="run what --all has beyond a run without options")
+    parser.addoption("--cap", type=float, metavar="S", help="list cases of more than S s that are not marked slow")
     parser.addoption("--conformance", action="store_true", help="export every scene to every target, for an hour")
 
 
@@ -104,6 +107,33 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items[:] = [item for item in items if item in kept]
 
 
+def processor_time() -> float:
+    """Return the processor time of this process and of those that it started and that have ended, in seconds."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_call(item: pytest.Item) -> Generator[None, object, object]:
+    """Note the processor time of a case on its report."""
+    began = processor_time()
+    try:
+        return (yield)
+    finally:
+        item.user_properties.append(("processor time", processor_time() - began))
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    """List the cases that take longer than --cap says and are not marked slow."""
+    if (cap := config.option.cap) is not None:
+        reports = [report for report in terminalreporter.getreports("passed") if "slow" not in report.keywords]
+        seconds = {report.nodeid: dict(report.user_properties).get("processor time", 0.0) for report in reports}
+        above = sorted((time, case) for case, time in seconds.items() if time > cap)[::-1]
+        terminalreporter.section(f"{len(above)} cases not marked slow take more than {cap:g} s of processor time")
+        for time, case in above:
+            terminalreporter.write_line(f"{time:6.2f} s  {case}")
+
+
 def pytest_collection() -> None:
     """Collect tests without looking for garbage: nearly all that is made then is kept."""
     gc.disable()
@@ -112,10 +142,20 @@ def pytest_collection() -> None:
 @pytest.fixture(autouse=True)
 def _declared(request: pytest.FixtureRequest) -> None:
     """Declare the names of the file of each test again, whatever other files and tests declared in this process."""
+    coordinates, parameters = names_of(request.module)
+    COORDINATES.declare(coordinates)
+    PARAMETERS.declare(parameters)
+
+
+@cache
+def names_of(module: ModuleType) -> tuple[list[str], list[str]]:
+    """Return the names of the coordinates and of the symbols that a file of tests has."""
     values: dict[Any, None] = {}
-    _collect(request.module, values)
-    COORDINATES.declare([value.name for value in values if isinstance(value, AppliedUndef)])
-    PARAMETERS.declare([value.name for value in values if isinstance(value, Symbol)])
+    _collect(module, values)
+    return (
+        [value.name for value in values if isinstance(value, AppliedUndef)],
+        [value.name for value in values if isinstance(value, Symbol)],
+    )
 
 
 def _collect(module: ModuleType, values: dict[Any, None]) -> None:
