@@ -11,7 +11,8 @@ import sympy
 from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.mechanics.plain_form import number
+from lagrange.mechanics.linearization import Linearization, linearized_at
+from lagrange.mechanics.plain_form import number, numeric
 from lagrange.mechanics.point import StatedPoint, stated_point
 from lagrange.statement.number import real_array
 from lagrange.statement.parameters import label_of
@@ -28,7 +29,8 @@ CLOSE = 1e-9
 class EigenvaluePath:
     """Eigenvalues, (k, 2n), at values (k,) of a parameter, and the equilibria that they belong to, (k, n).
 
-    Each column is one eigenvalue, followed from row to row. Where there is no equilibrium a row is NaN.
+    Each column is one eigenvalue, followed from row to row. Where there is no equilibrium a row is NaN. With
+    constraints a row has one for each independent coordinate and each independent velocity.
     """
 
     parameter: Any
@@ -56,24 +58,22 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
     label = label_of(parameter)
     if label not in by_name:
         raise StatementError(f"{shown(label)} is no parameter of this system; its parameters are {listing(by_name)}.")
-    if statement.constraints:
-        raise StatementError(
-            f"{statement.name} has constraints: eliminate(...) them first, or take linearize(...) at each value."
-        )
     chosen = real_array(values, "values")
     if chosen.ndim != 1 or not len(chosen):
         raise StatementError(f"values has shape {chosen.shape}: give a list of values of {label}.")
     point = stated_point(statement, at)
     n = len(statement.coordinates)
-    rows = np.full((len(chosen), 2 * n), complex("nan"), dtype=complex)
+    lin = _on_constraints(point) if statement.constraints else None
+    rows = np.full((len(chosen), 2 * n if lin is None else lin.K.cols + lin.K.rows), complex("nan"), dtype=complex)
     places = np.full((len(chosen), n), np.nan)
     before: FloatArray | None = None
     for k, value in enumerate(chosen):
         given = model.parameter_values({label: float(value)})
-        state = _equilibrium(point, model, given, before)
-        if state is None:
+        state = _stated(point, given) if lin is not None else _equilibrium(point, model, given, before)
+        matrix = None if state is None else _matrix(lin, model, state, given)
+        if state is None or matrix is None:
             continue
-        rows[k] = _matched(np.linalg.eigvals(model.jacobian(0.0, state, given)), _expected(rows[:k], chosen, value))
+        rows[k] = _matched(np.linalg.eigvals(matrix), _expected(rows[:k], chosen, value))
         before = state if point.decimal else None
         places[k] = state[:n]
     if np.isnan(places).all():
@@ -84,14 +84,48 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
     return EigenvaluePath(by_name[label], chosen, rows, places)
 
 
-def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArray | None) -> FloatArray | None:
-    """Return the state (2n,) of the equilibrium at values of the parameters, or None."""
+def _on_constraints(point: StatedPoint) -> Linearization:
+    """Return the linear equations of a system with constraints, in symbols."""
+    name = point.form.statement.name
+    lin = None if point.decimal else linearized_at(point)
+    if lin is None or lin.decimal:
+        raise StatementError(
+            f"{name} has constraints, and its equilibrium in decimals is not followed: give `at` as expressions in "
+            "parameters."
+        )
+    if not lin.equilibrium:
+        raise StatementError(f"there are no eigenvalues at this point of {name}. {lin.note}")
+    return lin
+
+
+def _matrix(lin: Linearization | None, model: Model, state: FloatArray, given: Any) -> FloatArray | None:
+    """Return the first-order matrix at values of the parameters, None where it does not exist."""
+    if lin is None:
+        return model.jacobian(0.0, state, given)
+    exact = {p: sympy.Rational(x) for p, x in given.items()}
+    mass, damping, stiffness, basis, slope = (
+        numeric(x, exact) for x in (lin.M, lin.C, lin.K, lin.velocity_basis, lin.velocity_slope)
+    )
+    forces, rates = np.hstack([-stiffness, -damping]), np.hstack([slope, basis])[lin.places]
+    if not (np.isfinite(mass).all() and np.isfinite(forces).all() and np.isfinite(rates).all()):
+        return None
+    return np.vstack([rates, np.linalg.solve(mass, forces)])
+
+
+def _stated(point: StatedPoint, given: Any) -> FloatArray | None:
+    """Return the state (2n,) of the point at values of the parameters, or None where it has none."""
     exact = {p: sympy.Rational(x) for p, x in given.items()}
     stated = np.array([number(x, exact) for x in (*point.q, *point.v)])
     if not np.isfinite(stated).all() or np.abs(stated.imag).max() > 1e-12:
         return None
-    n = len(point.q)
-    state = stated.real.copy()
+    return stated.real.copy()
+
+
+def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArray | None) -> FloatArray | None:
+    """Return the state (2n,) of the equilibrium at values of the parameters, or None."""
+    state, n = _stated(point, given), len(point.q)
+    if state is None:
+        return None
     if before is not None:
         state[:n] = before[:n]
     for _ in range(STEPS):

@@ -1,15 +1,14 @@
 """Equations of motion linearised about a point: M d2x + C dx + K x = B u for small changes x.
 
-With the residual r(q, v, a, t) of the equations of motion M = dr/da, C = dr/dv and K = dr/dq. With constraints the
-changes are x = N z, N a basis of the null space of G, and -lambda dG/dq adds to K; see Schwab and Meijaard.
-Source: A. L. Schwab, J. P. Meijaard, Dynamics of flexible multibody systems with non-holonomic constraints, Multibody
-System Dynamics 10, 2003; L. Meirovitch, Methods of Analytical Dynamics, 1970, section 6.2.
+With the residual r(q, v, a, t) of the equations of motion M = dr/da, C = dr/dv and K = dr/dq. Constraints leave
+independent coordinates and velocities; see `constrained_expansion`.
+Source: L. Meirovitch, Methods of Analytical Dynamics, 1970, section 6.2.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from types import MappingProxyType
 from typing import Any
@@ -17,10 +16,10 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError, formula, listing
+from lagrange.mechanics.constrained_expansion import expansion
 from lagrange.mechanics.plain_form import PlainForm
 from lagrange.mechanics.point import StatedPoint
 from lagrange.mechanics.simplification import simplest
-from lagrange.statement.coordinate import t
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
@@ -33,12 +32,14 @@ class Linearization(ShownAsPage):
     """M x'' + C x' + K x = (input matrix) u about a point, SymPy matrices.
 
     x are changes of `coordinates`: all of the system, or with constraints those that are independent, and the changes
-    of all are `basis` times x. With constraints on velocities, x' stands for independent velocities, `velocity_basis`
-    times which are all, and K acts on changes of positions. `equilibrium` says whether the point stays where it is, or
-    moves steadily with the velocities given; `note` says so in a sentence. `statement` is that of the system.
+    of all are `basis` times x. x' are changes of the velocities of `velocity_coordinates`, which are fewer with
+    constraints on velocities. The changes of all velocities are `velocity_basis` x' + `velocity_slope` x.
+    `equilibrium` says whether the point stays where it is, or moves steadily with the velocities given; `note` says so
+    in a sentence. `statement` is that of the system.
     """
 
     coordinates: tuple[Any, ...]
+    velocity_coordinates: tuple[Any, ...]
     at: Mapping[Any, Any]
     M: Any
     C: Any
@@ -47,6 +48,7 @@ class Linearization(ShownAsPage):
     input_matrix: Any
     basis: Any
     velocity_basis: Any
+    velocity_slope: Any
     equilibrium: bool
     note: str
     statement: Statement
@@ -62,13 +64,41 @@ class Linearization(ShownAsPage):
     def A(self) -> Any:
         """The matrix of d/dt [x, x'] = A [x, x'] + B u."""
         rates = self._inverse * sympy.Matrix.hstack(-self.K, -self.C)
-        k, n = self.K.cols, self.C.cols
-        follow = sympy.eye(k)
-        if k != n:
-            left = (self.basis.T * self.basis).inv() * self.basis.T
-            follow = left * self.velocity_basis
-        above = sympy.Matrix.hstack(sympy.zeros(k, k), follow)
+        above = sympy.Matrix.hstack(self.velocity_slope, self.velocity_basis).extract(
+            self.places, list(range(rates.cols))
+        )
         return sympy.Matrix.vstack(above, rates).applyfunc(simplest)
+
+    @property
+    def decimal(self) -> bool:
+        """True if the matrices hold decimals, so that they are those of the parameters' values only."""
+        return any(x.has(sympy.Float) for x in (*self.M, *self.C, *self.K))
+
+    @property
+    def places(self) -> list[int]:
+        """The indices of `coordinates` among those of the system."""
+        return [self.statement.coordinates.index(q) for q in self.coordinates]
+
+    @property
+    def speeds(self) -> list[int]:
+        """The indices of `velocity_coordinates` among the coordinates of the system."""
+        return [self.statement.coordinates.index(q) for q in self.velocity_coordinates]
+
+    def of_moving(self) -> Linearization | None:
+        """Return the equations of `velocity_coordinates` alone, or None where they depend on other coordinates."""
+        kept = [k for k, q in enumerate(self.coordinates) if q in self.velocity_coordinates]
+        others = [k for k in range(self.K.cols) if k not in kept]
+        rows = list(range(self.K.rows))
+        if not self.K.extract(rows, others).is_zero_matrix:
+            return None
+        everywhere = list(range(self.basis.rows))
+        return replace(
+            self,
+            coordinates=self.velocity_coordinates,
+            K=self.K.extract(rows, kept),
+            basis=self.basis.extract(everywhere, kept),
+            velocity_slope=self.velocity_slope.extract(everywhere, kept),
+        )
 
     @cached_property
     def B(self) -> Any:
@@ -95,7 +125,7 @@ def _again(values: dict[str, Any]) -> Linearization:
 def linearized_at(point: StatedPoint) -> Linearization:
     """Return the linearization about a point; see `Analysis.linearize`."""
     if point.form.statement.constraints:
-        return _Held(point).linearization()
+        return _constrained(point)
     form = point.form
     rest = [simplest(r.xreplace(dict.fromkeys(form.a, sympy.S.Zero)).xreplace(point.table)) for r in point.residuals]
     mass = _matrix(form.a, point)
@@ -118,6 +148,7 @@ def linearized_at(point: StatedPoint) -> Linearization:
     eye = sympy.eye(len(form.q))
     return Linearization(
         coordinates=form.statement.coordinates,
+        velocity_coordinates=form.statement.coordinates,
         at=_at(point),
         M=mass,
         C=damping,
@@ -126,8 +157,9 @@ def linearized_at(point: StatedPoint) -> Linearization:
         input_matrix=-_matrix(tuple(point.inputs), point, here),
         basis=eye,
         velocity_basis=eye,
+        velocity_slope=sympy.zeros(*eye.shape),
         equilibrium=balanced and steady,
-        note=_note(point, rest, balanced, steady),
+        note=_note(point, [-r for r in rest], form.statement.names, balanced, steady),
         statement=point.form.statement,
     )
 
@@ -158,130 +190,44 @@ def _at(point: StatedPoint) -> Mapping[Any, Any]:
     return MappingProxyType(places | speeds | dict(point.inputs))
 
 
-def _note(point: StatedPoint, rest: Sequence[Any], balanced: bool, steady: bool) -> str:
+def _constrained(point: StatedPoint) -> Linearization:
+    """Return the linearization in independent coordinates, about a point on the constraints."""
+    statement, parts = point.form.statement, expansion(point)
+    balanced = all(point.is_zero(x, parts.K) for x in parts.left)
+    moving = [k for k, i in enumerate(parts.places) if point.v[i] != 0]
+    rows = [k for k, i in enumerate(parts.speeds) if point.v[i] != 0]
+    steady = all(point.is_zero(x, ()) for k in moving for x in parts.K[:, k])
+    steady = steady and all(point.is_zero(x, ()) for k in rows for x in parts.K[k, :])
+    return Linearization(
+        coordinates=tuple(statement.coordinates[i] for i in parts.places),
+        velocity_coordinates=tuple(statement.coordinates[i] for i in parts.speeds),
+        at=_at(point),
+        M=parts.M,
+        C=parts.C,
+        K=parts.K,
+        inputs=tuple(point.inputs),
+        input_matrix=parts.input_matrix,
+        basis=parts.basis,
+        velocity_basis=parts.velocity_basis,
+        velocity_slope=parts.velocity_slope,
+        equilibrium=balanced and steady,
+        note=_note(point, parts.left, [statement.names[i] for i in parts.speeds], balanced, steady),
+        statement=statement,
+    )
+
+
+def _note(point: StatedPoint, left: Sequence[Any], names: Sequence[str], balanced: bool, steady: bool) -> str:
+    """Return a sentence on the point; `left` are the forces along the coordinates `names` that are not balanced."""
     form = point.form
     if balanced and steady:
-        return "About a steady motion." if any(point.v) else "About an equilibrium."
+        on_constraints = " on the constraints" if form.statement.constraints else ""
+        return f"About {'a steady motion' if any(point.v) else 'an equilibrium'}{on_constraints}."
     if balanced:
-        names = listing(name for name, v in zip(form.statement.names, point.v, strict=True) if v != 0)
-        return f"Away from equilibrium: {names} moves, and the matrices hold at this instant."
+        moving = listing(name for name, v in zip(form.statement.names, point.v, strict=True) if v != 0)
+        return f"Away from equilibrium: {moving} moves, and the matrices hold at this instant."
     parts = [
-        f"{formula(form.written(-r), 80)} on {name}"
-        for name, r in zip(form.statement.names, rest, strict=True)
-        if not point.is_zero(r, ())
+        f"{formula(form.written(force), 80)} on {name}"
+        for name, force in zip(names, left, strict=True)
+        if not point.is_zero(force, ())
     ]
     return f"Away from equilibrium: the forces left are {listing(parts)}, and the matrices hold at this instant."
-
-
-MOST_TOLD = 3
-"""Forces that a message lists: each takes up to 60 letters."""
-
-
-class _Held:
-    """The linearization of a system with constraints about an equilibrium at rest."""
-
-    def __init__(self, point: StatedPoint) -> None:
-        self.point, self.form, self.statement = point, point.form, point.form.statement
-        self.zeros = [self.form.read(one.expression) for one in self.statement.constraints]
-        self.holonomic = [one.holonomic for one in self.statement.constraints]
-        self.check()
-
-    def put(self, given: Any) -> Any:
-        """Return an expression at the point, at rest."""
-        return simplest(given.xreplace(dict.fromkeys(self.form.a, sympy.S.Zero)).xreplace(self.point.table))
-
-    def check(self) -> None:
-        """Refuse a point that moves, or is not on the constraints."""
-        if any(self.point.v):
-            raise StatementError(
-                f"{self.statement.name} has constraints and is linearised at rest only: leave the velocities out, or "
-                "eliminate(...) the constraints first."
-            )
-        for one, zero in zip(self.statement.constraints, self.zeros, strict=True):
-            if zero.has(t):
-                raise StatementError(f"the constraint {one.name!r} moves with time, and no point stays on it.")
-            here = self.put(zero)
-            if not self.point.is_zero(here, ()):
-                raise StatementError(
-                    f"the point is not on the constraint {one.name!r}, which is {formula(here, 80)} there and not "
-                    "zero: give values of all coordinates in it."
-                )
-
-    @cached_property
-    def gradient(self) -> list[list[Any]]:
-        """The rows of G as functions, of constraints that are independent at the point."""
-        rows = [
-            [zero.diff(x) for x in (self.form.q if holonomic else self.form.v)]
-            for zero, holonomic in zip(self.zeros, self.holonomic, strict=True)
-        ]
-        here = sympy.Matrix([[self.put(x) for x in row] for row in rows])
-        _, pivots = here.T.rref(simplify=True)
-        if len(pivots) < len(rows) and self.statement.redundant == "refuse":
-            raise StatementError("the constraints are dependent at this point, so that it has no linearization.")
-        self.kept = list(pivots)
-        return [rows[i] for i in pivots]
-
-    def _told(self, left: Any) -> str:
-        """Return the forces that are not zero, by coordinate."""
-        names = zip(self.statement.names, left, strict=True)
-        told = [f"{str(self.form.written(-x))[:60]} on {name}" for name, x in names if not self.point.is_zero(x, left)]
-        return listing([*told[:MOST_TOLD], "others"] if len(told) > MOST_TOLD else told)
-
-    def linearization(self) -> Linearization:
-        """Return the equations in independent coordinates."""
-        form, gradient = self.form, self.gradient
-        here = sympy.Matrix([[self.put(x) for x in row] for row in gradient])
-        rest = sympy.Matrix([self.put(r) for r in self.point.residuals])
-        multipliers = ((here * here.T).inv() * here * rest).applyfunc(simplest)
-        left = (rest - here.T * multipliers).applyfunc(simplest)
-        if not all(self.point.is_zero(x, rest) for x in left):
-            raise StatementError(
-                f"{self.statement.name} has constraints and is linearised about equilibria only: at this point the "
-                f"forces left along the constraints are {self._told(left)}. Give an equilibrium."
-            )
-        pushes = [
-            r - sympy.Add(*(multipliers[k] * row[i] for k, row in enumerate(gradient)))
-            for i, r in enumerate(self.point.residuals)
-        ]
-
-        def slopes(symbols: Sequence[Any]) -> Any:
-            entries = [[self.put(r.diff(x)) for x in symbols] for r in pushes]
-            return sympy.Matrix(len(pushes), len(symbols), [x for row in entries for x in row])
-
-        whole = _null_space(here)
-        places = [k for k, i in enumerate(self.kept) if self.holonomic[i]]
-        basis = whole if len(places) == here.rows else _null_space(here.extract(places, list(range(here.cols))))
-        made = {
-            "M": whole.T * slopes(form.a) * whole,
-            "C": whole.T * slopes(form.v) * whole,
-            "K": whole.T * slopes(form.q) * basis,
-            "input_matrix": -whole.T * slopes(tuple(self.point.inputs)),
-        }
-        return Linearization(
-            coordinates=tuple(self.statement.coordinates[i] for i in _independent(basis)),
-            at=_at(self.point),
-            inputs=tuple(self.point.inputs),
-            basis=basis,
-            velocity_basis=whole,
-            equilibrium=True,
-            note="About an equilibrium on the constraints.",
-            statement=self.statement,
-            **{name: matrix.applyfunc(simplest) for name, matrix in made.items()},
-        )
-
-
-def _null_space(gradient: Any) -> Any:
-    """Return a basis of the directions that constraints allow, with a one for each independent coordinate."""
-    if not gradient.rows:
-        return sympy.eye(gradient.cols)
-    columns = gradient.nullspace(simplify=True)
-    if not columns:
-        raise StatementError("the constraints leave no motion: there is nothing to linearise.")
-    return sympy.Matrix.hstack(*columns).applyfunc(simplest)
-
-
-def _independent(basis: Any) -> list[int]:
-    """Return the rows of a basis in which one column is one and the others are zero."""
-    units = [[int(i == j) for j in range(basis.cols)] for i in range(basis.cols)]
-    rows = basis.tolist()
-    return [next(k for k, row in enumerate(rows) if row == unit) for unit in units]

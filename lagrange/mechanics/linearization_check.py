@@ -33,7 +33,7 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
         defaults = {p: statement.defaults.get(p, 0.0) for p in statement.parameters}
         zero = (0.0,) * len(statement.coordinates)
         agrees("the linearization", statement, Point(zero, zero, 0.3, defaults, "the point given"), at_point)
-    if not point.decimal:
+    if not lin.decimal:
         compared("the linearization", statement, at_point)
 
 
@@ -48,15 +48,16 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
     n = len(point.q)
     state = numeric(sympy.Matrix([*point.q, *point.v]), values).ravel()
     mass, damping, stiffness, pushes = (numeric(x, values) for x in (lin.M, lin.C, lin.K, lin.input_matrix))
-    places, speeds = numeric(lin.basis, values), numeric(lin.velocity_basis, values)
-    parts = (state, mass, damping, stiffness, pushes, places, speeds)
+    places, speeds, slopes = (numeric(x, values) for x in (lin.basis, lin.velocity_basis, lin.velocity_slope))
+    parts = (state, mass, damping, stiffness, pushes, places, speeds, slopes)
     if any(np.iscomplexobj(part) or not np.isfinite(part).all() for part in parts) or abs(np.linalg.det(mass)) < 1e-12:
         return [], [float("nan")]
     time = float(values[t])
     parameters = {p: float(values[p]) for p in point.form.statement.parameters}
-    jacobian = model.jacobian(time, state, parameters)
-    compiled = np.hstack([jacobian[n:, :n] @ places, jacobian[n:, n:] @ speeds])
-    formulas = speeds @ np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
+    # Independent velocities are some of all, however the others change along the motion.
+    jacobian = model.jacobian(time, state, parameters)[n:][lin.speeds]
+    compiled = np.hstack([jacobian[:, :n] @ places + jacobian[:, n:] @ slopes, jacobian[:, n:] @ speeds])
+    formulas = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
     scale = max(1e-300, np.abs(compiled).max())
     for k, u in enumerate(point.inputs):
         # To one side: an input that is declared positive may not be below zero.

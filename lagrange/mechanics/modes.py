@@ -88,11 +88,13 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
             f"the mass matrix of {statement.name} is singular at this point: state the modes in coordinates that are "
             "regular there."
         )
-    if lin.K.rows != lin.K.cols:
+    moving = lin.of_moving()
+    if moving is None:
         raise StatementError(
-            f"{statement.name} has constraints on velocities, and its positions are not restricted by them: "
-            "linearize().A has the eigenvalues."
+            f"{statement.name} has constraints on velocities, and its forces depend on more coordinates than it has "
+            "independent velocities: linearize().A has the eigenvalues."
         )
+    lin = moving
     values = matrix_values(lin, point)
     symbolic = _symbolic(lin) if not point.decimal and lin.M.rows <= LARGEST_SYMBOLIC else None
     if symbolic is None and values is None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -54,6 +54,13 @@ class StatedPoint:
     def decimal(self) -> bool:
         """Whether the point has decimals in it: then it is one of the parameters' values, and of no others."""
         return any(x.has(sympy.Float) for x in (*self.q, *self.v, *self.inputs.values()))
+
+    def in_decimals(self) -> StatedPoint:
+        """Return the point in decimals, at the values of the parameters; zeros stay exact."""
+        q, v = (
+            tuple(x if x == 0 else sympy.N(x.xreplace(self.numbers), 17) for x in part) for part in (self.q, self.v)
+        )
+        return replace(self, q=q, v=v)
 
     @property
     def where(self) -> str:

@@ -39,6 +39,9 @@ class Verdict:
     reason: str
 
 
+NO_VALUES = "with these constraints eigenvalues decide, and they need values of the parameters."
+"""Reason for motions on constraints and for constraints on velocities: K is not the curvature of an energy."""
+
 NO_INERTIA = "the mass matrix is singular at these values of the parameters: give others."
 """What is said of an equilibrium at which some motion has no inertia."""
 
@@ -69,15 +72,17 @@ def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
     gone = ignorable(form) if not form.statement.constraints else ()
     if not has_inertia(lin):
         return Verdict(stable=None, reason="the mass matrix is singular there: other coordinates decide.")
+    held = form.statement.constraints
+    carried = any(not one.holonomic for one in held) or (bool(held) and any(point.v))
     if values is None:
-        return _symbolic_verdict(lin, form, gone)
+        return Verdict(None, NO_VALUES) if carried else _symbolic_verdict(lin, form, gone)
     parts = [numeric(x, values) for x in (lin.M, lin.C, lin.K)]
     if any(np.iscomplexobj(part) or not np.isfinite(part).all() for part in parts):
         return Verdict(stable=None, reason="the point does not exist at the values of the parameters.")
     if np.linalg.matrix_rank(parts[0]) < len(parts[0]):
         return Verdict(stable=None, reason=NO_INERTIA)
     mass, damping, stiffness = at_fixed_momenta(parts[0], parts[1], parts[2], gone)
-    return _numeric_verdict(mass, damping, stiffness, energetic=has_energy(form))
+    return _numeric_verdict(mass, damping, stiffness, energetic=has_energy(form) and not carried)
 
 
 def has_inertia(lin: Linearization) -> bool:

@@ -264,11 +264,6 @@ def test_paths_that_are_none(parameter: Any, values: Any, at: Any, words: str) -
     assert str(refusal.value).startswith(words)
 
 
-def test_a_path_of_a_system_with_constraints_is_refused() -> None:
-    with pytest.raises(StatementError, match=r"system has constraints: eliminate\(\.\.\.\) them first, or take linear"):
-        SYSTEMS["on a circle"].eigenvalues("k", [1.0])
-
-
 def test_roots_that_are_never_real_are_no_equilibria() -> None:
     well = lg.System(x.dot**2 / 2, x**4 / 4 + k * x**2 / 2).equilibria()
     assert [one.coordinates[x] for one in well] == [0]

@@ -1,0 +1,188 @@
+"""Linear equations about motions on constraints: closed forms, published eigenvalues, and differences of the flow."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from sympy import Matrix, Rational, cos, sin
+
+import lagrange as lg
+from lagrange.errors import StatementError
+from lagrange.mechanics.linearization import Linearization
+from lagrange.mechanics.plain_form import numeric
+from tests.mechanics.bicycle import STRAIGHT, bicycle, speed
+
+x, y, z, heading, lean, spin = lg.coordinates("x y z heading lean spin")
+m, g, r, k, w = lg.parameters("m g r k w")
+
+PUBLISHED = {
+    # Weave (real and imaginary part), capsize, castering, by speed; J. P. Meijaard, J. M. Papadopoulos, A. Ruina,
+    # A. L. Schwab, Linearized dynamics equations for the balance and steer of a bicycle, Proc. R. Soc. A 463, 2007.
+    0: [5.53094371765393, 3.13164324790656, -3.13164324790656, -5.53094371765393],
+    1: [3.52696170990070 + 0.80774027519930j, -3.13423125066578, -7.11008014637442],
+    2: [2.68234517512745 + 1.68066296590675j, -3.07158645641514, -8.67387984831735],
+    3: [1.70675605663975 + 2.31582447384325j, -2.63366137253667, -10.35101467245920],
+    4: [0.41325331521125 + 3.07910818603206j, -1.42944427361326, -12.15861426576447],
+    5: [-0.77534188219585 + 4.46486771378823j, -0.32286642900409, -14.07838969279822],
+    6: [-1.52644486584142 + 5.87673060598709j, -0.00406690076970, -16.08537123098026],
+    7: [-2.13875644258362 + 7.19525913329805j, 0.10268170574766, -18.15788466125262],
+    8: [-2.69348683581097 + 8.46037971396931j, 0.14327879765713, -20.27940894394569],
+    9: [-3.21675402252485 + 9.69377351531791j, 0.15790184030917, -22.43788559040858],
+    10: [-3.72016840437287 + 10.90681139476287j, 0.16105338653172, -24.62459635017404],
+}
+
+
+def disc(*order: Any) -> lg.System:
+    """Return a thin disc that rolls: (x, y) is the point of contact."""
+    centre = Matrix([x + r * sin(lean) * sin(heading), y - r * sin(lean) * cos(heading), r * cos(lean)])
+    about_axle = spin.dot + heading.dot * sin(lean)
+    turning = m * r**2 * (lean.dot**2 + (heading.dot * cos(lean)) ** 2 + 2 * about_axle**2) / 8
+    velocity = centre.diff(lg.t)
+    return lg.System(
+        m * velocity.dot(velocity) / 2 + turning,
+        m * g * centre[2],
+        coordinates=order or [x, y, heading, lean, spin],
+        constraints={"along": x.dot - r * spin.dot * cos(heading), "across": y.dot - r * spin.dot * sin(heading)},
+        parameters={m: 1.3, g: 9.81, r: 0.4, w: 5},
+        name="disc",
+    )
+
+
+def test_a_disc_that_rolls_straight_is_stable_above_its_critical_spin() -> None:
+    # With the moments m r^2/4 and m r^2/2, leaning and turning follow 5/4 r lean'' + 3/2 r w heading' = g lean and
+    # heading'' = 2 w lean', which is stable where w^2 > g/(3 r).
+    straight = {x.dot: r * w, spin.dot: w}
+    modes = disc().modes(straight)
+    assert modes.linearization.note == "About a steady motion on the constraints."
+    assert modes.symbolic
+    assert sympy.expand(modes.frequencies[2] ** 2 - (12 * w**2 / 5 - 4 * g / (5 * r))) == 0
+    critical = np.sqrt(9.81 / (3 * 0.4))
+    path = disc().eigenvalues(w, [0.0, 0.99 * critical, 1.01 * critical, 20.0], straight)
+    assert path.stable.tolist() == [False, False, True, True]
+    assert path.eigenvalues.shape == (4, 8)  # five positions, and three independent velocities
+
+
+def test_independent_coordinates_may_be_any() -> None:
+    found = disc(spin, lean, heading, x, y).linearize({x.dot: r * w, spin.dot: w})
+    assert found.velocity_coordinates == (lean, heading, x)
+    assert found.coordinates == (spin, lean, heading, x, y)
+    assert found.equilibrium
+    assert found.C[0, 1] * found.C[1, 0] == -3 * m**2 * r**4 * w**2 / 4
+
+
+def test_a_disc_on_a_circle_rolls_on_it_steadily() -> None:
+    tilt, turn = sympy.pi / 6, sympy.Integer(1)
+    # Gravity balances the turning of the spin: g sin b + r cos b (3/2 spin + 5/4 turn sin b) turn = 0.
+    balanced = -Rational(2, 3) * (g * sympy.tan(tilt) / (r * turn) + Rational(5, 4) * turn * sin(tilt))
+    circle = {lean: tilt, heading.dot: turn, spin.dot: balanced, x.dot: r * balanced}
+    assert disc().linearize(circle).note == "About a steady motion on the constraints."
+    off = disc().linearize({**circle, spin.dot: 2 * balanced, x.dot: 2 * r * balanced})
+    assert off.note.startswith("Away from equilibrium: the forces left are ")
+    assert off.note.endswith(" on lean, and the matrices hold at this instant.")
+
+
+def random_system(seed: int) -> tuple[lg.System, Any, Any]:
+    """Return a system whose z and heading' follow from the others, with z = f(x, y, t) and heading' = h."""
+    random = np.random.default_rng(seed)
+
+    def draw() -> Any:
+        return Rational(int(random.integers(3, 12)), 7)
+
+    above = draw() * x**2 + draw() * sin(x - draw() * y)
+    turning = draw() * x.dot * cos(draw() * heading) + (draw() + z) * y.dot + draw() * sin(x) * z.dot
+    kinetic = sum(draw() * q.dot**2 for q in (x, y, z, heading)) + (x.dot * draw() * cos(heading) + y.dot) ** 2
+    kinetic += draw() * sin(x) ** 2 * heading.dot**2 + draw() * x.dot * y
+    potential = g * z + draw() * x * heading + draw() * cos(x * y)
+    system = lg.System(
+        kinetic,
+        potential,
+        coordinates=[z, heading, x, y],
+        constraints={"on": z - above, "turn": heading.dot - turning},
+        forces={x: -draw() * x.dot * y, heading: draw() * z.dot * heading.dot},
+        parameters={g: 2},
+        name=f"random {seed}",
+    )
+    return system, above, turning
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_matrix_is_the_slope_of_the_motion_on_the_constraints(seed: int) -> None:
+    system, above, turning = random_system(seed)
+    model, steps = system.compile("numpy"), 1e-4
+
+    def whole(values: Any) -> Any:
+        """Return the state of x, y, the heading and x', y'."""
+        table = dict(zip((x.dot, y.dot, x, y, heading), (*values[3:], *values[:3][[1, 2, 0]]), strict=True))
+        table[z.dot] = above.diff(lg.t).subs(table)
+        table[z] = above.subs(table)
+        table[heading.dot] = turning.subs(table)
+        return np.array([float(table[s]) for s in (*system.coordinates, *(q.dot for q in system.coordinates))])
+
+    values = np.array([0.25, 0.5, -0.375, 0.625, -0.75])  # exact in binary: heading, x, y, x', y'
+    rows = [1, 2, 3, 6, 7]
+    columns = []
+    for change in steps * np.eye(5):
+        near = [model.rhs(0.0, whole(values + share * change))[rows] for share in (-2, -1, 1, 2)]
+        columns.append((near[0] - 8 * near[1] + 8 * near[2] - near[3]) / (12 * steps))
+    exact = dict(zip((heading, x, y, x.dot, y.dot), map(Rational, values), strict=True))
+    exact[z.dot] = above.diff(lg.t).subs(exact)
+    exact |= {z: above.subs({x: exact[x], y: exact[y]})}
+    exact[heading.dot] = turning.subs(exact)
+    lin = system.linearize(exact)
+    assert lin.coordinates == (heading, x, y)
+    assert lin.velocity_coordinates == (x, y)
+    difference = np.array(columns).T - numeric(lin.A, {g: 2})
+    # Fourth-order differences with steps of 1e-4 leave rounding, 1e-16/1e-4 times a few.
+    assert np.abs(difference).max() <= 1e-9 * np.abs(columns).max()
+
+
+def test_a_bead_that_is_carried_by_a_slope_has_rates_of_the_basis() -> None:
+    """A bead on the wire y = k x^2 that moves: v' = -2 k x (g + 2 k v^2)/(1 + 4 k^2 x^2), linear in x and v."""
+    wire = lg.System(
+        m * (x.dot**2 + y.dot**2) / 2,
+        m * g * y,
+        coordinates=[y, x],
+        constraints={"wire": y - k * x**2},
+        parameters={m: 1, g: 9.81, k: 0.8},
+    )
+    slope = 2 * k * x
+    speed_here = sympy.Symbol("v")
+    place = sympy.Symbol("x")
+    force = -2 * k * place * (g + 2 * k * speed_here**2) / (1 + 4 * k**2 * place**2)
+    table = {place: Rational(1, 2), speed_here: Rational(1, 3)}
+    lin: Linearization = wire.linearize(
+        {x: table[place], y: k / 4, x.dot: table[speed_here], y.dot: slope.subs(x, table[place]) * table[speed_here]}
+    )
+    expected = [force.diff(s).subs(table) for s in (place, speed_here)]
+    assert [sympy.simplify(a - b) for a, b in zip(lin.A[1, :], expected, strict=True)] == [0, 0]
+
+
+@pytest.mark.exhaustive
+def test_the_eigenvalues_of_a_bicycle_are_those_published() -> None:
+    path = bicycle().eigenvalues(speed, list(PUBLISHED), STRAIGHT)
+    for row, expected in zip(path.eigenvalues, PUBLISHED.values(), strict=True):
+        whole = [*expected, *(value.conjugate() for value in expected if isinstance(value, complex))]
+        # Published with 14 decimals; the other eigenvalues are zero, those of steering a new course, to 1e-6.
+        found = sorted(row, key=abs)[-4:]
+        assert np.abs(np.sort_complex(found) - np.sort_complex(whole)).max() <= 2e-12
+
+
+@pytest.mark.parametrize(
+    ("at", "words"),
+    [
+        ({x.dot: r * w}, "the velocities are not on the constraint 'along', which is r*w there and not zero: give"),
+        ({x.dot: 1.0, spin.dot: 1.0}, "the velocities are not on the constraint 'along', which is 0.6"),
+    ],
+)
+def test_velocities_off_the_constraints_are_refused(at: Any, words: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        disc().linearize(at)
+    assert str(refusal.value).startswith(words)
+
+
+def test_an_equilibrium_in_decimals_is_not_followed_along_constraints() -> None:
+    with pytest.raises(StatementError, match=r"disc has constraints, and its equilibrium in decimals is not followed"):
+        disc().eigenvalues(w, [1.0], {x.dot: 0.4, spin.dot: 1.0})
