@@ -475,8 +475,8 @@ class System:
     def conserved(self) -> list[Conserved]:
         """Return what is found to be conserved: records with `.name`, `.expression` and `.reason`.
 
-        The energy or Jacobi integral, momenta of ignorable coordinates and of point symmetries, which are solved for,
-        and the Runge-Lenz vector. Each is proven as an identity and tested along the compiled motion. What is not in
+        The energy or Jacobi integral, momenta of ignorable coordinates, of shifts and of rotations, and the Runge-Lenz
+        vector. Each is proven as an identity and tested along the compiled motion. What is not in
         the list was not found; nothing is said of it.
         """
         from lagrange.mechanics.conserved import conserved_quantities

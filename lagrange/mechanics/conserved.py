@@ -11,18 +11,23 @@ from typing import Any
 
 import sympy
 
+from lagrange.equations.terms import TooLargeError
 from lagrange.equations.textbook_algebra import TextbookAlgebra
 from lagrange.machine.model import Model
-from lagrange.mechanics.places import place
+from lagrange.mechanics.candidates import body_motions, rotations, shifts
+from lagrange.mechanics.places import Place, place
 from lagrange.mechanics.quantity_rates import check_constant
 from lagrange.mechanics.runge_lenz import runge_lenz
-from lagrange.mechanics.symmetries import SymmetryEquation, point_symmetries
+from lagrange.mechanics.symmetries import Symmetry, SymmetryEquation
 from lagrange.mechanics.symmetry_names import described, oriented, untaken
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
 MOST_SEARCHED = 24
-"""With more coordinates no symmetry is sought beside the ignorable coordinates: a chain of 20 bodies takes 1 s."""
+"""With more coordinates no symmetry is tried beside the ignorable coordinates."""
+
+LARGEST = 60_000
+"""Monomials that are made for one symmetry, 1 s of them."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -59,7 +64,6 @@ def conserved_quantities(model: Model) -> list[Conserved]:
 
 def _found(model: Model) -> Iterator[Conserved]:
     structure, stated = model.equations.structure, TextbookAlgebra(model.statement)
-    shifts = {_unit(len(stated.q), i): i for i in structure.cyclic}
     taken = [f"p_{structure.names[i]}" for i in structure.cyclic]
     if structure.conservative:
         taken.append(structure.energy_name)
@@ -71,16 +75,15 @@ def _found(model: Model) -> Iterator[Conserved]:
     if len(stated.q) > MOST_SEARCHED:
         return
     equation, body = SymmetryEquation(stated), place(stated)
-    for one in point_symmetries(model, equation):
-        if (any(one.xi) or not structure.conservative) and (one.tau != 0 or one.xi not in shifts):
-            symmetry, name = oriented(stated, one, body, structure.energy_name)
-            taken.append(untaken(name, taken))
-            yield Conserved(
-                taken[-1],
-                stated.show(equation.quantity(symmetry)),
-                described(stated, one if one.tau != 0 else symmetry),
-                model.statement,
-            )
+    for one in _symmetries(model, equation, body):
+        symmetry, name = oriented(stated, one, body, structure.energy_name)
+        taken.append(untaken(name, taken))
+        yield Conserved(
+            taken[-1],
+            stated.show(equation.quantity(symmetry)),
+            described(stated, one if one.tau != 0 else symmetry),
+            model.statement,
+        )
     for name, terms in runge_lenz(stated, body) if body is not None else ():
         yield Conserved(name, stated.show(terms), RUNGE_LENZ, model.statement)
 
@@ -88,5 +91,30 @@ def _found(model: Model) -> Iterator[Conserved]:
 RUNGE_LENZ = "The force falls with the square of the distance, so the axis of the orbit does not turn."
 
 
-def _unit(n: int, i: int) -> tuple[Any, ...]:
-    return tuple(sympy.Integer(int(j == i)) for j in range(n))
+def _symmetries(model: Model, equation: SymmetryEquation, body: Place | None) -> Iterator[Symmetry]:
+    """Yield the symmetries that are proven, beside the known ones, without sums of shifts that were yielded before."""
+    structure, stated = model.equations.structure, equation.stated
+    n = len(stated.q)
+    known: list[list[Any]] = [[int(j == i) for j in range(n)] for i in structure.cyclic]
+    candidates = [*shifts(stated), *rotations(stated), *(body_motions(stated, body) if body is not None else ())]
+    for candidate in candidates:
+        shift = [int(xi) if xi in (0, 1) else None for xi in candidate.xi]
+        if candidate.tau != 0:
+            if structure.conservative or not structure.workless:
+                continue
+        elif None not in shift and sympy.Matrix([*known, shift]).rank() == len(known):
+            continue
+        symmetry = _proven(equation, candidate)
+        if symmetry is not None:
+            known += [shift] if None not in shift and candidate.tau == 0 else []
+            yield symmetry
+
+
+def _proven(equation: SymmetryEquation, candidate: Symmetry) -> Symmetry | None:
+    """Return a symmetry with its F, None where no proof is found."""
+    try:
+        with equation.stated.algebra.at_most(LARGEST):
+            symmetry = equation.completed(candidate)
+            return symmetry if symmetry is not None and equation.proven(symmetry) else None
+    except TooLargeError:
+        return None

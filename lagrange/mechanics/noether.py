@@ -8,12 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import sympy
 from sympy import Float, Rational, S
 
 from lagrange.equations.identities import canonical
-from lagrange.equations.monomials import MonomialSum
-from lagrange.equations.stated_algebra import StatedAlgebra
 from lagrange.equations.terms import TooLargeError, differentiable
 from lagrange.equations.textbook_algebra import TextbookAlgebra
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
@@ -29,9 +26,6 @@ from lagrange.statement.survey import Survey
 LONGEST_SHOWN = 200
 """Characters of a quantity in a message."""
 
-LONGEST_GAUGE = 400
-"""Operations of a total derivative that is integrated; those of symmetries that people state have ten."""
-
 
 def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
     """Return p . xi - tau E - F of a symmetry {q: xi, t: tau}; raises StatementError where it is none."""
@@ -40,10 +34,9 @@ def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
     stated = TextbookAlgebra(statement)
     equation = SymmetryEquation(stated)
     xi = tuple(differentiable(given.get(q, S.Zero).xreplace(stated.plain)) for q in statement.coordinates)
-    symmetry = Symmetry(xi, given.get(t, S.Zero))
     try:
-        defect = equation.defect(symmetry)
-        symmetry = Symmetry(xi, symmetry.tau, _gauge(stated, defect))
+        moved = Symmetry(xi, given.get(t, S.Zero))
+        symmetry = equation.completed(moved) or moved
         quantity = stated.show(equation.quantity(symmetry))
         if _kept(model, symmetry) and equation.proven(symmetry):
             check_constant(model, {"the quantity of this symmetry": quantity})
@@ -86,29 +79,6 @@ def _given(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]
                     f"{what} contains {leaf}, which this system does not have; it has {listing(map(str, known))}."
                 )
     return found
-
-
-def _gauge(stated: StatedAlgebra, defect: MonomialSum) -> Any:
-    """Return F(q, t) with dF/dt equal to the defect, as far as it has one: what is left of the defect is no part of it.
-
-    The slopes of F stand at the velocities; they are integrated one after the other.
-    """
-    algebra, gauge, left = stated.algebra, S.Zero, defect
-    for q, v in (*zip(stated.q, stated.v, strict=True), (stated.time, None)):
-        slope = left if v is None else algebra.differentiate(left, v)
-        slope = algebra.merge_angles(slope)
-        if not slope or any(algebra.free(k) & frozenset(stated.v) for monomial in slope for k, _ in monomial):
-            continue
-        integrand = algebra.write(slope)
-        if integrand.count_ops() > LONGEST_GAUGE:
-            continue
-        part = sympy.integrate(integrand, q)
-        if part.has(sympy.Integral):
-            continue
-        gauge += part
-        rate = SymmetryEquation(stated).rate(algebra.read(part))
-        left = algebra.merge_angles(algebra.add(left, algebra.scale(rate, S.NegativeOne)))
-    return gauge if not canonical(algebra, left) else S.Zero
 
 
 def _kept(model: Model, symmetry: Symmetry) -> bool:

@@ -68,11 +68,11 @@ def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:
     """Return a name; only the conjugate momentum dL/dv itself is p_x, of a shift with F = 0."""
     names, moved = stated.statement.names, [i for i, xi in enumerate(symmetry.xi) if xi != 0]
     if symmetry.tau != 0:
-        return f"{energy} in a moving frame" if moved else energy
+        return energy
     if all(symmetry.xi[i] == 1 for i in moved):
         if len(moved) == 1:
             return f"{'p_' if symmetry.gauge == 0 else 'momentum '}{names[moved[0]]}"
-        shared = dict.fromkeys(_letter(names[i]) for i in moved)
+        shared = dict.fromkeys(axis_of(names[i]) for i in moved)
         return (
             f"momentum {next(iter(shared))}" if len(shared) == 1 else f"momentum of {listing(names[i] for i in moved)}"
         )
@@ -90,7 +90,7 @@ def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
         if partner is None or symmetry.tau != 0:
             return None
         # xi_y = x is the positive sense of the plane (x, y).
-        first, second = _letter(names[partner]), _letter(names[q])
+        first, second = axis_of(names[partner]), axis_of(names[q])
         axis, sense = AXES.get(first + second, (f"({names[partner]}, {names[q]})", 1))
         found[axis, sense * (1 if xi == partner else -1)] = None
     if len(found) != 1:
@@ -99,7 +99,7 @@ def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
     return f"angular momentum {axis}", sense
 
 
-def _letter(name: str) -> str:
+def axis_of(name: str) -> str:
     """Return the axis of a coordinate such as x, x1 or ys: a name without its number, or its first letter."""
     bare = re.sub(r"_?\d*$", "", name)
     return bare[0].lower() if bare[0].lower() in "xyz" else bare

@@ -1,4 +1,4 @@
-"""Systems stated in three ways each, with all that they conserve in Cartesian terms.
+"""Systems stated in three ways each, with what they conserve in Cartesian terms, and how much of it is found.
 
 The ways: by positions, expanded by hand, and in other coordinates. `places` gives the Cartesian names that the
 expressions of `conserved` have in the coordinates of a statement.
@@ -249,7 +249,7 @@ SYSTEMS: dict[str, Listed] = {
                 pair((m1, m2), (x1, y1), (x2, y2)), -k / sqrt((x1 - x2) ** 2 + (y1 - y2) ** 2), (x1, y1), (x2, y2)
             ),
         ),
-        (5, 5, 5),
+        (5, 5, 4),
     ),
     "charge in a magnetic field": Listed(
         lambda p: [
@@ -263,7 +263,7 @@ SYSTEMS: dict[str, Listed] = {
             Way({"lagrangian": POLAR_T + B * r**2 * phi.dot / 2}, (POLAR,)),
             Way({"lagrangian": T(FLAT) + B * x * y.dot}, (FLAT,)),
         ),
-        (4, 4, 4),
+        (2, 2, 4),
     ),
     "turning potential": Listed(
         lambda p: [T(p) + k * (p[0] * cos(omega * t) + p[1] * sin(omega * t)) ** 2 - omega * angular(p)[0]],
@@ -272,7 +272,7 @@ SYSTEMS: dict[str, Listed] = {
             expanded(POLAR_T, k * r**2 * cos(phi - omega * t) ** 2, POLAR),
             body(ROTATED, k * x**2),
         ),
-        (1, 1, 1),
+        (0, 0, 1),
     ),
     "isotropic oscillator": Listed(
         lambda p: [T(p) + k * size(p) ** 2, *angular(p)],
