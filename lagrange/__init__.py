@@ -24,12 +24,10 @@ if TYPE_CHECKING:
     from lagrange.members.varied import grid, sample
     from lagrange.racing import race
     from lagrange.recipes.model import Model
-    from lagrange.run import flow, integrate
     from lagrange.show.ensemble import Ensemble
     from lagrange.show.figures.empty_figure import figure
     from lagrange.show.plotting import plot
     from lagrange.show.race import Race
-    from lagrange.show.solution import Solution
     from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
     from lagrange.statement.energy import gravity, kinetic_energy, rotational_energy, spring
     from lagrange.statement.event import Event, event
@@ -37,6 +35,8 @@ if TYPE_CHECKING:
     from lagrange.statement.multiplier import multiplier
     from lagrange.system import System
     from lagrange.trajectory.integrator import Claims, Integrator, Problem
+    from lagrange.trajectory.run import flow, integrate
+    from lagrange.trajectory.solution import Solution
     from lagrange.trajectory.trajectory import Status, Trajectory
 
 __version__ = "0.1.0"
@@ -54,12 +54,12 @@ _HOMES = {
     "lagrange.loading": ("load",),
     "lagrange.racing": ("race",),
     "lagrange.recipes.model": ("Model",),
-    "lagrange.run": ("flow", "integrate"),
+    "lagrange.trajectory.run": ("flow", "integrate"),
     "lagrange.show.ensemble": ("Ensemble",),
     "lagrange.show.figures.empty_figure": ("figure",),
     "lagrange.show.plotting": ("plot",),
     "lagrange.show.race": ("Race",),
-    "lagrange.show.solution": ("Solution",),
+    "lagrange.trajectory.solution": ("Solution",),
     "lagrange.statement.coordinate": ("coordinate", "coordinates", "parameters", "t"),
     "lagrange.statement.multiplier": ("multiplier",),
     "lagrange.statement.energy": ("gravity", "kinetic_energy", "rotational_energy", "spring"),

@@ -9,7 +9,7 @@
     export      Model, a target              -> files        source text for other solvers, each with a self-test
     page        Model, Derivation            -> file         a web page that computes with exported JavaScript
 
-A stage knows nothing of the stages behind it. A run goes on from here: `lagrange.run` takes a Model to a
+A stage knows nothing of the stages behind it. A run goes on from here: `lagrange.trajectory.run` takes a Model to a
 Solution.
 """
 

@@ -35,8 +35,6 @@ from lagrange.show.dynamics import (
     PoincareSection,
     shown_as,
 )
-from lagrange.show.solution import Solution
-from lagrange.show.terminal.progress import compiling, counter, wanted_progress
 from lagrange.statement.given import require_values
 from lagrange.statement.number import flag, real_number, whole_number
 from lagrange.statement.statement import Statement
@@ -44,6 +42,8 @@ from lagrange.system import System
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.settings import check_options
 from lagrange.trajectory.options import RunOptions
+from lagrange.trajectory.progress import compiling, counter, wanted_progress
+from lagrange.trajectory.solution import Solution
 
 TIGHT, USUAL = 1e-12, 1e-9
 """Relative tolerances where none is given: of portraits and sections, whose orbits are seen to close; and of maps."""

@@ -27,7 +27,7 @@ from lagrange.members.reductions import REDUCTIONS
 from lagrange.picture_command import PICTURES
 from lagrange.run_command import add_method, method
 from lagrange.show.files.atomic_file import check_place, write_atomically
-from lagrange.show.files.resolution import FILE_DPI
+from lagrange.show.files.picture import FILE_DPI
 
 if TYPE_CHECKING:
     from lagrange.show.ensemble import Ensemble

@@ -26,7 +26,6 @@ from lagrange.members.store import kept_in_store
 from lagrange.members.table import MemberTable, member_table
 from lagrange.members.work import run_members
 from lagrange.show.ensemble import Ensemble
-from lagrange.show.terminal.progress import compiling, counter, wanted_progress
 from lagrange.statement.event import declare_events
 from lagrange.statement.given import require_values
 from lagrange.system import System
@@ -35,6 +34,7 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.plan import Planned
+from lagrange.trajectory.progress import compiling, counter, wanted_progress
 
 
 def ensemble(

@@ -13,12 +13,12 @@ from lagrange.compiler import machine, model_of
 from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.show.files.archive import UNREADABLE, arrays_of
-from lagrange.show.solution import Solution
 from lagrange.statement.choice import printable
 from lagrange.statement.stored import restored
 from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
 from lagrange.trajectory.parameter_history import ParameterHistory
 from lagrange.trajectory.paths.known import OutputPath
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 NEEDED = ("t", "y", "names", "card", "statement")

@@ -6,17 +6,15 @@ import argparse
 import re
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lagrange.arguments import DONE, Answer, add_command, add_json, add_start, given_number, load_scene, start
 from lagrange.errors import StatementError
 from lagrange.run_command import add_method, code_of, method
 from lagrange.show.animation.file_kinds import named_kind
 from lagrange.show.files.atomic_file import check_place, write_atomically
-from lagrange.show.files.resolution import FILE_DPI
-
-if TYPE_CHECKING:
-    from lagrange.show.solution import Solution
+from lagrange.show.files.picture import FILE_DPI
+from lagrange.trajectory.solution import Solution
 
 PICTURES = (".png", ".svg", ".pdf")
 """Endings of files of still pictures."""

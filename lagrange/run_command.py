@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import lagrange as lg
 from lagrange.arguments import (
@@ -21,9 +21,7 @@ from lagrange.arguments import (
     start,
 )
 from lagrange.errors import listing
-
-if TYPE_CHECKING:
-    from lagrange.show.solution import Solution
+from lagrange.trajectory.solution import Solution
 
 
 def add_run(commands: Any) -> None:

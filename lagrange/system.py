@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from lagrange.mechanics.linearization import Linearization
     from lagrange.recipes.model import Model
     from lagrange.show.dynamics import ShownModes
-    from lagrange.show.solution import Solution
     from lagrange.trajectory.constraints.consistent import Consistent
+    from lagrange.trajectory.solution import Solution
 
 
 class System:
@@ -267,8 +267,8 @@ class System:
         Times are in the units of the statement. What is not given comes from the scene, where there is one. Raises
         StatementError for a request that cannot be meant; what happens along the way is in the Solution.
         """
-        from lagrange.run import run_stated
         from lagrange.trajectory.options import RunOptions
+        from lagrange.trajectory.run import run_stated
 
         options = RunOptions(method, rtol, atol, step, t_eval, events, max_steps, max_wall, max_memory, parameters)
         return run_stated(self, t_start, t_end, initial, options, target, check=check, progress=progress)

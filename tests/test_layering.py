@@ -35,8 +35,11 @@ TOP = len(STAGES)
 """Where lagrange itself and the modules beside it stand: compiler, system, run, cli and the like."""
 TABLES = ("lagrange", "lagrange.compiler", "lagrange.statement.notebook_page")
 """The modules that name others and load them on demand: public names, machines by target, pages of results."""
-IMPORTS_INSIDE = ("lagrange.system",)
-"""Modules whose methods import the rooms that they call, so that stating a system loads few modules."""
+VIEWED = ("lagrange.system", "lagrange.trajectory.solution")
+"""Modules of a class whose methods import what shows or analyses it, so that data loads no views of itself.
+
+What they import in methods, or for types alone, is not counted as an arrow.
+"""
 DRAWERS = re.compile(r"_*(utils?|core|common|helpers?|misc)")
 
 Modules = Mapping[str, ast.Module]
@@ -87,22 +90,43 @@ def imports_of(tree: ast.AST, modules: Modules) -> Iterator[tuple[str, int]]:
         yield from ((name, node.lineno) for name in names if name.split(".")[0] == "lagrange")
 
 
+TYPES_ALONE = {
+    "lagrange.graph.functions": "lagrange.graph.node",
+    "lagrange.procedure.values": "lagrange.procedure.builder",
+    "lagrange.program.function_rules": "lagrange.program.recurrence",
+    "lagrange.machine.llvm.iterations": "lagrange.machine.llvm.procedures",
+    "lagrange.machine.members.control": "lagrange.machine.members.printer",
+    "lagrange.show.figures.race_figure": "lagrange.show.race",
+    "lagrange.show.figures.ensemble_quantity": "lagrange.show.ensemble",
+    "lagrange.show.figures.ensemble_figure": "lagrange.show.ensemble",
+}
+"""Arrows back within a stage, each for the name of a type alone. No new ones."""
+
+
+def arrows(name: str, modules: Modules) -> Iterator[tuple[str, int]]:
+    """Yield what a module imports, with the line; imports for types alone count too, but those of a viewed class."""
+    tree = modules[name]
+    outside = [node for node in tree.body if isinstance(node, (ast.Import, ast.ImportFrom))]
+    for part in outside if name in VIEWED else (tree,):
+        yield from imports_of(part, modules)
+
+
 def flows_back(modules: Modules) -> list[str]:
     """Imports of a later stage by an earlier one."""
     return [
         f"{name}:{line} imports {target}"
-        for name, tree in modules.items()
-        for target, line in imports_of(tree, modules)
+        for name in modules
+        for target, line in arrows(name, modules)
         if layer(target) > layer(name)
     ]
 
 
 def cycle(modules: Modules) -> list[str]:
-    """Modules that need each other in a ring when they run, within a stage too."""
+    """Modules that import each other in a ring, within a stage too."""
     # The package's __init__ is a table of names: who takes a name from it does not wait for its modules.
     graph = {
-        name: {target for target, _ in imports_of(tree, modules)} - set(for_types(tree, modules)) - {name}
-        for name, tree in modules.items()
+        name: {target for target, _ in arrows(name, modules)} - {name, TYPES_ALONE.get(name)}
+        for name in modules
         if name != "lagrange"
     }
     try:
@@ -112,20 +136,12 @@ def cycle(modules: Modules) -> list[str]:
     return []
 
 
-def for_types(tree: ast.AST, modules: Modules) -> Iterator[str]:
-    """What only a type checker imports: two modules of one stage may name each other's types."""
-    for node in nodes(tree):
-        match node:
-            case ast.If(test=ast.Name(id="TYPE_CHECKING")):
-                yield from (target for target, _ in imports_of(node, modules))
-
-
 def hidden_imports(modules: Modules) -> list[str]:
     """Imports of ourselves inside a function, and imports by name outside the two tables."""
     found = []
     for name, tree in modules.items():
         functions = [node for node in nodes(tree) if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))]
-        for function in functions if name not in IMPORTS_INSIDE else ():
+        for function in functions if name not in VIEWED else ():
             found += [f"{name}:{line} imports {what}" for what, line in imports_of(function, modules)]
             inside = statements_of_import(function)
             found += [f"{name}:{function.lineno} imports relatively" for node in inside if relative(node)]

@@ -14,7 +14,7 @@ from tests.test_layering import ROOT, Modules, imports_of, package
 PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine records": (
         *("array_source", "backend", "calls", "copies", "event_memory"),
-        *("parameters", "printed_run", "python_source", "singular", "state", "step_events"),
+        *("parameters", "printed_run", "python_source", "state", "step_events"),
     ),
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "options", "parameter_history", "tolerances", "trajectory"),
@@ -34,7 +34,8 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
         ),
     ),
     "trajectory entries": (
-        *("conservation", "flow", "integrate", "over_crossings", "parts", "segments", "touching", "unresolved"),
+        *("conservation", "flow", "integrate", "over_crossings", "parts", "progress"),
+        *("run", "segments", "solution", "touching", "unresolved"),
     ),
 }
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
@@ -73,9 +74,14 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
         *("machine records", "machine entries"),
         *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs", "trajectory/methods"),
     ),
+    "trajectory/measures": (
+        *("machine records", "machine entries", "trajectory/constraints"),
+        *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory runs"),
+    ),
     "trajectory entries": (
         *("machine records", "machine entries", "trajectory/constraints"),
-        *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs", "trajectory/methods"),
+        *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs"),
+        *("trajectory/methods", "trajectory/measures"),
     ),
 }
 """Each room, in the order in which it is built, and the rooms that it knows. What a trajectory knows of the machine's

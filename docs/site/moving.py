@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from lagrange.show.figures.colours import COLOURS, DARK_COLOURS, colours
 from lagrange.show.figures.space_view import view_of
 from lagrange.show.figures.spring import spring
-from lagrange.show.measures.points import points_at
-from lagrange.show.solution import Solution
 from lagrange.statement.link import SPRING, Link
+from lagrange.trajectory.measures.points import points_at
+from lagrange.trajectory.solution import Solution
 
 Points = NDArray[np.float64]
 """Places in the picture, (2, N): right and down, in its units."""

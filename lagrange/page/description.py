@@ -12,13 +12,13 @@ from lagrange.equations.structure import Structure
 from lagrange.page.motion import MOST_STEPS, TOLERANCE, MotionSource
 from lagrange.show.figures.space_view import AZIMUTH, ELEVATION
 from lagrange.show.figures.spring import spring
-from lagrange.show.measures.points import fixed_points
 from lagrange.show.notation.names import plain_text
 from lagrange.show.notation.text import UnicodeNotation
 from lagrange.show.sliders import Slider
 from lagrange.show.units import length_unit, unit_of
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.statement import Statement
+from lagrange.trajectory.measures.points import fixed_points
 
 LONGEST_RUN, SHORTEST_RUN = 60.0, 1.0
 """A scene that runs for so long is shown at one unit of time in a second, as in seconds it would be; any other in

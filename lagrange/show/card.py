@@ -4,18 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lagrange.errors import counted, listing
+from lagrange.mechanics.invariants import drift_lines
 from lagrange.show.files.data_sets import finite
-from lagrange.show.measures.invariants import drift_lines
-from lagrange.show.rows import row_label
-from lagrange.show.terminal.table import duration
+from lagrange.show.notebook.html_card import image, pairs
+from lagrange.show.terminal.table import duration, text_table
 from lagrange.show.units import unit_of
+from lagrange.statement.coordinate import row_label
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
-
-if TYPE_CHECKING:
-    from lagrange.show.solution import Solution
 
 MOST_CHANGES = 3
 """Number of parameter changes on the card; `solution.parameter_changes` has all."""
@@ -65,7 +64,23 @@ def _energy(solution: Solution) -> dict[str, Any] | None:
     return {key: finite(value) if isinstance(value, float) else value for key, value in drift.items()}
 
 
-def card_lines(solution: Solution) -> list[tuple[str, str]]:
+def card_text(solution: Solution) -> str:
+    """Return the card as a table for a terminal."""
+    return f"{_heading(solution)}\n{text_table(('', ''), _lines(solution))}"
+
+
+def card_html(solution: Solution) -> str:
+    """Return the card as a table for a notebook, with the plot under it."""
+    heading = _heading(solution)
+    drawn = image(solution.plot(), f"plot of {heading}") if len(solution.t) else ""
+    return pairs(heading, _lines(solution)) + drawn
+
+
+def _heading(solution: Solution) -> str:
+    return f"{solution.model.statement.name}: {solution.status.value}"
+
+
+def _lines(solution: Solution) -> list[tuple[str, str]]:
     """Return the lines of the card as a person reads them, a label and a text each."""
     run, unit = solution.trajectory, unit_of(solution.model.statement, "t")
     begun, reached = run.span

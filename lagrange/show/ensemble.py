@@ -39,11 +39,10 @@ from lagrange.members.table import MemberTable
 from lagrange.show.figures.ensemble_figure import plot_ensemble
 from lagrange.show.figures.ensemble_quantity import COMPLETE
 from lagrange.show.files.atomic_file import write_atomically, write_rows
-from lagrange.show.files.picture import picture
-from lagrange.show.files.resolution import FILE_DPI
+from lagrange.show.files.picture import FILE_DPI, picture
 from lagrange.show.notebook.html_card import image, pairs, sentences
-from lagrange.show.rows import row_label
 from lagrange.show.terminal.table import duration, text_table
+from lagrange.statement.coordinate import row_label
 from lagrange.statement.number import whole_number
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, number

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from lagrange.errors import StatementError, shown
-from lagrange.show.figures.run_figure import DPI, plot_runs
-from lagrange.show.solution import Solution
+from lagrange.show.figures.run_figure import plot_runs
 from lagrange.statement.expression import entries
+from lagrange.trajectory.solution import Solution
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -23,7 +23,7 @@ def plot(
     ax: Any = None,
     size: Any = None,
     style: str = "light",
-    dpi: int = DPI,
+    dpi: int | None = None,
 ) -> Figure:
     """Return a Matplotlib figure of several runs of systems with the same coordinates, as `Solution.plot` draws one.
 

@@ -15,8 +15,7 @@ from lagrange.evidence.work_precision import Entry, Result
 from lagrange.show.figures.race_figure import plot
 from lagrange.show.files.atomic_file import write_atomically, write_rows
 from lagrange.show.files.atomic_folder import write_together
-from lagrange.show.files.picture import picture
-from lagrange.show.files.resolution import FILE_DPI
+from lagrange.show.files.picture import FILE_DPI, picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
 from lagrange.show.terminal.table import text_table
 from lagrange.statement.number import real_number

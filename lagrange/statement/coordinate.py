@@ -7,10 +7,10 @@ import keyword
 from collections.abc import Callable, Mapping
 from typing import Any, NoReturn
 
-from sympy import Derivative, Symbol
+from sympy import Basic, Derivative, Symbol
 from sympy.core.function import Application, AppliedUndef, UndefinedFunction
 
-from lagrange.errors import StatementError, shown
+from lagrange.errors import StatementError, formula, shown
 from lagrange.statement.declared_order import COORDINATES, PARAMETERS
 from lagrange.statement.letters import NAME
 from lagrange.statement.number import flag
@@ -21,6 +21,9 @@ t = Symbol("t")
 
 PREDEFINED = {t.name: "time", "pi": "a constant"}
 """Names that mean something in every statement, and what."""
+
+MOST_LETTERS = 10_000
+"""Letters of an expression as the name of a row: as many as two expressions may need to differ in."""
 
 
 def check_name(name: str, what: str) -> str:
@@ -157,3 +160,14 @@ def _names(text: str, what: str) -> list[str]:
     if not names:
         raise StatementError(f"{shown(text)} names no {what}: give a text such as 'x y'.")
     return names
+
+
+def row_label(key: Any) -> str:
+    """Return what a row is called: ``theta`` for theta(t), ``theta_dot`` for its derivative."""
+    if isinstance(key, Derivative) and isinstance(key.expr, AppliedUndef) and key == velocity_of(key.expr):
+        return f"{name_of(key.expr)}_dot"
+    if isinstance(key, AppliedUndef):
+        return name_of(key)
+    if isinstance(key, Basic):
+        return formula(key, MOST_LETTERS)
+    return key if isinstance(key, str) else shown(key)

@@ -8,7 +8,7 @@ import pytest
 from sympy import cos, sin
 
 import lagrange as lg
-from lagrange.evidence.stiffness import LIMITS, with_stiff_end
+from lagrange.trajectory.measures.stiffness import LIMITS, with_stiff_end
 from tests.models import shared_scene
 
 theta, phi = lg.coordinates("theta phi")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.evidence import stiffness
-from lagrange.evidence.stiffness import stability_limit, stability_polynomial, taylor_polynomial
 from lagrange.statement.scene import library
+from lagrange.trajectory.measures import stiffness
+from lagrange.trajectory.measures.stiffness import stability_limit, stability_polynomial, taylor_polynomial
 from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.tableaux import classical
 from lagrange.trajectory.tableaux.butcher import ButcherTableau, ErrorEstimate, row
@@ -167,7 +167,7 @@ def test_the_card_says_it_in_numbers_and_names_a_remedy() -> None:
 
 def test_nothing_is_analysed_until_it_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
-    monkeypatch.setattr("lagrange.show.solution.stiffness", lambda *given: asked.append(1))
+    monkeypatch.setattr("lagrange.trajectory.solution.stiffness", lambda *given: asked.append(1))
     solution = oscillator(-1e4 * x.dot).run(1.0, method="dopri5")
     assert solution.t[-1] == 1.0 and not asked
     assert solution.stiff is None and solution.stiff is None and asked == [1]

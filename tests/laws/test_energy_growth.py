@@ -13,8 +13,8 @@ import pytest
 from sympy import sqrt
 
 import lagrange as lg
-from lagrange.run import flow as flow_of
 from lagrange.trajectory.flow import Flow
+from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import FloatArray
 from tests.models import build, x, y
 

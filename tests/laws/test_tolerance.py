@@ -14,8 +14,8 @@ import pytest
 
 import lagrange as lg
 from lagrange.machine.model import Model
-from lagrange.run import flow as flow_of
 from lagrange.trajectory.flow import Flow
+from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import FloatArray
 from tests.models import loaded, model, shared_scene
 

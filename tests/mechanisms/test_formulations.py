@@ -10,7 +10,7 @@ import pytest
 
 from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
-from lagrange.run import flow
+from lagrange.trajectory.run import flow
 from tests.covering import Share
 from tests.mechanisms.formulation import Formulation
 from tests.mechanisms.scenes import FORMULATIONS

@@ -12,8 +12,8 @@ from sympy import sqrt
 import lagrange as lg
 from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
-from lagrange.run import flow
 from lagrange.statement.declare import declare
+from lagrange.trajectory.run import flow
 from tests.models import loaded
 
 x, y, theta = lg.coordinates("x y theta")

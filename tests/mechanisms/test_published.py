@@ -9,7 +9,7 @@ import pytest
 
 from lagrange.compiler import machine, model_of
 from lagrange.machine.model import Model
-from lagrange.run import flow
+from lagrange.trajectory.run import flow
 from tests.mechanisms.ladder import four_bar_ladder, parallelogram_acceleration
 from tests.models import loaded
 

@@ -11,9 +11,9 @@ import numpy as np
 from sympy import cos, sin
 
 from lagrange.show.animation.animation import Animation
-from lagrange.show.solution import Solution
 from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
+from lagrange.trajectory.solution import Solution
 from tests.show.examples import solved
 
 

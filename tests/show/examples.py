@@ -8,9 +8,9 @@ import numpy as np
 
 from lagrange.compiler import model_of
 from lagrange.machine.numpy_machine import NumpyMachine
-from lagrange.show.solution import Solution
 from lagrange.statement.coordinate import coordinate, parameters
 from lagrange.statement.declare import declare
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status, Trajectory
 
 x = coordinate("x")

@@ -12,9 +12,9 @@ import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.show.animation.timing import MOST_FRAMES
 from lagrange.show.figures.spring import spring
-from lagrange.show.solution import Solution
 from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
 from tests.show.animations import double_pendulum, in_page, in_pixels
 from tests.show.examples import free, oscillator, solved

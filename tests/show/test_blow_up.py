@@ -9,9 +9,9 @@ import pytest
 
 from lagrange.show.figures.blow_up import BLOWN_UP
 from lagrange.show.plotting import plot
-from lagrange.show.solution import Solution
 from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
 from tests.show.examples import m, oscillator, solved
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.show.solution import Solution
 from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
+from lagrange.trajectory.solution import Solution
 from tests.show.examples import m, oscillator, solved, x
 from tests.show.test_picture_laws import drawn, nothing_overlaps
 

@@ -15,7 +15,7 @@ from lagrange.cli import main
 from lagrange.export import write as export_write
 from lagrange.page import write as page_write
 from lagrange.show.animation import animation
-from lagrange.show.solution import Solution
+from lagrange.trajectory.solution import Solution
 
 theta = lg.coordinate("theta")
 

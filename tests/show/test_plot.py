@@ -12,9 +12,9 @@ import pytest
 from sympy import Float, cos, sin
 
 from lagrange.errors import StatementError
-from lagrange.show.solution import Solution
 from lagrange.statement.coordinate import coordinate, coordinates
 from lagrange.statement.declare import declare
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
 from tests.show.examples import free, m, oscillator, solved, x
 
@@ -194,7 +194,7 @@ def test_a_coordinate_at_rest_is_a_level_line() -> None:
 
 def test_matplotlib_comes_with_the_first_picture_only_and_none_of_its_global_state_is_touched() -> None:
     code = (
-        "import lagrange.show.solution, sys\n"
+        "import lagrange.trajectory.solution, sys\n"
         "if 'matplotlib' in sys.modules: sys.exit('it came before')\n"
         "import matplotlib\n"
         "settings = lambda: [matplotlib.rcParams[key] for key in matplotlib.rcParams if key != 'backend']\n"

@@ -17,12 +17,12 @@ from sympy.physics.mechanics import dynamicsymbols
 import lagrange as lg
 from lagrange.errors import RunError, StatementError, counted
 from lagrange.library import scene
-from lagrange.show.solution import Solution
 from lagrange.statement.coordinate import coordinate, coordinates, t
 from lagrange.statement.declare import declare
 from lagrange.statement.event import event
 from lagrange.system import System
 from lagrange.trajectory.methods.explicit import DOP853
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
 from tests.show.examples import k, m, oscillator, solved, x
 

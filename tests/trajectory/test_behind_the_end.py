@@ -9,7 +9,7 @@ import pytest
 from sympy import Abs, Rational, sign
 
 import lagrange as lg
-from lagrange.evidence.stiffness import with_stiff_end
+from lagrange.trajectory.measures.stiffness import with_stiff_end
 from lagrange.trajectory.outputs import AcceptedStates
 from tests.trajectory.runs import OUTSIDE
 from tests.trajectory.test_contacts import METHODS, STEPS
@@ -39,7 +39,7 @@ def test_ctrl_c_behind_the_last_step_keeps_the_run(method: str, where: str, monk
     if where == "states":
         monkeypatch.setattr(AcceptedStates, "joined", pressed_once(AcceptedStates.joined))
     else:
-        monkeypatch.setattr("lagrange.run.with_stiff_end", pressed_once(with_stiff_end))
+        monkeypatch.setattr("lagrange.trajectory.run.with_stiff_end", pressed_once(with_stiff_end))
     found = OSCILLATOR.run(10, **given)
     assert found.status is lg.Status.INTERRUPTED
     assert found.message.startswith(f"{method} was interrupted at t = 10 on the way from 0 to 10; what was computed")

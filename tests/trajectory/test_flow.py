@@ -12,9 +12,9 @@ import pytest
 import sympy as sp
 
 from lagrange.errors import RunError, StatementError
-from lagrange.run import flow as flow_of
 from lagrange.trajectory.methods.explicit import RK4
 from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.run import flow as flow_of
 from tests.models import TARGETS, build, k, m, model, x
 from tests.trajectory.runs import ADAPTIVE, FIXED, IMPLICIT, NAMES, run
 

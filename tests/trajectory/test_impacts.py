@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 from sympy import log
 
-from lagrange.run import flow as flow_of
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
+from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import FloatArray, Status
 from tests.models import TARGETS, build, x, y
 from tests.trajectory.runs import run

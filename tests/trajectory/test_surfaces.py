@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from sympy import Abs, Max, Min, Piecewise, Rational, sign, sqrt
 
-from lagrange.run import flow as flow_of
 from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, x, y, z
 from tests.trajectory.runs import run

@@ -11,9 +11,9 @@ import sympy as sp
 from sympy import Abs, Max, Min, Piecewise, sign
 
 from lagrange.machine.model import Model
-from lagrange.run import flow as flow_of
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
+from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, x, y
 from tests.trajectory.runs import run

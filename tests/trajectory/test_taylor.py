@@ -15,8 +15,8 @@ import sympy as sp
 from lagrange.compiler import model_of
 from lagrange.errors import StatementError
 from lagrange.evidence.precise_run import precise_run
-from lagrange.run import flow as flow_of
 from lagrange.trajectory.methods.taylor import Taylor
+from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
 from tests.models import SYSTEMS, TARGETS, build, g, k, l, laws, m, model, x, y
 from tests.series_systems import relative

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -23,17 +23,15 @@ from lagrange.show.animation.motion import motion_of
 from lagrange.show.animation.mp4 import has_ffmpeg, write_mp4
 from lagrange.show.animation.sheet import Sheet
 from lagrange.show.animation.timing import Timing, timing
+from lagrange.show.between import known_alone
 from lagrange.show.figures.style import DARK, LIGHT
 from lagrange.show.files.atomic_file import check_place, write_atomically
-from lagrange.show.measures.between import known_alone
 from lagrange.show.notation.names import plain_text
-from lagrange.show.terminal.progress import progress_bar
 from lagrange.statement.choice import one_of
 from lagrange.statement.number import flag, whole_number
+from lagrange.trajectory.progress import progress_bar
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
-
-if TYPE_CHECKING:
-    from lagrange.show.solution import Solution
 
 LARGEST_SHOWN = 300_000
 """Characters of a player in a notebook, which keeps what it shows; with more it shows the first frame instead."""

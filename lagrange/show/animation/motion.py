@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.show.animation.timing import Timing
-from lagrange.show.measures.between import states_for_pictures
-from lagrange.show.measures.points import points_at
+from lagrange.show.between import states_for_pictures
+from lagrange.trajectory.measures.points import points_at
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
-
-if TYPE_CHECKING:
-    from lagrange.show.solution import Solution
 
 MOST_SAMPLES = 12_000
 """Times at which a motion is evaluated, at most, unless there are more frames: 12,000 take some 50 ms."""

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lagrange.show.figures.curve import Rows, outputs_alone
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Status
-
-if TYPE_CHECKING:
-    from lagrange.show.solution import Solution
 
 BLOWN_UP = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.SINGULAR, Status.DIVERGED)
 """How runs end whose values may have grown without bound; any other run is drawn whole."""

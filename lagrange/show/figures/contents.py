@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.show.figures import quantities
@@ -12,10 +12,8 @@ from lagrange.show.figures.paths import common_view
 from lagrange.show.figures.phase_panel import PhasePanel
 from lagrange.show.figures.quantities import Quantity
 from lagrange.show.figures.time_panel import TimePanel
-from lagrange.show.rows import row_label
-
-if TYPE_CHECKING:
-    from lagrange.show.solution import Solution
+from lagrange.statement.coordinate import row_label
+from lagrange.trajectory.solution import Solution
 
 Panel = TimePanel | PhasePanel | PathPanel
 

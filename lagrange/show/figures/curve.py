@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.show.measures.between import known_alone
+from lagrange.show.between import known_alone
 from lagrange.trajectory.paths.samples import divided
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 

@@ -20,12 +20,11 @@ from lagrange.show.figures.subtracted import base_of, less, level
 from lagrange.show.units import length_unit, with_unit
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.link import SPRING
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from lagrange.show.solution import Solution
 
 _DEPTHS = 6
 """Depths of a path in space: what is near is wider and darker."""

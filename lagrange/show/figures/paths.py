@@ -5,19 +5,16 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from lagrange.show.figures.blow_up import Window, clipped, cut, notes_of, row_of, window_of
 from lagrange.show.figures.curve import Pixels, first_times, in_plane, lengths, outputs_alone
 from lagrange.show.figures.space_view import View, view_of
-from lagrange.show.measures.points import fixed_points, points_at
 from lagrange.statement.link import Link
+from lagrange.trajectory.measures.points import fixed_points, points_at
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
-
-if TYPE_CHECKING:
-    from lagrange.show.solution import Solution
 
 SLENDER = 12
 """Paths that are so many times as long as they are wide are not drawn to scale: they would be a narrow strip."""

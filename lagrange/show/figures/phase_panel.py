@@ -15,12 +15,11 @@ from lagrange.show.figures.panel import entry
 from lagrange.show.figures.style import Style, dress, few_ticks, legend
 from lagrange.show.figures.subtracted import base_of, less, level
 from lagrange.show.units import unit_of, with_unit
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from lagrange.show.solution import Solution
 
 
 @dataclass(frozen=True, eq=False)

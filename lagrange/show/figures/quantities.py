@@ -5,25 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import ceil
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from lagrange.errors import StatementError, listing
+from lagrange.mechanics.invariants import MOST_LINES, invariant_sizes
 from lagrange.show.figures.panel import entry
-from lagrange.show.measures.invariants import MOST_LINES, invariant_sizes
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.latex import LatexNotation
 from lagrange.show.notation.names import letter_of
 from lagrange.show.notation.text import AsciiNotation
-from lagrange.show.rows import row_label
 from lagrange.show.units import energy_unit, unit_of
+from lagrange.statement.coordinate import row_label
 from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.statement import Statement
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
-
-if TYPE_CHECKING:
-    from lagrange.show.solution import Solution
 
 PANELS = 28
 """More coordinates than this share panels."""

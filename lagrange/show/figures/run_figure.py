@@ -20,16 +20,16 @@ from lagrange.show.figures.time_panel import TimePanel
 from lagrange.show.files.picture import LEAST_DPI, MOST_DPI
 from lagrange.statement.expression import entries
 from lagrange.statement.number import whole_number
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure, SubFigure
 
-    from lagrange.show.solution import Solution
 
 DPI = 200
-"""Dots to an inch for which curves are drawn, unless a picture has more: files have 150, notebooks 160."""
+"""Least dots to an inch for which curves are drawn: files have 150, notebooks 160."""
 
 _LEFT, _RIGHT, _NARROW = 6.0, 4.6, 1.9
 """Inches of panels over time, of a plane, and of paths on an upright line."""
@@ -51,10 +51,10 @@ def plot_runs(
     size: Any = None,
     style: Any = "light",
     labels: Sequence[str] | None = None,
-    dpi: int = DPI,
+    dpi: int | None = None,
 ) -> Figure:
     """Return a figure of runs; see `Solution.plot`. Raises StatementError for what cannot be drawn."""
-    look, dpi = style_of(style), max(whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI), DPI)
+    look, dpi = style_of(style), max(DPI if dpi is None else whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI), DPI)
     for run in solutions:
         if not len(run.t):
             raise StatementError("there is nothing to plot: the run ended before the first of its output times.")

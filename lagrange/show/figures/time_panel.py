@@ -14,12 +14,11 @@ from lagrange.show.figures.quantities import Quantity
 from lagrange.show.figures.style import LINES, Style, dress, few_ticks, legend
 from lagrange.show.figures.subtracted import base_of, less, level
 from lagrange.show.units import unit_of, with_unit
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-
-    from lagrange.show.solution import Solution
 
 _ROUND_OFF = 1e-15
 """A relative drift below this is round-off, and does not fill a panel."""

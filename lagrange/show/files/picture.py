@@ -7,11 +7,13 @@ from io import BytesIO
 from typing import TYPE_CHECKING
 
 from lagrange.show.files.atomic_file import Writer
-from lagrange.show.files.resolution import FILE_DPI
 from lagrange.statement.number import whole_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+FILE_DPI = 150
+"""Dots per inch of a picture file, unless others are asked for."""
 
 LEAST_DPI, MOST_DPI = 10, 1200
 """Dots per inch of a picture: no letter can be drawn with fewer; drawing with more takes over a gigabyte of memory."""
@@ -21,10 +23,10 @@ MOST_BYTES = 300_000
 can be mailed."""
 
 
-def picture(draw: Callable[[], Figure], dpi: int = FILE_DPI) -> Writer:
+def picture(draw: Callable[[], Figure], dpi: int | None = None) -> Writer:
     """Return what draws a figure and writes it as PNG: a place that cannot be written is refused before that."""
-    dpi = whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI)
-    return lambda file: draw().savefig(file, format="png", dpi=dpi)
+    dots = FILE_DPI if dpi is None else whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI)
+    return lambda file: draw().savefig(file, format="png", dpi=dots)
 
 
 def bounded_png(figure: Figure, dpi: int) -> bytes:

@@ -8,8 +8,8 @@ from lagrange.errors import LagrangeError
 from lagrange.show.figures.style import Style
 from lagrange.show.notebook.explored_picture import ExploredPicture
 from lagrange.show.sliders import PARAMETER, Slider
-from lagrange.show.solution import Solution
 from lagrange.statement.statement import Statement
+from lagrange.trajectory.solution import Solution
 
 Run = Callable[[Mapping[str, float], Mapping[str, float]], Solution]
 """A run from initial values by name, with parameters by name."""

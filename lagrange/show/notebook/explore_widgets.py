@@ -13,11 +13,11 @@ from lagrange.show.notebook.exploration import Exploration
 from lagrange.show.notebook.explored_picture import SHOWN_WIDTH
 from lagrange.show.notebook.html_card import text
 from lagrange.show.sliders import PARAMETER, Slider
-from lagrange.show.solution import Solution
 from lagrange.show.units import with_unit
 from lagrange.statement.number import flag, real_number
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.solution import Solution
 
 PLACES = 400
 """Places of the slider of time; the whole run plays in 20 s at 20 a second."""

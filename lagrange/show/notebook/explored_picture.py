@@ -18,19 +18,18 @@ from lagrange.show.figures.shown_figure import SCREEN_DPI, new_figure
 from lagrange.show.figures.space_view import View, view_of
 from lagrange.show.figures.spring import spring
 from lagrange.show.figures.style import Style, dress, on_paper
-from lagrange.show.measures.points import fixed_points, points_at
 from lagrange.show.notation.names import letters, plain_text
 from lagrange.show.units import length_unit, unit_of, with_unit
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.link import SPRING
 from lagrange.statement.statement import Statement
+from lagrange.trajectory.measures.points import fixed_points, points_at
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
-
-    from lagrange.show.solution import Solution
 
 SAMPLES = 1500
 """Points of a curve: three for each pixel of time. More take longer than they show."""

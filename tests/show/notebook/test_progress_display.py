@@ -9,8 +9,7 @@ import pytest
 from sympy import cos
 
 import lagrange as lg
-from lagrange.show.notebook import progress_display
-from lagrange.show.terminal import progress
+from lagrange.trajectory import progress
 
 pytest.importorskip("IPython", reason="IPython is not installed")
 
@@ -110,5 +109,5 @@ def test_a_long_compilation_is_a_line_and_a_short_one_is_none(
 
 
 def test_a_text_is_no_markup_and_outside_of_a_notebook_there_is_none() -> None:
-    assert "&lt;b&gt;" in progress_display.ProgressDisplay(0.5, "<b>")._repr_html_()
-    assert not progress_display.in_notebook()
+    assert "&lt;b&gt;" in progress.ProgressDisplay(0.5, "<b>")._repr_html_()
+    assert not progress.in_notebook()

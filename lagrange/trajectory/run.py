@@ -9,17 +9,17 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from lagrange.evidence.stiffness import with_stiff_end
 from lagrange.machine.model import Model, Stated
-from lagrange.show.solution import Solution
-from lagrange.show.terminal.progress import compiling, progress_bar
 from lagrange.statement.number import flag, real_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate as trajectory_of
 from lagrange.trajectory.integrate import time_span
+from lagrange.trajectory.measures.stiffness import with_stiff_end
 from lagrange.trajectory.messages import interrupted
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import RunOptions
+from lagrange.trajectory.progress import compiling, progress_bar
+from lagrange.trajectory.solution import Solution
 
 
 def integrate(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.show.measures.constraint_drift import constraint_drift
+from lagrange.trajectory.measures.constraint_drift import constraint_drift
 from tests.models import shared_scene
 
 x, y = lg.coordinates("x y")

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.paths.samples import divided
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
-
-if TYPE_CHECKING:
-    from lagrange.show.solution import Solution
 
 PER_STEP, MOST_STORED = 4, 20_000
 """States that a file has for each step of a run besides its outputs, and the most of them: files should stay small."""

@@ -2,46 +2,35 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, BinaryIO
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown, suggestion
-from lagrange.evidence.stiffness import Stiffness, stiffness
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
-from lagrange.show.animation.animation import Animation, animate
-from lagrange.show.card import card_lines, card_of
-from lagrange.show.figures.run_figure import DPI, plot_runs
-from lagrange.show.files.atomic_file import Writer, write_atomically, write_rows
-from lagrange.show.files.atomic_folder import write_together
-from lagrange.show.files.contents import arrays_of_run, columns_of
-from lagrange.show.files.data_sets import data_frame, data_set
-from lagrange.show.files.picture import picture
-from lagrange.show.files.resolution import FILE_DPI
-from lagrange.show.measures.constraint_drift import ConstraintDrift, constraint_drift
-from lagrange.show.measures.constraint_forces import ConstraintForces
-from lagrange.show.measures.drift import EnergyDrift, energy_drift, since_start
-from lagrange.show.measures.invariants import invariants, momentum_drifts
-from lagrange.show.measures.sampling import states_at, times_at
-from lagrange.show.notebook.html_card import image, pairs
-from lagrange.show.rows import row_label
-from lagrange.show.terminal.table import text_table
+from lagrange.statement.coordinate import row_label
 from lagrange.statement.number import real_array
+from lagrange.trajectory.measures.constraint_drift import ConstraintDrift, constraint_drift
+from lagrange.trajectory.measures.constraint_forces import ConstraintForces
+from lagrange.trajectory.measures.drift import EnergyDrift, energy_drift, since_start
+from lagrange.trajectory.measures.sampling import states_at
+from lagrange.trajectory.measures.stiffness import Stiffness, stiffness
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 if TYPE_CHECKING:
     import pandas
     import xarray
     from matplotlib.figure import Figure
+
+    from lagrange.show.animation.animation import Animation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -181,11 +170,15 @@ class Solution:
     @cached_property
     def invariants(self) -> Mapping[str, FloatArray]:
         """What the system conserves by name, (N,) each: see `System.conserved`, which it looks for when first asked."""
+        from lagrange.mechanics.invariants import invariants
+
         return invariants(self.model, self.t, self.y, self._along)
 
     @cached_property
     def momentum_drift(self) -> Mapping[str, FloatArray]:
         """How far momenta of ignorable coordinates are from their first values, (N,), relative to their terms."""
+        from lagrange.mechanics.invariants import momentum_drifts
+
         t, y, _ = self._since_start
         found = momentum_drifts(self.model, t, y, self.parameters_at(t))
         return {name: drift[-len(self.t) :] for name, drift in found.items()}
@@ -259,6 +252,8 @@ class Solution:
 
     def card(self) -> dict[str, Any]:
         """Return the status card as JSON-ready data; numbers that are not finite are None."""
+        from lagrange.show.card import card_of
+
         return card_of(self)
 
     def to_csv(self, path: str | os.PathLike[str], *, rate: float | None = None, t: ArrayLike | None = None) -> Path:
@@ -269,10 +264,9 @@ class Solution:
         StatementError for a path that cannot be written and a time that the run did not reach, RunError if the disk
         is full.
         """
-        if rate is not None and t is not None:
-            raise StatementError("give rate= or t= and not both: each says at which times there are lines.")
-        times = times_at(self.trajectory, rate) if rate is not None else t
-        return write_atomically(path, self._csv if times is None else self.sampled(times)._csv)
+        from lagrange.show.files.run_files import write_csv
+
+        return write_csv(self, path, rate, t)
 
     def to_npz(self, path: str | os.PathLike[str]) -> Path:
         """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,), card and statement (JSON); none needs pickle.
@@ -281,11 +275,15 @@ class Solution:
         With m constraints also constraint_error (N,), multipliers (m, N), and constraints (m,), their names; with
         events t_event_0 (k,), y_event_0 (k, 2n), and so on. `lagrange.load` reads it. Raises what `to_csv` does.
         """
-        return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, **arrays_of_run(self)))
+        from lagrange.show.files.run_files import write_npz
 
-    def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI) -> Path:
-        """Write the picture of `plot()`, of `dpi` dots to an inch; raises what `to_csv` does."""
-        return write_atomically(path, picture(lambda: self.plot(dpi=dpi), dpi))
+        return write_npz(self, path)
+
+    def to_png(self, path: str | os.PathLike[str], *, dpi: int | None = None) -> Path:
+        """Write the picture of `plot()`, of `dpi` dots to an inch, 150 unless given; raises what `to_csv` does."""
+        from lagrange.show.files.run_files import write_png
+
+        return write_png(self, path, dpi)
 
     def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write trajectory.csv, trajectory.png and, last, card.json, which marks a whole run; return their paths.
@@ -293,20 +291,15 @@ class Solution:
         The folder exists, and keeps its other files. A run without output has no picture, and one of an earlier run
         is removed. Raises StatementError for a folder that cannot be written to, RunError if the disk is full.
         """
-        drawn = picture(self.plot) if len(self.t) else None
-        files: dict[str, Writer | None] = {
-            "trajectory.csv": self._csv,
-            "trajectory.png": drawn,
-            "card.json": lambda file: file.write(json.dumps(self.card(), indent=2, allow_nan=False).encode() + b"\n"),
-        }
-        return write_together(folder, files)
+        from lagrange.show.files.run_files import write_folder
 
-    def _csv(self, file: BinaryIO) -> None:
-        columns = columns_of(self)
-        write_rows(file, ("t", *columns), [self.t.tolist(), *(row.tolist() for row in columns.values())])
+        return write_folder(self, folder)
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a DataFrame: index t, a column per row of the state and multiplier; the status card is in `.attrs`."""
+        from lagrange.show.files.data_sets import data_frame
+        from lagrange.show.files.run_files import columns_of
+
         return data_frame(self.t, columns_of(self), self.card())
 
     def to_xarray(self) -> xarray.Dataset:
@@ -314,6 +307,9 @@ class Solution:
 
         It has a variable per row of the state, and one for each multiplier, called lambda[name].
         """
+        from lagrange.show.files.data_sets import data_set
+        from lagrange.show.files.run_files import columns_of
+
         return data_set(self.t, columns_of(self), self.card())
 
     def plot(
@@ -324,7 +320,7 @@ class Solution:
         ax: Any = None,
         size: Any = None,
         style: str = "light",
-        dpi: int = DPI,
+        dpi: int | None = None,
     ) -> Figure:
         """Return a Matplotlib figure of the run, every curve from dense output and within a pixel.
 
@@ -333,8 +329,10 @@ class Solution:
         else it is the coordinates, the drifts and the paths of named points. `of` chooses coordinates. With `ax`,
         Matplotlib axes or a list of them, one panel is drawn in each and their figure returned. The look is
         `size=(width, height)` in inches, `style="light"` or "dark", and `dpi`, dots to an inch for which curves are
-        drawn. Raises StatementError for a run without output, and for what the system does not have.
+        drawn, 200 unless given. Raises StatementError for a run without output, and for what the system does not have.
         """
+        from lagrange.show.figures.run_figure import plot_runs
+
         return plot_runs([self], what, of=of, ax=ax, size=size, style=style, dpi=dpi)
 
     def animate(
@@ -357,15 +355,19 @@ class Solution:
         or auto, with which a page follows its reader. At most 3000 frames are shown; what is not as asked for is said
         in `.notes`. Raises StatementError for what cannot be drawn or written, RunError if the disk is full.
         """
+        from lagrange.show.animation.animation import animate
+
         return animate(self, path, fps=fps, speed=speed, size=size, style=style, trail=trail, progress=progress)
 
     def __repr__(self) -> str:
-        return f"{self.model.statement.name}: {self.status.value}\n{text_table(('', ''), card_lines(self))}"
+        from lagrange.show.card import card_text
+
+        return card_text(self)
 
     def _repr_html_(self) -> str:
-        heading = f"{self.model.statement.name}: {self.status.value}"
-        picture = image(self.plot(), f"plot of {heading}") if len(self.t) else ""
-        return pairs(heading, card_lines(self)) + picture
+        from lagrange.show.card import card_html
+
+        return card_html(self)
 
     def _check_output(self) -> None:
         if not len(self.t):

@@ -1,0 +1,93 @@
+"""Files of a run: a table of its states, NumPy arrays, a picture, and a folder of all with the status card."""
+
+from __future__ import annotations
+
+import json
+import os
+from functools import partial
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from lagrange.errors import StatementError
+from lagrange.show.between import stored_between
+from lagrange.show.files.atomic_file import Writer, write_atomically, write_rows
+from lagrange.show.files.atomic_folder import write_together
+from lagrange.show.files.data_sets import event_arrays
+from lagrange.show.files.picture import picture
+from lagrange.statement.multiplier import multiplier
+from lagrange.statement.stored import stored
+from lagrange.trajectory.measures.sampling import times_at
+from lagrange.trajectory.solution import Solution
+from lagrange.trajectory.trajectory import FloatArray
+
+
+def write_csv(solution: Solution, path: str | os.PathLike[str], rate: float | None, t: ArrayLike | None) -> Path:
+    """Write the states as a table; see `Solution.to_csv`."""
+    if rate is not None and t is not None:
+        raise StatementError("give rate= or t= and not both: each says at which times there are lines.")
+    times = times_at(solution.trajectory, rate) if rate is not None else t
+    return write_atomically(path, partial(_csv, solution if times is None else solution.sampled(times)))
+
+
+def write_npz(solution: Solution, path: str | os.PathLike[str]) -> Path:
+    """Write the run as NumPy arrays; see `Solution.to_npz`."""
+    return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, **arrays_of_run(solution)))
+
+
+def write_png(solution: Solution, path: str | os.PathLike[str], dpi: int | None) -> Path:
+    """Write the picture of `Solution.plot`."""
+    return write_atomically(path, picture(lambda: solution.plot(dpi=dpi), dpi))
+
+
+def write_folder(solution: Solution, folder: str | os.PathLike[str]) -> list[Path]:
+    """Write the table, the picture and last the card; see `Solution.to_folder`."""
+    files: dict[str, Writer | None] = {
+        "trajectory.csv": partial(_csv, solution),
+        "trajectory.png": picture(solution.plot) if len(solution.t) else None,
+        "card.json": lambda file: file.write(json.dumps(solution.card(), indent=2, allow_nan=False).encode() + b"\n"),
+    }
+    return write_together(folder, files)
+
+
+def _csv(solution: Solution, file: BinaryIO) -> None:
+    columns = columns_of(solution)
+    write_rows(file, ("t", *columns), [solution.t.tolist(), *(row.tolist() for row in columns.values())])
+
+
+def columns_of(solution: Solution) -> dict[str, FloatArray]:
+    """Return the rows of the state by name, then parameters that events have changed, and multipliers as lambda[name].
+
+    Each has a value for each output, (N,).
+    """
+    rows = dict(zip(solution.names, solution.y, strict=True)) | _changed_parameters(solution)
+    return rows | {str(multiplier(name)): row for name, row in solution.multipliers.items()}
+
+
+def _changed_parameters(solution: Solution) -> dict[str, FloatArray]:
+    history, along = solution.trajectory.history, solution.parameters_at(solution.t)
+    if history is None or not isinstance(along, np.ndarray):
+        return {}
+    changed = np.flatnonzero(np.ptp(history.values, axis=0))
+    return {solution.model.statement.parameters[i].name: along[i] for i in changed}
+
+
+def arrays_of_run(solution: Solution) -> dict[str, Any]:
+    """Return the arrays of an archive by name; see `Solution.to_npz`."""
+    run, model = solution.trajectory, solution.model
+    texts = {"card": json.dumps(solution.card()), "statement": json.dumps(stored(model.statement))}
+    arrays: dict[str, Any] = {"t": run.t, "y": run.y, "names": np.array(solution.names)}
+    arrays |= {name: np.array(text) for name, text in texts.items()}
+    arrays |= event_arrays(run.t_events, run.y_events) | stored_between(run)
+    if run.history is not None:
+        arrays |= {f"history_{name}": array for name, array in vars(run.history).items()}
+    if solution.multipliers:
+        arrays |= {
+            "multipliers": np.stack([*solution.multipliers.values()]),
+            "constraints": np.array([*solution.multipliers]),
+            "constraint_error": solution.constraint_error,
+        }
+    arrays["energy"] = solution.energy if solution.has_energy else np.full(len(run.t), np.nan)
+    return arrays
