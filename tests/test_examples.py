@@ -74,6 +74,7 @@ def test_exact_angle_of_the_pendulum() -> None:
     assert euler_against_rk4.exact_angle(period / 2) == pytest.approx(-1.5, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_double_pendulum(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     solution = double_pendulum.main(tmp_path)
     assert solution["theta1"][0] == solution["theta2"][0] == math.pi / 2
@@ -89,6 +90,7 @@ def test_double_pendulum(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert_is_a_picture(tmp_path / "double_pendulum.png")
 
 
+@pytest.mark.slow
 def test_phase_portraits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     found = phase_portraits.main(tmp_path)
     for (method, step), row in found.items():
@@ -143,6 +145,7 @@ def test_orbits_of_the_section_are_those_of_another_solver() -> None:
     assert ours == pytest.approx(theirs, abs=1e-8)
 
 
+@pytest.mark.slow
 def test_flip_times(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(flip_times.flip_times, "__defaults__", (40, 20.0))
     found = flip_times.main(tmp_path)
@@ -171,6 +174,7 @@ def flip_by_scipy(start: list[float]) -> float:
     return float(min(np.concatenate(solved.t_events)))
 
 
+@pytest.mark.slow
 def test_magnet_pendulum(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(magnet_pendulum.basins, "__defaults__", (41,))
     found = magnet_pendulum.main(tmp_path)
@@ -188,6 +192,7 @@ def test_magnet_pendulum(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert_is_a_picture(tmp_path / "magnet_pendulum.png")
 
 
+@pytest.mark.slow
 def test_throw_in_wind(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(throw_in_wind.throws, "__defaults__", (256, 1))
     runs = throw_in_wind.main(tmp_path)

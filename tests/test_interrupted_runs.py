@@ -130,6 +130,7 @@ def listens(process: int) -> bool:
     return bool(caught >> (signal.SIGHUP - 1) & 1)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="reads /proc to know when signals are handled")
 def test_signals_at_random_moments(tmp_path: Path, share: Share) -> None:
     (tmp_path / "notes.txt").write_text("mine")

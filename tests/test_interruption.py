@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -28,18 +27,21 @@ runpy.run_path(sys.argv[1], dict(interruption=interruption), "lagrange.trial")
 
 
 def trial(tmp_path: Path, source: str, *signals: int, code: int = 0) -> str:
-    """Run code as a module of the package, send it signals once it has printed a line, and return what it prints."""
+    """Run code as a module of the package, send it signals once it has printed a line, and return what it prints.
+
+    Its input ends after the signals.
+    """
     path = tmp_path / "trial.py"
     path.write_text("import os, signal, sys, time\n" + source)
     program, paths = [sys.executable, "-c", START, str(path)], {**os.environ, "PYTHONPATH": str(tmp_path)}
-    with subprocess.Popen(program, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=paths) as process:
+    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
+    with subprocess.Popen(program, text=True, env=paths, **pipes) as process:
         try:
             first = ""
             if signals and process.stdout is not None:
                 first = process.stdout.readline()
             for number in signals:
                 process.send_signal(number)
-                time.sleep(0.3)
             printed, complaint = process.communicate(timeout=300)
         finally:
             process.kill()
@@ -64,7 +66,6 @@ LOST = {
 class Held:
     def __del__(self):
         os.kill(os.getpid(), signal.SIGINT)
-        time.sleep(1)
 def lose():
     Held()
 """,
@@ -74,7 +75,6 @@ class Held:
     pass
 def gone(_):
     os.kill(os.getpid(), signal.SIGINT)
-    time.sleep(1)
 def lose():
     held = Held()
     watched = weakref.ref(held, gone)
@@ -86,7 +86,7 @@ def lose():
 
 @pytest.mark.parametrize("where", LOST)
 def test_what_gets_lost_is_raised_once_more(tmp_path: Path, where: str) -> None:
-    (tmp_path / "foreign.py").write_text("import os, signal, time\n" + LOST[where])
+    (tmp_path / "foreign.py").write_text("import os, signal\n" + LOST[where])
     source = """
 import foreign
 try:
@@ -102,7 +102,7 @@ except KeyboardInterrupt as interrupt:
 def test_an_interruption_of_code_given_as_text_is_over_when_it_is_caught(tmp_path: Path) -> None:
     source = """
 try:
-    exec("os.kill(os.getpid(), signal.SIGTERM)\\ntime.sleep(1)")
+    exec("os.kill(os.getpid(), signal.SIGTERM)\\nprint(1)")
 except KeyboardInterrupt as interrupt:
     print("raised", interrupt.code)
 """
@@ -135,7 +135,7 @@ def test_after_the_end_nothing_is_raised(tmp_path: Path) -> None:
     source = """
 interruption.close()
 print("ready", flush=True)
-time.sleep(1)
+sys.stdin.read()
 print("done", interruption.number)
 """
     assert trial(tmp_path, source, signal.SIGINT, signal.SIGTERM) == "ready\ndone None\n"

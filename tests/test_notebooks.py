@@ -92,8 +92,10 @@ def time_of_processes() -> float:
     return times.children_user + times.children_system
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(path, id=path.stem, marks=[pytest.mark.slow] * (k > 0)) for k, path in enumerate(NOTEBOOKS)],
+)
 def test_the_notebook_runs(path: Path, kernel: str, tmp_path: Path) -> None:
     notebook = nbformat.read(path, as_version=4)
     began = time_of_processes()

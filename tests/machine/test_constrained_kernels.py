@@ -13,6 +13,7 @@ import lagrange as lg
 from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import RunError
+from lagrange.machine.kernel import llvm_body
 from lagrange.machine.model import Model
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet
@@ -94,14 +95,18 @@ def test_near_a_configuration_where_constraints_depend_on_one_another_pivots_are
         held.accelerations(straight, np.zeros(8), 0.25)
 
 
-def test_a_large_system_that_is_singular_takes_its_memory_from_the_heap() -> None:
+@pytest.mark.parametrize(("loops", "largest"), [(5, 8), pytest.param(60, 128, marks=pytest.mark.slow)])
+def test_a_large_system_that_is_singular_takes_its_memory_from_the_heap(
+    loops: int, largest: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """The matrix of 60 loops, 243 unknowns, takes half a megabyte: with its factors too much for a thread's stack."""
-    held = model_of(ladder(60), machine("llvm"))
-    straight = np.ravel([(i + 1.0, 0.0) for i in range(61)])
+    monkeypatch.setattr(llvm_body, "LARGEST_ON_STACK", largest)
+    held = model_of(ladder(loops), machine("llvm"))
+    straight = np.ravel([(i + 1.0, 0.0) for i in range(loops + 1)])
     with pytest.raises(RunError):
-        held.accelerations(straight, np.zeros(122), 0.25)
-    bent = np.ravel([(i + 0.28, 0.96) for i in range(61)])
-    assert np.isfinite(held.accelerations(bent, np.zeros(122), 0.25)).all()
+        held.accelerations(straight, np.zeros(2 * loops + 2), 0.25)
+    bent = np.ravel([(i + 0.28, 0.96) for i in range(loops + 1)])
+    assert np.isfinite(held.accelerations(bent, np.zeros(2 * loops + 2), 0.25)).all()
 
 
 @pytest.mark.parametrize("order", [6, 0])

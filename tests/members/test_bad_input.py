@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
-from scipy.stats import norm
+from scipy.stats import norm, qmc
 
 import lagrange as lg
 from lagrange.members import runners, store, varied
@@ -281,5 +281,9 @@ def test_all_digits_of_a_seed_count() -> None:
     assert not np.array_equal(one, other)
 
 
-def test_a_sample_of_more_than_a_sequence_has() -> None:
-    refused(lambda: lg.sample({f"p{i}": (0, 1) for i in range(21_202)}, 2), "ranges has 21202 entries, and Sobol's")
+def test_a_sample_of_more_than_a_sequence_has(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert qmc.Sobol.MAXDIM == varied.MOST_DIMENSIONS
+    monkeypatch.setattr(varied, "MOST_DIMENSIONS", 3)
+    refused(
+        lambda: lg.sample({f"p{i}": (0, 1) for i in range(4)}, 2), "ranges has 4 entries, and Sobol's sequence has 3"
+    )

@@ -113,7 +113,7 @@ ELSEWHERE: Mapping[str, tuple[int, Callable[..., Columns]]] = {
 }
 """Partitions whose workers take seconds to start."""
 
-METHODS = ("taylor", "dop853", "rk4", "verlet", "radau5")
+METHODS = ("taylor", "dop853", "rk4", "verlet", pytest.param("radau5", marks=pytest.mark.slow))
 
 
 def same(partition: tuple[int, Callable[..., Columns]], method: str, folder: Path, patch: pytest.MonkeyPatch) -> None:

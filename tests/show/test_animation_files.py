@@ -212,6 +212,7 @@ def test_keys_and_controls_of_the_player(tmp_path: Path, monkeypatch: pytest.Mon
     assert title == ("t = 0.00 | t = 0.03 | t = 1.00 | t = 0.97 | t = 0.00 | t = 0.50 | Pause | 2 | false"), said.stderr
 
 
+@pytest.mark.slow
 def test_frames_are_drawn_without_pyplot() -> None:
     code = (
         "from tests.show.animations import double_pendulum as d; import sys; d().animate(size=(200, 240)).frame(1)\n"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -27,28 +28,29 @@ from lagrange.show.figures.style import DARK
 from tests.dynamics.planar import damped_pendulum, double_well, duffing, hoop, pendulum, star, theta, x, y
 from tests.models import shared_scene
 
+RECORDS: dict[str, Callable[[], Any]] = {
+    "portrait": lambda: lg.phase_portrait(damped_pendulum(), starts=[{theta: 2.0}]),
+    "section": lambda: lg.poincare(
+        star(), lg.event(x, direction=1), [{y: 0.3}], energy=0.1, solve_for=x.dot, crossings=20
+    ),
+    "sweep": lambda: lg.bifurcation(duffing(), "F", [0.2, 0.28], points=8, skip=100),
+    "branches": lambda: lg.bifurcation(hoop(), "w", (2.0, 8.0, 10)),
+    "passage": lambda: lg.first_passage(pendulum(), {theta: (-3, 3, 5), theta.dot: (-3, 3, 6)}),
+    "basins": lambda: lg.basins(double_well(), {x: (-2, 2, 6), x.dot: (-2, 2, 5)}),
+    "exchange": lambda: lg.energy_exchange(pendulum().run(5.0, {theta: 1.0})),
+}
+
 
 @cache
-def records() -> dict[str, Any]:
-    """Return one record of each kind."""
-    return {
-        "portrait": lg.phase_portrait(damped_pendulum(), starts=[{theta: 2.0}]),
-        "section": lg.poincare(star(), lg.event(x, direction=1), [{y: 0.3}], energy=0.1, solve_for=x.dot, crossings=20),
-        "sweep": lg.bifurcation(duffing(), "F", [0.2, 0.28], points=8, skip=100),
-        "branches": lg.bifurcation(hoop(), "w", (2.0, 8.0, 10)),
-        "passage": lg.first_passage(pendulum(), {theta: (-3, 3, 5), theta.dot: (-3, 3, 6)}),
-        "basins": lg.basins(double_well(), {x: (-2, 2, 6), x.dot: (-2, 2, 5)}),
-        "exchange": lg.energy_exchange(pendulum().run(5.0, {theta: 1.0})),
-    }
-
-
-KINDS = ("portrait", "section", "sweep", "branches", "passage", "basins", "exchange")
+def recorded(kind: str) -> Any:
+    """Return a record of a kind."""
+    return RECORDS[kind]()
 
 
 @pytest.mark.few
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", RECORDS)
 def test_a_record_has_a_card_a_picture_and_a_file(kind: str, tmp_path: Path) -> None:
-    record = records()[kind]
+    record = recorded(kind)
     assert isinstance(record, Drawn)
     figure = record.plot(style="dark")
     assert isinstance(figure, Figure)
@@ -63,9 +65,9 @@ def test_a_record_has_a_card_a_picture_and_a_file(kind: str, tmp_path: Path) -> 
     assert repr(pickle.loads(pickle.dumps(record))) == repr(record)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", RECORDS)
 def test_a_picture_is_drawn_on_axes_of_the_users(kind: str) -> None:
-    record = records()[kind]
+    record = recorded(kind)
     figure = lg.figure(columns=2)
     left, right = figure.axes[:2]
     assert record.plot(ax=left) is figure
@@ -130,7 +132,7 @@ def test_a_line_in_an_angle_is_cut_at_the_border_and_repeated_for_each_turn() ->
 
 
 def test_a_portrait_marks_equilibria_and_says_what_is_what() -> None:
-    (axis,) = records()["portrait"].plot().axes
+    (axis,) = recorded("portrait").plot().axes
     legend = axis.get_legend()
     assert legend is not None
     texts = [text.get_text() for text in legend.get_texts()]
@@ -141,7 +143,7 @@ def test_a_portrait_marks_equilibria_and_says_what_is_what() -> None:
 
 
 def test_a_section_draws_the_entries_that_are_asked_for() -> None:
-    section = records()["section"]
+    section = recorded("section")
     (axis,) = section.plot(x=y.dot, y="x_dot").axes
     (points,) = [line.get_xydata() for line in axis.get_lines()]
     assert points == pytest.approx(section.points[:, [3, 2]])
@@ -150,13 +152,13 @@ def test_a_section_draws_the_entries_that_are_asked_for() -> None:
     with pytest.raises(StatementError, match="x names 'z', which is no coordinate or velocity of Henon-Heiles"):
         section.plot(x="z")
     with pytest.raises(StatementError, match="entry names 'z'"):
-        records()["sweep"].plot("z")
+        recorded("sweep").plot("z")
     with pytest.raises(StatementError, match="equilibria rest: give one of the coordinates, such as theta"):
-        records()["branches"].plot(theta.dot)
+        recorded("branches").plot(theta.dot)
 
 
 def test_branches_meet_where_they_bifurcate() -> None:
-    (axis,) = records()["branches"].plot().axes
+    (axis,) = recorded("branches").plot().axes
     ends = [line[np.isfinite(line).all(axis=1)][0] for line in lines_of(axis, "#0b6e99")]
     critical = np.sqrt(9.81 / 0.5)
     forks = [end for end in ends if end[0] > 2.1]
@@ -165,7 +167,7 @@ def test_branches_meet_where_they_bifurcate() -> None:
 
 
 def test_a_map_has_its_starts_in_the_middle_of_its_cells() -> None:
-    found = records()["basins"]
+    found = recorded("basins")
     axis = found.plot().axes[0]
     (image,) = axis.get_images()
     assert image.origin == "lower"
@@ -176,20 +178,20 @@ def test_a_map_has_its_starts_in_the_middle_of_its_cells() -> None:
     assert drawn.shape == (5, 6, 3)
     blue = drawn[..., 2] > drawn[..., 0]
     assert np.array_equal(blue, found.labels == 0)
-    times = records()["passage"]
+    times = recorded("passage")
     (image,) = times.plot().axes[0].get_images()
     assert np.array_equal(np.ma.getmaskarray(np.ma.masked_invalid(image.get_array())), np.isnan(times.times))
 
 
 def test_what_is_not_there_of_a_map_is_said_below() -> None:
-    found = records()["passage"]
+    found = recorded("passage")
     below = found.plot().get_supxlabel()
     assert below == f"{(found.which == -1).sum()} of 30 starts without it until t = 10 have no colour."
     assert (found.which != NOT_COMPUTED).all()
 
 
 def test_potential_energy_is_drawn_above_its_least_value() -> None:
-    (axis,) = records()["exchange"].plot().axes
+    (axis,) = recorded("exchange").plot().axes
     kinetic, potential, whole = (np.asarray(line.get_ydata()) for line in axis.get_lines())
     assert potential.min() == 0.0
     assert kinetic + potential == pytest.approx(whole)
@@ -259,7 +261,7 @@ def test_numbers_beside_a_logarithmic_scale_are_round(ends: tuple[float, float],
 
 
 def test_numbers_of_a_colour_bar_are_plain() -> None:
-    bar = records()["passage"].plot().axes[1]
+    bar = recorded("passage").plot().axes[1]
     labels = [text.get_text() for text in bar.get_yticklabels()]
     assert len(labels) >= 3 and not any("$" in one for one in labels)
     assert [float(one) for one in labels] == pytest.approx(bar.get_yticks())

@@ -53,8 +53,6 @@ QUICK = (
     "double-pendulum",
     "kepler",
     "ladder",
-    "rolling-disc",
-    "swinging-atwood-machine",
     "thrown-ball",
 )
 SCENES = [pytest.param(name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in lg.scenes()]
@@ -107,6 +105,7 @@ def test_html_is_well_formed(name: str) -> None:
     assert not re.search(r"<script|href=|src=", page)
 
 
+@pytest.mark.slow
 def test_a_chain_of_five_links_is_derived_without_its_accelerations() -> None:
     angles, masses = lg.coordinates("q1 q2 q3 q4 q5"), lg.parameters("m1 m2 m3 m4 m5")
     g, l = lg.parameters("g l")

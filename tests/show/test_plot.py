@@ -45,6 +45,7 @@ def test_one_coordinate_and_its_energy() -> None:
     assert np.abs(figure.axes[1].lines[0].get_ydata()).max() < 1e-14
 
 
+@pytest.mark.slow
 def test_fourteen_coordinates_each_have_a_panel() -> None:
     figure = drawn(free(14))
     assert labels(figure)[:14] == [f"$x_{{{i}}}$" for i in range(1, 15)]
@@ -55,7 +56,7 @@ def test_fourteen_coordinates_each_have_a_panel() -> None:
 
 
 def test_a_hundred_coordinates_share_panels() -> None:
-    figure = drawn(free(100))
+    figure = free(100).plot()
     assert len(figure.axes) == 26 and titles(figure)[0] == "coordinates x1 to x4"
     assert sum(len(axis.lines) for axis in figure.axes[:-1]) == 100
 
