@@ -52,7 +52,7 @@ def test_lines_fit_a_terminal_without_unicode() -> None:
     assert "               Numerical Integration, 2nd ed. (2006)," in lines
 
 
-@pytest.mark.parametrize("command", [["scenes"], ["check", "pendulum"]])
+@pytest.mark.parametrize("command", [["scenes"], pytest.param(["check", "pendulum"], marks=pytest.mark.slow)])
 def test_tables_fit_a_terminal_with_their_rules(command: list[str]) -> None:
     code, lines = on_a_terminal(60, *command)
     assert code == 0 and max(map(len, lines)) <= 60

@@ -198,7 +198,7 @@ def moved(flow: Any) -> Any:
 
 
 @pytest.mark.filterwarnings("ignore:os.fork:RuntimeWarning")  # of a library with threads, if a test has imported one
-@pytest.mark.parametrize("start", ["spawn", "fork"])
+@pytest.mark.parametrize("start", [pytest.param("spawn", marks=pytest.mark.slow), "fork"])
 def test_solutions_and_flows_go_to_a_pool_and_come_back(start: str) -> None:
     solution, flow = run("taylor"), lg.flow(pendulum().compile(), method="dop853")
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context(start)) as pool:

@@ -12,6 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from tests.test_house import nodes
+from tests.test_house import parsed as tree_of
+
 ROOT = Path(__file__).resolve().parent.parent
 STAGES = (
     "errors",
@@ -51,7 +54,7 @@ def parsed(root: Path) -> dict[str, ast.Module]:
     for path in sorted((root / "lagrange").rglob("*.py")):
         parts = path.relative_to(root).with_suffix("").parts
         name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-        modules[name] = ast.parse(path.read_text(encoding="utf-8"), filename=str(path))
+        modules[name] = tree_of(path.read_text(encoding="utf-8"))
     return modules
 
 
@@ -64,12 +67,6 @@ def package() -> dict[str, ast.Module]:
 def layer(module: str) -> int:
     stage = module.split(".")[1] if "." in module else ""
     return STAGES.index(stage) if stage in STAGES else TOP
-
-
-@cache
-def nodes(tree: ast.AST) -> tuple[ast.AST, ...]:
-    """Return all nodes of a tree, which most rules go through."""
-    return tuple(ast.walk(tree))
 
 
 @cache

@@ -70,7 +70,6 @@ def results(outputs: list[dict[str, Any]]) -> list[dict[str, str]]:
     return [one["data"] for one in outputs if one["output_type"] in ("execute_result", "display_data")]
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("name", CELLS)
 def test_a_cell_shows_what_it_ends_with(name: str, outputs: dict[str, list[dict[str, Any]]]) -> None:
     kind = CELLS[name][1]
