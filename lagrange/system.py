@@ -509,8 +509,10 @@ class System:
         """
         from lagrange.mechanics.comparison import compare_equations
         from lagrange.mechanics.student_equations import read_equations
+        from lagrange.show.notation.typed_text import typed_text
 
-        return compare_equations(self._known, self._known_derivation, read_equations(derived, self._known))
+        known = self._known
+        return compare_equations(known, self._known_derivation, read_equations(derived, known), typed_text(known))
 
     def compare_text(self, text: str) -> EquationsComparison:
         """Compare equations of motion in a text, as `compare` does. Raises StatementError for what is no text."""

@@ -23,6 +23,7 @@ from lagrange.mechanics.motion_samples import MotionSample, motion_samples
 from lagrange.mechanics.multiplier_multiples import multiples_of_multipliers, told_of
 from lagrange.mechanics.slips import slip_of
 from lagrange.mechanics.student_equations import StudentEquation
+from lagrange.mechanics.term_difference import Write
 from lagrange.mechanics.wrong_term import wrong_term
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
@@ -67,18 +68,24 @@ class EquationsComparison(ShownAsPage):
 
 
 def compare_equations(
-    statement: Statement, derivation: Derivation, equations: Sequence[StudentEquation]
+    statement: Statement, derivation: Derivation, equations: Sequence[StudentEquation], write: Write
 ) -> EquationsComparison:
-    """Compare equations with those of a statement. Raises StatementError where they are not linear in accelerations."""
+    """Compare equations with those of a statement. `write` returns the text of an expression for messages.
+
+    Raises StatementError where they are not linear in accelerations.
+    """
     samples = motion_samples(statement, SAMPLES)
     understood = [_likeliest(equation, statement, samples) for equation in equations]
     rows = [row for _, row in understood]
     further, untried = branch_samples(statement, rows, samples)
     samples += further
-    result = _compared(statement, derivation, rows, samples, untried)
-    told = "" if result or not result.wrong else _with_slip([one for one, _ in understood], statement, samples)
-    doubtful = [one.read for (one, _), given in zip(understood, equations, strict=True) if given.others]
-    told += f" Read as {listing(doubtful[:MOST_READ])}." if doubtful else ""
+    result, alone = _compared(derivation, rows, samples, untried, write)
+    told = ""
+    if result.wrong:
+        slip = slip_of([one for one, _ in understood], statement, samples, alone=alone)
+        told = f" {slip}" if slip else ""
+    shown = [i for i, given in enumerate(equations) if given.others and (i in result.wrong or not result.wrong)]
+    told += f" Read as {listing(understood[i][0].read for i in shown[:MOST_READ])}." if shown else ""
     read = "\n".join(equation.read for equation, _ in understood)
     if len(result.message + told) <= LONGEST_MESSAGE:
         return replace(result, message=result.message + told, read=read)
@@ -89,11 +96,6 @@ def compare_equations(
         label = equations[result.wrong[0]].label
         short, told = f"{label[0].upper()}{label[1:]} does not hold: .details names its first wrong term.", ""
     return replace(result, message=short + told, details=f"{result.message} {result.details}".strip(), read=read)
-
-
-def _with_slip(equations: Sequence[StudentEquation], statement: Statement, samples: Sequence[MotionSample]) -> str:
-    slip = slip_of(equations, statement, samples)
-    return f" {slip}" if slip else ""
 
 
 def _likeliest(
@@ -120,25 +122,30 @@ def _likeliest(
 
 
 def _compared(
-    statement: Statement,
     derivation: Derivation,
     rows: Sequence[EquationRow],
     samples: Sequence[MotionSample],
     untried: Sequence[Way],
-) -> EquationsComparison:
-    """Return the result for one reading of each equation; `untried` are branches without a sample."""
+    write: Write,
+) -> tuple[EquationsComparison, bool]:
+    """Return the result for one reading of each equation, and whether one term alone is wrong.
+
+    `untried` are branches without a sample.
+    """
+    statement = rows[0].statement
     wrong = tuple(i for i, row in enumerate(rows) if not row.holds(samples))
     moving = [row for row in rows if any(row.slopes.values())]  # beside them may stand the constraints
     multiples = multiples_of_multipliers(moving, samples) if wrong and all(rows[i] in moving for i in wrong) else None
     wrong = () if multiples else wrong
     if wrong:
-        return _refuted(derivation, rows, wrong, samples)
+        term = wrong_term(rows[wrong[0]], derivation, samples, write)
+        return _refuted(rows, wrong, samples, term.sentence), term.alone and len(wrong) == 1
     free = _undetermined(rows, samples)
     if free:
-        return EquationsComparison(right=False, message=_incomplete(statement, rows, free))
+        return EquationsComparison(right=False, message=_incomplete(statement, rows, free)), False
     right = f"The equations are right: they are equivalent to those of the system, at the {len(samples)} states tried."
     message = right + (told_of(multiples) if multiples else "") + _without_sample(untried, statement)
-    return EquationsComparison(right=True, message=message)
+    return EquationsComparison(right=True, message=message), False
 
 
 def _without_sample(left: Sequence[Way], statement: Statement) -> str:
@@ -173,13 +180,12 @@ def _incomplete(statement: Statement, rows: Sequence[EquationRow], free: Sequenc
 
 
 def _refuted(
-    derivation: Derivation, rows: Sequence[EquationRow], wrong: tuple[int, ...], samples: Sequence[MotionSample]
+    rows: Sequence[EquationRow], wrong: tuple[int, ...], samples: Sequence[MotionSample], named: str
 ) -> EquationsComparison:
-    """Return the result for equations of which some do not hold."""
+    """Return the result for equations of which some do not hold; `named` is the sentence on the first wrong term."""
     row = rows[wrong[0]]
     sample = _where_it_fails(row, samples)
     example = {} if sample is None else _counterexample(row, sample)
-    named = wrong_term(row, derivation, samples)
     details = "" if sample is None else _told(row, sample)
     more = ""
     if len(wrong) > 1:

@@ -13,6 +13,7 @@ from lagrange.errors import StatementError, listing
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.precise import Precise
 from lagrange.evidence.sample import Point
+from lagrange.mechanics.identity import vanishes_in_symbols as vanishes
 from lagrange.mechanics.motion_samples import MotionSample
 from lagrange.mechanics.student_equations import StudentEquation
 from lagrange.statement.statement import Statement
@@ -96,14 +97,15 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
     unknowns = unknowns_of(statement)
     found = [symbol for symbol in unknowns if equation.zero.has(symbol)]
     slopes = {symbol: sympy.diff(equation.zero, symbol) if symbol in found else sympy.S.Zero for symbol in unknowns}
-    slopes = {symbol: sympy.simplify(s) if found and s.has(*found) else s for symbol, s in slopes.items()}
-    bent = [symbol for symbol in found if slopes[symbol].has(*found)]
+    bent = [symbol for symbol in found if any(not vanishes(sympy.diff(slopes[symbol], other)) for other in found)]
     if bent:
         raise StatementError(
             f"{equation.label} is not linear in {listing(map(str, bent))}: equations of motion are compared as linear "
             "equations for the accelerations. Solve it for them, or clear what stands around them."
         )
-    rest = equation.zero.xreplace(dict.fromkeys(found, sympy.S.Zero))
+    nothing = dict.fromkeys(found, sympy.S.Zero)
+    slopes = {symbol: slope.xreplace(nothing) for symbol, slope in slopes.items()}
+    rest = equation.zero.xreplace(nothing)
     return EquationRow(statement, equation.label, equation.zero, slopes, rest, equation.right)
 
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import math
+import random
 from collections.abc import Mapping
 from typing import Any
+
+import sympy
 
 from lagrange.evidence.sample import SAMPLE_KINDS, Sampler
 from lagrange.mechanics.number_check import MOST_DRAWS
@@ -32,6 +35,23 @@ def vanishes(form: PlainForm, given: Any) -> bool:
         if seen == STATES:
             return True
     return is_zero(given)
+
+
+def vanishes_in_symbols(given: Any) -> bool:
+    """Return whether an expression in plain symbols is zero for all real values of them, False where it has none."""
+    if given == 0:
+        return True
+    dice, seen = random.Random(7), 0
+    symbols = sorted(given.free_symbols, key=str)
+    for _ in range(MOST_DRAWS):
+        values = {symbol: sympy.Rational(dice.randrange(64, 256), 128) for symbol in symbols}
+        found, terms = number(given, values), size_of_terms(given, values)
+        if found != found or terms != terms:
+            continue
+        if abs(found) > 10.0 ** (10 - DIGITS) * terms:
+            return False
+        seen += 1
+    return seen >= STATES
 
 
 def size_of_terms(given: Any, values: Mapping[Any, Any]) -> float:

@@ -14,7 +14,8 @@ from lagrange.evidence.laws import solve
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.mechanics.equation_row import HELD, EquationRow
 from lagrange.mechanics.motion_samples import MotionSample
-from lagrange.mechanics.wrong_term import LARGEST_FACTOR, SINGULAR
+from lagrange.mechanics.term_difference import LARGEST_FACTOR
+from lagrange.mechanics.wrong_term import SINGULAR
 
 
 def multiples_of_multipliers(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[list[Any]] | None:

@@ -8,7 +8,7 @@ one with the fewest terms that differ.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property
@@ -20,15 +20,22 @@ from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve
 from lagrange.evidence.operations import OutsideDomain
-from lagrange.mechanics.equation_row import HELD, EquationRow, tape, unknowns_of, values_at
+from lagrange.mechanics.equation_row import EquationRow, tape, unknowns_of, values_at
 from lagrange.mechanics.motion_samples import MotionSample
-from lagrange.mechanics.student_equations import spelled
+from lagrange.mechanics.simplification import simplest
+from lagrange.mechanics.term_difference import (
+    WRONG,
+    Difference,
+    Numbers,
+    Write,
+    constant_of,
+    difference_of,
+    same,
+    spread,
+    summands,
+)
+from lagrange.mechanics.wrong_denominator import wrong_denominator
 from lagrange.statement.statement import Statement
-
-Numbers = list[Any]
-
-MOST_TERMS = 2_000
-"""Terms of an expanded equation above which no term is named."""
 
 NEAR = 0.5
 """An Euler-Lagrange equation is meant where at most so many terms differ for each product that agrees."""
@@ -42,26 +49,42 @@ BENT = 2
 SINGULAR = 1e-12
 """Pivot, relative to its row, from which a mass matrix is not solved."""
 
-LARGEST_FACTOR = 1000
-"""Largest denominator of a factor that is told as a fraction."""
+
+@dataclass(frozen=True)
+class WrongTerm:
+    """What is wrong with an equation, as a sentence. `alone` is true if nothing but one term of it differs."""
+
+    sentence: str
+    alone: bool = False
 
 
-def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample]) -> str:
-    """Return a sentence that names the first wrong term of an equation that does not hold."""
+def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> WrongTerm:
+    """Return which term of an equation that does not hold is wrong. `write` returns the text of an expression."""
     label = f"{row.label[0].upper()}{row.label[1:]}"
     if not any(row.slopes.values()):
-        return f"{label} does not hold, and contains no acceleration: it is no equation of motion."
+        return WrongTerm(f"{label} does not hold, and contains no acceleration: it is no equation of motion.")
+    denominator = wrong_denominator(row, derivation, samples, write)
+    if denominator:
+        return WrongTerm(denominator, alone=True)
     given = _Sorted.of(row.zero, row.statement, samples)
     if given is None:
-        return f"{label} does not hold."
+        return WrongTerm(f"{label} does not hold.")
     meant = _nearest(given, _candidates(given, _stated_rows(derivation)))
     if meant is None or meant.differing_terms > NEAR * meant.agreeing:
         others = (*_combined(row, given, derivation), *_candidates(given, _solved_rows(derivation)))
         found = [one for one in (meant, _nearest(given, others)) if one is not None]
-        meant = min(found, key=_rank, default=None)
+        meant = min(found, key=lambda one: _rank(one)[:3], default=None)
     if meant is None or not meant.agreeing:
-        return f"{label} does not hold, and no term of it is that of an equation of motion."
-    return meant.sentence(row)
+        return WrongTerm(f"{label} does not hold, and no term of it is that of an equation of motion.")
+    return WrongTerm(_sentence(meant, row, write), alone=meant.differing_terms == 1)
+
+
+def _sentence(meant: _Meant, row: EquationRow, write: Write) -> str:
+    """Return what is wrong with the first product that differs, with the signs as they were typed."""
+    product, found = meant.finding()
+    side, sign = _side(row, product, found)
+    of = "" if meant.name in row.label else f", that of {meant.name},"
+    return f"In {row.label}{of}{side} {found.told(product, sign, write)}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +113,7 @@ class _Sorted:
     @cached_property
     def terms(self) -> Mapping[Any, list[Numbers]]:
         """The terms of each coefficient at the samples."""
-        listed = [(product, one) for product, whole in self.coefficients.items() for one in sympy.Add.make_args(whole)]
+        listed = [(product, one) for product, whole in self.coefficients.items() for one in summands(whole)]
         values = _values([term for _, term in listed], self.statement, self.samples)
         found: dict[Any, list[Numbers]] = {}
         for (product, _), value in zip(listed, values or [], strict=True):
@@ -104,10 +127,14 @@ class _Sorted:
 
 
 def _by_product(zero: Any, statement: Statement) -> dict[Any, Any] | None:
-    """Return the coefficients of the products of an expanded sum, None where it has too many terms."""
+    """Return the coefficients of the products of a sum, None where it has too many terms.
+
+    Only sums that contain velocities, accelerations or multipliers are multiplied out. The others stay as they were
+    typed.
+    """
     moving = (*list(statement.plain.values())[1::3], *unknowns_of(statement))
-    terms = sympy.Add.make_args(sympy.expand(zero))
-    if len(terms) > MOST_TERMS:
+    terms = spread(zero, lambda factor: factor.has(*moving))
+    if terms is None:
         return None
     found: dict[Any, Any] = {}
     for term in terms:
@@ -116,7 +143,7 @@ def _by_product(zero: Any, statement: Statement) -> dict[Any, Any] | None:
     return {product: value for product, value in found.items() if value != 0}
 
 
-def _side(row: EquationRow, product: Any, there: Any) -> tuple[str, int]:
+def _side(row: EquationRow, product: Any, found: Difference) -> tuple[str, int]:
     """Return words for the side on which a term stands or belongs, and -1 for the right side, else 1.
 
     The sign turns a coefficient of `row.zero` into the one that was typed. A missing term belongs on the right side if
@@ -126,12 +153,16 @@ def _side(row: EquationRow, product: Any, there: Any) -> tuple[str, int]:
     left = _by_product(row.zero + row.right, row.statement) or {}
     if not right:
         return "", 1
-    if there == 0:
+    if found.there == 0:
+        if product.has(*unknowns_of(row.statement)) and left:
+            return "", 1
         solved = all(one.has(*unknowns_of(row.statement)) for one in left)
-        return (" on the right side", -1) if solved else ("", 1)
-    if product not in left and right.get(product) == -there:
+        return (" on the right side", -1) if solved or (product in right and product not in left) else ("", 1)
+    there = summands(found.there)
+    if product not in left or any(-term in summands(right.get(product, sympy.S.Zero)) for term in there):
         return " on the right side", -1
-    return ("", 1) if product not in right else (" with all terms on the left", 1)
+    stands = product not in right or any(term in summands(left[product]) for term in there)
+    return ("", 1) if stands else (" with all terms on the left", 1)
 
 
 def _values(expressions: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> list[Numbers] | None:
@@ -154,7 +185,7 @@ class _Factor:
     @property
     def constant(self) -> Fraction | None:
         """The factor as a short fraction, if it is the same at all states."""
-        return _constant(self.values)
+        return constant_of(self.values)
 
 
 Candidate = tuple[str, _Sorted, _Factor]
@@ -184,7 +215,7 @@ def _candidates(given: _Sorted, rows: Sequence[tuple[str, Any]]) -> Iterator[Can
 
 
 def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Iterator[Candidate]:
-    """Yield the sum of equations with constant weights that has the accelerations of the given one."""
+    """Yield the sum of equations with constant weights that has the accelerations of the given one, times factors."""
     weights: list[Numbers] = []
     for sample in given.samples:
         try:
@@ -192,16 +223,16 @@ def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Itera
             weights.append(solve(sample.mass, [slopes[: len(sample.mass)]], SINGULAR)[0])
         except OutsideDomain:
             return
-    constants = [_constant(list(column)) for column in zip(*weights, strict=True)]
+    first = next((i for i, weight in enumerate(weights[0]) if weight != 0), None)
+    if first is None or any(not row[first] for row in weights):
+        return
+    constants = [constant_of([row[i] / row[first] for row in weights]) for i in range(len(weights[0]))]
     used = [i for i, weight in enumerate(constants) if weight != 0]
     stated = _stated_rows(derivation)
     if len(used) < 2 or None in constants or not stated:
         return
     zero = sympy.Add(*(_rational(constants[i] or Fraction(0)) * stated[i][1] for i in used))
-    expected = _Sorted.of(zero.xreplace(given.statement.plain), given.statement, given.samples)
-    if expected is not None and len(expected.samples) == len(given.samples):
-        one = [sample.accelerations[0] * 0 + 1 for sample in given.samples]
-        yield f"{listing(stated[i][0] for i in used)} together", expected, _Factor(one, None)
+    yield from _candidates(given, [(f"{listing(stated[i][0] for i in used)} together", zero)])
 
 
 def _stated_rows(derivation: Derivation) -> list[tuple[str, Any]]:
@@ -240,8 +271,7 @@ class _Meant:
         """Whether the factor depends on the state: equations are seldom multiplied by such a factor."""
         if self.factor.constant is not None:
             return False
-        rows, places = (self.given, self.expected), list(self.given.statement.plain.values())[::3]
-        return any(row.coefficients[self.factor.product].has(*places) for row in rows)
+        return bool(self._quotient.has(*list(self.given.statement.plain.values())[::3]))
 
     def _terms(self, product: Any) -> int:
         """Return how many terms before a product are not those that are expected."""
@@ -249,11 +279,11 @@ class _Meant:
         missing = 0
         for term in self.expected.terms.get(product, []):
             wanted = [c * x for c, x in zip(factor, term, strict=True)]
-            same = next((one for one in left if _same(one, wanted)), None)
-            if same is None:
+            match = next((one for one in left if same(one, wanted)), None)
+            if match is None:
                 missing += 1
             else:
-                left.remove(same)
+                left.remove(match)
         return max(len(left), missing, 1)
 
     def _wanted(self, product: Any) -> Numbers:
@@ -262,7 +292,7 @@ class _Meant:
 
     def _agrees(self, product: Any) -> bool:
         there = self.given.values.get(product, [0] * len(self.factor.values))
-        return _same(there, self._wanted(product))
+        return same(there, self._wanted(product))
 
     @cached_property
     def multiple(self) -> Any:
@@ -270,26 +300,29 @@ class _Meant:
         constant = self.factor.constant
         if constant is not None:
             return sympy.Rational(constant.numerator, constant.denominator)
-        product = self.factor.product
-        return sympy.cancel(self.given.coefficients[product] / self.expected.coefficients[product])
+        return simplest(self._quotient)
 
-    def sentence(self, row: EquationRow) -> str:
-        """Return what is wrong with the first product that differs."""
+    @property
+    def _quotient(self) -> Any:
+        """The factor before it is simplified."""
+        product = self.factor.product
+        return self.given.coefficients[product] / self.expected.coefficients[product]
+
+    @cached_property
+    def length(self) -> int:
+        """Number of operations of the factor, 0 for a constant."""
+        return 0 if self.factor.constant is not None else int(self._quotient.count_ops())
+
+    def finding(self) -> tuple[Any, Difference]:
+        """Return the first product that differs, and how its coefficient does."""
         product = self.differing[0]
         there = self.given.coefficients.get(product, sympy.S.Zero)
-        wanted = sympy.expand(self.multiple * self.expected.coefficients.get(product, sympy.S.Zero))
-        of = "" if self.name in row.label else f", that of {self.name},"
+        wanted = self.multiple * self.expected.coefficients.get(product, sympy.S.Zero)
+        wanted = wanted if self.factor.constant is not None else simplest(wanted)
         extra = [one for one in self.differing if one not in self.expected.coefficients]
         if there == 0 and len(extra) == 1:
-            instead = self.given.coefficients[extra[0]]
-            side, sign = _side(row, extra[0], instead)
-            return (
-                f"In {row.label}{of}{side} the term {spelled(sign * instead * extra[0])} is wrong: it should be "
-                f"{spelled(sign * wanted * product)}."
-            )
-        side, sign = _side(row, product, there)
-        difference = _difference(product, sign * there, sign * wanted, self.given.numbers)
-        return f"In {row.label}{of}{side} {difference}"
+            return extra[0], Difference(WRONG, self.given.coefficients[extra[0]], wanted * product / extra[0])
+        return product, difference_of(there, wanted, self.given.numbers)
 
 
 def _rank(meant: _Meant) -> tuple[Any, ...]:
@@ -297,81 +330,7 @@ def _rank(meant: _Meant) -> tuple[Any, ...]:
     constant = meant.factor.constant
     simple = (1, -1).index(int(constant)) if constant in (1, -1) else 2 if constant is not None else 3
     accelerates = 0 if meant.factor.product in unknowns_of(meant.given.statement) else 1
-    return meant.differing_terms + BENT * meant.bent, -meant.agreeing, simple, accelerates
-
-
-def _difference(
-    product: Any, there: Any, wanted: Any, numbers: Callable[[Any], Numbers | None], *, part: bool = False
-) -> str:
-    """Return how the coefficient of a product, or a part of it, differs from what it should be."""
-
-    def text(coefficient: Any) -> str:
-        return spelled(coefficient * product)
-
-    def named(coefficient: Any) -> str:
-        return f"the {'sum' if (coefficient * product).is_Add else 'term'} {text(coefficient)}"
-
-    def known(coefficient: Any) -> str:
-        return named(coefficient) if part or product == 1 else f"the term with {spelled(product)}"
-
-    if there == 0:
-        return f"{named(wanted)} is missing."
-    if wanted == 0:
-        return f"{named(there)} should not be there."
-    ratio = _ratio(numbers(there), numbers(wanted))
-    if ratio is not None:
-        return _scaled(known(there), ratio, text(there), text(wanted))
-    off = numbers(there - wanted)
-    for summands in (sympy.Add.make_args, _opened):
-        for one in summands(wanted):
-            factor = _ratio(off, numbers(one))
-            if factor == -1:
-                return f"the term {text(one)} is missing."
-            if factor is not None:
-                return _scaled(f"the term {text(one)}", factor + 1, text(one * _rational(factor + 1)), text(one))
-        for one in summands(there):
-            if _ratio(off, numbers(one)) == 1:
-                return f"the term {text(one)} should not be there."
-        for one in summands(there):
-            for other in summands(wanted):
-                if one != other and _ratio(off, numbers(one - other)) == 1:
-                    return f"the term {text(one)} is wrong: it should be {text(other)}."
-    right = [one for one in sympy.Add.make_args(there) if one in sympy.Add.make_args(wanted)]
-    if right:
-        return _difference(product, there - sympy.Add(*right), wanted - sympy.Add(*right), numbers, part=True)
-    if part or product == 1:
-        return f"{known(there)} is wrong: it should be {text(wanted)}."
-    return f"{known(there)} is wrong: it is {text(there)}, and should be {text(wanted)}."
-
-
-def _opened(expression: Any) -> tuple[Any, ...]:
-    """Return the terms of a sum whose sines and cosines of sums are written out."""
-    found: tuple[Any, ...] = sympy.Add.make_args(sympy.expand(sympy.expand_trig(expression)))
-    return found
-
-
-def _scaled(what: str, ratio: Fraction, there: str, wanted: str) -> str:
-    if ratio == -1:
-        return f"{what} has the wrong sign: it is {there}, and should be {wanted}."
-    return f"{what} has the wrong factor: it is {there}, {ratio} times what it should be, {wanted}."
-
-
-def _ratio(above: Numbers | None, below: Numbers | None) -> Fraction | None:
-    """Return the constant ratio of two expressions by their values, None where there is none."""
-    if above is None or below is None or not all(below):
-        return None
-    return _constant([a / b for a, b in zip(above, below, strict=True)])
-
-
-def _constant(values: Numbers) -> Fraction | None:
-    """Return the short fraction that all values are, None where they are not."""
-    found = Fraction(str(values[0])).limit_denominator(LARGEST_FACTOR)
-    return found if _same(values, [values[0] * 0 + found.numerator] * len(values), found.denominator) else None
-
-
-def _same(left: Numbers, right: Numbers, times: int = 1) -> bool:
-    """Return whether times * left and right agree at all states."""
-    return all(abs(times * a - b) <= HELD * (abs(times * a) + abs(b)) for a, b in zip(left, right, strict=True))
+    return meant.differing_terms + BENT * meant.bent, -meant.agreeing, simple, meant.length, accelerates
 
 
 def _rational(value: Fraction) -> Any:

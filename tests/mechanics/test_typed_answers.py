@@ -40,7 +40,6 @@ SLIPS = {
     "theta'' - g/l sin theta": "All is right with -g in place of g",
     "theta'' + (g/l) cos theta = 0": "All is right with sine and cosine exchanged.",
     "theta'' + (g/l) theta = 0": "These are the equations for small motions",
-    "l theta'' + 2 g sin theta": "All is right with 2*l in place of l.",
     "l theta'' = -g sin(pi theta/180)": "All is right with angles in radians",
     "2 l theta'' + g sin(2 theta)": "All is right for 1/2*theta in place of theta.",
     "theta'' = -(g/l) sin(theta - pi)": "All is right with -g in place of g",
@@ -51,6 +50,70 @@ SLIPS = {
 def test_a_common_slip_is_named(text: str) -> None:
     result = shared_scene("pendulum").compare(text)
     assert not result and SLIPS[text] in result.message
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["l theta'' + 2 g sin theta", "theta'' - (g/l) theta'^2 + (g/l) sin theta", "m l theta'' + m g cos(2 theta)"],
+)
+def test_one_wrong_factor_is_told_as_a_term_alone(text: str) -> None:
+    assert "All is right" not in shared_scene("pendulum").compare(text).message
+
+
+def test_a_stiffness_has_no_direction() -> None:
+    result = shared_scene("mass-on-spring").compare("m x'' + c x' - k (x - rest) = 0")
+    assert result.message.endswith("-k*(x - rest), and should be k*(x - rest).")
+
+
+NAMED = {
+    "x'' = (m1 - m2) g/(m1 + m2 + 2 I/R^2)": "the denominator 2*I/R**2 + m1 + m2 is wrong: it should be I/R**2",
+    "R^2 (m1 + m2) x'' + I x'' = R^2 (m1 + m2) g": "on the right side the term m2*g*R**2 has the wrong sign: it is",
+    "0 = m2 g - m1 g + (m1 + m2) x'' + I x''/(2R^2)": "the term I*x_ddot/(2*R**2) has the wrong factor: it is",
+    "(m1 + m2 + I/R^2) x'' - m1 g = m2 g": "on the right side the term m2*g has the wrong sign: it is m2*g, and",
+    "x'' = -(m1 - m2) g/(m1 + m2 + I/R^2)": "has the wrong sign: it is ",
+    "(m1 + m2) x'' = (m1 - m2) g": "the term I*x_ddot/R**2 is missing.",
+}
+"""Wrong equations of two masses on a pulley with inertia, and what is said of each: form and signs as typed."""
+
+
+@pytest.mark.parametrize("text", NAMED)
+def test_the_wrong_term_is_named_as_it_was_typed(text: str) -> None:
+    x, (m1, m2, inertia, R, g) = lg.coordinate("x"), lg.parameters("m1 m2 I R g")
+    pulley = lg.System((m1 + m2 + inertia / R**2) * x.dot**2 / 2, -(m1 - m2) * g * x)
+    message = pulley.compare(text).message
+    assert NAMED[text] in message, message
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("3/2 m (R - r)^2 theta'' + m g R sin theta = 0", "the term -m*g*r*sin(theta) is missing."),
+        (
+            "1/2 m (R - r)^2 theta'' + m g (R - r) sin theta = 0",
+            "the term m*(R - r)**2*theta_ddot/2 has the wrong factor",
+        ),
+        ("3/2 R theta'' + g sin theta = 0", "the term -3*r*theta_ddot/2 is missing."),
+        (
+            "3 (R - r) theta'' = -2 g cos theta",
+            "on the right side the term -2*g*cos(theta) is wrong: it should be -2*g*sin",
+        ),
+        ("theta'' = -2 g sin theta/(3 (R + r))", "the denominator 3*R + 3*r is wrong: it should be 3*R - 3*r."),
+    ],
+)
+def test_a_factor_that_is_a_difference_stays_one(text: str, said: str) -> None:
+    theta, (m, R, r, g) = lg.coordinate("theta"), lg.parameters("m R r g")
+    bowl = lg.System(sp.Rational(3, 4) * m * (R - r) ** 2 * theta.dot**2, -m * g * (R - r) * sp.cos(theta))
+    message = bowl.compare(text).message
+    assert said in message, message
+
+
+def test_of_two_readings_only_that_of_the_wrong_equation_is_quoted() -> None:
+    found = shared_scene("double-pendulum")
+    result = found.compare(
+        "l2 theta2'' + l1 theta1'' cos(theta1 - theta2) - l1 theta1'^2 sin(theta1 - theta2) + g sin theta2 = 0\n"
+        "(m1 + m2) l1 theta1'' + m2 l2 theta2'' cos(theta1 - theta2) + (m1 + m2) g sin(theta1) = 0"
+    )
+    assert result.wrong == (1,) and "Read as" not in result.message
 
 
 def test_an_error_of_another_kind_is_no_slip() -> None:

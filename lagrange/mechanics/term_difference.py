@@ -1,0 +1,188 @@
+"""How a coefficient of an equation differs from what it should be: a sign, a factor, a term too much or too few."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import islice
+from itertools import product as every_choice
+from typing import Any
+
+import sympy
+
+from lagrange.mechanics.equation_row import HELD
+
+Numbers = list[Any]
+"""Values of an expression at some states."""
+
+Write = Callable[[Any], str]
+"""Returns the text of an expression in plain symbols."""
+
+MOST_TERMS = 2_000
+"""Terms of a sum that is multiplied out above which no term is named."""
+
+LARGEST_POWER = 4
+"""Power of a sum up to which it is multiplied out where its terms are sorted."""
+
+LARGEST_FACTOR = 1000
+"""Largest denominator of a factor that is told as a fraction."""
+
+MISSING, EXTRA, SCALED, WRONG = range(4)
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How a coefficient differs: `there` is the part of it that was typed, `wanted` what it should be.
+
+    `ratio` is the constant by which `wanted` was multiplied where `kind` is SCALED. `whole` is true if the two are the
+    whole coefficient.
+    """
+
+    kind: int
+    there: Any
+    wanted: Any
+    ratio: Fraction = Fraction(1)
+    whole: bool = False
+
+    def told(self, product: Any, sign: int, write: Write) -> str:
+        """Return the difference as the end of a sentence; both parts belong to a product and are taken times a sign."""
+        there, wanted = (sign * part * product for part in (self.there, self.wanted))
+        if self.kind == MISSING:
+            return f"the {_kind(wanted)} {write(wanted)} is missing."
+        named = f"the {_kind(there)} {write(there)}"
+        if self.kind == EXTRA:
+            return f"{named} should not be there."
+        if self.kind == WRONG:
+            return f"{named} is wrong: it should be {write(wanted)}."
+        if self.ratio == -1:
+            return f"{named} has the wrong sign: it is {write(there)}, and should be {write(wanted)}."
+        times = f"{self.ratio} times what it should be"
+        return f"{named} has the wrong factor: it is {write(there)}, {times}, {write(wanted)}."
+
+
+def _kind(expression: Any) -> str:
+    return "sum" if expression.is_Add else "term"
+
+
+def difference_of(there: Any, wanted: Any, numbers: Callable[[Any], Numbers | None]) -> Difference:
+    """Return how a coefficient differs from what it should be. `numbers` returns the values of an expression."""
+    if there == 0:
+        return Difference(MISSING, there, wanted)
+    if wanted == 0:
+        return Difference(EXTRA, there, wanted)
+    ratio = _ratio(numbers(there), numbers(wanted))
+    if ratio is not None:
+        return Difference(SCALED, there, _times(1 / ratio, there), ratio, whole=True)
+    off = numbers(there - wanted)
+    for terms_of in (summands, _opened, _expanded):
+        found = _one_term(terms_of(there), terms_of(wanted), off, numbers)
+        if found is not None:
+            return found
+    typed, right = _without_common(summands(there), summands(wanted))
+    if len(typed) < len(summands(there)):
+        return difference_of(sympy.Add(*typed), sympy.Add(*right), numbers)
+    return Difference(WRONG, there, wanted, whole=True)
+
+
+def _without_common(left: Sequence[Any], right: Sequence[Any]) -> tuple[list[Any], list[Any]]:
+    """Return the terms of two sums without those that are in both, as often as they are."""
+    kept, other = list[Any](), list(right)
+    for term in left:
+        if term in other:
+            other.remove(term)
+        else:
+            kept.append(term)
+    return kept, other
+
+
+def _one_term(
+    there: Sequence[Any], wanted: Sequence[Any], off: Numbers | None, numbers: Callable[[Any], Numbers | None]
+) -> Difference | None:
+    """Return the difference if it is that of one term; `off` are the values of all that differs."""
+    for term in wanted:
+        factor = _ratio(off, numbers(term))
+        if factor == -1:
+            return Difference(MISSING, sympy.S.Zero, term)
+        if factor is not None:
+            return Difference(SCALED, _times(factor + 1, term), term, factor + 1)
+    for term in there:
+        if _ratio(off, numbers(term)) == 1:
+            return Difference(EXTRA, term, sympy.S.Zero)
+    for term in there:
+        for other in wanted:
+            if term != other and _ratio(off, numbers(term - other)) == 1:
+                return Difference(WRONG, term, other)
+    return None
+
+
+def spread(expression: Any, opens: Callable[[Any], bool]) -> list[Any] | None:
+    """Return the terms of a sum, with factors that are sums multiplied out where `opens` is true for them.
+
+    None where there are more than MOST_TERMS.
+    """
+    found: list[Any] = []
+    waiting = [*reversed(sympy.Add.make_args(expression))]
+    while waiting:
+        factors = [_power(factor, opens) for factor in sympy.Mul.make_args(waiting.pop())]
+        sums = [factor for factor in factors if factor.is_Add and opens(factor)]
+        rest = [factor for factor in factors if factor not in sums]
+        if sums:
+            waiting += _choices(rest, sums)
+        else:
+            found.append(sympy.Mul(*rest))
+        if len(found) + len(waiting) > MOST_TERMS:
+            return None
+    return found
+
+
+def _power(factor: Any, opens: Callable[[Any], bool]) -> Any:
+    """Return a factor, a small power of a sum that `opens` is true for multiplied out."""
+    small = factor.is_Pow and factor.exp.is_Integer and 1 < factor.exp <= LARGEST_POWER
+    return sympy.expand_multinomial(factor) if small and factor.base.is_Add and opens(factor) else factor
+
+
+def summands(expression: Any) -> tuple[Any, ...]:
+    """Return the terms of a sum, with products of sums multiplied out, and powers and denominators as they are."""
+    return tuple(spread(expression, lambda factor: not factor.is_Pow) or [expression])
+
+
+def _choices(rest: Sequence[Any], sums: Sequence[Any]) -> Iterator[Any]:
+    """Yield the terms of a product of sums, and of other factors, at most one more than may be used."""
+    for choice in islice(every_choice(*(one.args for one in sums)), MOST_TERMS + 1):
+        yield sympy.Mul(*rest, *choice)
+
+
+def _opened(expression: Any) -> tuple[Any, ...]:
+    """Return the terms of a sum whose sines and cosines of sums are written out."""
+    return summands(sympy.expand_trig(expression))
+
+
+def _expanded(expression: Any) -> tuple[Any, ...]:
+    """Return the terms of a sum with all powers and denominators multiplied out."""
+    found: tuple[Any, ...] = sympy.Add.make_args(sympy.expand(sympy.expand_trig(expression)))
+    return found
+
+
+def _times(number: Fraction, expression: Any) -> Any:
+    """Return a number times an expression, times each term of a sum."""
+    factor = sympy.Rational(number.numerator, number.denominator)
+    return sympy.Add(*(factor * term for term in sympy.Add.make_args(expression)))
+
+
+def _ratio(above: Numbers | None, below: Numbers | None) -> Fraction | None:
+    """Return the constant ratio of two expressions by their values, None where there is none."""
+    if above is None or below is None or not all(below):
+        return None
+    return constant_of([a / b for a, b in zip(above, below, strict=True)])
+
+
+def constant_of(values: Numbers) -> Fraction | None:
+    """Return the short fraction that all values are, None where they are not."""
+    found = Fraction(str(values[0])).limit_denominator(LARGEST_FACTOR)
+    return found if same(values, [values[0] * 0 + found.numerator] * len(values), found.denominator) else None
+
+
+def same(left: Numbers, right: Numbers, times: int = 1) -> bool:
+    """Return whether times * left and right agree at all states."""
+    return all(abs(times * a - b) <= HELD * (abs(times * a) + abs(b)) for a, b in zip(left, right, strict=True))
