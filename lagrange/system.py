@@ -507,12 +507,9 @@ class System:
         `.details` a state at which one does not hold. Raises StatementError for what cannot be read, with all faults
         and their places, and for equations that are not linear in the accelerations.
         """
-        from lagrange.mechanics.comparison import compare_equations
-        from lagrange.mechanics.student_equations import read_equations
-        from lagrange.show.notation.typed_text import typed_text
+        from lagrange.show.notation.graded_answer import graded_answer
 
-        known = self._known
-        return compare_equations(known, self._known_derivation, read_equations(derived, known), typed_text(known))
+        return graded_answer(self._known, self._known_derivation, derived)
 
     def compare_text(self, text: str) -> EquationsComparison:
         """Compare equations of motion in a text, as `compare` does. Raises StatementError for what is no text."""

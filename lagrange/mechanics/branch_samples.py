@@ -11,13 +11,11 @@ from typing import Any
 
 import sympy
 
-from lagrange.evidence.constraint_surface import ConstraintSurface
 from lagrange.evidence.operations import OutsideDomain
-from lagrange.evidence.reference import Reference
 from lagrange.evidence.sample import Point, Sampler
 from lagrange.evidence.switches import all_ways
 from lagrange.mechanics.equation_row import EquationRow
-from lagrange.mechanics.motion_samples import MotionSample, motion_at, on_constraints
+from lagrange.mechanics.motion_samples import MotionSample, MotionStates
 from lagrange.statement.statement import Statement
 
 DRAWS = 1000
@@ -41,13 +39,13 @@ def branch_samples(
     Also the outcomes of switches that no state has. Entries of states are drawn of any size, and near the numbers that
     stand in the equations, energies and forces.
     """
-    surface, reference = ConstraintSurface(statement), Reference(statement)
-    switches = [*reference.switches, *(switch for row in rows for switch in row.switches)]
+    states = MotionStates(statement)
+    switches = [*states.reference.switches, *(switch for row in rows for switch in row.switches)]
     if not switches:
         return [], []
 
     def ways(point: Point) -> tuple[int | None, ...]:
-        return (*reference.inspect(point), *(way for row in rows for way in row.ways(point)))
+        return (*states.reference.inspect(point), *(way for row in rows for way in row.ways(point)))
 
     found: list[MotionSample] = []
     seen: set[tuple[int | None, ...]] = set()
@@ -58,9 +56,9 @@ def branch_samples(
         if len(found) == MOST:
             break
         with suppress(OutsideDomain):
-            point = on_constraints(point, surface)
+            point = states.satisfied(point)
             if (taken := ways(point)) not in seen:
-                found.append(motion_at(point, reference))
+                found.append(states.motion(point))
                 seen.add(taken)
     had = {pair for taken in seen for pair in zip(switches, taken, strict=True)}
     every = dict.fromkeys((switch, way) for switch in switches for way in all_ways(switch))

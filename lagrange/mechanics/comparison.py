@@ -157,10 +157,13 @@ def _without_sample(left: Sequence[Way], statement: Statement) -> str:
 
 
 def _undetermined(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[str]:
-    """Return the coordinates whose accelerations the equations leave open, with the constraints, at every state."""
+    """Return the coordinates whose accelerations the equations leave open, with the constraints, at every state.
+
+    An equation of first order counts with its rate of change.
+    """
     names, sample = rows[0].statement.names, samples[0]
     n, unknowns = len(names), len(rows[0].slopes)
-    matrix = [[float(x) for x in row.numbers(sample)[0]] for row in rows]
+    matrix = [[float(x) for x in row.leading(sample)] for row in rows]
     matrix += [[float(x) for x in row] + [0.0] * (unknowns - n) for row in sample.gradient]
     scaled = np.array([[x / (max(map(abs, row)) or 1.0) for x in row] for row in matrix])
     _, sizes, directions = np.linalg.svd(scaled)
@@ -172,11 +175,12 @@ def _undetermined(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) 
 def _incomplete(statement: Statement, rows: Sequence[EquationRow], free: Sequence[str]) -> str:
     """Return what is missing of equations that all hold."""
     given, needed = len(rows), len(statement.names)
+    rate = "acceleration" if any(any(row.slopes.values()) for row in rows) else "motion"
     held = "The equation holds" if given == 1 else "The equations hold"
     if given < needed and not statement.constraints:
         counted = "1 equation is" if given == 1 else f"{given} equations are"
-        return f"{held}, but {counted} given and {needed} are needed: the acceleration of {listing(free)} is left open."
-    return f"{held}, but not all are independent: the acceleration of {listing(free)} is left open."
+        return f"{held}, but {counted} given and {needed} are needed: the {rate} of {listing(free)} is left open."
+    return f"{held}, but not all are independent: the {rate} of {listing(free)} is left open."
 
 
 def _refuted(

@@ -66,6 +66,17 @@ class EquationRow:
         values = values_at(self._tape, sample)
         return values[: len(self.slopes)], values[len(self.slopes)]
 
+    def leading(self, sample: MotionSample) -> list[Any]:
+        """Return the coefficients of accelerations and multipliers at a state, of a first-order equation of its rate.
+
+        Raises OutsideDomain.
+        """
+        if any(self.slopes.values()) or not sample.first_order:
+            return self.numbers(sample)[0]
+        velocities = list(self.statement.plain.values())[1::3]
+        slopes = values_at(tape([sympy.diff(self.zero, v) for v in velocities], self.statement), sample)
+        return [*slopes, *[0] * len(sample.multipliers)]
+
     def residual(self, sample: MotionSample) -> tuple[Any, Any]:
         """Return what the equation leaves for the motion, and the size of its terms."""
         values, count = values_at(self._tape, sample), len(self.slopes)

@@ -12,6 +12,7 @@ from lagrange.evidence.constraint_surface import ConstraintSurface
 from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler
+from lagrange.mechanics.first_order_states import FirstOrderStates
 from lagrange.statement.statement import Statement
 
 LEAST = 1e-9
@@ -26,13 +27,17 @@ ATTEMPTS = 120
 
 @dataclass(frozen=True)
 class MotionSample:
-    """A state on the constraints, with the accelerations (n,), the multipliers (m,) and the matrices M and G there."""
+    """A state on the constraints, with the accelerations (n,), the multipliers (m,) and the matrices M and G there.
+
+    `first_order` are the indices of coordinates without inertia, whose equations of motion are of first order.
+    """
 
     point: Point
     accelerations: tuple[Any, ...]
     multipliers: tuple[Any, ...]
     mass: tuple[list[Any], ...]
     gradient: tuple[list[Any], ...]
+    first_order: tuple[int, ...] = ()
 
     @property
     def parameters(self) -> Mapping[Any, float]:
@@ -46,7 +51,7 @@ def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[Moti
     Parameters and states are of order one, so that no term hides behind another. Raises StatementError where no such
     states are found.
     """
-    sampler, surface, reference = Sampler(statement, seed), ConstraintSurface(statement), Reference(statement)
+    sampler, states = Sampler(statement, seed), MotionStates(statement)
     found: list[MotionSample] = []
     order_one = SAMPLE_KINDS[1]
     near = SAMPLE_KINDS[3]
@@ -55,40 +60,47 @@ def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[Moti
             return found
         point = sampler.point(near if attempt % 3 == 2 else order_one, attempt // 3)
         with suppress(OutsideDomain):
-            found.append(motion_at(on_constraints(point, surface), reference))
+            found.append(states.motion(states.satisfied(point)))
     raise StatementError(
         f"{statement.name} has no state, of {ATTEMPTS} that were drawn, at which its motion is determined: give "
         "initial values and parameters at which it runs."
     )
 
 
-def on_constraints(point: Point, surface: ConstraintSurface) -> Point:
-    """Return a point near the given one on the constraints, to 40 digits. Raises OutsideDomain where there is none."""
-    if not surface.holonomic:
-        return point
-    q, v = surface.nearest(point.q, point.v, point.t, point.parameters)
-    return replace(point, q=tuple(map(_without_noise, q)), v=tuple(map(_without_noise, v)))
+class MotionStates:
+    """States of a statement that satisfy its constraints and its equations of first order, with the motion there."""
+
+    def __init__(self, statement: Statement) -> None:
+        self._surface, self._relations = ConstraintSurface(statement), FirstOrderStates(statement)
+        self.reference = Reference(statement, self._relations.places)
+
+    def satisfied(self, point: Point) -> Point:
+        """Return a state near a point, to 40 digits. Raises OutsideDomain where there is none."""
+        if self._surface.holonomic:
+            q, v = self._surface.nearest(point.q, point.v, point.t, point.parameters)
+            point = replace(point, q=tuple(map(_without_noise, q)), v=tuple(map(_without_noise, v)))
+        return self._relations.satisfied(point)
+
+    def motion(self, point: Point) -> MotionSample:
+        """Return the motion at such a state. Raises OutsideDomain where it is not determined."""
+        if any(0 < abs(x) < LEAST for x in (*point.q, *point.v)):
+            raise OutsideDomain("a coordinate or velocity is too small for differences")
+        entries, n, held = self.reference.at(point, ()), len(point.q), len(self.reference.holonomic)
+
+        def rows(name: str, count: int) -> tuple[list[Any], ...]:
+            values = entries[name].value if count else []
+            return tuple(list(values[i * n : (i + 1) * n]) for i in range(count))
+
+        return MotionSample(
+            point,
+            tuple(entries["accelerations"].value),
+            tuple(entries["multipliers"].value) if held else (),
+            rows("mass_matrix", n),
+            rows("constraint_gradient", held),
+            self._relations.places,
+        )
 
 
 def _without_noise(value: Any) -> Any:
     """Return an entry of a state on the constraints, zero where it is the round-off of zero."""
     return 0.0 if abs(value) < ROUND_OFF else value
-
-
-def motion_at(point: Point, reference: Reference) -> MotionSample:
-    """Return the motion at a point that satisfies the constraints. Raises OutsideDomain where it is not determined."""
-    if any(0 < abs(x) < LEAST for x in (*point.q, *point.v)):
-        raise OutsideDomain("a coordinate or velocity is too small for differences")
-    entries, n, held = reference.at(point, ()), len(point.q), len(reference.holonomic)
-
-    def rows(name: str, count: int) -> tuple[list[Any], ...]:
-        values = entries[name].value if count else []
-        return tuple(list(values[i * n : (i + 1) * n]) for i in range(count))
-
-    return MotionSample(
-        point,
-        tuple(entries["accelerations"].value),
-        tuple(entries["multipliers"].value) if held else (),
-        rows("mass_matrix", n),
-        rows("constraint_gradient", held),
-    )

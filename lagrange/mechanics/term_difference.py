@@ -71,7 +71,7 @@ def difference_of(there: Any, wanted: Any, numbers: Callable[[Any], Numbers | No
         return Difference(MISSING, there, wanted)
     if wanted == 0:
         return Difference(EXTRA, there, wanted)
-    ratio = _ratio(numbers(there), numbers(wanted))
+    ratio = ratio_of(numbers(there), numbers(wanted))
     if ratio is not None:
         return Difference(SCALED, there, _times(1 / ratio, there), ratio, whole=True)
     off = numbers(there - wanted)
@@ -101,17 +101,17 @@ def _one_term(
 ) -> Difference | None:
     """Return the difference if it is that of one term; `off` are the values of all that differs."""
     for term in wanted:
-        factor = _ratio(off, numbers(term))
+        factor = ratio_of(off, numbers(term))
         if factor == -1:
             return Difference(MISSING, sympy.S.Zero, term)
         if factor is not None:
             return Difference(SCALED, _times(factor + 1, term), term, factor + 1)
     for term in there:
-        if _ratio(off, numbers(term)) == 1:
+        if ratio_of(off, numbers(term)) == 1:
             return Difference(EXTRA, term, sympy.S.Zero)
     for term in there:
         for other in wanted:
-            if term != other and _ratio(off, numbers(term - other)) == 1:
+            if term != other and ratio_of(off, numbers(term - other)) == 1:
                 return Difference(WRONG, term, other)
     return None
 
@@ -170,7 +170,7 @@ def _times(number: Fraction, expression: Any) -> Any:
     return sympy.Add(*(factor * term for term in sympy.Add.make_args(expression)))
 
 
-def _ratio(above: Numbers | None, below: Numbers | None) -> Fraction | None:
+def ratio_of(above: Numbers | None, below: Numbers | None) -> Fraction | None:
     """Return the constant ratio of two expressions by their values, None where there is none."""
     if above is None or below is None or not all(below):
         return None

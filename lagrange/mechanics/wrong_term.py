@@ -30,6 +30,7 @@ from lagrange.mechanics.term_difference import (
     Write,
     constant_of,
     difference_of,
+    ratio_of,
     same,
     spread,
     summands,
@@ -61,7 +62,7 @@ class WrongTerm:
 def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> WrongTerm:
     """Return which term of an equation that does not hold is wrong. `write` returns the text of an expression."""
     label = f"{row.label[0].upper()}{row.label[1:]}"
-    if not any(row.slopes.values()):
+    if not any(row.slopes.values()) and not any(sample.first_order for sample in samples):
         return WrongTerm(f"{label} does not hold, and contains no acceleration: it is no equation of motion.")
     denominator = wrong_denominator(row, derivation, samples, write)
     if denominator:
@@ -274,7 +275,10 @@ class _Meant:
         return bool(self._quotient.has(*list(self.given.statement.plain.values())[::3]))
 
     def _terms(self, product: Any) -> int:
-        """Return how many terms before a product are not those that are expected."""
+        """Return how many terms before a product are not those that are expected, 1 for a sum times a constant."""
+        there = self.given.values.get(product)
+        if there is not None and ratio_of(there, self._wanted(product)) is not None:
+            return 1
         factor, left = self.factor.values, list(self.given.terms.get(product, []))
         missing = 0
         for term in self.expected.terms.get(product, []):
@@ -329,8 +333,11 @@ def _rank(meant: _Meant) -> tuple[Any, ...]:
     """Fewest differing terms first, then most agreeing products, then the simplest factor."""
     constant = meant.factor.constant
     simple = (1, -1).index(int(constant)) if constant in (1, -1) else 2 if constant is not None else 3
-    accelerates = 0 if meant.factor.product in unknowns_of(meant.given.statement) else 1
-    return meant.differing_terms + BENT * meant.bent, -meant.agreeing, simple, meant.length, accelerates
+    statement, places = meant.given.statement, meant.given.samples[0].first_order
+    rates = list(statement.plain.values())[1::3]
+    leading = [*unknowns_of(statement), *(rates[i] for i in places)]
+    accelerates = 0 if meant.factor.product in leading else 1
+    return meant.differing_terms + BENT * meant.bent, -meant.agreeing, simple, accelerates, meant.length
 
 
 def _rational(value: Fraction) -> Any:

@@ -389,3 +389,29 @@ def test_a_wrong_weight_on_a_table_is_no_other_multiplier(weight: str, right: bo
     table = lg.System(mass * y.dot**2 / 2, mass * g * y, constraints={"table": y}, parameters={mass: 1, g: 9.81})
     assert bool(table.compare([f"m*y_ddot + {weight} = lambda_table"])) == right
     assert bool(table.compare([f"m*y_ddot + {weight} = -3*m*lambda_table"])) == right
+
+
+VORTICES = (
+    "x1' = -Gamma2 (y1 - y2)/(2 pi s)",
+    "y1' = Gamma2 (x1 - x2)/(2 pi s)",
+    "x2' = Gamma1 (y1 - y2)/(2 pi s)",
+    "y2' = -Gamma1 (x1 - x2)/(2 pi s)",
+    "s = (x1 - x2)^2 + (y1 - y2)^2",
+)
+"""Kirchhoff's equations of two point vortices: Saffman, Vortex Dynamics (1992), section 7.1."""
+
+
+def test_equations_of_first_order() -> None:
+    vortices = system("two-point-vortices")
+    assert vortices.compare(vortices.equations()) and vortices.compare("\n".join(VORTICES))
+    assert vortices.compare("\n".join(VORTICES[1:])).message.endswith("the motion of x1 is left open.")
+    turned = "\n".join(VORTICES).replace("x1' = -", "x1' = ")
+    assert " has the wrong sign: it is Gamma2*(y1 - y2)/(2*pi*(" in vortices.compare(turned).message
+    assert not vortices.compare("\n".join(VORTICES).replace("2 pi", "pi"))
+
+
+def test_a_filter_of_first_order() -> None:
+    e = lg.coordinate("e")
+    delay = lg.System(0, 0, coordinates=[e], forces={e: 1 - e}, dissipation=e.dot**2 / 2)
+    assert delay.compare("e' = 1 - e") and delay.compare("e'' = -e'")
+    assert "the term e has the wrong sign" in delay.compare("e' = 1 + e").message

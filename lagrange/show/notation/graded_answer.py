@@ -1,0 +1,23 @@
+"""Comparison of an answer with a system, with messages as people type formulas: in the order of a book."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from lagrange.equations.derivation import Derivation
+from lagrange.mechanics.comparison import EquationsComparison, compare_equations
+from lagrange.mechanics.plain_form import names_of
+from lagrange.mechanics.student_equations import MULTIPLIER, read_equations
+from lagrange.show.notation.formula import Typesetter
+from lagrange.show.notation.text import AsciiNotation
+from lagrange.statement.statement import Statement
+
+
+def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> EquationsComparison:
+    """Return the comparison of an answer, as texts or SymPy, with the equations of a statement.
+
+    Raises StatementError for what cannot be read.
+    """
+    typeset = Typesetter(statement, AsciiNotation(names_of(statement)))
+    typeset.letters |= {one.multiplier: f"{MULTIPLIER}{one.name}" for one in statement.constraints}
+    return compare_equations(statement, derivation, read_equations(answer, statement), typeset.write)
