@@ -31,6 +31,7 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
             "shortened",
             "sizes",
             "sticking",
+            "table_end",
         ),
     ),
     "trajectory entries": (

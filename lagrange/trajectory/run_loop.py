@@ -34,6 +34,7 @@ from lagrange.trajectory.prepared import Prepared, prepared
 from lagrange.trajectory.shortened import dependent_ahead, until_dependent, until_discontinuity
 from lagrange.trajectory.sizes import FIRST_LOOK, SLOW, raise_to_noise, survey, tries_to_next_look
 from lagrange.trajectory.sticking import Sticking
+from lagrange.trajectory.table_end import table_left
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 SECONDS_PER_CALL = 0.02
@@ -253,7 +254,8 @@ def _check_first_slope(
         detail = model.singular_message(problem.t0, y0, None, parameters)
         return Status.SINGULAR, message(Status.SINGULAR, problem, problem.t0, y0, name, detail=detail)
     if not np.isfinite(slope).all():
-        return Status.NON_FINITE, message(Status.NON_FINITE, problem, problem.t0, problem.y0, name, slope=slope)
+        cause = table_left(problem, problem.t0, y0)
+        return Status.NON_FINITE, message(Status.NON_FINITE, problem, problem.t0, y0, name, slope=slope, cause=cause)
     return None, ""
 
 
@@ -371,6 +373,9 @@ def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState,
     if status is Status.SUCCESS and not cause:
         return message(status, problem, state.t, state.y, name)
     told = partial(message, status, problem, rtol=plan.tolerances.rtol or None)
+    stuck = status in (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.DIVERGED)
+    if stuck and (found := table_left(problem, state.t, state.y, float(state.reals[DriverState.STEP]))):
+        return told(state.t, state.y, name, cause=found)
     if found := without_tolerance(problem, status, plan.tolerances, state.y):
         return told(state.t, state.y, name, cause=found)
     if status is Status.SINGULAR and cause:
@@ -378,12 +383,8 @@ def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState,
     if (fault := state.fault) is not None and not cause:
         return told(fault.t, fault.y, name, slope=fault.slope, detail=fault.detail)
     if status is Status.SINGULAR:
-        return told(
-            state.t,
-            state.y,
-            name,
-            detail=problem.model.singular_message(state.t, state.y, None, problem.parameter_array),
-        )
+        detail = problem.model.singular_message(state.t, state.y, None, problem.parameter_array)
+        return told(state.t, state.y, name, detail=detail)
     if status is Status.DIVERGED and cause not in ("", UNPROJECTED):
         return told(state.t, state.y, name, cause=cause)
     if status is Status.DIVERGED:
