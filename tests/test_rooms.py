@@ -21,10 +21,13 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
     "trajectory runs": (
         *(
             "edge",
+            "floors",
             "inertia",
             "memory_limit",
             "messages",
+            "noise",
             "outputs",
+            "pace",
             "plan",
             "prepared",
             "run_loop",

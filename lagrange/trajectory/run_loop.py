@@ -14,6 +14,7 @@ from lagrange.machine.state import DriverState, Outcome, Outputs
 from lagrange.trajectory.edge import slope_ahead
 from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.events.event_log import EventLog
+from lagrange.trajectory.floors import raise_to_noise, survey
 from lagrange.trajectory.inertia import lost_inertia, rank_lost
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.memory_limit import compiled_late, memory_limit
@@ -28,12 +29,11 @@ from lagrange.trajectory.messages import (
     without_tolerance,
 )
 from lagrange.trajectory.outputs import AcceptedStates
+from lagrange.trajectory.pace import Pace
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.plan import PathFunction, Plan, Planned, StepPlan, Watcher
 from lagrange.trajectory.prepared import Prepared, prepared
 from lagrange.trajectory.shortened import dependent_ahead, until_dependent, until_discontinuity
-from lagrange.trajectory.sizes import FIRST_LOOK, SLOW, raise_to_noise, survey, tries_to_next_look
-from lagrange.trajectory.sticking import Sticking
 from lagrange.trajectory.table_end import table_left
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -270,7 +270,7 @@ def _advance_to_end(
 ) -> tuple[Status, str]:
     """Advance until the run ends; return its status, and a detail for the message. `per_call` steps come first."""
     limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
-    times, states, call, sticking = NOTHING, NOTHING, 0, Sticking(problem)
+    times, states, call, pace = NOTHING, NOTHING, 0, Pace(problem)
     result = GOES_ON if watch is None else watch.begin(state)
     try:
         while True:
@@ -294,7 +294,7 @@ def _advance_to_end(
             room = rows.make_room(limit - state.kept)
             if state.t != problem.t1 and room <= 0:
                 return Status.MAX_MEMORY, events_fill(problem) if rows.dropped else ""
-            budget = min(per_call, left, room, tries_to_next_look(tries)) if left > 0 and room > 0 else 1
+            budget = min(per_call, left, room, pace.next_look - tries) if left > 0 and room > 0 else 1
             # A reset is written as a row too: steps and resets are one for each turn of the loop, and the last step.
             times, states = np.empty(budget + 1), np.empty((budget + 5, dimension))
             counts[DriverState.ROWS] = 0
@@ -308,8 +308,11 @@ def _advance_to_end(
                 result = watch.end(state) if outcome is Outcome.DONE else watch.process(state)
                 if result.jumped:
                     rows.add(state.t, state.y)
+            elif outcome is Outcome.DONE:
+                result = REACHED
             else:
-                result = sticking.ended(state, rows.parts, _after_call(problem, outcome, state))
+                tries = counts[DriverState.STEPS] + counts[DriverState.REJECTED]
+                result = pace.look(state, tries, rows.parts, _after_call(problem, outcome, state))
             taken = time.perf_counter() - before
             if taken < SECONDS_PER_CALL:
                 growth = MOST_GROWTH if MOST_GROWTH * taken < SECONDS_PER_CALL else 2
@@ -331,12 +334,8 @@ def _lost_on_the_way(problem: Problem, rows: AcceptedStates, state: DriverState)
 
 
 def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> EventResult:
-    """Return what comes of a call of the driver that found no event; a run that asks for sizes gets them."""
-    if outcome is Outcome.DONE:
-        return REACHED
+    """Return what comes of a call of the driver before the end, without an event; it gets the sizes it asks for."""
     if outcome is Outcome.PAUSED:
-        if _is_slow(problem, state):
-            raise_to_noise(problem.model, problem.parameter_array, state)
         return GOES_ON
     if outcome is Outcome.UNSCALED:
         survey(problem.model, problem.parameter_array, state)
@@ -352,13 +351,6 @@ def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> Event
     if outcome is Outcome.UNPROJECTED:
         return EventResult(_STATUS[outcome], UNPROJECTED)
     return EventResult(_STATUS[outcome], smooth=outcome is Outcome.NON_FINITE)
-
-
-def _is_slow(problem: Problem, state: DriverState) -> bool:
-    """Return whether a run is at a look at its floors, and would need too many tries at its present rate."""
-    tries = state.count(DriverState.STEPS) + state.count(DriverState.REJECTED)
-    at_a_look = tries >= FIRST_LOOK and tries & (tries - 1) == 0
-    return at_a_look and abs(state.t - problem.t0) * SLOW < abs(problem.t1 - problem.t0)
 
 
 def _taken_over(watch: Watcher | None, state: DriverState, detail: str = "") -> str:
