@@ -48,7 +48,11 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
     sizes, coupled, _ = entry_sizes(law, layout, t, state.y, left, force_points)
     unknown = state.floors <= np.maximum(LEAST_FLOOR, share * SLOPE_NOISE * np.maximum(coupled, sizes))
     found = np.maximum(np.where(unknown, share * sizes, 0.0), SLOPE_NOISE * coupled)
-    found = np.maximum(found, noise_floors(model, parameters, t, state.y, left))
+    noise = noise_floors(model, parameters, t, state.y, left)
+    if not state.count(DriverState.STEPS) and (noise > np.maximum(state.floors, found)).any():
+        # The first step was chosen by entries that are rounding: it is chosen anew.
+        reals[DriverState.H] = 0.0
+    found = np.maximum(found, noise)
     if before == MOST_SURVEYS - 1:
         found = np.maximum(found, _floors_of_others(layout, state.floors))
     if (found > state.floors).any():

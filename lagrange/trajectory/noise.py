@@ -7,10 +7,12 @@ to it in the natural time of the motion: the reciprocal of the fastest rate of t
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
-from lagrange.machine.kernel.rounding_noise import rounding_noise
+from lagrange.equations.state_layout import StateLayout
+from lagrange.machine.kernel.rounding_noise import UNIT, rounding_noise
 from lagrange.machine.model import Model
 from lagrange.trajectory.sizes import Slopes, slopes_of
 from lagrange.trajectory.trajectory import FloatArray
@@ -18,14 +20,23 @@ from lagrange.trajectory.trajectory import FloatArray
 NOISE_MULTIPLE = 4.0
 """Floors are this multiple of the rounding noise of an entry. With 16 a chain of ten links loses a digit at 1e-12."""
 
+TINY = 1e-300
+"""Added to the noise of an acceleration, which may be zero."""
+
 VISIBLE = 2.0**8, 2.0**24, 2.0**40
 """Change of an acceleration by a displacement, in multiples of its noise: the least, the aim, and the largest.
 
-A smaller change has no digits, and a larger one may be no longer linear.
+A smaller change has no digits. A larger one may not be linear, unless a shorter displacement gives the same derivative.
 """
 
 MOST_DISPLACEMENTS = 8
-"""Most displacements of one entry that are tried; its column is zero if none changes an acceleration visibly."""
+"""Most displacements of one entry that are tried; its derivatives are zero if none is visible and linear."""
+
+AHEAD, EULER_STEPS = 1 / 8, 2
+"""The noise is also evaluated ahead: after this number of Euler steps of this part of the natural time.
+
+Terms that vanish at the start, as of a chain that hangs at rest, have noise as soon as it moves.
+"""
 
 
 def noise_floors(model: Model, parameters: FloatArray, t: float, y: FloatArray, left: float) -> FloatArray:
@@ -35,41 +46,60 @@ def noise_floors(model: Model, parameters: FloatArray, t: float, y: FloatArray, 
     that of a coordinate is half of the same over that time once more. It is not known where the mass matrix is
     singular.
     """
-    layout = model.layout
+    layout, law = model.layout, slopes_of(model, parameters)
     with np.errstate(all="ignore"):
-        noise = rounding_noise(model.interpreted("rhs").program, t, y, parameters)[layout.v]
-        rate = _fastest_rate(slopes_of(model, parameters), model, t, y, noise)
+        noise = _noise(model, parameters, t, y)
+        rate = _fastest_rate(law, layout, t, y, noise)
         time = min(abs(left), 1 / rate) if rate > 0 else abs(left)
+        step, ahead = math.copysign(AHEAD * time, left), y
+        for _ in range(EULER_STEPS if rate > 0 else 0):
+            ahead = ahead + step * law(t, ahead)
+        noise = np.fmax(noise, _noise(model, parameters, t, ahead))
         floors = NOISE_MULTIPLE * np.concatenate([noise * time * time / 2, noise * time])
     return np.nan_to_num(floors, posinf=0.0)
 
 
-def _fastest_rate(slopes: Slopes, model: Model, t: float, y: FloatArray, noise: FloatArray) -> float:
+def _noise(model: Model, parameters: FloatArray, t: float, y: FloatArray) -> FloatArray:
+    """Return the rounding noise of accelerations (n,) at a state (2n,)."""
+    return rounding_noise(model.interpreted("rhs").program, t, y, parameters)[model.layout.v]
+
+
+def _fastest_rate(slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, noise: FloatArray) -> float:
     """Return the largest rate of the equations linearized at a state (2n,), 0 if nothing responds to displacements.
 
     It is a spectral radius: it does not depend on the units of the entries. `noise` (n,) is that of accelerations.
     """
-    layout = model.layout
-    force = slopes(t, y)[layout.v]
-    columns = np.array([_response(slopes, layout.v, t, y, j, force, noise) for j in range(len(y))]).T
+
+    def accelerations(state: FloatArray) -> FloatArray:
+        return slopes(t, state)[layout.v]
+
+    force = accelerations(y)
+    columns = np.array([_derivatives(accelerations, y, j, force, noise) for j in range(len(y))]).T
     stiffness, damping = (_spectral_radius(part) for part in (columns[:, layout.q], columns[:, layout.v]))
     return max(math.sqrt(stiffness), damping)
 
 
-def _response(
-    slopes: Slopes, v: slice, t: float, y: FloatArray, j: int, force: FloatArray, noise: FloatArray
+def _derivatives(
+    accelerations: Callable[[FloatArray], FloatArray], y: FloatArray, j: int, force: FloatArray, noise: FloatArray
 ) -> FloatArray:
-    """Return the derivatives (n,) of accelerations by entry j, 0 where no displacement changes them visibly."""
+    """Return the derivatives (n,) of accelerations by entry j, 0 if no displacement shows them.
+
+    `force` (n,) are the accelerations at the state y (2n,), and `noise` (n,) is theirs.
+    """
     least, aim, most = VISIBLE
-    step = abs(float(y[j])) * 2.0**-26 or 2.0**-26
+    step, before = abs(float(y[j])) * 2.0**-26 or 2.0**-26, np.full_like(force, np.inf)
     for _ in range(MOST_DISPLACEMENTS):
         moved = y.copy()
         moved[j] += step
-        change = abs(slopes(t, moved)[v] - force)
-        ratio = float(np.max(change / noise, initial=0.0, where=noise > 0))
-        if least <= ratio <= most:
-            return np.where(change > least * noise, change / step, 0.0)
-        step *= aim / ratio if 1 <= ratio < math.inf else aim if ratio < 1 else 1 / aim
+        there = accelerations(moved)
+        change, doubt = abs(there - force), noise + UNIT * abs(there) + TINY
+        ratio = float(np.max(change / doubt))
+        found = np.where(change > least * doubt, change / step, 0.0)
+        linear = ratio <= most or float(abs(found - before).max()) <= float(found.max()) / 2
+        if ratio >= least and linear:
+            return found
+        before = found
+        step *= aim if ratio < 1 else aim / ratio if ratio < math.inf else 1 / aim
     return np.zeros_like(force)
 
 
