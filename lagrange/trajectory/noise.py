@@ -14,6 +14,7 @@ import numpy as np
 from lagrange.equations.state_layout import StateLayout
 from lagrange.machine.kernel.rounding_noise import UNIT, rounding_noise
 from lagrange.machine.model import Model
+from lagrange.procedure.step.constants import SMALL_FLOOR
 from lagrange.trajectory.sizes import Slopes, slopes_of
 from lagrange.trajectory.trajectory import FloatArray
 
@@ -37,6 +38,11 @@ AHEAD, EULER_STEPS = 1 / 8, 2
 
 Terms that vanish at the start, as of a chain that hangs at rest, have noise as soon as it moves.
 """
+
+
+def some_rounded(layout: StateLayout, floors: FloatArray) -> bool:
+    """Return whether an entry may be rounding: its floor (2n,) is far below the largest of its kind."""
+    return any(bool(half.min(initial=np.inf) < SMALL_FLOOR * half.max(initial=0.0)) for half in layout.split(floors))
 
 
 def noise_floors(model: Model, parameters: FloatArray, t: float, y: FloatArray, left: float) -> FloatArray:

@@ -37,7 +37,7 @@ Kinds are the coordinates and the velocities. Whether it is rounding is then com
 """
 
 SMALL_FLOOR = 2.0**-24
-"""In lanes an entry may be rounding if its floor is below this part of the largest floor of its kind."""
+"""An entry may be rounding if its floor is below this part of the largest of its kind, in lanes and other packages."""
 
 MOST_SURVEYS = 8
 """Most surveys of the sizes in a run. If steps still shrink, the motion requires it."""
