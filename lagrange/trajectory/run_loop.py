@@ -23,13 +23,14 @@ from lagrange.trajectory.messages import (
     coarse,
     event_behind_outputs,
     events_fill,
+    limited,
     message,
     outputs_alone,
     unsolved,
     without_tolerance,
 )
 from lagrange.trajectory.outputs import AcceptedStates
-from lagrange.trajectory.pace import Pace
+from lagrange.trajectory.pace import Pace, limiting_entry
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.plan import PathFunction, Plan, Planned, StepPlan, Watcher
 from lagrange.trajectory.prepared import Prepared, prepared
@@ -370,6 +371,10 @@ def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState,
         return told(state.t, state.y, name, cause=found)
     if found := without_tolerance(problem, status, plan.tolerances, state.y):
         return told(state.t, state.y, name, cause=found)
+    given_up = status in (Status.MAX_STEPS, Status.MAX_WALL) and not cause and plan.tolerances.share > 0
+    if given_up and (which := limiting_entry(problem, state)):
+        atol = float(state.floors[which[1]]) / plan.tolerances.margin
+        return told(state.t, state.y, name, cause=limited(problem, status, state.y, which, atol))
     if status is Status.SINGULAR and cause:
         return told(state.t, state.y, name, detail=cause)
     if (fault := state.fault) is not None and not cause:

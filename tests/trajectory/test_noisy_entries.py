@@ -109,11 +109,11 @@ def test_the_default_takes_few_steps(case: Callable[[], Case], method: str) -> N
 
 KINDS = (random_chain, random_lattice, random_net)
 
-MOST = {"taylor": 2.0, "dop853": 2.0, "verner9": 2.0, "scipy-dop853": 2.0}
-"""Most tries against those with a good `atol`, 3 for methods of lower order.
+MOST = {"taylor": 2.5, "dop853": 2.5, "verner9": 2.5, "scipy-dop853": 2.5}
+"""Most tries against those with a good `atol`, 3.5 for methods of lower order.
 
-In lattices entries grow from rounding to order one like a power of time. By default each keeps its digits, which a
-given `atol` lets go: the largest ratios of 60 systems were 1.9 at order eight, and 2.5 at order five.
+In lattices entries grow from rounding to order one like a power of time. By default each keeps the digits that doubles
+hold, which takes as many steps as an `atol` of 1e-16: at order eight up to 2.2 times, at order five up to 3.1 times.
 """
 
 
@@ -130,7 +130,7 @@ def test_random_systems_at_rest_but_for_one_entry(kind: Callable[[Random], Case]
 @pytest.mark.parametrize("seed", range(6))
 def test_more_random_systems(kind: Callable[[Random], Case], method: str, seed: int) -> None:
     tries, fewest = steps_by_default(kind(Random(seed)), method)
-    assert tries <= MOST.get(method, 3.0) * fewest + 2
+    assert tries <= MOST.get(method, 3.5) * fewest + 2
 
 
 def test_members_in_lanes_are_not_limited_by_rounding() -> None:
@@ -140,3 +140,14 @@ def test_members_in_lanes_are_not_limited_by_rounding() -> None:
     start = {**entries, str(next(iter(start)).func): np.linspace(-0.31, -0.29, 3)}
     found = lg.ensemble(system, end, initial=start, method="dop853", max_steps=5000)
     assert (found.status == lg.Status.SUCCESS).all()
+
+
+def test_the_message_names_the_entry_that_limits_the_step() -> None:
+    """It said to raise max_steps, and that a stiff system wants radau5."""
+    x, y = lg.coordinates("x y")
+    system = lg.System((x.dot**2 + y.dot**2) / 2, (x**2 + 1e6 * y**2) / 2, initial={x: 1, y: 1e-20})
+    found = system.run(100.0, method="dop853", max_steps=200)
+    assert found.status is lg.Status.MAX_STEPS and "and y limits the step: it is" in found.message
+    assert "Give atol = 1e-12, which leaves y fewer, or raise max_steps." in found.message
+    plain = system.run(100.0, {y: 1e-3}, method="dop853", max_steps=200)
+    assert "limits the step" not in plain.message
