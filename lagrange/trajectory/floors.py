@@ -65,7 +65,7 @@ def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
 def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> bool:
     """Raise floors that are below rounding noise, and return whether one rose by more than a factor of two.
 
-    Without it the steps of a chain at rest but for one link shrink to resolve the noise of the other links.
+    Without it the steps of a chain with one moving link shrink to resolve the noise of the other links.
     """
     if not state.reals[DriverState.SHARE] > 0:
         return False

@@ -34,12 +34,13 @@ class Pace:
         self.next_look = FIRST_LOOK
         self._problem, self._tries, self._t = problem, 0, problem.t0
 
-    def look(self, state: DriverState, tries: int, parts: Sequence[Part], result: EventResult) -> EventResult:
+    def look(self, state: DriverState, parts: Sequence[Part], result: EventResult) -> EventResult:
         """Raise the floors of a slow run, and return its end if it sticks, else the result of its last steps.
 
         A run may stick if it would use up its steps at the rate since the last look, or if its steps vanish. `parts`
         are its accepted states.
         """
+        tries = state.count(DriverState.STEPS) + state.count(DriverState.REJECTED)
         vanished = result.status is Status.STEP_TOO_SMALL
         if result.detail or not (vanished or (result.status is None and tries >= self.next_look)):
             return result

@@ -279,11 +279,8 @@ def _advance_to_end(
                 result = onwards
                 if result.jumped:
                     rows.add(state.t, state.y)
-            if (
-                result.status is Status.STEP_TOO_SMALL
-                and result.smooth
-                and not np.isfinite(_slope_ahead(problem, state)).all()
-            ):
+            stuck = result.status is Status.STEP_TOO_SMALL and result.smooth
+            if stuck and not np.isfinite(_slope_ahead(problem, state)).all():
                 return Status.NON_FINITE, ""
             if result.status is not None:
                 return result.status, result.detail
@@ -312,8 +309,7 @@ def _advance_to_end(
             elif outcome is Outcome.DONE:
                 result = REACHED
             else:
-                tries = counts[DriverState.STEPS] + counts[DriverState.REJECTED]
-                result = pace.look(state, tries, rows.parts, _after_call(problem, outcome, state))
+                result = pace.look(state, rows.parts, _after_call(problem, outcome, state))
             taken = time.perf_counter() - before
             if taken < SECONDS_PER_CALL:
                 growth = MOST_GROWTH if MOST_GROWTH * taken < SECONDS_PER_CALL else 2
@@ -335,7 +331,7 @@ def _lost_on_the_way(problem: Problem, rows: AcceptedStates, state: DriverState)
 
 
 def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> EventResult:
-    """Return what comes of a call of the driver before the end, without an event; it gets the sizes it asks for."""
+    """Return the result of a call of the driver before the end, without an event; raise floors at its request."""
     if outcome is Outcome.PAUSED:
         return GOES_ON
     if outcome is Outcome.UNSCALED:

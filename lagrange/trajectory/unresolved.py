@@ -47,7 +47,7 @@ def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
 def _unresolved(problem: Problem, trajectory: Trajectory, standing: Sequence[int]) -> str:
     """Return a sentence on an entry that stands whose spacing of doubles is too coarse for the forces, or "".
 
-    Where a force jumps neighbours differ once only: the median of their differences is small.
+    Neighbours on both sides of a jump differ once only: the median of their differences is small.
     """
     layout = problem.model.layout
     ends = (problem.t0, problem.y0), (float(trajectory.t[-1]), trajectory.y[:, -1])
