@@ -79,6 +79,7 @@ class Precise:
         self._outputs = tuple(tape.record(e) for e in expressions)
         self._template = tape.constants
         self._values: list[Any] | None = None
+        self._bases: dict[int, Any] = {}
         self._code = tuple(tape.code)
         self._load = tuple(tape.inputs.items())
         n = len(statement.coordinates)
@@ -104,23 +105,30 @@ class Precise:
         return Inspection(outcomes, max(exponents, default=0))
 
     def perturbed(self, size: float, seed: int) -> Precise:
-        """Return a copy in which every computed number has its own fixed factor, 1 + O(size).
+        """Return a copy in which every computed number, and its slope, have fixed factors of their own, 1 + O(size).
 
         This models rounding, large enough to measure and smooth enough to be differentiated. The change of a derivative
-        is the size of its rounding error, cancellation included.
+        is the size of its rounding error, cancellation included: terms of x/(1 + x) cancel in its slope alone, which
+        needs the factors of slopes. They apply to changes since `about`, or since the first evaluation.
         """
         draw = random.Random(seed)
         copy = object.__new__(Precise)
         copy.__dict__.update(self.__dict__)
+        copy._bases = {}
         code = []
         for step in self._code:
-            delta = size * draw.uniform(0.5, 1.0) * draw.choice((-1, 1))
-            factor = (1 + self.context.mpf(delta))._mpf_
-            operation = _scaled(step.operation, factor, self.context.prec) if step.numeric else step.operation
+            delta, slope = (self.context.mpf(size * draw.uniform(0.5, 1.0) * draw.choice((-1, 1))) for _ in range(2))
+            operation = _scaled(step, delta, slope, copy._bases, self.context.prec) if step.numeric else step.operation
             code.append(step._replace(operation=operation))
         copy._code = tuple(code)
         copy._values = None
         return copy
+
+    def about(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> list[Any]:
+        """Return the values at a point, from which the changes of a perturbed copy are counted then."""
+        self._bases.clear()
+        self._values = None
+        return self(q, v, t, parameters)
 
     def _run(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> list[Any]:
         values, changed = self._values, 0
@@ -164,11 +172,19 @@ def _no_value(error: Exception, arguments: Sequence[Any]) -> OutsideDomain:
     return OutsideDomain(str(error) or "division by zero")
 
 
-def _scaled(operation: Operation, factor: Any, prec: int) -> Operation:
-    multiply: Callable[..., Any] = libmp.mpf_mul
+def _scaled(step: _Instruction, delta: Any, slope: Any, bases: dict[int, Any], prec: int) -> Operation:
+    """Return an operation whose first result has the factor 1 + delta, and whose changes since have 1 + slope.
+
+    `bases` takes the part of the first result that both factors differ by.
+    """
+    multiply, add = libmp.mpf_mul, libmp.mpf_add
+    operation, out, factor, rest = step.operation, step.out, (1 + slope)._mpf_, (delta - slope)._mpf_
 
     def scaled(*arguments: Any) -> Any:
-        return multiply(operation(*arguments), factor, prec, "n")
+        value = operation(*arguments)
+        if out not in bases:
+            bases[out] = multiply(value, rest, prec, "n")
+        return add(multiply(value, factor, prec, "n"), bases[out], prec, "n")
 
     return scaled
 

@@ -175,7 +175,7 @@ class Reference:
         def noisy(tape: Precise, plain: Precise) -> laws.StateFunction:
             # What differencing makes of the rounding of L itself must not pass for an entry: where an entry is zero
             # by structure it is all there is. Noise ten times as large lifts the size above it, and never by nothing.
-            exact, off = (f(point.q, point.v, point.t, parameters) for f in (plain, tape))
+            exact, off = (f(point.q, point.v, point.t, parameters) for f in (plain, tape.about))
             unit, noise = self.number(PERTURBATION), self.number(VALUE_NOISE)
             amplitudes = [noise * max(abs(a), abs(b - a) / unit) for a, b in zip(exact, off, strict=True)]
 
@@ -186,6 +186,7 @@ class Reference:
             return values
 
         sample = self._samples[k]
+        sample.loads.about(point.q, point.v, point.t, parameters)
         scalars = [
             _each(zip(tapes, plain, strict=True), lambda tape, exact: _last(noisy(tape, exact)))
             for tapes, plain in zip(sample.energies, self._energies, strict=True)

@@ -75,6 +75,17 @@ def test_cancellation_makes_the_size_larger_than_the_value() -> None:
     assert 0.2 < force.size[0] < 3
 
 
+def test_terms_that_cancel_in_a_slope_alone_count() -> None:
+    """The slope 2 u/(1 + u**2)**2 of u**2/(1 + u**2) is a difference of two terms of 2/u at large u.
+
+    A factor on u**2 or on 1 + u**2 that is the same at all places changes the slope as little as the value.
+    """
+    statement = declare(kinetic=x.dot**2 / 2, potential=(1000 * x) ** 2 / (1 + (1000 * x) ** 2), name="saturated")
+    force = Reference(statement).at(Point((1.0,), (0.3,), 0.0, {}, ""), [])["forces"]
+    assert abs(force.value[0]) < 3e-6
+    assert 0.5 < force.size[0] < 10
+
+
 def test_a_bias_that_cancels_identically_has_the_size_of_its_parts() -> None:
     """A total time derivative in L changes nothing, but costs digits; compiled code may leave some 1e-13."""
     statement = declare(lagrangian=x.dot**2 / 2 + 1000 * sp.cos(x) * x.dot, name="gauge")
