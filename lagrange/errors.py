@@ -41,7 +41,7 @@ class SceneError(StatementError):
     """A scene file cannot be used: the message names file, line and column."""
 
     def __init__(self, reason: str, *, file: str = "", line: int | None = None, column: int | None = None) -> None:
-        place = ":".join(str(part) for part in (file, line, column) if part not in ("", None))
+        place = ":".join(str(part) for part in (shortened(file), line, column) if part not in ("", None))
         super().__init__(f"{place}: {reason}" if place else reason)
         self.reason = reason
         self.file = file
@@ -75,6 +75,11 @@ class _Short(reprlib.Repr):
 def shown(value: Any, most: int = 80) -> str:
     """Return a value as a message quotes it: its repr, cut where it is long."""
     return _Short(most).repr(value)
+
+
+def shortened(text: str, most: int = 160) -> str:
+    """Return a text, such as a path, without its middle where it has more than `most` characters."""
+    return text if len(text) <= most else f"{text[: most // 2 - 3]}...{text[-(most // 2) :]}"
 
 
 MANY_PARTS = "an expression of many parts"
@@ -125,9 +130,11 @@ FAULT = "This is a fault of lagrange, please report it with this message."
 """How a message ends where two ways to compute the same thing disagree."""
 
 
-def listing(names: Iterable[str]) -> str:
-    """Return the names as ``a, b and c`` for a sentence."""
+def listing(names: Iterable[str], most: int | None = None) -> str:
+    """Return the names as ``a, b and c`` for a sentence; of many the first `most`, and how many others there are."""
     words = list(names)
+    if most is not None and len(words) > most + 1:
+        words = [*words[:most], f"{len(words) - most} others"]
     if len(words) < 2:
         return "".join(words) or "none"
     return ", ".join(words[:-1]) + " and " + words[-1]

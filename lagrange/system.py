@@ -238,8 +238,9 @@ class System:
         """
         from lagrange.compiler import compile_model
 
+        check = flag(check, "check")
         if not isinstance(target, str) or target not in self._models:
-            self._models[target] = compile_model(self.statement, self.laws, target, check=flag(check, "check"))
+            self._models[target] = compile_model(self.statement, self.laws, target, check=check)
         return self._models[target]
 
     def run(

@@ -93,9 +93,10 @@ def trust_horizon(
     allowed, relative = real_number(error, "error"), flag(relative, "relative")
     if allowed <= 0:
         raise StatementError(f"error = {allowed:g}: give a positive one, such as 1e-3.")
-    found, values = integrate(
-        model, span_or_end(span), initial, RunOptions(method, rtol, atol, step, parameters=parameters)
-    )
+    t0, t1 = span_or_end(span)
+    if t0 == t1:
+        raise StatementError(f"the span from {t0:g} to {t1:g} is empty: give an end such as span={t0 + 10:g}.")
+    found, values = integrate(model, (t0, t1), initial, RunOptions(method, rtol, atol, step, parameters=parameters))
     times = _comparison_times(found.t)
     states = found.dense(times)
     size = np.abs(states).max(axis=1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +21,9 @@ from lagrange.statement.statement import Statement
 
 STEPS = 30
 """Steps of Newton's method from the equilibrium at the value before."""
+
+MOST_VALUES = 10_000
+"""Largest number of values of the parameter: each takes some milliseconds."""
 
 CLOSE = 1e-9
 """Its last step, relative to the coordinates and to 1."""
@@ -59,21 +63,25 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
     if label not in by_name:
         raise StatementError(f"{shown(label)} is no parameter of this system; its parameters are {listing(by_name)}.")
     chosen = real_array(values, "values")
-    if chosen.ndim != 1 or not len(chosen):
-        raise StatementError(f"values has shape {chosen.shape}: give a list of values of {label}.")
+    if chosen.ndim != 1 or not 0 < len(chosen) <= MOST_VALUES:
+        raise StatementError(
+            f"values has shape {chosen.shape}: give a list of values of {label}, at least 1 and at most {MOST_VALUES}."
+        )
     point = stated_point(statement, at)
     n = len(statement.coordinates)
     lin = _on_constraints(point) if statement.constraints else None
     rows = np.full((len(chosen), 2 * n if lin is None else lin.K.cols + lin.K.rows), complex("nan"), dtype=complex)
     places = np.full((len(chosen), n), np.nan)
     before: FloatArray | None = None
+    known: list[int] = []
     for k, value in enumerate(chosen):
         given = model.parameter_values({label: float(value)})
         state = _stated(point, given) if lin is not None else _equilibrium(point, model, given, before)
         matrix = None if state is None else _matrix(lin, model, state, given)
         if state is None or matrix is None:
             continue
-        rows[k] = _matched(np.linalg.eigvals(matrix), _expected(rows[:k], chosen, value))
+        rows[k] = _matched(np.linalg.eigvals(matrix), _expected(known, rows, chosen, value))
+        known = [*known[-1:], k]
         before = state if point.decimal else None
         places[k] = state[:n]
     if np.isnan(places).all():
@@ -144,9 +152,11 @@ def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArra
     return None
 
 
-def _expected(rows: Any, values: FloatArray, value: float) -> Any:
-    """Return the eigenvalues that a line through the last two rows leads to, so that crossings are passed; or None."""
-    known = [k for k, row in enumerate(rows) if np.isfinite(row).all()]
+def _expected(known: Sequence[int], rows: Any, values: FloatArray, value: float) -> Any:
+    """Return the eigenvalues that a line through the last two known rows leads to, so that crossings are passed.
+
+    None where no row is known.
+    """
     if not known:
         return None
     last = rows[known[-1]]

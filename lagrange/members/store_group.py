@@ -111,7 +111,7 @@ def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
-    except OSError as error:
+    except (OSError, ValueError) as error:  # a name that no file system takes is a ValueError
         raise _not_made(path, error) from error
     try:
         for name, content in _files(zarr, job, table, made_of).items():
@@ -171,10 +171,11 @@ def write_file(path: Path, content: bytes) -> None:
     path.write_bytes(content)
 
 
-def _not_made(path: Path, error: OSError) -> StatementError | RunError:
+def _not_made(path: Path, error: OSError | ValueError) -> StatementError | RunError:
     """Return what to say of a store that could not be made: of a full disk, or of a place that cannot have it."""
-    reason = error.strerror or str(error)
-    if error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
+    number, reason = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
+    reason = reason or str(error)
+    if number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
         return RunError(f"{path} could not be made ({reason}): make room, and make the same call again.")
     return StatementError(f"{path} cannot be made ({reason}): give a folder that can be written to, such as runs.zarr.")
 

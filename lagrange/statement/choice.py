@@ -9,6 +9,9 @@ from lagrange.errors import StatementError, UnknownKey, listing, shown, suggesti
 
 Value = TypeVar("Value")
 
+MOST_WORDS = 16
+"""Largest number of known words that a message lists."""
+
 
 def text(value: Any, what: str) -> str:
     """Return a text. Raises StatementError for anything else."""
@@ -32,7 +35,7 @@ def one_of(value: Any, known: Iterable[str], refusal: str) -> str:
     words = list(known)
     if not isinstance(value, str) or value not in words:
         hint = suggestion(value, words) if isinstance(value, str) else ""
-        raise StatementError(refusal.format(given=shown(value), known=listing(words)) + hint)
+        raise StatementError(refusal.format(given=shown(value), known=listing(words, MOST_WORDS)) + hint)
     return value
 
 
@@ -49,5 +52,7 @@ class ByName(dict[str, Value]):
     def __getitem__(self, name: str) -> Value:
         if not isinstance(name, str) or name not in self:
             hint = suggestion(name, self) if isinstance(name, str) else ""
-            raise UnknownKey(f"{shown(name)} is no {self.noun} of this system; they are {listing(self)}.{hint}")
+            raise UnknownKey(
+                f"{shown(name)} is no {self.noun} of this system; they are {listing(self, MOST_WORDS)}.{hint}"
+            )
         return super().__getitem__(name)

@@ -46,19 +46,18 @@ class Event:
             raise StatementError(
                 f"terminal = {shown(terminal)}: give True, or the number of the occurrence that ends the run."
             )
-        values: dict[str, Any] = {}
-        for name, table in (("reset", self.reset), ("settings", self.settings)):
-            if not isinstance(table, Mapping):
-                raise StatementError(
-                    f"{name} is {_written(table)!r}: give a dict from coordinates, velocities and parameters to "
-                    "expressions, such as {y.dot: -0.9*y.dot}."
-                )
-            values[name] = MappingProxyType({key: _value(value) for key, value in table.items()})
+        if not isinstance(self.reset, Mapping):
+            raise StatementError(
+                f"reset is {_written(self.reset)!r}: give a dict from coordinates, velocities and parameters to "
+                "expressions, such as {y.dot: -0.9*y.dot}."
+            )
+        chosen = {key: _value(value) for key, value in self.reset.items()}
         for name, value in (
             ("expression", _zero(self.expression)),
             ("direction", _sign(self.direction)),
             ("terminal", int(terminal)),
-            *values.items(),
+            ("reset", MappingProxyType(chosen)),
+            ("settings", MappingProxyType(dict(self.settings))),
         ):
             object.__setattr__(self, name, value)
 

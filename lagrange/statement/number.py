@@ -73,13 +73,9 @@ def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
     """
     if type(value) is np.ndarray and value.dtype is DOUBLE and value.size * width <= MOST_NUMBERS:
         return value
-    if (
-        isinstance(value, list)
-        and type(value).__iter__ is list.__iter__
-        and _FLOATS.issuperset(map(type, value))
-        and len(value) * width <= MOST_NUMBERS
-    ):
-        return np.array(value, dtype=float)
+    plain: Any = value
+    if type(plain) is list and _FLOATS.issuperset(map(type, plain)) and len(plain) * width <= MOST_NUMBERS:
+        return np.array(plain, dtype=float)
     found = _array(value, what, width, "fiu")
     if found.dtype is DOUBLE:
         return found
@@ -97,7 +93,10 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
     """Return an array whose entries are of some kinds, by NumPy's letters."""
     if isinstance(value, np.ma.MaskedArray):
         raise StatementError(f"{what} is a masked array: give the values alone, such as its .compressed().")
-    entries = value.size if isinstance(value, np.ndarray) else _count(value, what)
+    try:
+        entries = value.size if isinstance(value, np.ndarray) else _count(value, what)
+    except (ValueError, OverflowError) as error:  # a length below zero, or beyond all integers of the machine
+        raise StatementError(f"{what} has no length ({shown(str(error))}): give a list of numbers.") from error
     if entries * width > MOST_NUMBERS:
         raise StatementError(
             f"{what} has {entries:.3g} entries, which takes {8 * entries * width / 2**30:.3g} GiB of memory: give "
@@ -105,6 +104,8 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
         )
     try:
         found = np.asarray(_ended(value, entries, what))
+    except StatementError:
+        raise
     except (ValueError, TypeError, OverflowError) as error:
         raise StatementError(f"{what} is no array: {str(error).rstrip('.')}. Give rows of one length.") from error
     if found.dtype.kind not in kinds:

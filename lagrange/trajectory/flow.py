@@ -21,16 +21,23 @@ from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.dependence import check_independent
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
 from lagrange.trajectory.constraints.passage import STEPS_PER_LOOK, StatesPassed
-from lagrange.trajectory.floors import survey
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
 from lagrange.trajectory.over_crossings import run_over_crossings
 from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.run_loop import MOST_STEPS_PER_CALL
+from lagrange.trajectory.sizes import survey
 from lagrange.trajectory.trajectory import FloatArray
 
 _GOES_ON = (Outcome.PAUSED, Outcome.UNSCALED)
+
+FIRST_STEPS = 1024
+"""Steps after which the pace of a run is looked at first: a second where steps are interpreted."""
+
+HOPELESS = 4.0
+"""A run with adaptive steps is given up if, at its pace so far, it needs this multiple of max_steps."""
+
 _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
 
@@ -120,10 +127,12 @@ class Flow:
     def _to_end(self, driver: Driver, state: DriverState, parameters: Mapping[Any, Any] | None) -> bool:
         """Advance to the end of a run; return whether it was reached."""
         outcome = Outcome.PAUSED
-        left = self._max_steps
+        left, steps = self._max_steps, FIRST_STEPS
         while outcome in _GOES_ON and left > 0:
-            outcome = driver.advance(state, min(left, MOST_STEPS_PER_CALL), _NO_TIMES, _NO_ROWS)
-            left -= MOST_STEPS_PER_CALL
+            outcome = driver.advance(state, min(left, steps), _NO_TIMES, _NO_ROWS)
+            left, steps = left - steps, MOST_STEPS_PER_CALL
+            if outcome is Outcome.PAUSED:
+                self._check_pace(state, self._max_steps - left)
             if outcome is Outcome.UNSCALED:
                 survey(self._model, self._model.parameter_array(parameters), state)
         return outcome is Outcome.DONE
@@ -141,11 +150,25 @@ class Flow:
             counts[DriverState.ROWS] = 0
             outcome = driver.advance(state, min(left, STEPS_PER_LOOK), *passed.room())
             left -= STEPS_PER_LOOK
+            if outcome is Outcome.PAUSED:
+                self._check_pace(state, self._max_steps - left)
             if outcome is Outcome.UNSCALED:
                 survey(model, parameters, state)
             if passed.lead_over(counts[DriverState.ROWS], model, start, parameters, rtol):
                 return False
         return outcome is Outcome.DONE
+
+    def _check_pace(self, state: DriverState, steps: int) -> None:
+        """Raise RunError if the end is beyond `max_steps` at the pace of the steps so far."""
+        t0, t1 = (float(state.reals[place]) for place in (DriverState.START, DriverState.END))
+        share = (state.t - t0) / (t1 - t0)
+        most = self._max_steps * (HOPELESS if self._integrator.claims.adaptive else 1.0)
+        if steps < self._max_steps and steps > most * share:
+            needed = f"about {steps / share:.1g}" if share > 0 else "endlessly many"
+            raise RunError(
+                f"{self._integrator.name} came from t = {t0:g} to {state.t:g} in {steps} steps. At this pace the end, "
+                f"t = {t1:g}, takes {needed}, more than max_steps = {self._max_steps}: end earlier, or raise max_steps."
+            )
 
     def _driver(self, plan: Plan, parameters: Mapping[Any, Any] | None) -> tuple[Driver, DriverState]:
         local, model = self._local, self._model

@@ -34,6 +34,27 @@ def run() -> Any:
     return pendulum().run(0.1)
 
 
+@cache
+def compiled() -> Any:
+    system = lg.scene("pendulum")
+    system.compile("numpy")
+    return system
+
+
+class Short(list[float]):
+    """A list that has fewer entries by its length than by its iterator."""
+
+    def __len__(self) -> int:
+        return 0
+
+
+class Without(list[float]):
+    """A list whose length is no length."""
+
+    def __len__(self) -> int:
+        return int("-1")
+
+
 def endless() -> Iterator[str]:
     return itertools.repeat("x")
 
@@ -63,6 +84,18 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: run().multipliers["rod"], "'rod' is no constraint of this system; they are none."),
     (lambda: pendulum().constraint_forces[0], "0 is no constraint of this system; they are none."),
     (lambda: pendulum().export("c", "a" * 300), "cannot be made (File name too long): name another folder"),
+    (lambda: lg.trust_horizon(pendulum(), 0), "the span from 0 to 0 is empty: give an end such as span=10."),
+    (lambda: pendulum().run(1.0, t_eval=Short([0.1, 0.2])), "t_eval has more entries than the 0 of its length"),
+    (lambda: pendulum().run(1.0, t_eval=Without([0.1, 0.2])), "t_eval has no length ('__len__() should return >= 0')"),
+    (lambda: lg.ensemble(pendulum(), 0.1, {"theta": [1.0, 2.0]}, store="\ud800"), "surrogates not allowed"),
+    (lambda: run().plot(what=["theta"] * 101), "what lists 101 quantities: one figure shows at most 100."),
+    (
+        lambda: pendulum().plot_eigenvalues("m", [*range(10_001)]),
+        "values of m, at least 1 and at most 10000.",
+    ),
+    (lambda: loose.System(theta.dot**2).compile("numpy", check=iter([1])), "give True or False."),
+    (lambda: compiled().compile("numpy", check=iter([1])), "give True or False."),
+    (lambda: pendulum().export("c", "a\x1b[31m"), "the path 'a\\x1b[31m' has control characters: give another name."),
 ]
 
 
@@ -71,6 +104,23 @@ def test_a_wrong_argument_is_refused_whether_it_is_used_or_not(call: Callable[[]
     with pytest.raises(lg.StatementError) as refusal:
         call()
     assert words in str(refusal.value)
+
+
+def test_sentences_are_short_where_they_are_made(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The base class leaves out the middle of a longer sentence, where the names are."""
+    monkeypatch.setattr("lagrange.errors.LONGEST_SENTENCE", 10**9)
+    calls: list[Callable[[], Any]] = [
+        lambda: lg.scene("pendulums"),
+        lambda: pendulum().run(1.0, method="rk5"),
+        lambda: lg.methods.tableau([[0]], [2], order=1, name="a" * 1000),
+        lambda: lg.System.from_scene("a" * 1000),
+        lambda: run().to_csv("a/" * 500 + "b.csv"),
+        lambda: run().to_png("a" * 1000),
+    ]
+    for call in calls:
+        with pytest.raises(lg.LagrangeError) as refusal:
+            call()
+        assert len(str(refusal.value)) <= 400
 
 
 def test_a_mapping_of_results_is_still_a_mapping() -> None:

@@ -38,6 +38,9 @@ _LEAST, _LEAST_PLANE, _BESIDE, _NARROWEST = 0.45, 1.5, 0.8, 0.4
 """The least height in inches of a coordinate, of a plane and of what stands beside them, and the least part of the
 natural width: smaller panels collapse."""
 
+MOST_QUANTITIES = 100
+"""Largest number of entries of what=. A panel takes 30 ms, and 100 of them are 100 inches high."""
+
 _ONE_COLUMN = 4
 """More coordinates than this stand in two columns."""
 
@@ -65,6 +68,8 @@ def plot_runs(
     contents = Contents(solutions, names, chosen, merged=ax is not None)
     if not items:
         raise StatementError("what = [] is nothing to plot: give a name, a SymPy expression, or a list of them.")
+    if len(items) > MOST_QUANTITIES:
+        raise StatementError(f"what lists {len(items)} quantities: one figure shows at most {MOST_QUANTITIES}.")
     panels = [panel for item in items for panel in (contents.overview() if item is None else contents.of(item))]
     if ax is not None:
         if size is not None:

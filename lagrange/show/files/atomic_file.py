@@ -12,7 +12,7 @@ from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
-from lagrange.errors import RunError, StatementError, shown
+from lagrange.errors import RunError, StatementError, shortened, shown
 
 _FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used up", errno.EFBIG: "it is too large"}
 
@@ -107,14 +107,20 @@ def sync_folder(folder: Path) -> None:
                 os.close(descriptor)
 
 
+def _name(target: Path) -> str:
+    return shortened(str(target), 140)
+
+
 def real_path(path: str | os.PathLike[str]) -> Path:
     """Return the path with its links followed. Raises StatementError for what is no path."""
     if not isinstance(path, (str, os.PathLike)):
         raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file or folder.")
+    if not os.fsdecode(path).isprintable():
+        raise StatementError(f"the path {shown(os.fsdecode(path))} has control characters: give another name.")
     try:
         return Path(os.path.realpath(path))
     except ValueError as error:
-        raise StatementError(f"Cannot write {os.fspath(path)!r}: {error}. Name another file.") from None
+        raise StatementError(f"Cannot write {shown(os.fspath(path))}: {error}. Name another file.") from None
 
 
 def check_place(path: str | os.PathLike[str]) -> None:
@@ -131,14 +137,16 @@ def check_place(path: str | os.PathLike[str]) -> None:
 def old_mode(target: Path) -> int | None:
     """Return the old file's permissions, None if there is none; refuse to replace what is not a file."""
     if not target.parent.is_dir():
-        raise StatementError(f"Cannot write {target}: there is no folder {target.parent}. Make it or name another.")
+        raise StatementError(
+            f"Cannot write {_name(target)}: there is no folder {_name(target.parent)}. Make it or name another."
+        )
     if not target.exists():
         return None
     found = target.stat().st_mode
     if stat.S_ISDIR(found):
-        raise StatementError(f"Cannot write {target}: it is a folder. Name a file in it.")
+        raise StatementError(f"Cannot write {_name(target)}: it is a folder. Name a file in it.")
     if not stat.S_ISREG(found):
-        raise StatementError(f"Cannot write {target}: it is a device or a pipe, not a file. Name a file.")
+        raise StatementError(f"Cannot write {_name(target)}: it is a device or a pipe, not a file. Name a file.")
     return stat.S_IMODE(found)
 
 
@@ -146,10 +154,13 @@ def in_words(target: Path, error: OSError) -> StatementError | RunError:
     """Return the system's refusal to write a file as an error that says what to do."""
     reason = _FULL.get(error.errno or 0)
     if reason:
-        return RunError(f"Cannot write {target}: {reason}. Nothing was written; free some space or write elsewhere.")
+        return RunError(
+            f"Cannot write {_name(target)}: {reason}. Nothing was written; free some space or write elsewhere."
+        )
     if isinstance(error, PermissionError) or error.errno == errno.EROFS:
         return StatementError(
-            f"Cannot write {target}: the folder {target.parent} may not be written to. Name another folder."
+            f"Cannot write {_name(target)}: the folder {_name(target.parent)} may not be written to. Name another "
+            "folder."
         )
     reason = error.strerror or str(error)
-    return RunError(f"Cannot write {target}: {reason}. Nothing was written; name another file or folder.")
+    return RunError(f"Cannot write {_name(target)}: {reason}. Nothing was written; name another file or folder.")

@@ -189,21 +189,25 @@ def tableau(
     """
     listed = _listed(text(name, "name"), A)
     if listed is None:
-        raise StatementError(f"the tableau {name!r} has A = {shown(A)}: give its rows, each a list.")
+        raise StatementError(f"the tableau {shown(name)} has A = {shown(A)}: give its rows, each a list.")
     lines = [_entries(name, line) for line in listed]
     if embedded_order is not None:
         embedded_order = whole_number(embedded_order, "embedded_order", 1, HIGHEST_CHECKED)
     if any(entry for i, line in enumerate(lines) for entry in line[i:]):
-        raise StatementError(f"the tableau {name!r} is not explicit: A must be zero on and above its diagonal.")
+        raise StatementError(f"the tableau {shown(name)} is not explicit: A must be zero on and above its diagonal.")
     weights = _entries(name, b)
     error = None
     if embedded is not None:
         other = _entries(name, embedded)
         if len(other) != len(weights):
-            raise StatementError(f"the tableau {name!r} has {len(weights)} weights in b and {len(other)} in embedded.")
+            raise StatementError(
+                f"the tableau {shown(name)} has {len(weights)} weights in b and {len(other)} in embedded."
+            )
         difference = tuple(x - y for x, y in zip(weights, other, strict=True))
         if not any(difference):
-            raise StatementError(f"the tableau {name!r} has embedded equal to b: their difference estimates no error.")
+            raise StatementError(
+                f"the tableau {shown(name)} has embedded equal to b: their difference estimates no error."
+            )
         error = ErrorEstimate(difference, order=embedded_order or max(order - 1, 1))
     rows = tuple(line[:i] for i, line in enumerate(lines))
     made = ButcherTableau(name=name, order=order, A=rows, b=weights, c=_entries(name, c), error=error, source=source)
@@ -214,7 +218,7 @@ def _listed(name: str, given: Any) -> list[Any] | None:
     """Return the rows of a matrix, or the entries of a row; one row or column is a matrix too."""
     if isinstance(given, (np.ndarray, sympy.MatrixBase)) and len(given.shape) == 2 and max(given.shape) <= MOST_ENTRIES:
         return list(given.tolist())
-    return entries(given, f"a row of the tableau {name!r}")
+    return entries(given, f"a row of the tableau {shown(name)}")
 
 
 def _entries(name: str, line: Any) -> Coefficients:
@@ -226,8 +230,8 @@ def _entries(name: str, line: Any) -> Coefficients:
         return found
     except (TypeError, ValueError, ArithmeticError) as error:
         raise StatementError(
-            f"the tableau {name!r} has an entry that is no number ({error}): give numbers, or text such as '2/3', each "
-            "row a list."
+            f"the tableau {shown(name)} has an entry that is no number ({error}): give numbers, or text such as '2/3', "
+            "each row a list."
         ) from error
 
 

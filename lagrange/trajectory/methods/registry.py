@@ -199,7 +199,7 @@ def find(method: Any) -> Integrator:
         return made
     meant = FOREIGN_NAMES.get(method.lower())
     hint = f" Did you mean {meant!r}?" if meant else suggestion(method.lower(), names())
-    raise StatementError(f"there is no method {shown(method)}; the methods are {listing(names())}.{hint}")
+    raise StatementError(f"there is no method {shown(method)}; the methods are {listing(names(), 20)}.{hint}")
 
 
 @cache

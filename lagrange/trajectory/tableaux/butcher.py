@@ -162,7 +162,7 @@ class ButcherTableau:
         return stage_weights(self.rows, max(claims))
 
     def _refuse(self, reason: str) -> StatementError:
-        return StatementError(f"The tableau {self.name!r} is not what it claims: {reason}.")
+        return StatementError(f"The tableau {shown(self.name)} is not what it claims: {reason}.")
 
     def _check_tree(self, what: str, tree: Tree, weights: Coefficients, expected: Fraction) -> None:
         values = self._elementary[tree]
