@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from lagrange.statement.event import Event, event
     from lagrange.statement.given import given
     from lagrange.statement.multiplier import multiplier
+    from lagrange.statement.table import table
     from lagrange.system import System
     from lagrange.trajectory.integrator import Claims, Integrator, Problem
     from lagrange.trajectory.run import flow, integrate
@@ -65,6 +66,7 @@ _HOMES = {
     "lagrange.statement.energy": ("gravity", "kinetic_energy", "rotational_energy", "spring"),
     "lagrange.statement.event": ("Event", "event"),
     "lagrange.statement.given": ("given",),
+    "lagrange.statement.table": ("table",),
     "lagrange.library": ("scene", "scenes"),
     "lagrange.system": ("System",),
     "lagrange.trajectory.integrator": ("Claims", "Integrator", "Problem"),
@@ -122,6 +124,7 @@ __all__ = [
     "scenes",
     "spring",
     "t",
+    "table",
     "targets",
     "trust_horizon",
 ]

@@ -21,16 +21,20 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
     "trajectory runs": (
         *(
             "edge",
+            "floors",
             "inertia",
             "memory_limit",
             "messages",
+            "noise",
             "outputs",
+            "pace",
             "plan",
             "prepared",
             "run_loop",
             "shortened",
             "sizes",
             "sticking",
+            "table_end",
         ),
     ),
     "trajectory entries": (

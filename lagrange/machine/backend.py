@@ -45,6 +45,7 @@ class QuickCalls(NamedTuple):
     parts: Callable[..., FloatArray | None]
 
 
+@runtime_checkable
 class Kernel(Protocol):
     """A program ready to run."""
 

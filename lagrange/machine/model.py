@@ -245,6 +245,8 @@ class Model:
 
     def called(self, kernel: Kernel, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return the result of a kernel of this model for states (2n,) or (2n, batch)."""
+        if not isinstance(kernel, Kernel):
+            raise StatementError(f"{shown(kernel)} is no kernel: give model.kernel(name).")
         return self._call(kernel, t, self._checked_state(y), parameters)
 
     def parameter_values(self, given: Mapping[Any, Any] | None = None) -> dict[Any, float]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
+from lagrange.equations.elimination import band_order
 from lagrange.equations.solve_plan import SolvePlan
 
 WRITTEN_OUT = 6
@@ -59,6 +60,32 @@ class Elimination:
     def places(self) -> tuple[tuple[int, int], ...]:
         """The places of L by rows, the diagonal included."""
         return tuple((i, j) for i, row in enumerate(self.rows) for j in (*row, i))
+
+    @cached_property
+    def ranks(self) -> tuple[int, ...]:
+        """The row of each unknown in the matrix that is factored with pivoting.
+
+        Beside multipliers most entries are zero: neighbours are close to each other.
+        """
+        if not self.negative:
+            return tuple(range(self.order))
+        neighbours: list[list[int]] = [[] for _ in range(self.order)]
+        for i, j in sorted(self.entries):
+            if i != j:
+                neighbours[i].append(j)
+                neighbours[j].append(i)
+        ranks = {unknown: rank for rank, unknown in enumerate(band_order(neighbours))}
+        return tuple(ranks[i] for i in range(self.order))
+
+    @cached_property
+    def band(self) -> int:
+        """The largest distance of an entry of that matrix from its diagonal."""
+        return max((abs(self.ranks[i] - self.ranks[j]) for i, j in self.entries), default=0)
+
+    def band_place(self, i: int, j: int) -> int:
+        """Return where an entry of that matrix stands; see `lagrange.procedure.linear.pivoted`."""
+        first, second = sorted((self.ranks[i], self.ranks[j]))
+        return first * self.band + second
 
     @property
     def operations(self) -> int:

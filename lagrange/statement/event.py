@@ -46,18 +46,19 @@ class Event:
             raise StatementError(
                 f"terminal = {shown(terminal)}: give True, or the number of the occurrence that ends the run."
             )
-        if not isinstance(self.reset, Mapping):
-            raise StatementError(
-                f"reset is {_written(self.reset)!r}: give a dict from coordinates, velocities and parameters to "
-                "expressions, such as {y.dot: -0.9*y.dot}."
-            )
-        chosen = {key: _value(value) for key, value in self.reset.items()}
+        values: dict[str, Any] = {}
+        for name, table in (("reset", self.reset), ("settings", self.settings)):
+            if not isinstance(table, Mapping):
+                raise StatementError(
+                    f"{name} is {_written(table)!r}: give a dict from coordinates, velocities and parameters to "
+                    "expressions, such as {y.dot: -0.9*y.dot}."
+                )
+            values[name] = MappingProxyType({key: _value(value) for key, value in table.items()})
         for name, value in (
             ("expression", _zero(self.expression)),
             ("direction", _sign(self.direction)),
             ("terminal", int(terminal)),
-            ("reset", MappingProxyType(chosen)),
-            ("settings", MappingProxyType(dict(self.settings))),
+            *values.items(),
         ):
             object.__setattr__(self, name, value)
 

@@ -14,16 +14,12 @@ from sympy.core.function import AppliedUndef
 from lagrange.errors import StatementError, formula, listing, suggestion
 from lagrange.statement.coordinate import check_symbol, function_of_time, name_of, t
 from lagrange.statement.expression import expression
-from lagrange.statement.motion import MARK, Motion, Table, motion_of
-from lagrange.statement.number import real_array
+from lagrange.statement.motion import MARK, Motion, motion_of
 from lagrange.statement.parameters import check_rate, rate_name
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
+from lagrange.statement.table import checked_table
 
-FEWEST_TIMES = 4
-"""Times that a cubic needs."""
-MOST_TIMES = 200
-"""Each interval is a branch of a condition: a hundred compile in 2 s, and a run of `taylor` ends a step at each."""
 DEGREE = 3
 """Degree of the polynomials that stand for an open function where it is asked what the equations depend on."""
 ORDERS_BEHIND = 2
@@ -46,7 +42,7 @@ def _values(what: str, values: Any) -> Any:
     if values is None:
         return None
     if isinstance(values, (list, tuple, np.ndarray)):
-        return _table(what, values)
+        return checked_table(what, values, "times")
     stated, survey = expression(values, what), Survey()
     survey.add(stated, what)
     leaves = [*survey.coordinates, *survey.given, *survey.unknown]
@@ -56,29 +52,6 @@ def _values(what: str, values: Any) -> Any:
             "What depends on the motion is a force, a constraint or a part of an energy."
         )
     return stated
-
-
-def _table(what: str, columns: Sequence[Any] | Any) -> Table:
-    if isinstance(columns, np.ndarray) and columns.ndim == 0:
-        raise StatementError(f"{what} is an array without entries: give (times, values), two lists of one length.")
-    if len(columns) != 2:
-        raise StatementError(f"{what} has {len(columns)} columns: give (times, values), two lists of one length.")
-    times, values = real_array(columns[0], f"the times of {what}"), real_array(columns[1], f"the values of {what}")
-    if times.ndim != 1 or values.shape != times.shape or not np.isfinite([times, values]).all():
-        raise StatementError(
-            f"{what} has times of shape {times.shape} and values of shape {values.shape}: give two lists of finite "
-            "numbers, of one length."
-        )
-    if not FEWEST_TIMES <= len(times) <= MOST_TIMES:
-        raise StatementError(
-            f"{what} has {len(times)} times: give {FEWEST_TIMES} to {MOST_TIMES}. Thin a longer table out, or fit an "
-            "expression in lg.t."
-        )
-    falls = np.flatnonzero(np.diff(times) <= 0)
-    if len(falls):
-        first, second = times[falls[0]], times[falls[0] + 1]
-        raise StatementError(f"the times of {what} go from {first:g} to {second:g}: give times that rise.")
-    return Table(tuple(map(float, times)), tuple(map(float, values)))
 
 
 def coordinate_or_given(name: str, coordinates: Sequence[str]) -> str:

@@ -15,10 +15,11 @@ from lagrange.statement.expression_text import expression_text
 from lagrange.statement.guard import RefusalError
 from lagrange.statement.letters import NAME
 from lagrange.statement.link import ROD
-from lagrange.statement.motion import Table, motion_of
+from lagrange.statement.motion import motion_of
 from lagrange.statement.same_statement import difference
 from lagrange.statement.scene import scene_from_text
 from lagrange.statement.statement import REFUSE, Statement
+from lagrange.statement.table import Table
 
 BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_")
 """The characters of a TOML key without quotation marks."""
@@ -130,7 +131,9 @@ class _Writer:
         if motion is None or motion.values is None:
             raise _refusal(self.statement, f"{name_of(function)} is given without values")
         if isinstance(motion.values, Table):
-            return f"[{_joined(f'[{_joined(map(repr, row))}]' for row in (motion.values.times, motion.values.values))}]"
+            return (
+                f"[{_joined(f'[{_joined(map(repr, row))}]' for row in (motion.values.points, motion.values.values))}]"
+            )
         return self.text(f"the given function {name_of(function)}", motion.values)
 
     def dimensions(self) -> Iterator[tuple[str, str]]:

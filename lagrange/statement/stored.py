@@ -20,8 +20,9 @@ from lagrange.statement.declare import declare
 from lagrange.statement.dimension import Dimension
 from lagrange.statement.given import given
 from lagrange.statement.guard import Guard, RefusalError, check_arguments, check_power
-from lagrange.statement.motion import Table, motion_of
+from lagrange.statement.motion import motion_of
 from lagrange.statement.statement import RunSettings, Statement
+from lagrange.statement.table import Table
 from lagrange.statement.vocabulary import SYMPY_CLASSES
 
 FORM = 1
@@ -116,7 +117,7 @@ class _Writer:
         if motion is None or motion.values is None:
             return None
         if isinstance(motion.values, Table):
-            return [list(motion.values.times), list(motion.values.values)]
+            return [list(motion.values.points), list(motion.values.values)]
         return self.place(motion.values)
 
 

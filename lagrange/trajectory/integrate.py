@@ -29,6 +29,7 @@ from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
 from lagrange.trajectory.over_crossings import run_over_crossings
 from lagrange.trajectory.plan import locates_events
 from lagrange.trajectory.segments import run_in_segments
+from lagrange.trajectory.table_end import table_left
 from lagrange.trajectory.touching import with_touching_bodies
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 from lagrange.trajectory.unresolved import with_resolution
@@ -145,6 +146,8 @@ def _check_start(problem: Problem) -> float:
     value = energy(problem, y0)
     if math.isfinite(value):
         return value
+    if outside := table_left(problem, problem.t0, y0):
+        raise StatementError(f"the motion cannot start there: {outside}")
     state = listing(f"{name} = {x:.6g}" for name, x in zip(model.layout.names(".dot"), y0, strict=True))
     raise StatementError(
         f"the energy of {model.statement.name} is {value} at the initial state ({state}), so the motion cannot start "

@@ -217,6 +217,20 @@ def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, 
     return f"{entry} is 0, and atol = 0 leaves it no tolerance: leave atol out, and it follows the size of each entry."
 
 
+def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, int], atol: float) -> str:
+    """Return the cause and the remedy where a small entry of the state (2n,) limits the step; see `limiting_entry`.
+
+    `atol` is the present absolute tolerance of the largest entry of its kind.
+    """
+    limit = "max_steps" if status is Status.MAX_STEPS else "max_wall"
+    names, (row, largest) = row_names(problem), which
+    return (
+        f"It used up {limit}, and {names[row]} limits the step: it is {y[row]:.2g} beside {y[largest]:.2g} for "
+        f"{names[largest]}, and without atol each entry keeps digits of its own. Give atol = "
+        f"{atol:.0e}, which leaves {names[row]} fewer, or raise {limit}."
+    )
+
+
 def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tolerances) -> Iterator[str]:
     """Yield a note if the absolute tolerance of a complete run gives an entry fewer digits than rtol.
 
@@ -230,7 +244,8 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
         return
     sizes = ends if len(states) <= 2 else np.abs(states).max(axis=0).tolist()
     kinds = [max(part) for part in problem.model.layout.split(sizes) for _ in part]
-    short = [row for row, size in enumerate(sizes) if CANCELLATION_NOISE * kinds[row] < size < least]
+    noise = [CANCELLATION_NOISE * kind for kind in kinds]
+    short = [row for row, size in enumerate(sizes) if noise[row] < size < least]
     if not short:
         return
     row = min(short, key=sizes.__getitem__)
@@ -239,9 +254,12 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
     if tolerances.share or lower < sys.float_info.min:
         yield f"{entry}, near the smallest of all doubles, and has fewer digits than {asked}: {UNITS}."
     else:
+        # Without atol the steps would follow an entry that is rounding, too.
+        rounded = any(0 < size <= least for size, least in zip(sizes, noise, strict=True))
+        leave = "" if rounded else "leave atol out, and it follows the size of each entry, or "
         yield (
-            f"{entry}, so atol = {tolerances.atol:g} leaves it fewer digits than {asked}: leave atol out, and it "
-            f"follows the size of each entry, or lower it to some {lower:.0e}."
+            f"{entry}, so atol = {tolerances.atol:g} leaves it fewer digits than {asked}: {leave}lower it to some "
+            f"{lower:.0e}."
         )
 
 

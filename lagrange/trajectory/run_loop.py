@@ -14,6 +14,7 @@ from lagrange.machine.state import DriverState, Outcome, Outputs
 from lagrange.trajectory.edge import slope_ahead
 from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.events.event_log import EventLog
+from lagrange.trajectory.floors import raise_to_noise, survey
 from lagrange.trajectory.inertia import lost_inertia, rank_lost
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.memory_limit import compiled_late, memory_limit
@@ -22,18 +23,19 @@ from lagrange.trajectory.messages import (
     coarse,
     event_behind_outputs,
     events_fill,
+    limited,
     message,
     outputs_alone,
     unsolved,
     without_tolerance,
 )
 from lagrange.trajectory.outputs import AcceptedStates
+from lagrange.trajectory.pace import Pace, limiting_entry
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.plan import PathFunction, Plan, Planned, StepPlan, Watcher
 from lagrange.trajectory.prepared import Prepared, prepared
 from lagrange.trajectory.shortened import dependent_ahead, until_dependent, until_discontinuity
-from lagrange.trajectory.sizes import FIRST_LOOK, SLOW, raise_to_noise, survey, tries_to_next_look
-from lagrange.trajectory.sticking import Sticking
+from lagrange.trajectory.table_end import table_left
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 SECONDS_PER_CALL = 0.02
@@ -253,7 +255,8 @@ def _check_first_slope(
         detail = model.singular_message(problem.t0, y0, None, parameters)
         return Status.SINGULAR, message(Status.SINGULAR, problem, problem.t0, y0, name, detail=detail)
     if not np.isfinite(slope).all():
-        return Status.NON_FINITE, message(Status.NON_FINITE, problem, problem.t0, problem.y0, name, slope=slope)
+        cause = table_left(problem, problem.t0, y0)
+        return Status.NON_FINITE, message(Status.NON_FINITE, problem, problem.t0, y0, name, slope=slope, cause=cause)
     return None, ""
 
 
@@ -268,7 +271,7 @@ def _advance_to_end(
 ) -> tuple[Status, str]:
     """Advance until the run ends; return its status, and a detail for the message. `per_call` steps come first."""
     limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
-    times, states, call, sticking = NOTHING, NOTHING, 0, Sticking(problem)
+    times, states, call, pace = NOTHING, NOTHING, 0, Pace(problem)
     result = GOES_ON if watch is None else watch.begin(state)
     try:
         while True:
@@ -276,11 +279,8 @@ def _advance_to_end(
                 result = onwards
                 if result.jumped:
                     rows.add(state.t, state.y)
-            if (
-                result.status is Status.STEP_TOO_SMALL
-                and result.smooth
-                and not np.isfinite(_slope_ahead(problem, state)).all()
-            ):
+            stuck = result.status is Status.STEP_TOO_SMALL and result.smooth
+            if stuck and not np.isfinite(_slope_ahead(problem, state)).all():
                 return Status.NON_FINITE, ""
             if result.status is not None:
                 return result.status, result.detail
@@ -292,7 +292,7 @@ def _advance_to_end(
             room = rows.make_room(limit - state.kept)
             if state.t != problem.t1 and room <= 0:
                 return Status.MAX_MEMORY, events_fill(problem) if rows.dropped else ""
-            budget = min(per_call, left, room, tries_to_next_look(tries)) if left > 0 and room > 0 else 1
+            budget = min(per_call, left, room, pace.next_look - tries) if left > 0 and room > 0 else 1
             # A reset is written as a row too: steps and resets are one for each turn of the loop, and the last step.
             times, states = np.empty(budget + 1), np.empty((budget + 5, dimension))
             counts[DriverState.ROWS] = 0
@@ -306,8 +306,10 @@ def _advance_to_end(
                 result = watch.end(state) if outcome is Outcome.DONE else watch.process(state)
                 if result.jumped:
                     rows.add(state.t, state.y)
+            elif outcome is Outcome.DONE:
+                result = REACHED
             else:
-                result = sticking.ended(state, rows.parts, _after_call(problem, outcome, state))
+                result = pace.look(state, rows.parts, _after_call(problem, outcome, state))
             taken = time.perf_counter() - before
             if taken < SECONDS_PER_CALL:
                 growth = MOST_GROWTH if MOST_GROWTH * taken < SECONDS_PER_CALL else 2
@@ -329,12 +331,8 @@ def _lost_on_the_way(problem: Problem, rows: AcceptedStates, state: DriverState)
 
 
 def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> EventResult:
-    """Return what comes of a call of the driver that found no event; a run that asks for sizes gets them."""
-    if outcome is Outcome.DONE:
-        return REACHED
+    """Return the result of a call of the driver before the end, without an event; raise floors at its request."""
     if outcome is Outcome.PAUSED:
-        if _is_slow(problem, state):
-            raise_to_noise(problem.model, problem.parameter_array, state)
         return GOES_ON
     if outcome is Outcome.UNSCALED:
         survey(problem.model, problem.parameter_array, state)
@@ -352,13 +350,6 @@ def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> Event
     return EventResult(_STATUS[outcome], smooth=outcome is Outcome.NON_FINITE)
 
 
-def _is_slow(problem: Problem, state: DriverState) -> bool:
-    """Return whether a run is at a look at its floors, and would need too many tries at its present rate."""
-    tries = state.count(DriverState.STEPS) + state.count(DriverState.REJECTED)
-    at_a_look = tries >= FIRST_LOOK and tries & (tries - 1) == 0
-    return at_a_look and abs(state.t - problem.t0) * SLOW < abs(problem.t1 - problem.t0)
-
-
 def _taken_over(watch: Watcher | None, state: DriverState, detail: str = "") -> str:
     """Have the events on all rows taken over, where the loop ends on the way, as by Ctrl-C; return a detail."""
     if watch is not None:
@@ -371,19 +362,22 @@ def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState,
     if status is Status.SUCCESS and not cause:
         return message(status, problem, state.t, state.y, name)
     told = partial(message, status, problem, rtol=plan.tolerances.rtol or None)
+    stuck = status in (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.DIVERGED)
+    if stuck and (found := table_left(problem, state.t, state.y, float(state.reals[DriverState.STEP]))):
+        return told(state.t, state.y, name, cause=found)
     if found := without_tolerance(problem, status, plan.tolerances, state.y):
         return told(state.t, state.y, name, cause=found)
+    given_up = status in (Status.MAX_STEPS, Status.MAX_WALL) and not cause and plan.tolerances.share > 0
+    if given_up and (which := limiting_entry(problem, state)):
+        atol = float(state.floors[which[1]]) / plan.tolerances.margin
+        return told(state.t, state.y, name, cause=limited(problem, status, state.y, which, atol))
     if status is Status.SINGULAR and cause:
         return told(state.t, state.y, name, detail=cause)
     if (fault := state.fault) is not None and not cause:
         return told(fault.t, fault.y, name, slope=fault.slope, detail=fault.detail)
     if status is Status.SINGULAR:
-        return told(
-            state.t,
-            state.y,
-            name,
-            detail=problem.model.singular_message(state.t, state.y, None, problem.parameter_array),
-        )
+        detail = problem.model.singular_message(state.t, state.y, None, problem.parameter_array)
+        return told(state.t, state.y, name, detail=detail)
     if status is Status.DIVERGED and cause not in ("", UNPROJECTED):
         return told(state.t, state.y, name, cause=cause)
     if status is Status.DIVERGED:

@@ -19,13 +19,9 @@ from numpy.typing import NDArray
 from lagrange.equations.state_layout import StateLayout
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.calls import one_state
-from lagrange.machine.kernel.rounding_noise import rounding_noise
 from lagrange.machine.model import Model
-from lagrange.machine.state import DriverState
 from lagrange.procedure.step.constants import (
-    DEFAULT_FIRST,
     LEAST_FLOOR,
-    MOST_SURVEYS,
     SLOPE_NOISE,
     perturbation_factors,
 )
@@ -52,109 +48,10 @@ SETTLED = 8.0
 MOST_ROUNDS = 256
 """Most rounds in which sizes spread along a chain, two rounds per link."""
 
-FORCE_STEPS = (0.0, 1.0, 4.0, 16.0, 64.0)
-"""Steps ahead at which forces are evaluated: a system at rest may have only forces that depend on time.
-
-From one survey of a run to the next these times are multiplied by the last number.
-"""
-
-DRIFT_STEPS, DRIFT_GROWTH = (1.0, 4.0), 8.0
-"""Steps ahead at which forces are evaluated on the free motion of the state.
-
-A rejected step that met something at rest was one to five times as long as the next. From one survey to the next these
-times are multiplied by the second number.
-"""
-
-REST_HALVINGS = 52
-"""At rest, forces are also evaluated at the remaining time, its half, its quarter and so on."""
-
 FORCE_SAMPLES = 64
 """Times along a run at which forces are evaluated before a solver of another package starts."""
 
-NOISE_MULTIPLE = 4.0
-"""Floors are this multiple of the rounding noise of an entry. With 16 a chain of ten links loses a digit at 1e-12."""
-
-FIRST_LOOK, SLOW = 4096, 16.0
-"""Tries of a run after which its floors are compared with rounding noise, and after each doubling of them.
-
-They are compared only if the run would need more than `SLOW` times as many tries in all: noise costs 1 to 5 ms.
-"""
-
 Slopes = Callable[[float, FloatArray], FloatArray]
-
-
-def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
-    """Raise the floors of a run that returned as UNSCALED; see `Outcome`."""
-    reals, before = state.reals, state.count(DriverState.SURVEYED)
-    t, left, share = state.t, float(reals[DriverState.END]) - state.t, float(reals[DriverState.SHARE])
-    h = float(reals[DriverState.H]) or DEFAULT_FIRST * left
-    reach, drift = h * FORCE_STEPS[-1] ** before, h * DRIFT_GROWTH**before
-    law, layout = slopes_of(model, parameters), model.layout
-    slope = law(t, state.y)
-    times = [t + _within(part * reach, left) for part in FORCE_STEPS]
-    if not state.y.any():
-        times += [t + left * 2.0**-k for k in range(REST_HALVINGS)]
-    force_points = [(when, state.y) for when in times]
-    # An entry at rest may be pushed by one that reaches it in the step.
-    force_points += [(t + part * drift, state.y + part * drift * slope) for part in DRIFT_STEPS]
-    sizes, coupled, _ = entry_sizes(law, layout, t, state.y, left, force_points)
-    unknown = state.floors <= np.maximum(LEAST_FLOOR, share * SLOPE_NOISE * np.maximum(coupled, sizes))
-    found = np.maximum(np.where(unknown, share * sizes, 0.0), SLOPE_NOISE * coupled)
-    if before:
-        found = np.maximum(found, noise_floors(model, parameters, t, state.y, left))
-    if before == MOST_SURVEYS - 1:
-        found = np.maximum(found, _floors_of_others(layout, state.floors))
-    state.floors[:] = np.maximum(state.floors, found)
-    state.counts[DriverState.SURVEYED] += 1
-
-
-def tries_to_next_look(tries: int) -> int:
-    """Return the number of tries until floors are compared with rounding noise: at 4096, 8192, 16384 and so on."""
-    look = FIRST_LOOK
-    while look <= tries:
-        look *= 2
-    return look - tries
-
-
-def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> bool:
-    """Raise floors that are below rounding noise, and return whether one rose by more than a factor of two.
-
-    Without it the steps of a chain at rest but for one link shrink to resolve the noise of the other links.
-    """
-    if not state.reals[DriverState.SHARE] > 0:
-        return False
-    left = float(state.reals[DriverState.END]) - state.t
-    found = noise_floors(model, parameters, state.t, state.y, left)
-    rises = bool((found > 2 * state.floors).any())
-    state.floors[:] = np.maximum(state.floors, found)
-    return rises
-
-
-def noise_floors(model: Model, parameters: FloatArray, t: float, y: FloatArray, left: float) -> FloatArray:
-    """Return a multiple of the rounding noise of each entry (2n,), 0 where it is not known.
-
-    The noise of a velocity is that of its acceleration over the natural period of the motion; that of a coordinate is
-    half of the same over the period once more. It is not known for systems with constraints, nor where the mass matrix
-    is singular.
-    """
-    if model.equations.constraints:
-        return np.zeros_like(y)
-    layout = model.layout
-    with np.errstate(all="ignore"):
-        _, _, period = entry_sizes(slopes_of(model, parameters), layout, t, y, left, [(t, y)])
-        noise = rounding_noise(model.interpreted("rhs").program, t, y, parameters)[layout.v]
-        floors = NOISE_MULTIPLE * np.concatenate([noise * period * period / 2, noise * period])
-    return np.nan_to_num(floors, posinf=0.0)
-
-
-def _floors_of_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
-    """Return floors (2n,) for entries that are round-off of others of their kind, 0 for the rest.
-
-    It is the last attempt for a run whose steps keep shrinking. For example 1 + tanh(u) is rounded to zero and its
-    slope is not: no displacement shows that the effect of such a force is below its round-off.
-    """
-    kinds = np.concatenate([np.full(len(half), half.max(initial=0.0)) for half in layout.split(floors)])
-    return np.where(floors < SLOPE_NOISE * kinds, kinds, 0.0)
 
 
 def first_floors(
@@ -164,11 +61,6 @@ def first_floors(
     force_points = [(t + left * k / FORCE_SAMPLES, y) for k in range(FORCE_SAMPLES + 1)]
     sizes, coupled, period = entry_sizes(slopes, layout, t, y, left, force_points)
     return np.maximum(np.maximum(share * sizes, SLOPE_NOISE * coupled), LEAST_FLOOR), period
-
-
-def _within(step: float, left: float) -> float:
-    """Return a step, bounded by the remaining time."""
-    return step if abs(step) < abs(left) else left
 
 
 def slopes_of(model: Model, parameters: FloatArray) -> Slopes:

@@ -138,6 +138,7 @@ class Solution:
         """Return the parameters at times (K,), as the methods of a model take them.
 
         They are `parameters` itself, or if an event of the run set some, the values (k, K) in the statement's order.
+        Raises StatementError for times that are not numbers.
         """
         return self.trajectory.parameters_at(np.atleast_1d(real_array(t, "t")), self.parameters)
 

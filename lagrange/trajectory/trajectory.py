@@ -110,13 +110,17 @@ class Trajectory:
 
     def parameters_at(self, times: FloatArray, start: Parameters) -> Parameters:
         """Return the parameters at times (K,), one column each, (k, K); `start` itself if no event sets parameters."""
+        times = real_array(times, "times")
         if self.history is None:
             return start
         return np.ascontiguousarray(self.history.values[self._segments(self.history, times)].T)
 
     def added_energy(self, times: FloatArray) -> FloatArray:
         """Return the energy that events have added until times (K,) by setting parameters."""
-        return np.zeros(len(times)) if self.history is None else self.history.added[self._segments(self.history, times)]
+        times = real_array(times, "times")
+        return (
+            np.zeros(times.shape) if self.history is None else self.history.added[self._segments(self.history, times)]
+        )
 
     def _segments(self, history: ParameterHistory, times: FloatArray) -> NDArray[np.intp]:
         return history.segments(times, forward=self.span[1] >= self.span[0])

@@ -60,3 +60,44 @@ def test_factors_of_a_chain_grow_with_its_length_alone(system: type) -> None:
 
     (a, p), (b, q), (c, r) = (sizes(n) for n in (10, 20, 30))
     assert c - b == pytest.approx(b - a, rel=0.05) and r - q == pytest.approx(q - p, rel=0.05)
+
+
+def shuffled_ladder(loops: int, seed: int) -> tuple[list[list[int]], frozenset[int]]:
+    """Return the neighbours in the system of a ladder of point masses, in a random order, and its multipliers."""
+    count = 4 * loops + 3
+    name = np.random.default_rng(seed).permutation(count).tolist()
+    neighbours: list[list[int]] = [[] for _ in range(count)]
+
+    def couple(a: int, b: int) -> None:
+        neighbours[name[a]].append(name[b])
+        if a != b:
+            neighbours[name[b]].append(name[a])
+
+    coordinates = range(2 * loops + 2)
+    for a in coordinates:
+        couple(a, a)
+        couple(2 * loops + 2 + a // 2, a)
+    for i in range(loops):
+        for a in range(2 * i, 2 * i + 4):
+            couple(3 * loops + 3 + i, a)
+    return neighbours, frozenset(name[2 * loops + 2 :])
+
+
+def test_the_order_of_the_statement_does_not_matter() -> None:
+    """Operations, the band and the longest chain of operations agree between orders, up to ties."""
+    for loops in (10, 40):
+        operations, heights = [], []
+        for seed in range(6):
+            neighbours, multipliers = shuffled_ladder(loops, seed)
+            order = elimination_order(range(len(neighbours)), neighbours, multipliers)
+            at = {unknown: place for place, unknown in enumerate(order)}
+            there = frozenset((max(at[i], at[j]), min(at[i], at[j])) for i, row in enumerate(neighbours) for j in row)
+            plan = elimination(len(order), there, tuple(sorted(at[i] for i in multipliers)))
+            height = [0] * plan.order
+            for i, row in enumerate(plan.rows):
+                height[i] = max((height[k] + 1 for k in row), default=0)
+            operations.append(plan.operations)
+            heights.append(max(height))
+            assert plan.band <= 8
+        assert max(operations) <= 1.15 * min(operations)
+        assert max(operations) <= 36 * loops and max(heights) <= 8 * np.log2(loops)

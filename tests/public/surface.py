@@ -232,6 +232,7 @@ def sound(folder: Path) -> dict[str, Any]:
     stated: dict[str, Any] = {
         "A": [[0, 0], ["1/2", 0]],
         "a": (x, y),
+        "argument": x,
         "angular_velocity": [x.dot, y.dot],
         "b": [0, 1],
         "claims": lg.Claims(order=1, explicit=False),

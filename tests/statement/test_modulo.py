@@ -67,3 +67,43 @@ def test_a_scene_file_says_mod(tmp_path: Path) -> None:
     path.write_text(text)
     for system in (again, lg.System.from_scene(path)):
         assert system.compile("numpy").accelerations([0.4], [0.0])[0] == pytest.approx(1.8, rel=1e-12)
+
+
+THROW = 1.4
+"""Speed at x = 1/2 of a body under the force Mod(x, 1) - 1: it passes two jumps, and turns."""
+
+
+n = lg.parameters("n", positive=False)
+
+
+def thrown(force: Any) -> lg.System:
+    start = {x: 0.5, x.dot: THROW}
+    return lg.System(m * x.dot**2 / 2, 0, forces={x: force}, parameters={m: 1, n: 0}, initial=start)
+
+
+def check_there_and_back(run: lg.Solution, close: float) -> None:
+    """Check rows on each jump, the energy of the staircase of potentials, and the return to the start, backwards."""
+    assert run.status is lg.Status.SUCCESS
+    v = run[x.dot]
+    upwards = v > 0
+    for jump in (1, 2):
+        for part in (run[x][upwards], run[x][~upwards]):
+            assert np.abs(part - jump).min() < 1e-13
+    whole = np.floor(run[x])
+    energy = v**2 / 2 - (whole / 2 + (run[x] - whole) ** 2 / 2) + run[x]
+    np.testing.assert_allclose(energy, energy[0], atol=close)
+    (top,) = run.t_events[0]
+    assert run.at(2 * top) == pytest.approx([0.5, -THROW], abs=close)
+
+
+def test_taylor_ends_a_step_on_each_jump() -> None:
+    run = thrown(sympy.Mod(x, 1) - 1).run(5.5, rtol=1e-13, events=[x.dot])
+    check_there_and_back(run, 1e-11)
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
+def test_every_method_does_where_an_event_counts_the_jumps(method: str) -> None:
+    above, below = lg.event(x - n - 1, direction=1, reset={n: n + 1}), lg.event(x - n, direction=-1, reset={n: n - 1})
+    run = thrown(x - n - 1).run(5.5, method=method, rtol=1e-11, events=[x.dot, above, below])
+    assert [new["n"] for _, new in run.parameter_changes] == [1, 2, 1, 0]
+    check_there_and_back(run, 1e-8)

@@ -146,3 +146,5 @@ def test_an_absolute_tolerance_that_leaves_an_entry_few_digits_is_spoken_of() ->
     ]
     noise = np.array([[1.0, 1e-16, 2.0, 1e-15]])
     assert not [*coarse(PROBLEM, Status.SUCCESS, noise, given)]  # round-off needs no digits
+    mixed = [*coarse(PROBLEM, Status.SUCCESS, np.array([[1.0, -3e-7, 2.0, 1e-15]]), given)]
+    assert mixed[0].endswith("asks for: lower it to some 3e-16.")  # without atol steps would follow phi_dot

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from lagrange.machine.kernel.python_text import FLAG_OPERATIONS, uses_of
 from lagrange.procedure.form import REAL
-from lagrange.procedure.linear.ldl import PIVOT
+from lagrange.procedure.linear.pivoted import PIVOT
 from lagrange.procedure.source_printer import LONGEST_VALUE
 from lagrange.procedure.spelling import ATOM, WORDS, Literals, Operator, call
 from lagrange.procedure.spelling import OPERATORS as COMMON

@@ -19,7 +19,7 @@ from lagrange.machine.kernel.python_text import GIVEN, uses_of
 from lagrange.machine.kernel.python_text import OPERATORS as PYTHON
 from lagrange.machine.python_source import LITERALS as PYTHON_LITERALS
 from lagrange.procedure.form import REAL
-from lagrange.procedure.linear.ldl import PIVOT
+from lagrange.procedure.linear.pivoted import PIVOT
 from lagrange.procedure.source_printer import LONGEST_VALUE
 from lagrange.procedure.spelling import ATOM, Operator
 from lagrange.program.program import Instruction, Program, ProgramBlock

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.kernel.arithmetic import FLOATS
-from lagrange.procedure.linear.ldl import PIVOT
+from lagrange.procedure.linear.pivoted import PIVOT
 from lagrange.program.program import Program
 
 

@@ -13,10 +13,12 @@ from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cos
 from lagrange.machine.llvm.spelling import BOOLEAN, element, flag_type, number, spell
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.linear.ldl import factor_size
+from lagrange.procedure.linear.pivoted import band_size, pivoted_size
+from lagrange.program.elimination import Elimination
 from lagrange.program.program import Instruction, Program
 
-LARGEST_ON_STACK = 128
-"""Largest sparse matrix that is copied to the stack where it is solved with pivoting: 400 kB with its factors."""
+LARGEST_ON_STACK = 50_000
+"""Most doubles on the stack for a sparse matrix that is solved with pivoting, and for its factors: 400 kB."""
 
 MOSTLY_ZERO = 4
 """A triangle with this many times as many places as entries is cleared in a loop."""
@@ -42,7 +44,13 @@ def angles(program: Program) -> list[int]:
 
 def work_size(n: int) -> int:
     """Return how many doubles `solve_lanes` works with."""
-    return n * n + 2 * n + factor_size(n)
+    return n * n + n + factor_size(n)
+
+
+def pivoted_work_size(plan: Elimination) -> int:
+    """Number of doubles in the work array of `solve_lanes_pivoted`."""
+    n, band = plan.order, plan.band
+    return int(band_size(n, band)) + n + pivoted_size(n, band)
 
 
 def saved_slots(program: Program) -> dict[int, int]:
@@ -267,9 +275,8 @@ class Body:
         for k, value in enumerate(right):
             self.e.put(value, memory, k, self.kind)
         if self.lanes == 1:
-            spare = self.scratch("spare", "double", n)
             factors = self.ref(instruction.args[0])
-            self.e.do(f"call void @solve_factored(i64 {n}, ptr {factors}, ptr {memory}, ptr {spare})")
+            self.e.do(f"call void @solve_factored(i64 {n}, ptr {factors}, ptr {memory})")
         else:
             self.singular.append(self.solve_lanes(n, self.matrix(factor), memory))
         self.vectors[i] = [self.e.get(memory, k, self.kind) for k in range(n)]
@@ -279,6 +286,17 @@ class Body:
         work = self.scratch("work", "double", work_size(n))
         arguments = f"i64 {n}, i64 {self.lanes}, i64 {count}, ptr {matrix}, ptr {right}, ptr {work}"
         return self.e.value(f"call i1 @solve_lanes({arguments})")
+
+    def solve_pivoted(self, factor: Instruction, plan: Elimination, right: str, count: int) -> str:
+        """Solve sparse systems in memory, rows by `ranks` of the plan; return whether a matrix is singular."""
+        e, zero, size = self.e, number(0.0, self.lanes), band_size(plan.order, plan.band)
+        matrix, work = self.scratch("band", self.kind, size), self.scratch("work", "double", pivoted_work_size(plan))
+        with e.loop(0, size) as index:
+            e.put(zero, matrix, index, self.kind)
+        for (i, j), entry in self.entries(factor).items():
+            e.put(entry, matrix, plan.band_place(i, j), self.kind)
+        numbers = f"i64 {plan.order}, i64 {self.lanes}, i64 {count}, i64 {plan.band}"
+        return e.value(f"call i1 @solve_lanes_pivoted({numbers}, ptr {matrix}, ptr {right}, ptr {work})")
 
     def with_pivoting(
         self, factor: Instruction, trusted: str, x: Sequence[list[str]], right: Sequence[list[str]]
@@ -297,12 +315,19 @@ class Body:
         e.do(f"br i1 {every}, label %{name}.join, label %{name}.cold, !prof !0")
         e.label(f"{name}.cold")
         known = dict(self.values)  # values loaded on the cold path are not known on the other
-        with self.heap(self.lanes * (n * n + count * n) + work_size(n) if n > LARGEST_ON_STACK else 0):
-            matrix, memory = self.matrix(factor), self.scratch("right", kind, count * n)
-            for k, value in enumerate(chain(*right)):
-                e.put(value, memory, k, kind)
-            singular = self.solve_lanes(n, matrix, memory, count)
-            slow = [e.get(memory, k, kind) for k in range(count * n)]
+        plan = self.program.eliminations[self.by_code[factor]]
+        size = self.lanes * (band_size(n, plan.band) + count * n) + pivoted_work_size(plan)
+        with self.heap(size if size > LARGEST_ON_STACK else 0):
+            memory = self.scratch("right", kind, count * n)
+            places = [k * n + rank for k in range(count) for rank in plan.ranks]
+            for place, value in zip(places, chain(*right), strict=True):
+                e.put(value, memory, place, kind)
+            if plan.negative:
+                singular = self.solve_pivoted(factor, plan, memory, count)
+            else:
+                # A lane whose matrix is definite keeps its factors without pivoting, whatever its units.
+                singular = self.solve_lanes(n, self.matrix(factor), memory, count)
+            slow = [e.get(memory, place, kind) for place in places]
         self.values = known
         cold = e.block
         e.jump(f"{name}.join")

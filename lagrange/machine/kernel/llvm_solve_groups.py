@@ -122,5 +122,5 @@ class GroupedSolves:
             for k in range(n):
                 e.store("zeroinitializer", e.address(memory, k * width + count), element(width - count))
         solver = self.body.name_of(solve_columns())
-        spare, factors = self.body.scratch("spare", "double", 2 * n), self.body.ref(group.factor)
+        spare, factors = self.body.scratch("spare", "double", n), self.body.ref(group.factor)
         e.do(f"call void @{solver}(i64 {n}, i64 {width}, ptr {factors}, ptr {memory}, ptr {spare})")

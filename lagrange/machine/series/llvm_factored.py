@@ -1,7 +1,7 @@
 """A sparse matrix of a stage, factored once per step and solved with at every order; both are written out.
 
-Memory for a block of n unknowns: L by `places`, and where its pivots cannot be trusted the dense factors with pivoting
-in their place, then the matrix, a right-hand side and n reals to work with.
+Memory for a block of n unknowns: L by `places`, and where its pivots cannot be trusted the factors with pivoting
+in their place, then the matrix and a right-hand side.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from lagrange.equations.solve_plan import SolvePlan
 from lagrange.machine.kernel import llvm_ldl
 from lagrange.machine.kernel.llvm_body import Body
 from lagrange.machine.llvm.emitter import literal
-from lagrange.procedure.linear.ldl import factor_dense, factor_size, solve_factored
+from lagrange.procedure.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
 from lagrange.program.elimination import Elimination, block_eliminations
 
 
@@ -20,7 +20,8 @@ def factored_size(plan: SolvePlan) -> int:
 
 
 def _size(block: Elimination) -> int:
-    return len(block.places) + factor_size(block.order) + block.order**2 + 2 * block.order
+    n, band = block.order, block.band
+    return len(block.places) + pivoted_size(n, band) + int(band_size(n, band)) + n
 
 
 class FactoredStage:
@@ -47,22 +48,22 @@ class _FactoredBlock:
         self, body: Body, unknowns: tuple[int, ...], plan: Elimination, lower: dict[tuple[int, int], str], memory: str
     ) -> None:
         self.body, self.e, self.unknowns, self.plan = body, body.e, unknowns, plan
-        e, n = body.e, plan.order
+        e, n, band = body.e, plan.order, plan.band
         self.memory, self.places = memory, {place: k for k, place in enumerate(plan.places)}
         self.factors = e.address(memory, len(plan.places))
-        matrix = e.address(self.factors, factor_size(n))
-        self.right = e.address(matrix, n * n)
+        matrix = e.address(self.factors, pivoted_size(n, band))
+        self.right = e.address(matrix, band_size(n, band))
         *found, self.trusted = llvm_ldl.factor(e, 1, plan, lower)
         for k, value in enumerate(found):
             e.put(value, memory, k)
         e.put(literal(0.0), self.right, 0)
         with e.when(e.value(f"xor i1 {self.trusted}, true")):
-            with e.loop(0, n * n) as index:
+            with e.loop(0, band_size(n, band)) as index:
                 e.put(literal(0.0), matrix, index)
             for (i, j), value in lower.items():
-                e.put(value, matrix, j * n + i)
-            arguments = f"i64 {n}, ptr {matrix}, ptr {self.factors}"
-            singular = e.value(f"call i1 @{body.name_of(factor_dense())}({arguments})")
+                e.put(value, matrix, plan.band_place(i, j))
+            arguments = f"i64 {n}, i64 {band}, ptr {matrix}, ptr {self.factors}"
+            singular = e.value(f"call i1 @{body.name_of(factor_pivoted())}({arguments})")
             e.put(e.value(f"uitofp i1 {singular} to double"), self.right, 0)
         body.singular.append(e.value(f"fcmp une double {e.get(self.right, 0)}, {literal(0.0)}"))
 
@@ -81,12 +82,12 @@ class _FactoredBlock:
             e.put(value, right, unknown)
         e.jump(f"{name}.end")
         e.label(f"{name}.pivoted")
-        for i, unknown in enumerate(self.unknowns):
-            e.put(e.get(right, unknown), self.right, i)
-        spare = e.address(self.right, n)
-        arguments = f"i64 {n}, ptr {self.factors}, ptr {self.right}, ptr {spare}"
-        e.do(f"call void @{self.body.name_of(solve_factored())}({arguments})")
-        for i, unknown in enumerate(self.unknowns):
-            e.put(e.get(self.right, i), right, unknown)
+        places = list(zip(self.plan.ranks, self.unknowns, strict=True))
+        for rank, unknown in places:
+            e.put(e.get(right, unknown), self.right, rank)
+        arguments = f"i64 {n}, i64 {self.plan.band}, ptr {self.factors}, ptr {self.right}"
+        e.do(f"call void @{self.body.name_of(solve_pivoted())}({arguments})")
+        for rank, unknown in places:
+            e.put(e.get(self.right, rank), right, unknown)
         e.jump(f"{name}.end")
         e.label(f"{name}.end")

@@ -291,7 +291,7 @@ class UnrolledJet:
         e.do(f"br i1 {trusted}, label %{name}.join, label %{name}.cold, !prof !0")
         e.label(f"{name}.cold")
         memory, result = body.scratch("matrix", "double", n * n), body.scratch("inverse", "double", n * n)
-        work = body.scratch("work", "double", factor_size(n) + n)
+        work = body.scratch("work", "double", factor_size(n))
         for j in range(n):
             for i in range(j, n):
                 e.put(lower.get((i, j), literal(0.0)), memory, j * n + i)

@@ -230,11 +230,11 @@ class Body:
     def in_memory(self, factor: int, held: Factored, right: Sequence[Sequence[Real]]) -> list[list[Real]]:
         """Return the solutions with factors in memory."""
         p, n = self.p, self.program.instructions[factor].order
-        vector, spare = p.reserve(n * len(right), name="vector"), p.reserve(n, name="spare")
+        vector = p.reserve(n * len(right), name="vector")
         for k, value in enumerate(entry for one in right for entry in one):
             vector[k] = value
         with p.loop(0, len(right)) as column:
-            p.call(solve_factored(), n, held.memory, vector.at(column * n), spare)
+            p.call(solve_factored(), n, held.memory, vector.at(column * n))
         return [[vector[k * n + i] for i in range(n)] for k in range(len(right))]
 
     def written_out(self, factor: int, held: Factored, right: Sequence[Sequence[Real]]) -> list[list[Real]]:

@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.linear.ldl import RESIDUAL, least_pivot
-from lagrange.procedure.values import Flag, Real
+from lagrange.procedure.linear.pivoted import band_size
+from lagrange.procedure.values import Flag, Memory, Real
 from lagrange.program.elimination import Elimination
 
 Entries = Mapping[tuple[int, int], Real]
@@ -36,6 +37,16 @@ def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:
             if (i, j) in scaled:
                 lower[i, j] = scaled[i, j] * lower[j, j]
     return lower, p.true if trusted is None else trusted
+
+
+def write_band(p: Builder, plan: Elimination, a: Entries, to: Memory) -> None:
+    """Write a matrix as `factor_pivoted` reads it, its rows by `ranks` of the plan."""
+    size = band_size(plan.order, plan.band)
+    if len(a) < size:
+        with p.each(size, width=1) as k:
+            to[k] = 0.0
+    for (i, j), value in a.items():
+        to[plan.band_place(i, j)] = value
 
 
 def _trusted(

@@ -10,7 +10,7 @@ from __future__ import annotations
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, PARTIAL, WHOLE, Procedure
-from lagrange.procedure.linear.ldl import PIVOT
+from lagrange.procedure.linear.pivoted import PIVOT
 from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 

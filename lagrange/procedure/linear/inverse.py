@@ -10,7 +10,8 @@ from __future__ import annotations
 from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, WHOLE, Procedure
-from lagrange.procedure.linear.ldl import PIVOT, factor_size, invert_dense
+from lagrange.procedure.linear.ldl import factor_size, invert_dense
+from lagrange.procedure.linear.pivoted import PIVOT
 from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Whole
 
@@ -23,8 +24,8 @@ def padded(n: int) -> int:
 
 
 def work_size(n: int) -> int:
-    """Return the length of the work memory: for L and 1/d, or for the inverse with pivoting, its factors and a row."""
-    return max(padded(n) ** 2 + n, n * n + factor_size(n) + n)
+    """Return the length of the work memory: for L and 1/d, or for the inverse with pivoting and its factors."""
+    return max(padded(n) ** 2 + n, n * n + factor_size(n))
 
 
 def _aligned(k: Whole) -> Whole:

@@ -2,13 +2,13 @@
 
 A matrix is given as its lower triangle by columns: entry (i, j), i >= j, at j*n + i. It is factored as L D L^T without
 pivoting, which is stable for a positive definite mass matrix. Where a pivot vanishes against its diagonal entry, at
-`PIVOT`, the matrix is factored again as P A = L U with scaled partial pivoting, which serves every regular matrix;
-only a pivot that vanishes there too is called singular. A factor that is zero subtracts nothing: its column is left
-out, so that a sparse matrix in a good order takes a time like n^2.
-Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, sections 3.4 and 4.1.
+`PIVOT`, the matrix is factored again with pivoting (see `lagrange.procedure.linear.pivoted`), which serves every
+regular matrix; only a pivot that vanishes there too is called singular. A factor that is zero subtracts nothing: its
+column is left out, so that a sparse matrix in a good order takes a time like n^2.
+Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, section 4.1.
 
-Factors are kept in an array of `factor_size(n)` reals: [kind, 1/d (n), permutation (n), columns (n*n)], kind 0 for
-L D L^T, where columns hold L below the diagonal, and 1 for L U, where the second part is not 1/d but row scales.
+Factors are kept in an array of `factor_size(n)` reals: [kind, rest]. The rest is [1/d (n), n unused, columns (n*n)] of
+L D L^T for kind 0, with L below the diagonal, and the factors of `factor_pivoted` for kind 1.
 """
 
 from __future__ import annotations
@@ -18,14 +18,9 @@ from contextlib import AbstractContextManager
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, WHOLE, Procedure
+from lagrange.procedure.linear.pivoted import PIVOT, band_size, factor_pivoted, pivoted_size, solve_pivoted
 from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Memory, Whole
-
-PIVOT = 2.0**-46
-"""A symmetric matrix is singular to round-off where elimination with pivoting, its rows scaled, meets a pivot of at
-most this part of its row's largest entry: 64 rounding errors. The entries of its inverse, in units in which its
-diagonal is one, then exceed 1 / PIVOT."""
-
 
 PIVOT_BESIDE_MULTIPLIERS = 2.0**-10
 """Elimination in a given order is trusted beside multipliers where each pivot exceeds this part of its terms.
@@ -49,12 +44,12 @@ def least_pivot(negative: Sequence[int]) -> float:
 
 def factor_size(n: int) -> int:
     """Return the number of reals that the factors of a matrix of order n take."""
-    return 1 + 2 * n + n * n
+    return 1 + pivoted_size(n, n)
 
 
-def _parts(factors: Memory, n: Whole) -> tuple[Memory, Memory, Memory]:
-    """Return 1/d or row scales, the permutation and the columns inside factors."""
-    return factors.at(1), factors.at(n + 1), factors.at(2 * n + 1)
+def _parts(factors: Memory, n: Whole) -> tuple[Memory, Memory]:
+    """Return 1/d and the columns of L inside factors."""
+    return factors.at(1), factors.at(2 * n + 1)
 
 
 @shared
@@ -63,7 +58,7 @@ def factor_symmetric() -> Procedure:
     p = Builder("factor_symmetric", "Factor A = L D L^T by columns, and say whether every pivot can be trusted.")
     n = p.given("n", WHOLE)
     a, factors = p.array("a", read=True), p.array("factors")
-    reciprocals, _, columns = _parts(factors, n)
+    reciprocals, columns = _parts(factors, n)
     with p.loop(0, n) as j, p.loop(j, n) as i:
         columns[j * n + i] = a[j * n + i]
     trusted = p.variable(p.true, "trusted")
@@ -86,61 +81,6 @@ def factor_symmetric() -> Procedure:
 
 
 @shared
-def factor_pivoted() -> Procedure:
-    """Return P A = L U of a matrix, and whether it is singular."""
-    p = Builder("factor_pivoted", "Factor P A = L U with scaled pivots, and say whether A is singular to round-off.")
-    n = p.given("n", WHOLE)
-    a, factors = p.array("a", read=True), p.array("factors")
-    scales, permutation, columns = _parts(factors, n)
-    with p.loop(0, n) as j, p.loop(j, n) as i:
-        entry = a[j * n + i]
-        columns[j * n + i] = entry
-        columns[i * n + j] = entry
-    nothing = p.variable(0.0, "nothing")
-    with p.loop(0, n) as i:
-        permutation[i] = p.real(i)
-        largest = p.variable(0.0, "largest")
-        with p.loop(0, n) as j:
-            size = abs(columns[j * n + i])
-            largest.value = p.choose(size > largest.value, size, largest.value)
-            p.note("Zero times a NaN or an infinity is NaN, and stays.")
-            nothing.value = p.fma(size, 0.0, nothing.value)
-        scales[i] = 1.0 / largest.value
-    singular = p.variable(p.false, "singular")
-    with p.loop(0, n) as j:
-        _exchange(p, n, j, scales, permutation, columns)
-        pivot = columns[j * n + j].called("pivot")
-        p.note("A row of zeros gives 0 * inf.")
-        vanishes = (abs(pivot) * scales[j] <= PIVOT) | pivot.equals(0.0)
-        singular.value = singular.value | vanishes
-        reciprocal = 1.0 / pivot
-        with p.loop(j + 1, n) as i:
-            columns[j * n + i] = columns[j * n + i] * reciprocal
-        with p.loop(j + 1, n) as k:
-            factor = -columns[k * n + j]
-            with p.when(~factor.equals(0.0)), p.loop(j + 1, n) as i:
-                columns[k * n + i] = p.fma(factor, columns[j * n + i], columns[k * n + i])
-    p.note("A matrix with an entry that is not finite is not singular: the entry passes to the solution.")
-    p.leave(singular.value & nothing.value.equals(0.0))
-    return p.finish(FLAG)
-
-
-def _exchange(p: Builder, n: Whole, j: Whole, scales: Memory, permutation: Memory, columns: Memory) -> None:
-    """Move the row with the largest scaled entry of column j to row j."""
-    best, row = p.variable(-1.0, "best"), p.variable(j, "row")
-    with p.loop(j, n) as i:
-        size = abs(columns[j * n + i]) * scales[i]
-        with p.when(size > best.value):
-            best.value = size
-            row.value = i
-    chosen = row.value
-    for vector in (scales, permutation):
-        vector[j], vector[chosen] = vector[chosen], vector[j]
-    with p.loop(0, n) as k:
-        columns[k * n + j], columns[k * n + chosen] = columns[k * n + chosen], columns[k * n + j]
-
-
-@shared
 def factor_dense() -> Procedure:
     """Return the factorization of a symmetric matrix by L D L^T, or with pivoting if that cannot be trusted."""
     p = Builder("factor_dense", "Factor a symmetric matrix, and say whether it is singular to round-off.")
@@ -150,43 +90,32 @@ def factor_dense() -> Procedure:
     factors[0] = 0.0
     p.leave_if(trusted, p.false)
     factors[0] = 1.0
-    p.leave(p.call(factor_pivoted(), n, a, factors))
+    p.leave(p.call(factor_pivoted(), n, n, a, factors.at(1)))
     return p.finish(FLAG)
 
 
 @shared
 def solve_factored() -> Procedure:
     """Return the solution of a factored system."""
-    p = Builder("solve_factored", "Replace a right-hand side by the solution; `spare` takes n reals.")
+    p = Builder("solve_factored", "Replace a right-hand side by the solution.")
     n = p.given("n", WHOLE)
-    factors, b, spare = p.array("factors", read=True), p.array("b"), p.array("spare")
-    reciprocals, permutation, columns = _parts(factors, n)
-    pivoted = ~factors[0].equals(0.0)
-    with p.when(pivoted):
-        with p.loop(0, n) as i:
-            spare[i] = b[i]
-        with p.loop(0, n) as i:
-            b[i] = spare[p.whole(permutation[i])]
+    factors, b = p.array("factors", read=True), p.array("b")
+    reciprocals, columns = _parts(factors, n)
+    with p.when(~factors[0].equals(0.0)):
+        p.call(solve_pivoted(), n, n, factors.at(1), b)
+        p.leave()
     with p.loop(0, n) as j:
         factor, column = -b[j], columns.at(j * n)
         with p.loop(j + 1, n) as i:
             b[i] = p.fma(factor, column[i], b[i])
-    with p.when(pivoted) as ways, p.loop(0, n) as back:
+    with p.loop(0, n) as i:
+        b[i] = b[i] * reciprocals[i]
+    with p.loop(0, n) as back:
         j = n - 1 - back
-        column = columns.at(j * n)
-        x = b[j] / column[j]
-        b[j] = x
-        with p.loop(0, j) as i:
-            b[i] = p.fma(-x, column[i], b[i])
-    with ways.otherwise():
-        with p.loop(0, n) as i:
-            b[i] = b[i] * reciprocals[i]
-        with p.loop(0, n) as back:
-            j = n - 1 - back
-            column, total = columns.at(j * n), p.variable(b[j], "total")
-            with p.loop(j + 1, n) as i:
-                total.value = p.fma(-column[i], b[i], total.value)
-            b[j] = total.value
+        column, total = columns.at(j * n), p.variable(b[j], "total")
+        with p.loop(j + 1, n) as i:
+            total.value = p.fma(-column[i], b[i], total.value)
+        b[j] = total.value
     return p.finish()
 
 
@@ -195,12 +124,12 @@ def solve_columns() -> Procedure:
     """Return the solution of factored systems side by side, with the operations of `solve_factored` for each."""
     p = Builder(
         "solve_columns",
-        "Replace right-hand sides by solutions, entry k of column c at k*columns + c; `spare` takes 2*n reals. The "
+        "Replace right-hand sides by solutions, entry k of column c at k*columns + c; `spare` takes n reals. The "
         f"columns are a multiple of {COLUMNS_AT_ONCE}.",
     )
     n, columns = p.given("n", WHOLE), p.given("columns", WHOLE)
     factors, b, spare = p.array("factors", read=True), p.array("b", room=COLUMNS_AT_ONCE), p.array("spare")
-    reciprocals, _, lower = _parts(factors, n)
+    reciprocals, lower = _parts(factors, n)
 
     def every() -> AbstractContextManager[Whole]:
         return p.each(columns, width=COLUMNS_AT_ONCE, spill=True)
@@ -210,7 +139,7 @@ def solve_columns() -> Procedure:
         with p.loop(0, columns) as c:
             with p.loop(0, n) as k:
                 spare[k] = b[k * columns + c]
-            p.call(solve_factored(), n, factors, spare, spare.at(n))
+            p.call(solve_factored(), n, factors, spare)
             with p.loop(0, n) as k:
                 b[k * columns + c] = spare[k]
         p.leave()
@@ -232,28 +161,30 @@ def solve_columns() -> Procedure:
 
 
 @shared
-def solve_lanes() -> Procedure:
-    """Return the solution of many systems, entries side by side."""
+def solve_lanes(*, pivoted: bool) -> Procedure:
+    """Return the solution of many systems, entries side by side: of definite matrices, or `pivoted`."""
     p = Builder(
-        "solve_lanes",
+        "solve_lanes_pivoted" if pivoted else "solve_lanes",
         "Solve `count` systems with one matrix per lane, entry k of lane l at k*lanes + l and the right-hand sides "
-        "behind each other, and say whether any is singular. `work` takes the matrix (n*n), a right-hand side (n), "
-        "n reals, and the factors of one lane.",
+        "behind each other, and say whether any is singular. `work` takes the matrix, a right-hand side (n), and the "
+        "factors of one lane.",
     )
     n, lanes, count = p.given("n", WHOLE), p.given("lanes", WHOLE), p.given("count", WHOLE)
+    sizes = (n, p.given("band", WHOLE)) if pivoted else (n,)
     a, b, work = p.array("a", read=True), p.array("b"), p.array("work")
-    square = n * n
-    right, spare, factors = work.at(square), work.at(square + n), work.at(square + 2 * n)
+    entries = (band_size(*sizes) if pivoted else n * n).called("entries")
+    right, factors = work.at(entries), work.at(entries + n)
     singular = p.variable(p.false, "singular")
     with p.loop(0, lanes) as lane:
-        with p.loop(0, square) as k:
+        with p.loop(0, entries) as k:
             work[k] = a[k * lanes + lane]
-        singular.value = singular.value | p.call(factor_dense(), n, work, factors)
+        factored = factor_pivoted() if pivoted else factor_dense()
+        singular.value = singular.value | p.call(factored, *sizes, work, factors)
         with p.loop(0, count) as system:
             mine = b.at(system * n * lanes)
             with p.loop(0, n) as k:
                 right[k] = mine[k * lanes + lane]
-            p.call(solve_factored(), n, factors, right, spare)
+            p.call(solve_pivoted() if pivoted else solve_factored(), *sizes, factors, right)
             with p.loop(0, n) as k:
                 mine[k * lanes + lane] = right[k]
     p.leave(singular.value)
@@ -265,17 +196,16 @@ def invert_dense() -> Procedure:
     """Return the inverse of a symmetric matrix."""
     p = Builder(
         "invert_dense",
-        "Write the inverse by columns, and say whether the matrix is singular; `work` takes the factors and n reals.",
+        "Write the inverse by columns, and say whether the matrix is singular; `work` takes the factors.",
     )
     n = p.given("n", WHOLE)
     a, out, work = p.array("a", read=True), p.array("out"), p.array("work")
-    spare = work.at(n * n + 2 * n + 1)
     singular = p.call(factor_dense(), n, a, work)
     with p.loop(0, n) as j:
         column = out.at(j * n)
         with p.loop(0, n) as i:
             column[i] = 0.0
         column[j] = 1.0
-        p.call(solve_factored(), n, work, column, spare)
+        p.call(solve_factored(), n, work, column)
     p.leave(singular)
     return p.finish(FLAG)

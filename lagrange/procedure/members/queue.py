@@ -14,7 +14,7 @@ from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Procedure
 from lagrange.procedure.members.along import Along
 from lagrange.procedure.outcome import Outcome
-from lagrange.procedure.step.constants import MOST_SURVEYS
+from lagrange.procedure.step.constants import MOST_SURVEYS, SMALL_FLOOR
 from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
@@ -128,13 +128,30 @@ class Members(ABC):
     def without_sizes(self, outcome: Whole) -> Whole:
         """Return an outcome, PAUSED where a run under way asks for the sizes of its entries: it goes on without them.
 
-        They would raise floors, so its steps are at most shorter. A run that cannot begin without them ends.
+        They would raise floors, so its steps are at most shorter. A run ends that cannot begin without them, or has an
+        entry that may be rounding: its steps would shrink until none are left.
         """
         p, counts = self.p, self.counts
         asked = outcome.equals(Outcome.UNSCALED) & (counts.steps > 0) & (counts.surveyed < MOST_SURVEYS)
-        counts.surveyed = counts.surveyed + p.whole(asked)
-        found: Whole = p.choose(asked, Outcome.PAUSED, outcome)
+        goes_on = p.variable(asked, "goes_on")
+        with p.when(asked, likely=False):
+            counts.surveyed = counts.surveyed + 1
+            goes_on.value = ~self.some_rounded()
+        found: Whole = p.choose(goes_on.value, Outcome.PAUSED, outcome)
         return found
+
+    def some_rounded(self) -> Flag:
+        """Return whether the floor of an entry is below `SMALL_FLOOR` times the largest of its kind."""
+        p, half = self.p, self.dimension // 2
+        found = p.variable(p.false, "rounded")
+        for kind in range(2):
+            floors, largest = self.floors.at(kind * half), p.variable(0.0, "largest")
+            with p.loop(0, half) as i:
+                largest.value = p.larger(largest.value, floors[i])
+            with p.loop(0, half) as i:
+                found.value = found.value | (floors[i] < SMALL_FLOOR * largest.value)
+        rounded: Flag = found.value
+        return rounded
 
     def explained(self, outcome: Whole) -> Whole:
         """Return an outcome, that of the last trials where steps shrank because these had no value."""

@@ -11,9 +11,10 @@ from typing import Any, Protocol
 
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.kernel.elimination import factored, solved
+from lagrange.procedure.kernel.elimination import factored, solved, write_band
 from lagrange.procedure.linear.inverse import invert, padded, work_size
-from lagrange.procedure.linear.ldl import factor_dense, factor_size, invert_dense, solve_factored
+from lagrange.procedure.linear.ldl import factor_size, invert_dense
+from lagrange.procedure.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
 from lagrange.procedure.series.rules import Term, fma
 from lagrange.procedure.values import Flag, Memory, Real
 from lagrange.program.elimination import WRITTEN_OUT, Elimination, block_eliminations, elimination, is_factored
@@ -192,7 +193,7 @@ def _inverse(p: Builder, n: int, lower: Triangle, negative: tuple[int, ...]) -> 
     with p.when(~trusted, likely=False):
         matrix, inverse = p.reserve(n * n, name="matrix"), p.reserve(n * n, name="inverse")
         _write_triangle(p, n, lower, matrix)
-        singular.value = p.call(invert_dense(), n, matrix, inverse, p.reserve(factor_size(n) + n, name="work"))
+        singular.value = p.call(invert_dense(), n, matrix, inverse, p.reserve(factor_size(n), name="work"))
         for (i, j), variable in found.items():
             variable.value = inverse[j * n + i]
     entries = {place: variable.value for place, variable in found.items()}
@@ -220,7 +221,8 @@ def _inverted(
 
 
 def _factored_size(block: Elimination) -> int:
-    return len(block.places) + factor_size(block.order) + block.order**2 + 2 * block.order
+    n, band = block.order, block.band
+    return len(block.places) + pivoted_size(n, band) + int(band_size(n, band)) + n
 
 
 def _factored(
@@ -240,11 +242,11 @@ class _FactoredBlock:
         self, p: Builder, unknowns: tuple[int, ...], how: Elimination, lower: Triangle, memory: Memory
     ) -> None:
         self.p, self.unknowns, self.how, self.memory = p, unknowns, how, memory
-        n = how.order
+        n, band = how.order, how.band
         self.places = {place: k for k, place in enumerate(how.places)}
         self.factors = memory.at(len(how.places))
-        matrix = memory.at(len(how.places) + factor_size(n))
-        self.right = memory.at(len(how.places) + factor_size(n) + n * n)
+        matrix = memory.at(len(how.places) + pivoted_size(n, band))
+        self.right = memory.at(len(how.places) + pivoted_size(n, band) + band_size(n, band))
         found, trusted = factored(p, how, lower)
         zero = p.real(0.0)
         for place, k in self.places.items():
@@ -252,8 +254,8 @@ class _FactoredBlock:
         singular = p.variable(p.false)
         self.trusted = trusted
         with p.when(~trusted, likely=False):
-            _write_triangle(p, n, lower, matrix)
-            singular.value = p.call(factor_dense(), n, matrix, self.factors)
+            write_band(p, how, lower, matrix)
+            singular.value = p.call(factor_pivoted(), n, band, matrix, self.factors)
         self.singular = Flag.of(singular.value)
 
     def solve(self, right: Sequence[Term]) -> list[Term]:
@@ -267,9 +269,9 @@ class _FactoredBlock:
             for variable, x in zip(found, solution, strict=True):
                 variable.value = x
         with ways.otherwise():
-            for i, x in enumerate(given):
-                self.right[i] = x
-            p.call(solve_factored(), n, self.factors, self.right, self.right.at(n))
-            for i, variable in enumerate(found):
-                variable.value = self.right[i]
+            for rank, x in zip(self.how.ranks, given, strict=True):
+                self.right[rank] = x
+            p.call(solve_pivoted(), n, self.how.band, self.factors, self.right)
+            for rank, variable in zip(self.how.ranks, found, strict=True):
+                variable.value = self.right[rank]
         return [variable.value for variable in found]

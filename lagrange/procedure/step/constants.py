@@ -30,6 +30,15 @@ It also asks after one rejection if a step moved an entry that was zero and has 
 are rejected rarely, asks at the second, fourth, eighth, ... rejection of a run.
 """
 
+ROUNDED = 2.0**-46
+"""An entry may be rounding if its tolerance is below this part of the largest entry of its kind: 128 units of it.
+
+Kinds are the coordinates and the velocities. Whether it is rounding is then computed; see `rounding_noise`.
+"""
+
+SMALL_FLOOR = 2.0**-24
+"""An entry may be rounding if its floor is below this part of the largest of its kind, in lanes and other packages."""
+
 MOST_SURVEYS = 8
 """Most surveys of the sizes in a run. If steps still shrink, the motion requires it."""
 

@@ -6,12 +6,12 @@ from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Procedure
-from lagrange.procedure.step.constants import DAMPING, LEAST_FLOOR, MOST_SURVEYS, REJECTIONS_BEFORE_SURVEY
+from lagrange.procedure.step.constants import DAMPING, LEAST_FLOOR, MOST_SURVEYS, REJECTIONS_BEFORE_SURVEY, ROUNDED
 from lagrange.procedure.step.memory import Layout
 from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.procedure.step.trial import Running
 from lagrange.procedure.step.vectors import floors_of
-from lagrange.procedure.values import Real
+from lagrange.procedure.values import Flag, Memory, Real
 from lagrange.program.step import Control
 
 
@@ -48,7 +48,8 @@ def reject(layout: Layout) -> Procedure:
     """Return the procedure for a rejected step; its result says whether to ask for the sizes of the entries.
 
     They are asked for after several consecutive rejections, or if an entry has no size yet. If the trial `moved` the
-    state, an entry that it left at zero does not count.
+    state, an entry that it left at zero does not count. They are also asked for at the first, second, fourth, eighth,
+    ... rejection if the entry with the largest error may be the rounding of larger ones; see `ROUNDED`.
     """
     about = "Have a step tried again with another length, and say whether to ask how large the entries are."
     p = Builder("reject", about, apart=True)
@@ -69,8 +70,35 @@ def reject(layout: Layout) -> Procedure:
             size = abs(p.choose(moved, new[i], floor))
             blank = p.largest(p.choose(floor <= LEAST_FLOOR, size, 0.0))
         asked = asked | (blank.value > 0.0)
-    p.leave(asked & (run.share > 0.0) & (counts.surveyed < MOST_SURVEYS))
+    may_ask = (run.share > 0.0) & (counts.surveyed < MOST_SURVEYS)
+    p.leave_if(asked | ~may_ask, asked & may_ask)
+    power_of_two = p.operation("mantissa", p.real(counts.rejected)).equals(1.0)
+    p.leave_if(~(moved & power_of_two), p.false)
+    p.leave(_rounding_errs_most(p, layout, run.rtol, floors, work))
     return p.finish(FLAG)
+
+
+def _rounding_errs_most(p: Builder, layout: Layout, rtol: Real, floors: Memory, work: Memory) -> Flag:
+    """Return whether the largest error of a trial is that of an entry that may be rounding; see `ROUNDED`."""
+    states, half = layout.step.states, layout.dimension // 2
+    rounded, others = p.variable(0.0, "rounded"), p.variable(0.0, "others")
+    for kind in range(2):
+        state, begin = (0, kind * half) if states == 1 else (kind, 0)
+        old, new = (work.at(layout.place(k + state)) for k in (0, layout.new))
+        errors = [work.at(layout.place(layout.errors + i)) for i in range(state, len(layout.step.errors), states)]
+        largest = p.variable(0.0, "largest")
+        with p.loop(begin, begin + half) as i:
+            largest.value = p.larger(largest.value, abs(new[i]))
+        with p.loop(begin, begin + half) as i:
+            tolerance = p.fma(rtol, p.larger(abs(old[i]), abs(new[i])), floors.at(state * layout.length)[i])
+            error = abs(errors[0][i])
+            for other in errors[1:]:
+                error = p.larger(error, abs(other[i]))
+            ratio, small = error / tolerance, tolerance < ROUNDED * largest.value
+            rounded.value = p.larger(rounded.value, p.choose(small, ratio, 0.0))
+            others.value = p.larger(others.value, p.choose(small, 0.0, ratio))
+    found: Flag = rounded.value > others.value
+    return found
 
 
 def raise_floors(given: Running) -> None:

@@ -44,7 +44,11 @@ class ConstraintResiduals:
         places = [phi for phi in held.positions if phi is not None]
         self.places = len(places)
         stated = (*places, *held.velocities)
-        self._gradient = _kernel(model, tuple(entry for row in held.gradient for entry in row))
+        entries = [entry for row in held.gradient for entry in row]
+        # Of a long chain nearly all entries are zero: they take no time. A gradient without entries keeps one.
+        self._entries = len(entries)
+        self._present = [k for k, entry in enumerate(entries) if entry is not entry.graph.zero] or [0]
+        self._gradient = _kernel(model, tuple(entries[k] for k in self._present))
         self._residuals = _kernel(model, (*stated, *term_sizes(stated)))
         self.mass_matrix = model.interpreted("mass_matrix")
         """The metric of displacements, in Python: it is evaluated at states off the constraints too."""
@@ -89,7 +93,9 @@ class ConstraintResiduals:
 
     def gradients(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return G, (m, n, k), at times (k,) and states (2n, k)."""
-        return self._gradient(t, y, parameters).reshape(len(self.names), -1, len(t))
+        rows = np.zeros((self._entries, len(t)))
+        rows[self._present] = self._gradient(t, y, parameters)
+        return rows.reshape(len(self.names), -1, len(t))
 
     def surfaces(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return what is zero where a constraint switches, (s, k), at times (k,) and states (2n, k)."""
@@ -109,8 +115,10 @@ class ConstraintResiduals:
 
     def gradient(self, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
         """Return G, (m, n), at a state."""
+        rows = np.zeros(self._entries)
         with np.errstate(all="ignore"):
-            return self._gradient(t, y, parameters).reshape(len(self.names), -1)
+            rows[self._present] = self._gradient(t, y, parameters)
+        return rows.reshape(len(self.names), -1)
 
     def at_corner(self, t: float, y: FloatArray, parameters: FloatArray) -> int | None:
         """Return the first constraint that has a corner at a state, as y = abs(x) has at x = 0, or None."""

@@ -23,6 +23,7 @@ from lagrange.trajectory.foreign.fault import Fault
 from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs, StopError
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.settings import adaptive_settings
+from lagrange.trajectory.noise import noise_floors, some_rounded
 from lagrange.trajectory.paths.piecewise import PiecewisePath
 from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant, StepInterpolants
 from lagrange.trajectory.run_loop import drive
@@ -255,9 +256,11 @@ class SolverDriver:
         plan, law = self._plan, self._law
         if not plan.tolerances.share or (state.floors > LEAST_FLOOR).any():
             return np.inf
-        counted = law.counted(slopes_of(plan.problem.model, law.parameters))
-        left = float(state.reals[S.END]) - t
-        state.floors[:], period = first_floors(counted, plan.problem.model.layout, t, y, left, plan.tolerances.share)
+        model, left = plan.problem.model, float(state.reals[S.END]) - t
+        counted = law.counted(slopes_of(model, law.parameters))
+        state.floors[:], period = first_floors(counted, model.layout, t, y, left, plan.tolerances.share)
+        if some_rounded(model.layout, state.floors):
+            state.floors[:] = np.maximum(state.floors, noise_floors(model, law.parameters, t, y, left))
         if not plan.first:
             return np.inf
         first = float((FIRST_SHARE * plan.tolerances.rtol) ** (1 / plan.first)) * period

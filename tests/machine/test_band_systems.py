@@ -1,0 +1,85 @@
+"""Symmetric systems within a band, solved with pivoting, against LAPACK and against the same matrix taken as full."""
+
+from __future__ import annotations
+
+import ctypes
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.llvm.address import address
+from lagrange.machine.llvm.engine import Module
+from lagrange.machine.llvm.procedures import module as printed
+from lagrange.procedure.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
+
+SHAPES = [(1, 0), (2, 1), (5, 0), (7, 2), (9, 8), (9, 9), (30, 4), (40, 13), (40, 14)]
+"""Orders and bands; those of three bands are as wide as the matrix, or just not."""
+
+
+@cache
+def compiled() -> tuple[Module, Any, Any]:
+    module = Module(printed([factor_pivoted(), solve_pivoted()]))
+    whole, memory = ctypes.c_int64, ctypes.c_void_p
+    kinds = (whole, whole, memory, memory)
+    factor = ctypes.CFUNCTYPE(ctypes.c_bool, *kinds)(module.address("factor_pivoted"))
+    return module, factor, ctypes.CFUNCTYPE(None, *kinds)(module.address("solve_pivoted"))
+
+
+def solve(matrix: FloatArray, band: int, right: FloatArray) -> tuple[FloatArray, bool]:
+    """Return the solution and whether the matrix is singular; memory of the factors holds no numbers at first."""
+    n = len(matrix)
+    given, factors = np.zeros(n * n if band == n else band_size(n, band)), np.full(pivoted_size(n, band), np.nan)
+    for j in range(n):
+        for i in range(j, min(n, j + band + 1)):
+            given[j * band + i] = matrix[i, j]
+    x = right.copy()
+    _, factor, substitute = compiled()
+    singular = factor(n, band, address(given), address(factors))
+    substitute(n, band, address(factors), address(x))
+    return x, bool(singular)
+
+
+def banded(n: int, band: int, seed: int) -> FloatArray:
+    """Return a random indefinite matrix with rows in units of their own and some zeros on the diagonal."""
+    draw = np.random.default_rng(seed)
+    matrix = draw.normal(size=(n, n))
+    matrix = np.tril(np.triu(matrix + matrix.T, -band), band)
+    if band:
+        matrix[np.diag_indices(n)] *= draw.random(n) < 0.5
+    units = 2.0 ** draw.integers(-6, 7, n).astype(float)
+    return np.asarray(units[:, None] * matrix * units)
+
+
+@pytest.mark.parametrize(("n", "band"), SHAPES)
+def test_solutions_are_those_of_lapack(n: int, band: int) -> None:
+    for seed in range(10):
+        matrix, right = banded(n, band, seed), np.random.default_rng(seed).normal(size=n)
+        if np.linalg.cond(matrix / np.abs(matrix).max(axis=1)[:, None]) > 1e8:
+            continue
+        x, singular = solve(matrix, band, right)
+        # Partial pivoting leaves a residual of some n units of round-off of the terms.
+        terms = np.abs(matrix) @ np.abs(x) + np.abs(right)
+        assert not singular and (np.abs(matrix @ x - right) <= 20 * n * 2.0**-52 * terms.max(initial=0.0)).all()
+        assert x == pytest.approx(np.linalg.solve(matrix, right), rel=1e-6, abs=1e-6 * np.abs(x).max())
+
+
+@pytest.mark.parametrize(("n", "band"), SHAPES)
+def test_a_band_changes_no_digit(n: int, band: int) -> None:
+    """The pivots and operations are those of the full matrix."""
+    for seed in range(5):
+        matrix, right = banded(n, band, 50 + seed), np.random.default_rng(seed).normal(size=n)
+        (x, singular), (full, also) = solve(matrix, band, right), solve(matrix, n, right)
+        assert singular == also and x.tobytes() == full.tobytes()
+
+
+@pytest.mark.parametrize(("n", "band"), [(2, 1), (7, 2), (30, 4)])
+def test_a_dependent_row_is_found_and_a_nan_is_not_called_one(n: int, band: int) -> None:
+    matrix, right = banded(n, band, 3), np.ones(n)
+    matrix[n // 2] = matrix[:, n // 2] = 0.0
+    assert solve(matrix, band, right)[1]
+    matrix[n // 2, n // 2] = np.nan
+    x, singular = solve(matrix, band, right)
+    assert not singular and np.isnan(x).any()
