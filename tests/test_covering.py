@@ -124,14 +124,14 @@ def test_what_a_run_takes(tmp_path: Path) -> None:
     assert len(taken[by_keyword]) == 10 and taken[by_name] == ["test_long[quick]", "test_long[long]"]
     counts = Counter(case.partition("[")[0] for case in taken[default])
     assert counts == {
-        "test_product": 4,
+        "test_product": 3,
         "test_list": 7,
-        "test_chance": 4,
+        "test_chance": 3,
         "test_long": 1,
-        "test_sizes": 4,
+        "test_sizes": 3,
     } | dict.fromkeys(("test_size", "test_law"), 1)
     assert len(taken[everything]) == 10 + 7 + 40 + 2 + 5 + 1 + 1
     both = {case for case in taken[default] if "size" in case or "law" in case}
     assert sorted(taken[everything]) == sorted({*taken[default], *taken[remaining]})
-    assert {*taken[default]} & {*taken[remaining]} == both and len(both) == 6
+    assert {*taken[default]} & {*taken[remaining]} == both and len(both) == 5
     assert all(len(set(cases)) == len(cases) for cases in taken.values())

@@ -22,9 +22,9 @@ from lagrange.program.catalogue import QUANTITIES, program_of
 from lagrange.trajectory.methods.explicit import DOP853, RK4
 from lagrange.trajectory.methods.explicit import runge_kutta_step as step_of
 from lagrange.trajectory.methods.splitting import Verlet, splitting_step
-from tests.covering import Share
 from tests.models import SYSTEMS
 
+ROOT = Path(__file__).resolve().parent.parent
 NAMES = ("double pendulum", "chain of 7", "cart and pole", "blocks", "friction", "8 carried masses", "saddle")
 CHOSEN = ("rhs", "energy")
 VECTOR_NAMES = {"sin": "_ZGVdN4v_sin", "exp": "_ZGVdN4v_exp"}
@@ -49,9 +49,9 @@ def drivers() -> dict[str, str]:
     return {f"{name} driver": driver_ir(step, dimension) for name, step in steps.items() for dimension in (4, 40)}
 
 
-def digests() -> dict[str, str]:
+def digests(count: int) -> dict[str, str]:
     found = drivers()
-    for name in NAMES[:4]:
+    for name in NAMES[:count]:
         found |= texts(name, CHOSEN)
     return {key: hashlib.sha256(text.encode()).hexdigest() for key, text in found.items()}
 
@@ -68,17 +68,15 @@ def reports() -> list[str]:
     return [str(branched.check(points=2)), str(lg.scene("falling-ball").check(points=2))]
 
 
-@pytest.fixture(scope="module")
-def in_processes(share: Share) -> tuple[Any, ...]:
-    """Return reports and digests of several processes with hash seeds of their own."""
-    code = "import json; from tests.test_determinism import digests, reports; print(json.dumps([reports(), digests()]))"
-    root = str(Path(__file__).resolve().parent.parent)
+def in_processes(call: str, count: int) -> tuple[Any, list[Any]]:
+    """Return what a call of this file gives in one process, and in the others, with hash seeds of their own."""
+    code = f"import json; from tests.test_determinism import *; print(json.dumps({call}))"
     runs = []
-    for seed in [0, 1, *(str(s) for s in ("random",) * (share(6) - 2))]:
-        environment = {**os.environ, "PYTHONHASHSEED": str(seed), "PYTHONPATH": root}
+    for seed in [0, 1, *["random"] * (count - 2)]:
+        environment = {**os.environ, "PYTHONHASHSEED": str(seed), "PYTHONPATH": str(ROOT)}
         runs.append(
             subprocess.Popen(
-                [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, cwd=root
+                [sys.executable, "-c", code], stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment, cwd=ROOT
             )
         )
     answers = []
@@ -86,24 +84,26 @@ def in_processes(share: Share) -> tuple[Any, ...]:
         out, err = run.communicate(timeout=300)
         assert run.returncode == 0, err.decode()
         answers.append(json.loads(out))
-    return tuple(answers)
+    return answers[0], answers[1:]
 
 
-def test_every_process_prints_the_same_check(in_processes: tuple[Any, ...]) -> None:
-    first, *others = (found for found, _ in in_processes)
+@pytest.mark.slow
+def test_every_process_prints_the_same_check() -> None:
+    first, others = in_processes("reports()", 6)
     assert sum(report.count("Everything holds.") for report in first) == 2
-    assert others and all(found == first for found in others)
+    assert all(reports == first for reports in others)
 
 
-def test_a_second_build_gives_the_same_text() -> None:
-    for name in NAMES:
+def test_a_second_build_gives_the_same_text(everything: bool) -> None:
+    for name in NAMES if everything else NAMES[:3]:
         assert texts(name) == texts(name)
 
 
-def test_every_process_gives_the_same_text(in_processes: tuple[Any, ...]) -> None:
-    first, *others = (found for _, found in in_processes)
-    assert sum("scalar" in name for name in first) == 4 * len(CHOSEN)
-    assert others and all(found == first for found in others)
+def test_every_process_gives_the_same_text(everything: bool) -> None:
+    count, processes = (4, 6) if everything else (1, 2)
+    first, others = in_processes(f"digests({count})", processes)
+    assert sum("scalar" in name for name in first) == count * len(CHOSEN)
+    assert all(digests == first for digests in others)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -113,6 +113,7 @@ def test_phase_portraits(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> 
     assert_is_a_picture(tmp_path / "phase_portraits.png")
 
 
+@pytest.mark.slow
 def test_poincare_section(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     orbits = poincare_section.main(tmp_path)
     found = np.concatenate(orbits)

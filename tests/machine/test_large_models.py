@@ -145,6 +145,7 @@ def test_a_deep_and_a_wide_system_run() -> None:
         )  # a hundred times the tolerance, over one unit of time
 
 
+@pytest.mark.slow
 def test_many_angles_share_a_function() -> None:
     """Written out at each place, 20,000 cosines were 76 million characters, which took two minutes to compile."""
     few, many = (series_program(euler_lagrange(many_angles(count).statement))[0] for count in (40, INLINE_ANGLES + 44))

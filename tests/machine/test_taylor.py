@@ -248,6 +248,7 @@ def test_random_systems(T: Any, V: Any, Q: Any, A: Any) -> None:
         assert_same_rows(CompiledJet(pack(program, lanes), order), order or 12, 0.3, state, np.empty(0))
 
 
+@pytest.mark.slow
 @few
 @given(bent_energies(x, y), potentials(x, y), st.sampled_from([-1.0, 1.0]), st.sampled_from([-1.0, 1.0]))
 def test_random_mass_matrices_that_depend_on_velocities(T: Any, V: Any, first: float, second: float) -> None:

@@ -125,6 +125,7 @@ def oscillators(dimension: int) -> lg.System:
     return lg.System(kinetic=kinetic, potential=potential, coordinates=q, name=f"{dimension} oscillators")
 
 
+@pytest.mark.slow
 def test_what_is_done_at_events_is_compiled_once_for_all_layouts(
     made: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -104,8 +104,7 @@ def test_extremes_and_means_of_an_oscillator_have_closed_forms(method: str) -> N
     assert (runs["min(Abs(x))"] < 2e-8).all()
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize("method", ["taylor", *(pytest.param(name, marks=pytest.mark.slow) for name in [*METHODS][1:])])
 def test_a_member_alone_keeps_the_same(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same points, rule and search: what differs is round-off of the path, some units of 2**-52."""
     (theta,) = pendulum().coordinates
@@ -133,6 +132,7 @@ def test_the_drift_is_that_to_the_time_of_the_end(method: str, monkeypatch: pyte
     assert np.allclose(together["drift"], alone["drift"], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_is_kept_depends_on_the_member_alone(monkeypatch: pytest.MonkeyPatch) -> None:
     """Chunks, threads, order, and neighbours that escape: the same bytes."""
     henon = lg.scene("henon-heiles")

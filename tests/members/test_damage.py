@@ -125,6 +125,7 @@ def test_a_layout_that_was_changed_is_restored(tmp_path: Path, whole: Path) -> N
         assert json.loads(path.read_text()) == json.loads((whole / "x_end" / "zarr.json").read_text())
 
 
+@pytest.mark.slow
 def test_folders_that_are_missing_are_made_again(tmp_path: Path, whole: Path) -> None:
     right = columns(run(whole))
     for name in ("checksum", "status", "x", "t", "x_start", "steps/c"):

@@ -121,6 +121,7 @@ def test_an_energy_that_moves_is_told_as_in_a_run() -> None:
         assert runs.status[i] is lg.Status.SUCCESS or runs.messages[i] == alone.message
 
 
+@pytest.mark.slow
 def test_an_event_ends_a_member_and_constraints_are_runs_one_after_the_other() -> None:
     ball = lg.ensemble(
         system("thrown-ball"),
@@ -171,6 +172,7 @@ def test_what_is_kept_is_what_a_run_has() -> None:
         _ = lanes.y
 
 
+@pytest.mark.slow
 def test_what_is_kept_has_its_name_and_the_pair_that_it_was_asked_by() -> None:
     x = system("henon-heiles").coordinates[0]
     starts, times = {"x": [0.1, 0.2]}, [0.5, 1.0]

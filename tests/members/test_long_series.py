@@ -48,7 +48,9 @@ MADE = {"two links": (2, 1e-9), "four links": (4, 1e-12), "thirteen links": (13,
 
 
 @pytest.mark.usefixtures("by_order")
-@pytest.mark.parametrize("name", [*MADE, "bodies"])
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (k > 0)) for k, name in enumerate([*MADE, "bodies"])]
+)
 def test_a_member_ends_where_a_run_of_its_own_ends(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Round-off grows by less than 100 in this time."""
     links, rtol = MADE.get(name, (0, 1e-11))
@@ -66,8 +68,9 @@ def test_a_member_ends_where_a_run_of_its_own_ends(name: str, monkeypatch: pytes
 
 
 @pytest.mark.usefixtures("by_order")
-@pytest.mark.few
-@pytest.mark.parametrize("case", list(HENON)[:6])
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=[pytest.mark.slow] * (k > 0)) for k, case in enumerate(list(HENON)[:6])]
+)
 def test_events_of_a_member_are_those_of_its_run(case: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Lyapunov growth over t = 20 multiplies round-off by less than 100. Lanes leave what they cannot resolve to runs
     alone: three members where a product of velocities has many zeros."""

@@ -56,6 +56,7 @@ def test_members_that_failed_are_marked_on_a_map() -> None:
     assert figure.get_supxlabel() == f"{failed.sum()} of 72 members failed, in red."
 
 
+@pytest.mark.slow
 def test_units_and_what_was_kept_are_named() -> None:
     x = lg.coordinate("x")
     m, g = lg.parameters("m g")

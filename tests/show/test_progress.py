@@ -72,6 +72,7 @@ def test_on_a_terminal_the_last_line_stays_and_is_ended(monkeypatch: pytest.Monk
     assert "3 of 3 members" in said and said.rstrip("\x1b[?25h").endswith("\n")
 
 
+@pytest.mark.slow
 def test_in_a_pipe_there_is_nothing_unless_lines_are_asked_for(capsys: pytest.CaptureFixture[str]) -> None:
     x = lg.coordinate("x")
     ball = lg.System(kinetic=x.dot**2 / 2, potential=9.81 * x, forces={x: -x.dot}, name="ball")

@@ -383,6 +383,7 @@ thread.join()
 """
 
 
+@pytest.mark.slow
 def test_many_events_fit_a_small_stack() -> None:
     """What the loop keeps of each thing watched, 4 kB, is no part of the stack, which a thread may have little of."""
     done = subprocess.run([sys.executable, "-c", SMALL_STACK], capture_output=True, text=True, check=False)

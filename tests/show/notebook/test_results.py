@@ -127,6 +127,7 @@ def test_no_public_class_shows_its_fields(kind: type) -> None:
         held(way, what)
 
 
+@pytest.mark.slow
 def test_what_is_left_out_of_a_long_chain_is_said() -> None:
     page = chain(30)._repr_markdown_()
     assert "T: not shown here, it has 6633 operations" in page
