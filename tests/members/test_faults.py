@@ -90,13 +90,14 @@ def test_a_fault_beside_healthy_members(fault: Faulty, method: str) -> None:
             check_member(runs, i, own)
 
 
-def test_the_faults_run_in_lanes() -> None:
+def test_the_faults_run_in_lanes(everything: bool) -> None:
     """But for those with switching surfaces, which Taylor's method watches."""
-    for fault in FAULTY:
+    faults = FAULTY if everything else FAULTY[:2]
+    for fault in faults:
         for method in ("dop853", "rk4"):
             assert "side by side" in run(fault, method, 0, count=HEALTHY).form
-    taylor = [fault.name for fault in FAULTY if "side by side" in run(fault, "taylor", 0, count=HEALTHY).form]
-    assert len(taylor) >= len(FAULTY) - 4
+    taylor = [fault.name for fault in faults if "side by side" in run(fault, "taylor", 0, count=HEALTHY).form]
+    assert len(taylor) >= max(len(faults) - 4, 1)
 
 
 def test_a_store_has_the_sentences_of_memory(tmp_path: Any) -> None:

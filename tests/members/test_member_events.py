@@ -94,6 +94,7 @@ def test_times_of_a_thrown_ball_have_closed_forms(monkeypatch: pytest.MonkeyPatc
     assert np.allclose(runs.y_events[1][:, 0, 0], 1.0 + speeds**2 / 20.0, rtol=4e-15, atol=0)
 
 
+@pytest.mark.slow
 def test_more_occurrences_than_there_is_room_for_on_the_way() -> None:
     """x = a cos 2t is zero at (k + 1/2) pi / 2; the error of the phase grows with the time."""
     (x,) = oscillator().coordinates
@@ -125,8 +126,8 @@ that is as right as the tolerance of 1e-10 makes it."""
 
 
 @pytest.mark.parametrize("case", list(HENON))
-@pytest.mark.parametrize("end", [20.0, -7.0])
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("end", [20.0, pytest.param(-7.0, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("method", ["taylor", *(pytest.param(name, marks=pytest.mark.slow) for name in [*METHODS][1:])])
 def test_events_of_a_member_are_those_of_its_run(
     case: str, end: float, method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -170,7 +171,7 @@ def random_ensemble(rng: np.random.Generator) -> tuple[lg.System, dict[str, Any]
     return system, starts, {"events": events, "keep": (("events", 5),)}
 
 
-@pytest.mark.parametrize("seed", range(12))
+@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
 @pytest.mark.parametrize("method", EQUAL_STEPS)
 def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(
     method: str, seed: int, monkeypatch: pytest.MonkeyPatch

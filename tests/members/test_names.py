@@ -45,7 +45,9 @@ KEPT: dict[str, tuple[Any, Any]] = {
 }
 
 
-@pytest.mark.parametrize("which", KEPT)
+@pytest.mark.parametrize(
+    "which", ["occurrences", *(pytest.param(name, marks=pytest.mark.slow) for name in [*KEPT][:-1])]
+)
 def test_a_store_of_other_expressions_is_refused(tmp_path: Path, which: str) -> None:
     pytest.importorskip("zarr")
     first, other = KEPT[which]
@@ -56,6 +58,7 @@ def test_a_store_of_other_expressions_is_refused(tmp_path: Path, which: str) -> 
         pendulum(keep=(other,), **given)
 
 
+@pytest.mark.slow
 def test_a_store_of_an_event_that_differs_in_its_last_digits_is_refused(tmp_path: Path) -> None:
     pytest.importorskip("zarr")
     pendulum(events=[theta - 0.1], store=tmp_path / "runs.zarr")
