@@ -48,7 +48,7 @@ def work_size(n: int) -> int:
 
 
 def pivoted_work_size(plan: Elimination) -> int:
-    """Number of doubles in the work array of `solve_lanes_pivoted`."""
+    """Return the number of doubles in the work array of `solve_lanes_pivoted`."""
     n, band = plan.order, plan.band
     return int(band_size(n, band)) + n + pivoted_size(n, band)
 
