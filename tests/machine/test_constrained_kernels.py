@@ -95,7 +95,7 @@ def test_near_a_configuration_where_constraints_depend_on_one_another_pivots_are
         held.accelerations(straight, np.zeros(8), 0.25)
 
 
-@pytest.mark.parametrize(("loops", "largest"), [(5, 8), pytest.param(60, 128, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("loops", "largest"), [(5, 8), pytest.param(60, 50_000, marks=pytest.mark.slow)])
 def test_a_large_system_that_is_singular_takes_its_memory_from_the_heap(
     loops: int, largest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
