@@ -23,6 +23,7 @@ from typing import Any
 
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.equations.inputs import with_needed_inputs
+from lagrange.equations.multiplier_forces import with_solved_multipliers
 from lagrange.equations.regularity import allowed_equations
 from lagrange.errors import StatementError
 from lagrange.evidence.quick import quick_check
@@ -95,7 +96,7 @@ def model_of(statement: Statement, on: Machine, equations: Equations | None = No
     functions of coordinates that are not written out.
     """
     require_formulas(statement)
-    statement = with_inputs(statement)
+    statement = with_solved_multipliers(with_inputs(statement))
     laws = allowed_equations(statement, reached) if equations is None or statement.inputs else equations
     if statement.inputs:
         statement, laws = with_needed_inputs(statement, laws)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from numpy.typing import ArrayLike
 
-from lagrange.equations.regularity import equations_of
+from lagrange.equations.regularity import equations_of, known_statement
 from lagrange.errors import StatementError, abridged, shown
 from lagrange.show.notation.sections import ShownQuantity
 from lagrange.show.notebook.shown_derivation import ShownDerivation, written_derivation
@@ -23,7 +23,7 @@ from lagrange.statement.choice import ByName, one_of
 from lagrange.statement.choice import text as checked_text
 from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.declare import declare
-from lagrange.statement.given import require_values, with_values
+from lagrange.statement.given import require_values
 from lagrange.statement.number import flag
 from lagrange.statement.statement import Statement
 
@@ -586,7 +586,7 @@ class System:
     def _known(self) -> Statement:
         """The statement with values for its given functions; StatementError where one is open."""
         require_values(self.statement)
-        return with_values(self.statement)
+        return known_statement(self.statement)
 
     @property
     def _known_derivation(self) -> ShownDerivation:

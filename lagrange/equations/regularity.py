@@ -13,6 +13,7 @@ import numpy as np
 
 from lagrange.equations.constraints import empty_constraint
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange, no_inertia
+from lagrange.equations.multiplier_forces import with_solved_multipliers
 from lagrange.equations.singular import (
     DEPENDENT,
     RANK,
@@ -47,10 +48,15 @@ def equations_of(statement: Statement, reach: Reach) -> Equations:
     `reach` is called for constraints that depend on each other, allowed or not. Raises StatementError where no state
     determines the motion.
     """
-    statement = with_values(statement)
+    statement = known_statement(statement)
     equations = allowed_equations(statement, reach)
     check_regularity(equations, statement, reach)
     return equations
+
+
+def known_statement(statement: Statement) -> Statement:
+    """Return the statement with given functions, and multipliers in its forces, as functions of time and state."""
+    return with_solved_multipliers(with_values(statement))
 
 
 def allowed_equations(statement: Statement, reach: Reach) -> Equations:

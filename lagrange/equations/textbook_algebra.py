@@ -124,18 +124,35 @@ class TextbookAlgebra(StatedAlgebra):
         return algebra.merge_angles(algebra.add({}, *moved, algebra.differentiate(terms, self.time)))
 
     @cached_property
+    def apart_from_multipliers(self) -> tuple[list[MonomialSum], list[list[MonomialSum]]]:
+        """The right sides h without multipliers, and the rows of B, their derivatives by the multipliers."""
+        algebra, symbols = self.algebra, [one.multiplier for one in self.statement.constraints]
+        minus = partial(algebra.scale, number=S.NegativeOne)
+        pushes = [[algebra.differentiate(right, s) for s in symbols] for right in self.right_sides]
+        parts = [
+            [minus(algebra.multiply(push, self.symbol(s))) for push, s in zip(row, symbols, strict=True)]
+            for row in pushes
+        ]
+        rest = [algebra.merge_angles(algebra.add(h, *part)) for h, part in zip(self.right_sides, parts, strict=True)]
+        return rest, pushes
+
+    @cached_property
     def motion(self) -> list[Any]:
         """The accelerations M^-1 (Q - remainder), or with constraints a and lambda, block by block.
 
-        M a - G^T lambda = Q - remainder, G a = -gamma.
+        M a - (G^T + B) lambda = Q - remainder, G a = -gamma, with B lambda in the stated forces.
         """
         negative = partial(self.algebra.scale, number=S.NegativeOne)
-        bias = [*self.right_sides, *map(negative, self.constraint_bias)]
-        columns = [[row[i] for row in self.gradient] for i in range(len(self.q))]
+        right, pushes = self.apart_from_multipliers
+        bias = [*right, *map(negative, self.constraint_bias)]
+        columns = [
+            [self.algebra.add(row[i], push[k]) for k, row in enumerate(self.gradient)] for i, push in enumerate(pushes)
+        ]
         rows = [[*mass, *map(negative, column)] for mass, column in zip(self.mass, columns, strict=True)]
         rows += [[*row, *({} for _ in self.gradient)] for row in self.gradient]
         solved: dict[int, Any] = {}
-        for block in coupled_blocks([[bool(entry) for entry in row] for row in rows]):
+        count = range(len(rows))
+        for block in coupled_blocks([[bool(rows[i][j] or rows[j][i]) for j in count] for i in count]):
             matrix = [[rows[i][j] for j in block] for i in block]
             solved.update(zip(block, self.solve(block, matrix, [bias[i] for i in block]), strict=True))
         return [solved[i] for i in range(len(solved))]

@@ -270,7 +270,7 @@ def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Su
         if by_name[label] in table:
             raise StatementError(f"forces names {label!r} twice: give the sum of the forces on it.")
         table[by_name[label]] = expression(value, f"the force on {label}")
-        survey.add(table[by_name[label]], f"the force on {label}")
+        survey.add(table[by_name[label]], f"the force on {label}", multipliers=True)
     return table
 
 

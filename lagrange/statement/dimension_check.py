@@ -7,7 +7,7 @@ come. Then every term is checked with all dimensions known, and with units the s
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from types import MappingProxyType
@@ -44,7 +44,9 @@ def with_dimensions(statement: Statement, given: Mapping[Any, Any]) -> Statement
     known |= {symbol.name: symbol for symbol in statement.parameters}
     known |= {name_of(function): function for function in statement.given}
     stated = read_dimensions(given, known)
-    dimensions = check_dimensions(_parts(statement), stated, statement.plain)
+    parts = _parts(statement)
+    dimensions = check_dimensions(parts, stated, statement.plain)
+    check_dimensions(parts, dimensions | dict(multiplier_dimensions(statement, dimensions)), statement.plain)
     check_names(given, known)
     return replace(statement, dimensions=MappingProxyType(dimensions))
 
@@ -70,6 +72,16 @@ def _parts(statement: Statement) -> list[CheckedPart]:
             values = without_own_numbers(in_own_parameters(motion.expression, statement.parameters))
             parts.append(CheckedPart(f"the given function {name_of(function)}", values, function))
     return parts
+
+
+def multiplier_dimensions(statement: Statement, known: Mapping[Any, Dimension]) -> Iterator[tuple[Any, Dimension]]:
+    """Yield the multipliers with their dimensions: lambda times phi, or times psi and time, is an energy."""
+    energy = dimension_of(statement.lagrangian, known) or named("energy")
+    for one in statement.constraints:
+        dimension = dimension_of(one.expression, known)
+        if dimension is not None:
+            over = dimension if one.holonomic else dimension * known[t]
+            yield one.multiplier, energy * over ** Fraction(-1)
 
 
 def check_dimensions(

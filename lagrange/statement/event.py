@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numbers
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
 from types import MappingProxyType
@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.errors import StatementError, formula, listing, shown, suggestion
+from lagrange.errors import StatementError, formula, listing, shown
 from lagrange.statement.coordinate import t
 from lagrange.statement.declare import state_rows
 from lagrange.statement.event_dimensions import check_event_dimensions
 from lagrange.statement.expression import entries, expression
-from lagrange.statement.multiplier import multiplier
+from lagrange.statement.multiplier import check_multipliers
 from lagrange.statement.number import real_number
 from lagrange.statement.parameters import in_own_parameters, label_of
 from lagrange.statement.statement import Statement
@@ -233,14 +233,5 @@ def _check(expression: Any, what: str, statement: Statement, *, motion: bool = F
                 f"{what} contains {leaf}, which this system does not have; it may contain its coordinates, their "
                 f"velocities, t and {listing(p.name for p in statement.parameters) or 'no parameters'}."
             )
-    check_multipliers(survey.multipliers, what, statement)
+    check_multipliers(survey.multipliers, what, [one.name for one in statement.constraints], statement.name)
     return survey
-
-
-def check_multipliers(names: Iterable[str], what: str, statement: Statement) -> None:
-    """Raise StatementError if an expression has the multiplier of a constraint that there is not."""
-    held = [one.name for one in statement.constraints]
-    for name in names:
-        if name not in held:
-            have = f"the constraints are {listing(held)}" if held else f"{statement.name} has no constraints"
-            raise StatementError(f"{what} contains {multiplier(name)}, but {have}." + suggestion(name, held))

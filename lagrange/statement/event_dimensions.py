@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from fractions import Fraction
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any
 
 from lagrange.statement.checked_part import CheckedPart
-from lagrange.statement.coordinate import t
-from lagrange.statement.dimension import Dimension, named
-from lagrange.statement.dimension_check import check_dimensions, dimension_of
+from lagrange.statement.dimension_check import check_dimensions, dimension_of, multiplier_dimensions
 from lagrange.statement.own_numbers import without_own_numbers
 from lagrange.statement.statement import Statement
 
@@ -30,16 +27,6 @@ def _check(place: int, zero: Any, resets: tuple[tuple[Any, Any], ...], statement
     parts += [
         CheckedPart(f"the reset of event {place}", without_own_numbers(value), symbol) for symbol, value in resets
     ]
-    known = dict(statement.dimensions) | dict(_multipliers(statement, statement.dimensions))
+    known = dict(statement.dimensions) | dict(multiplier_dimensions(statement, statement.dimensions))
     known |= {symbol: one for symbol, _ in resets if (one := dimension_of(symbol, known)) is not None}
     check_dimensions(parts, known, statement.plain)
-
-
-def _multipliers(statement: Statement, known: Mapping[Any, Dimension]) -> Iterator[tuple[Any, Dimension]]:
-    """Yield the multipliers with their dimensions: lambda times phi, or times psi and time, is an energy."""
-    energy = dimension_of(statement.lagrangian, known) or named("energy")
-    for one in statement.constraints:
-        dimension = dimension_of(one.expression, known)
-        if dimension is not None:
-            over = dimension if one.holonomic else dimension * known[t]
-            yield one.multiplier, energy * over ** Fraction(-1)

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from sympy import Symbol
 
+from lagrange.errors import StatementError, listing, suggestion
 from lagrange.statement.coordinate import check_name
 
 _OPENING, _CLOSING = "lambda[", "]"
 
 
 def multiplier(name: str) -> Any:
-    """Return the multiplier of the constraint of that name, for events and `solution.evaluate`.
+    """Return the multiplier of the constraint of that name, for forces, events and `solution.evaluate`.
 
     It is the factor lambda in the generalized forces lambda dphi/dq that the constraint phi = 0 exerts, and a SymPy
     symbol that prints as lambda[name]. Raises StatementError for a name that is no identifier.
@@ -26,3 +28,14 @@ def constraint_of(symbol: Any) -> str | None:
     if name.startswith(_OPENING) and name.endswith(_CLOSING):
         return name.removeprefix(_OPENING).removesuffix(_CLOSING)
     return None
+
+
+def check_multipliers(names: Iterable[str], what: str, held: Sequence[str], system: str) -> None:
+    """Raise StatementError if an expression has the multiplier of a constraint that a system does not have.
+
+    `names` are those in the expression, `held` the names of the constraints of the system.
+    """
+    for name in names:
+        if name not in held:
+            have = f"the constraints are {listing(held)}" if held else f"{system} has no constraints"
+            raise StatementError(f"{what} contains {multiplier(name)}, but {have}." + suggestion(name, held))

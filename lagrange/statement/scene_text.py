@@ -16,6 +16,7 @@ from lagrange.statement.guard import RefusalError
 from lagrange.statement.letters import NAME
 from lagrange.statement.link import ROD
 from lagrange.statement.motion import motion_of
+from lagrange.statement.multiplier import constraint_of
 from lagrange.statement.same_statement import difference
 from lagrange.statement.scene import scene_from_text
 from lagrange.statement.statement import REFUSE, Statement
@@ -111,6 +112,9 @@ class _Writer:
     def text(self, what: str, expression: Any) -> str:
         """Return an expression as a quoted text."""
         plain = expression.xreplace(self.plain)
+        held = sorted(str(s) for s in plain.free_symbols if constraint_of(s) is not None)
+        if held:
+            raise _refusal(self.statement, f"{what} contains {held[0]}, and scenes have no multipliers")
         rates = plain.atoms(sympy.Derivative)
         try:
             if rates:

@@ -57,7 +57,7 @@ class Survey:
         else:
             raise StatementError(
                 f"{what} contains {node}, the multiplier of a constraint, which is found from the motion. It may stand "
-                "in events and in solution.evaluate(...): state a force by coordinates and velocities."
+                "in forces, in events and in solution.evaluate(...)."
             )
 
     def _add_function(self, node: Any, what: str) -> None:

@@ -1,0 +1,217 @@
+"""Forces with multipliers, such as Coulomb friction: closed forms, and the bordered system solved in another way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from scipy.integrate import solve_ivp
+from sympy import Rational, cos, sign, sin, sqrt
+
+import lagrange as lg
+from lagrange.equations.multiplier_forces import with_solved_multipliers
+from lagrange.errors import StatementError
+
+x, y, z, theta = lg.coordinates("x y z theta")
+m, g, mu, slope, R, L = lg.parameters("m g mu slope R L")
+NORMAL = lg.multiplier("floor")
+
+
+def incline(**more: Any) -> lg.System:
+    stated = {"forces": {x: -mu * NORMAL * sign(x.dot)}, **more}
+    return lg.System(
+        m * (x.dot**2 + y.dot**2) / 2,
+        m * g * (y * cos(slope) - x * sin(slope)),
+        coordinates=[x, y],
+        constraints={"floor": y},
+        parameters={m: 2, g: 9.81, mu: 0.2, slope: 0.6},
+        initial={x.dot: 1.5},
+        name="incline",
+        **stated,
+    )
+
+
+METHODS = ("taylor", "dopri5", "tsit5", "verner9", "dop853", "bs3", "radau5", "radau5-index2", "scipy-radau")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_block_slides_down_with_every_adaptive_method(method: str) -> None:
+    run = incline().run(2.0, method=method)
+    pull = 9.81 * (np.sin(0.6) - 0.2 * np.cos(0.6))
+    assert abs(run.final["x"] - (3 + 2 * pull)) <= 1e-7  # the tolerance of a run is 1e-9, a few steps add up
+    assert abs(run.final["x_dot"] - (1.5 + 2 * pull)) <= 1e-7
+    np.testing.assert_allclose(run.evaluate(NORMAL), 2 * 9.81 * np.cos(0.6), rtol=1e-12)
+
+
+def test_a_page_shows_the_multiplier_and_accelerations_without_it() -> None:
+    page = incline().derivation()
+    assert page.equations[0].rhs == -mu * NORMAL * sign(x.dot)
+    assert page.equations[1].rhs == NORMAL
+    assert page.multipliers == {"floor": g * m * cos(slope)}
+    assert sympy.expand(page.accelerations[x] - g * (sin(slope) - mu * cos(slope) * sign(x.dot))) == 0
+    assert incline().check()
+
+
+def test_a_bead_on_a_rough_ring_has_its_speed_in_closed_form() -> None:
+    # Counterclockwise and fast, the ring pushes inwards, lambda < 0. With w = theta' and u = w^2,
+    # du/dtheta + 2 mu u = -2 g/R (cos theta - mu sin theta), a linear equation.
+    along = mu * lg.multiplier("ring") / R
+    ring = lg.System(
+        m * (x.dot**2 + y.dot**2) / 2,
+        m * g * y,
+        coordinates=[x, y],
+        constraints={"ring": sqrt(x**2 + y**2) - R},
+        forces={x: -along * y, y: along * x},
+        parameters={m: 1.3, g: 9.81, mu: 0.15, R: 0.8},
+        initial={x: 0.8, y.dot: 8.0},
+        name="ring",
+    )
+    run = ring.run(0.6)
+    friction, pull = 0.15, 9.81 / 0.8
+    b = 2 * pull * (2 * friction**2 - 1) / (1 + 4 * friction**2)
+    a = 2 * friction * (b - pull)
+
+    def squared(angle: float) -> float:
+        return float((100.0 - a) * np.exp(-2 * friction * angle) + a * np.cos(angle) + b * np.sin(angle))
+
+    final = run.final
+    turns = np.unwrap(np.arctan2(*run.y[[1, 0]]))
+    rate = (final["x"] * final["y_dot"] - final["y"] * final["x_dot"]) / 0.64
+    assert turns[-1] > 2.0
+    assert abs(rate**2 - squared(turns[-1])) <= 1e-7 * rate**2
+    assert (run.evaluate(lg.multiplier("ring")) < 0).all()
+
+
+def test_a_ladder_slides_with_friction_at_both_ends() -> None:
+    wall = lg.multiplier("wall")
+    half = L / 2
+    ladder = lg.System(
+        m * (x.dot**2 + y.dot**2) / 2 + m * L**2 * theta.dot**2 / 24,
+        m * g * y,
+        coordinates=[x, y, theta],
+        constraints={"floor": y - half * sin(theta), "wall": x - half * cos(theta)},
+        forces={
+            x: -mu * NORMAL,
+            y: mu * wall,
+            theta: mu * half * (NORMAL * sin(theta) + wall * cos(theta)),
+        },
+        parameters={m: 5, g: 9.81, mu: 0.1, L: 3},
+        initial={x: 1.5 * np.cos(1.2), y: 1.5 * np.sin(1.2), theta: 1.2},
+        name="ladder",
+    )
+
+    def eliminated(_: float, state: Any) -> Any:
+        """Solve the balances of forces and of moments for theta'' and the two normal forces."""
+        angle, rate = state
+        c, s = 1.5 * np.cos(angle), 1.5 * np.sin(angle)
+        rows = [[-5 * s, 0.1, -1.0], [5 * c, -1.0, -0.1], [5 * 9 / 12, c - 0.1 * s, -(s + 0.1 * c)]]
+        return [rate, np.linalg.solve(rows, [5 * c * rate**2, 5 * s * rate**2 - 5 * 9.81, 0.0])[0]]
+
+    reference = solve_ivp(eliminated, (0.0, 0.7), [1.2, 0.0], rtol=1e-11, atol=1e-12, method="DOP853")
+    final = ladder.run(0.7).final
+    # The run keeps 1e-9 a step.
+    assert np.abs(np.array([final["theta"], final["theta_dot"]]) - reference.y[:, -1]).max() <= 1e-7
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_systems_solve_the_bordered_equations(seed: int) -> None:
+    random = np.random.default_rng(seed)
+
+    def draw() -> Any:
+        return Rational(int(random.integers(-9, 10)), 11)
+
+    def stated(**more: Any) -> lg.System:
+        return lg.System(
+            kinetic,
+            potential,
+            coordinates=[x, y, z, theta],
+            constraints={"floor": z - sin(x) * y, "turn": theta.dot - x.dot * cos(y) - z * y.dot},
+            name=f"random {seed}",
+            **more,
+        )
+
+    speeds = [q.dot for q in (x, y, z, theta)]
+    kinetic = sum(q**2 for q in speeds) + sum(draw() * a * b / 4 for a in speeds for b in speeds)
+    kinetic += (x * theta.dot) ** 2 + draw() * y.dot
+    potential = g * z + draw() * x * theta + y**2
+    held = [NORMAL, lg.multiplier("turn")]
+    pushes = [[draw() * sin(x) * y.dot / 2, draw() * z / 2 + draw() / 3] for _ in range(4)]
+    others = [draw() * y.dot, draw() * x, 0, -draw() * theta.dot]
+    forces = [q + sum(a * b for a, b in zip(row, held, strict=True)) for q, row in zip(others, pushes, strict=True)]
+    rough = stated(forces=dict(zip((x, y, z, theta), forces, strict=True)), parameters={g: 2})
+    smooth = stated(forces=dict(zip((x, y, z, theta), others, strict=True)), parameters={g: 2})
+    model, plain = rough.compile("numpy"), smooth.compile("numpy")
+    q, v = random.normal(size=4), random.normal(size=4)
+    values = dict(zip((x, y, z, theta, *speeds), map(float, (*q, *v)), strict=True))
+    b = np.array(sympy.Matrix(pushes).subs(values, simultaneous=True).tolist(), dtype=float)
+    gradient = plain.evaluate("constraint_gradient", q, v)
+    border = np.block([[plain.mass_matrix(q, v=v), -(gradient.T + b)], [gradient, np.zeros((2, 2))]])
+    right = [*plain.evaluate("bias", q, v), *-plain.evaluate("constraint_bias", q, v)]
+    expected = np.linalg.solve(border, right)
+    found = [*model.accelerations(q, v), *model.multipliers(q, v)]
+    # Both solve in doubles, by other eliminations of a matrix with a condition below 1e3.
+    np.testing.assert_allclose(found, expected, rtol=1e-10, atol=1e-11)
+
+
+def test_a_statement_without_multipliers_is_left_alone() -> None:
+    plain = incline(forces={x: -mu * x.dot}).statement
+    assert with_solved_multipliers(plain) is plain
+
+
+@pytest.mark.parametrize(
+    ("more", "words"),
+    [
+        ({"forces": {x: -mu * abs(NORMAL)}}, "the force on x is not linear in lambda[floor]: give a coef"),
+        (
+            {"forces": {x: NORMAL**2}},
+            "the force on x is not linear in lambda[floor]: give a coef",
+        ),
+        (
+            {"forces": {x: lg.multiplier("flor")}},
+            "a force contains lambda[flor], but the constraints are floor.",
+        ),
+        ({"dissipation": NORMAL * x.dot**2}, "the dissipation contains lambda[floor], the multiplier of a constraint"),
+        (
+            {"forces": {y: -NORMAL}},
+            "the multipliers of incline are not determined: its constraints depend on",
+        ),
+        (
+            {"redundant": "allow"},
+            "the forces of incline contain multipliers, which redundant constraints",
+        ),
+        (
+            {"dimensions": {m: "mass", g: "m/s**2", x: "m", y: "m", mu: "1"}, "forces": {x: -mu * NORMAL * x.dot}},
+            "the force on x",
+        ),
+    ],
+)
+def test_refusals(more: Any, words: str) -> None:
+    with pytest.raises(StatementError) as refusal:
+        incline(**more)
+    assert str(refusal.value).startswith(words)
+
+
+def test_forces_whose_multipliers_cancel_in_a_sum_are_seen() -> None:
+    # With x = y the forces lambda/2 and -lambda/2 change the multiplier alone.
+    pair = lg.System(
+        x.dot**2 + y.dot**2 / 2,
+        g * x,
+        coordinates=[x, y],
+        constraints={"bar": x - y},
+        forces={x: lg.multiplier("bar") / 2, y: -lg.multiplier("bar") / 2},
+        parameters={g: 3},
+    )
+    assert dict(pair.accelerations()) == {x: -g / 3, y: -g / 3}
+    np.testing.assert_allclose(pair.compile("numpy").multipliers([0.0, 0.0], [0.0, 0.0]), [3 / 4.5])
+
+
+def test_a_coordinate_without_inertia_is_refused() -> None:
+    with pytest.raises(StatementError, match=r"the forces of system contain multipliers, and its mass matrix d2L"):
+        lg.System(x.dot**2, x * y, coordinates=[x, y], constraints={"floor": y - x}, forces={x: NORMAL / 2})
+
+
+def test_a_scene_has_no_multipliers_in_forces(tmp_path: Any) -> None:
+    with pytest.raises(StatementError, match=r"the force on x contains lambda\[floor\], and scenes have no mul"):
+        incline().to_scene(tmp_path / "incline.toml")
