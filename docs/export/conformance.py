@@ -32,7 +32,6 @@ TRAJECTORY = 1e-11
 
 STRICT = {
     "c": ("cc -std=c99", "cc -std=c99 -Wall -Wextra -Wconversion -Werror"),
-    "cpp": ("c++ -std=c++17", "c++ -std=c++17 -Wall -Wextra -Wpedantic -Wconversion -Werror"),
     "fmu": ("cc -std=c99", "cc -std=c99 -Wall -Wextra -Wconversion -Werror"),
     "fortran": ("gfortran ", "gfortran -Wall -Wextra -Werror "),
     "rust": ("rustc ", "rustc -D warnings "),

@@ -2,28 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import ClassVar
 
-from lagrange.export.identifiers import unreserved
 from lagrange.export.offset_printer import OffsetPrinter
 from lagrange.procedure.form import PARTIAL, REAL, Array
 
 
 class EndedPrinter(OffsetPrinter):
-    """Prints one procedure; `keywords` are no names of fields, `among` stands between an index and its places."""
+    """Prints one procedure; `among` stands between an index and its range."""
 
     first = 1
-    keywords: ClassVar[Sequence[str]]
     among: ClassVar[str]
 
     def tail(self) -> list[str]:
         """Return the lines behind the body."""
         return ["end"]
-
-    def member(self, record: int, field: str) -> str:
-        """Return a field of a record."""
-        return f"{self.text(record)}.{unreserved(field, self.keywords)}"
 
     def opening(self, kind: str, *texts: str) -> str:
         """Return the line that opens a block."""

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 from lagrange.errors import LagrangeError
 from lagrange.export.identifiers import ascii_name
-from lagrange.procedure.form import Procedure
+from lagrange.procedure.form import Procedure, Record
 from lagrange.procedure.source_printer import SourcePrinter
 
 
@@ -29,6 +29,10 @@ class FilePrinter(SourcePrinter):
     def legal(self, stem: str) -> str:
         """Return a name of the language made of a stem; it may be taken."""
         return ascii_name(stem)
+
+    def reserve_record(self, ref: int, record: Record) -> None:
+        """Refuse a local record, which integrators alone have."""
+        raise LagrangeError(f"{self.language} has no record {record.name}: integrators are printed in other languages.")
 
     def function_of(self, op: str) -> str:
         """Return the name of the function of an operation that is no operator, and note that the file needs it."""

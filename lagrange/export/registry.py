@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from lagrange.errors import StatementError, listing
 from lagrange.export.languages.c import C
 from lagrange.export.languages.casadi import CasADi
-from lagrange.export.languages.cpp import Cpp
 from lagrange.export.languages.fmu import Fmu
 from lagrange.export.languages.fortran import Fortran
 from lagrange.export.languages.javascript import JavaScript
@@ -22,12 +21,11 @@ from lagrange.export.target import REGISTERED, Target, register
 from lagrange.show.notebook.html_card import table
 from lagrange.statement.choice import one_of
 
-for built_in in (C, Cpp, Fortran, Julia, Octave, JavaScript, Rust, Python, Jax, CasADi, Modelica, Fmu):
+for built_in in (C, Fortran, Julia, Octave, JavaScript, Rust, Python, Jax, CasADi, Modelica, Fmu):
     register(built_in)
 
 ALIASES: Mapping[str, str] = {
-    **dict.fromkeys(("c99", "ansi-c"), "c"),
-    **dict.fromkeys(("c++", "cxx", "c++17"), "cpp"),
+    **dict.fromkeys(("c99", "ansi-c", "cpp", "c++", "cxx"), "c"),
     **dict.fromkeys(("js", "node", "es", "esm"), "javascript"),
     **dict.fromkeys(("rs",), "rust"),
     **dict.fromkeys(("numpy", "py"), "python"),

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lagrange.export.languages import (
-    c_spelling,
     fortran_spelling,
     javascript_spelling,
     octave_spelling,
@@ -49,63 +48,18 @@ class Language:
     suffix: str
     head: str
     quantity: str
-    step: str
-    run: str
     tail: str
     commands: Sequence[str]
     strict: Sequence[str]
     """Commands that compile the module itself with warnings as errors."""
+    step: str = ""
+    run: str = ""
+    """The text of a step and of a run, empty for a language that has quantities only."""
     first: int = 0
     """The number of the first state and the first result in what a test prints."""
 
 
 LANGUAGES: Mapping[str, Language] = {
-    "cpp": Language(
-        tool="g++",
-        suffix="cpp",
-        head="""\
-#include "{module}.cpp"
-#include <cstdio>
-#include <vector>
-namespace m = lagrange::{module};
-static m::Prepared p;
-static void told(std::int64_t status, const std::vector<double> &values) {{
-    std::printf("%d", static_cast<int>(status));
-    for (double value : values) {{
-        std::printf(" %.17g", value);
-    }}
-    std::printf("\\n");
-}}
-[[maybe_unused]] static void quantity(
-    bool (*f)(double, const double *, const double *, double *), double t, std::vector<double> y, std::size_t count) {{
-    std::vector<double> out(count);
-    const bool status = f(t, y.data(), p.data(), out.data());
-    told(status, out);
-}}
-[[maybe_unused]] static void change(std::int64_t (*f)(double *), std::vector<double> y) {{
-    const std::int64_t status = f(y.data());
-    told(status, y);
-}}
-int main() {{
-    const m::Parameters parameters = {{{parameters}}};
-    told(m::prepare(parameters, p), {{}});
-""",
-        quantity="    quantity(m::{name}, {t}, {{{y}}}, {count});",
-        step="    change([](double *y) {{ return m::{name}({t}, {step}, y, p.data()); }}, {{{y}}});",
-        run="""\
-    change(
-        [](double *y) {{
-            double t = {t};
-            return m::{name}(&t, {end}, y, p.data(), 1e-10, 1e-10, 10000);
-        }},
-        {{{y}}});""",
-        tail="}\n",
-        commands=("g++ -std=c++17 -O1 -Wall -Wextra -Werror -o caller caller.cpp", "./caller"),
-        strict=(
-            "g++ -std=c++17 -O1 -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Werror -Wold-style-cast"
-            " -c {module}.cpp",
-        ),
-    ),
     "javascript": Language(
         tool="node",
         suffix="mjs",
@@ -147,19 +101,12 @@ fn quantity(f: fn(f64, &[f64], &[f64], &mut [f64]) -> bool, t: f64, y: &[f64], p
     let status = f(t, y, p, &mut out);
     told(i64::from(status), &out);
 }}
-#[allow(dead_code)]
-fn change(f: &dyn Fn(&mut [f64]) -> i64, y: &mut [f64]) {{
-    let status = f(y);
-    told(status, y);
-}}
 fn main() {{
     let mut p = [0.0; m::PREPARED];
     let status = m::prepare(&[{parameters}], &mut p);
     told(i64::from(status), &[]);
 """,
         quantity="    quantity(m::{name}, {t}, &[{y}], &p, {count});",
-        step="    change(&|y| m::{name}({t}, {step}, y, &p), &mut [{y}]);",
-        run="    change(&|y| m::{name}(&mut [{t}], {end}, y, &p, 1e-10, 1e-10, 10000), &mut [{y}]);",
         tail="}\n",
         commands=("rustc --edition 2021 -D warnings -o caller caller.rs", "./caller"),
         strict=(
@@ -202,9 +149,8 @@ program caller
   implicit none
   real(dp), parameter :: infinity = transfer(9218868437227405312_int64, 1.0_dp)
   real(dp), parameter :: not_a_number = transfer(9221120237041090560_int64, 1.0_dp)
-  real(dp) :: p(prepared_size), y(state_size), t(1), out(4096)
+  real(dp) :: p(prepared_size), y(state_size), out(4096)
   logical :: singular
-  integer(int64) :: outcome
   call prepare([real(dp) :: {parameters}], p, singular)
   call told(merge(1_int64, 0_int64, singular), out(:0))
 """,
@@ -212,15 +158,6 @@ program caller
   y = [real(dp) :: {y}]
   call {name}({t}, y, p, out, singular)
   call told(merge(1_int64, 0_int64, singular), out(:{count}))""",
-        step="""\
-  y = [real(dp) :: {y}]
-  call {name}({t}, {step}, y, p, outcome)
-  call told(outcome, y)""",
-        run="""\
-  y = [real(dp) :: {y}]
-  t = {t}
-  call {name}(t, {end}, y, p, 1e-10_dp, 1e-10_dp, 10000_int64, outcome)
-  call told(outcome, y)""",
         tail="""\
 contains
   subroutine told(code, values)
@@ -251,8 +188,6 @@ end
 told(status, []);
 """,
         quantity="[out, status] = {module}_{name}({t}, [{y}], p); told(status, out);",
-        step="[y, status] = {module}_{name}({t}, {step}, [{y}], p); told(status, y);",
-        run="[~, y, status] = {module}_{name}({t}, {end}, [{y}], p, 1e-10, 1e-10, 10000); told(status, y);",
         tail="",
         commands=("octave-cli --quiet --no-history caller.m",),
         strict=(),
@@ -261,7 +196,6 @@ told(status, []);
 }
 
 LITERALS = {
-    "cpp": c_spelling.LITERALS.real,
     "fortran": fortran_spelling.LITERALS.real,
     "octave": octave_spelling.LITERALS.real,
     "javascript": javascript_spelling.LITERALS.real,

@@ -158,3 +158,13 @@ int main(int count, char **words) {{
 """)
     run("cc -O1 -o start start.c cartesian_pendulum.c -lm", tmp_path)
     assert [run(f"./start {off}", tmp_path) for off in ("0", "1e-9", "1e-3", "0.2", "nan")] == ["0", "0", "9", "9", "9"]
+
+
+@pytest.mark.skipif(shutil.which("g++") is None, reason="g++ is not installed")
+def test_a_program_of_cpp_includes_the_header(tmp_path: Path) -> None:
+    lg.scene("pendulum").export("c++", tmp_path, ["rhs"])
+    program = '#include "pendulum.h"\nint main() { double p[PENDULUM_PREPARED]; return pendulum_prepare('
+    (tmp_path / "program.cpp").write_text(f"{program}pendulum_default_parameters, p); }}\n")
+    run("cc -std=c99 -c pendulum.c", tmp_path)
+    run("g++ -std=c++17 -Wall -Wextra -Werror -o program program.cpp pendulum.o -lm", tmp_path)
+    run("./program", tmp_path)

@@ -93,8 +93,9 @@ def test_arrays_that_are_too_short_are_told_by_name_in_javascript(tmp_path: Path
     assert done.stdout == "RangeError parameters has 2 numbers: give 5\nRangeError y has 3 numbers: give 4\n"
 
 
-@pytest.mark.parametrize("target", ["c", "cpp", "javascript", "rust", "octave"])
+@pytest.mark.parametrize("target", ["c", "javascript", "rust", "octave"])
 def test_lines_are_short(target: str, tmp_path: Path) -> None:
-    contents = ["rhs", "jacobian", "dop853", "main", *(["taylor"] if target in ("c", "cpp") else [])]
+    steps = ["dop853", "main"] if target in ("c", "javascript") else []
+    contents = ["rhs", "jacobian", *steps, *(["taylor"] if target == "c" else [])]
     made = lg.scene("four-bar").export(target, tmp_path, contents)
     assert max(len(line) for file in made.files for line in file.read_text().splitlines()) <= 120

@@ -36,7 +36,6 @@ from tests.export.systems import named
 
 STRICT = {
     "cc -std=c99": "cc -std=c99 -Wall -Wextra -Wconversion -Werror",
-    "c++ -std=c++17": "c++ -std=c++17 -Wall -Wextra -Wpedantic -Wconversion -Werror",
     "gfortran": "gfortran -Wall -Wextra -Werror",
     "rustc": "rustc -D warnings",
     "python": "python -W error",

@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from lagrange.export.comments import plain
 from lagrange.export.descriptions import about_of, outcomes, places, records_of, sizes, statuses
-from lagrange.export.languages.c_printer import Dialect, comment, function
+from lagrange.export.languages.c_printer import CNames, comment, function
 from lagrange.export.languages.c_programs import numbers, programs
+from lagrange.export.languages.c_spelling import KINDS
 from lagrange.export.lines import continued
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import compiled
@@ -35,11 +36,6 @@ class C(Target):
         return compiled(module, "main", "cc -std=c99 -O2", f"{module.name}.c -lm")
 
 
-def dialect_of(module: SourceModule) -> Dialect:
-    """Return the dialect of a module."""
-    return Dialect(f"{module.name}_", f"{module.name}_")
-
-
 def names_of(procedure: Procedure) -> list[str]:
     """Return the names of the parameters of a public function."""
     return [one.name for one in procedure.parameters]
@@ -50,7 +46,7 @@ def names_of(procedure: Procedure) -> list[str]:
 
 def header(module: SourceModule) -> str:
     """Return the header: sizes, names and prototypes."""
-    dialect, guard = dialect_of(module), f"{module.name.upper()}_H"
+    c_names, guard = CNames(f"{module.name}_"), f"{module.name.upper()}_H"
     lines = [
         *statement_comment(module),
         "",
@@ -74,7 +70,7 @@ def header(module: SourceModule) -> str:
         "",
     ]
     for procedure in module.public:
-        *head, last = dialect.signature(procedure, names_of(procedure), qualified=False)
+        *head, last = c_names.signature(procedure, names_of(procedure), qualified=False)
         lines += [*comment(about_of(module, procedure)), *head, f"{last};", ""]
     return "\n".join([*lines, "#ifdef __cplusplus", "}", "#endif", "", "#endif", ""])
 
@@ -96,19 +92,19 @@ def statement_comment(module: SourceModule) -> list[str]:
 
 def source(module: SourceModule) -> str:
     """Return the source file."""
-    dialect = dialect_of(module)
+    c_names = CNames(f"{module.name}_")
     defaults = continued(f"const double {module.name}_default_parameters[] = {{{values(module)}}};")
-    functions = definitions(module, dialect, *defaults, "")
+    functions = definitions(module, c_names, *defaults, "")
     lines = [
         *statement_comment(module),
         "",
         f'#include "{module.name}.h"',
         "",
         "#include <math.h>",
-        *(["#include <string.h>"] if dialect.copies_bits else []),
+        *(["#include <string.h>"] if c_names.copies_bits else []),
         "",
         *functions,
-        programs(module, dialect),
+        programs(module, c_names),
     ]
     return "\n".join(lines).rstrip("\n") + "\n"
 
@@ -118,24 +114,23 @@ def values(module: SourceModule) -> str:
     return numbers(module.values) or "0.0"
 
 
-def definitions(module: SourceModule, dialect: Dialect, *more: str) -> list[str]:
+def definitions(module: SourceModule, c_names: CNames, *more: str) -> list[str]:
     """Return the text of helpers, types and all functions; `more` stands before the functions."""
     public = dict.fromkeys(module.public)
-    functions = [function(one, dialect, hidden=one not in public) for one in module.procedures]
-    return [*dialect.definitions(), *records(module.procedures, dialect), *more, *functions]
+    functions = [function(one, c_names, hidden=one not in public) for one in module.procedures]
+    return [*c_names.definitions(), *records(module.procedures, c_names), *more, *functions]
 
 
-def records(procedures: Sequence[Procedure], dialect: Dialect) -> Iterator[str]:
+def records(procedures: Sequence[Procedure], c_names: CNames) -> Iterator[str]:
     """Yield the types of records and of several results."""
     for record in records_of(procedures):
-        yield structure(dialect.record(record), record.fields, dialect)
+        yield structure(c_names.record(record), record.fields)
     for procedure in procedures:
         if len(procedure.results) > 1:
             results = [(f"r{k}", kind) for k, kind in enumerate(procedure.results)]
-            yield structure(dialect.result(procedure), results, dialect)
+            yield structure(c_names.result(procedure), results)
 
 
-def structure(name: str, fields: Sequence[tuple[str, Kind]], dialect: Dialect) -> str:
+def structure(name: str, fields: Sequence[tuple[str, Kind]]) -> str:
     """Return a type of named numbers."""
-    first, last = (part.format(name) for part in dialect.structure)
-    return "\n".join([first, *(f"    {dialect.kinds[kind]} {one};" for one, kind in fields), last, ""])
+    return "\n".join(["typedef struct {", *(f"    {KINDS[kind]} {one};" for one, kind in fields), f"}} {name};", ""])

@@ -1,9 +1,8 @@
-"""Print procedures as functions of C or C++."""
+"""Print procedures as functions of C."""
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from lagrange.export.braced import BracedPrinter
@@ -11,7 +10,6 @@ from lagrange.export.comments import wrapped
 from lagrange.export.identifiers import unreserved
 from lagrange.export.languages.c_spelling import (
     BITS,
-    CASTS,
     FUNCTIONS,
     HELPERS,
     KINDS,
@@ -21,37 +19,20 @@ from lagrange.export.languages.c_spelling import (
 )
 from lagrange.procedure.form import Array, Call, Fold, Kind, Let, Part, Procedure, Record, Type
 from lagrange.procedure.source_printer import results_of
-from lagrange.procedure.spelling import ATOM, Literals, Operator
+from lagrange.procedure.spelling import ATOM
 
 WIDTH = 110
 """Characters of a line of comment or of a head."""
 
 
 @dataclass(frozen=True)
-class Dialect:
-    """What differs between C and C++, and between modules.
+class CNames:
+    """Names of a module in C: `prefix` begins those of all functions and records.
 
-    `prefix` begins the names of functions, `public` those of functions as they are called from outside, `standard`
-    those of the library. `zeros` initializes a record, `restrict` says that arrays do not overlap, `no_parameters`
-    stands where a function has none, `pointer` makes a pointer of a constant array, `structure` are the first and the
-    last line of the definition of a record. `translation` turns C that is the same in every module into the dialect.
-    `kinds` are the types of numbers, `literals` write constants, `casts` are the operations that change the kind.
-    `words` are the names that values cannot have. `needed` collects the operations whose definitions the file needs.
+    `needed` collects the operations whose definitions the file needs.
     """
 
     prefix: str
-    public: str
-    standard: str = ""
-    zeros: str = "{0}"
-    restrict: str = "restrict "
-    no_parameters: str = "void"
-    pointer: str = ""
-    structure: tuple[str, str] = ("typedef struct {{", "}} {};")
-    translation: Sequence[tuple[str, str]] = ()
-    kinds: Mapping[Kind, str] = field(default_factory=lambda: KINDS)
-    literals: Literals = LITERALS
-    casts: Mapping[str, Operator] = field(default_factory=lambda: CASTS)
-    words: Sequence[str] = RESERVED
     needed: dict[str, None] = field(default_factory=dict)
 
     @property
@@ -59,44 +40,30 @@ class Dialect:
         """Whether a helper copies the bits of numbers."""
         return not BITS.isdisjoint(self.needed)
 
-    def library(self, name: str) -> str:
-        """Return the name of a function of the library."""
-        return f"{self.standard}{name}"
-
     def definitions(self) -> list[str]:
         """Return the definitions of the functions that the file needs."""
-        return [f"static {self.translated(HELPERS[op][1])}\n" for op in sorted(self.needed)]
-
-    def translated(self, text: str) -> str:
-        """Return text of C as the dialect writes it."""
-        for pattern, replacement in self.translation:
-            text = re.sub(pattern, replacement, text)
-        return text
+        return [f"static {HELPERS[op][1]}\n" for op in sorted(self.needed)]
 
     def function(self, name: str) -> str:
-        """Return the name of a function of the module where it is defined."""
-        return unreserved(f"{self.prefix}{name}", self.words)
+        """Return the name of a function of the module."""
+        return unreserved(f"{self.prefix}{name}", RESERVED)
 
     @property
     def defaults(self) -> str:
-        """The default parameters, as a pointer."""
-        return f"{self.public}default_parameters{self.pointer}"
-
-    def called(self, name: str) -> str:
-        """Return the name of a function of the module as it is called from outside."""
-        return f"{self.public}{self.function(name).removeprefix(self.prefix)}"
+        """The name of the array of default parameters."""
+        return f"{self.prefix}default_parameters"
 
     def record(self, record: Record) -> str:
         """Return the type of a record."""
-        return f"{self.prefix}{record.name.lower()}" if self.prefix else record.name.capitalize()
+        return f"{self.prefix}{record.name.lower()}"
 
     def type_of(self, kind: Type, name: str, *, qualified: bool = True) -> str:
         """Return the declaration of a parameter."""
         if isinstance(kind, Kind):
-            return f"{self.kinds[kind]} {name}"
-        restrict = self.restrict if qualified else ""
+            return f"{KINDS[kind]} {name}"
+        restrict = "restrict " if qualified else ""
         if isinstance(kind, Array):
-            return f"{'const ' if kind.read else ''}{self.kinds[kind.kind]} *{restrict}{name}"
+            return f"{'const ' if kind.read else ''}{KINDS[kind.kind]} *{restrict}{name}"
         assert isinstance(kind, Record)
         return f"{self.record(kind)} *{restrict}{name}"
 
@@ -104,7 +71,7 @@ class Dialect:
         """Return the type of the results of a procedure."""
         if len(procedure.results) > 1:
             return f"{self.function(procedure.name)}_results"
-        return self.kinds[procedure.results[0]] if procedure.results else "void"
+        return KINDS[procedure.results[0]] if procedure.results else "void"
 
     def signature(
         self, procedure: Procedure, names: Sequence[str], *, qualified: bool = True, before: str = ""
@@ -115,7 +82,7 @@ class Dialect:
             for one, name in zip(procedure.parameters, names, strict=True)
         ]
         head = f"{before}{self.result(procedure)} {self.function(procedure.name)}("
-        line = f"{head}{', '.join(given) or self.no_parameters})"
+        line = f"{head}{', '.join(given) or 'void'})"
         return [line] if len(line) <= WIDTH else [head, *broken(given, "    ", WIDTH)]
 
 
@@ -137,12 +104,12 @@ def comment(text: str) -> list[str]:
     return [*lines[:-1], f"{lines[-1]} */"]
 
 
-def function(procedure: Procedure, dialect: Dialect, *, hidden: bool = False) -> str:
+def function(procedure: Procedure, c_names: CNames, *, hidden: bool = False) -> str:
     """Return a procedure as a function, which other files cannot see if it is hidden.
 
-    What it needs of the file is noted in the dialect.
+    What it needs of the file is noted in `c_names`.
     """
-    return _CPrinter(procedure, dialect, hidden=hidden).function()
+    return _CPrinter(procedure, c_names, hidden=hidden).function()
 
 
 class _CPrinter(BracedPrinter):
@@ -150,20 +117,21 @@ class _CPrinter(BracedPrinter):
 
     language = "C"
     helpers = HELPERS
+    operators = OPERATORS
+    literals = LITERALS
+    index_type = KINDS[Kind.WHOLE]
+    functions = FUNCTIONS
 
-    def __init__(self, procedure: Procedure, dialect: Dialect, *, hidden: bool) -> None:
-        self.dialect, self.hidden = dialect, hidden
-        self.operators = {**OPERATORS, **dialect.casts}
-        self.literals, self.index_type = dialect.literals, dialect.kinds[Kind.WHOLE]
-        self.functions = {op: dialect.library(name) for op, name in FUNCTIONS.items()}
-        super().__init__(procedure, dialect.needed, (*dialect.words, *FUNCTIONS.values()))
+    def __init__(self, procedure: Procedure, c_names: CNames, *, hidden: bool) -> None:
+        self.c_names, self.hidden = c_names, hidden
+        super().__init__(procedure, c_names.needed, (*RESERVED, *FUNCTIONS.values()))
 
     def function_name(self, procedure: Procedure) -> str:
-        return self.dialect.function(procedure.name)
+        return self.c_names.function(procedure.name)
 
     def head(self) -> list[str]:
         names = [self.text(one.ref) for one in self.procedure.parameters]
-        *lines, last = self.dialect.signature(self.procedure, names, before="static " if self.hidden else "")
+        *lines, last = self.c_names.signature(self.procedure, names, before="static " if self.hidden else "")
         ignored = [f"{self.indent}(void){self.text(one.ref)};" for one in self.unused]
         return [*comment(self.procedure.about), *lines, f"{last} {{", *ignored]
 
@@ -173,21 +141,21 @@ class _CPrinter(BracedPrinter):
         return super().operation(let)
 
     def define(self, name: str, kind: Kind, text: str) -> str:
-        return f"const {self.dialect.kinds[kind]} {name} = {text};"
+        return f"const {KINDS[kind]} {name} = {text};"
 
     def declare(self, name: str, kind: Kind, text: str) -> str:
-        return f"{self.dialect.kinds[kind]} {name} = {text};"
+        return f"{KINDS[kind]} {name} = {text};"
 
     def element(self, array: int, place: int) -> str:
         return f"{self.text(array)}[{self.text(place)}]"
 
     def reserve(self, ref: int, array: Array) -> None:
-        self.put(f"{self.dialect.kinds[array.kind]} {self.name(ref)}[{array.length}];")
+        self.put(f"{KINDS[array.kind]} {self.name(ref)}[{array.length}];")
 
     def reserve_record(self, ref: int, record: Record) -> None:
         name = self.name(ref)
-        self.put(f"{self.dialect.record(record)} {name}_record = {self.dialect.zeros};")
-        self.put(f"{self.dialect.record(record)} *const {name} = &{name}_record;")
+        self.put(f"{self.c_names.record(record)} {name}_record = {{0}};")
+        self.put(f"{self.c_names.record(record)} *const {name} = &{name}_record;")
 
     def member(self, record: int, field: str) -> str:
         return f"{self.text(record)}->{field}"
@@ -195,7 +163,7 @@ class _CPrinter(BracedPrinter):
     def part(self, part: Part) -> None:
         held = self.array(part.array)
         const = "const " if held.read else ""
-        kind = self.dialect.kinds[held.kind]
+        kind = KINDS[held.kind]
         self.write(
             f"{const}{kind} *const {self.name(part.ref)} = {self.text(part.array)} + {self.text(part.start, 7)};"
         )
@@ -222,7 +190,7 @@ class _CPrinter(BracedPrinter):
         if len(values) < 2:
             self.write(f"return {self.text(values[0])};" if values else "return;")
             return
-        self.write(f"{self.dialect.result(self.procedure)} results;")
+        self.write(f"{self.c_names.result(self.procedure)} results;")
         for k, value in enumerate(values):
             self.put(f"results.r{k} = {self.text(value)};")
         self.put("return results;")

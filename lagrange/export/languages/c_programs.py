@@ -1,11 +1,11 @@
-"""What is behind the functions of C and C++: a program that tests them, and one that runs the initial state."""
+"""The programs of a C file, each under a macro: one tests its functions, one runs the initial state."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
 from lagrange.export.descriptions import TEST, columns, integrator_of
-from lagrange.export.languages.c_printer import WIDTH, Dialect, broken, comment
+from lagrange.export.languages.c_printer import WIDTH, CNames, broken, comment
 from lagrange.export.languages.c_spelling import LITERALS
 from lagrange.export.lines import continued
 from lagrange.export.module import Check, SourceModule, StepCheck
@@ -41,14 +41,14 @@ static int compare(const char *name, int state, int count, const double *found, 
 """
 
 
-def programs(module: SourceModule, dialect: Dialect) -> str:
+def programs(module: SourceModule, c_names: CNames) -> str:
     """Return both programs, each under a macro."""
-    return dialect.translated("\n".join([*_test(module, dialect), *_run(module, dialect)]))
+    return "\n".join([*_test(module, c_names), *_run(module, c_names)])
 
 
-def _test(module: SourceModule, dialect: Dialect) -> Iterator[str]:
+def _test(module: SourceModule, c_names: CNames) -> Iterator[str]:
     """Yield the test: a program that compares results with those of multiple precision."""
-    prepare = f"{dialect.called('prepare')}({dialect.defaults}, p)"
+    prepare = f"{c_names.function('prepare')}({c_names.defaults}, p)"
     yield f"#ifdef {macro(module, 'test')}"
     yield from comment(f"{TEST} Exit status 0 if all are right.")
     yield "#include <stdio.h>"
@@ -59,9 +59,9 @@ def _test(module: SourceModule, dialect: Dialect) -> Iterator[str]:
     body += [f"if ({prepare}) {{"]
     body += ['    printf("prepare: a matrix is singular\\n");', "    failures++;", "}"]
     for check in module.checks:
-        body += _quantity_test(module, check, dialect)
+        body += _quantity_test(module, check, c_names)
     for step in module.step_checks:
-        body += _integrator_test(module, step, dialect)
+        body += _integrator_test(module, step, c_names)
     body.append(f'printf("{module.name}: %d of %d results are right\\n", checked - failures, checked);')
     yield from (f"    {line}" if line else "" for line in body)
     yield "    return failures == 0 ? 0 : 1;"
@@ -69,7 +69,7 @@ def _test(module: SourceModule, dialect: Dialect) -> Iterator[str]:
     yield "#endif"
 
 
-def _quantity_test(module: SourceModule, check: Check, dialect: Dialect) -> Iterator[str]:
+def _quantity_test(module: SourceModule, check: Check, c_names: CNames) -> Iterator[str]:
     """Yield the test of one function."""
     count, states = len(check.results[0]), len(check.times)
     size = len(module.state)
@@ -79,7 +79,7 @@ def _quantity_test(module: SourceModule, check: Check, dialect: Dialect) -> Iter
         yield from (f"    {line}" for line in _table(name, rows))
     yield f"    for (int k = 0; k < {states}; k++) {{"
     yield f"        double out[{count}];"
-    yield f"        const int singular = {dialect.called(check.name)}(times[k], states + {size} * k, p, out);"
+    yield f"        const int singular = {c_names.function(check.name)}(times[k], states + {size} * k, p, out);"
     yield "        if (singular) {"
     yield f'            printf("{check.name}, state %d: a matrix is singular\\n", k);'
     yield f"            failures += {count};"
@@ -92,7 +92,7 @@ def _quantity_test(module: SourceModule, check: Check, dialect: Dialect) -> Iter
     yield "}"
 
 
-def _integrator_test(module: SourceModule, check: StepCheck, dialect: Dialect) -> Iterator[str]:
+def _integrator_test(module: SourceModule, check: StepCheck, c_names: CNames) -> Iterator[str]:
     """Yield the test of an integrator."""
     count = len(check.state)
     yield "{"
@@ -102,7 +102,7 @@ def _integrator_test(module: SourceModule, check: StepCheck, dialect: Dialect) -
     if integrator_of(module, check.name).adaptive:
         yield f"    double t[] = {{{LITERALS.real(check.time)}}};"
     given = arguments_in_test(module, check, LITERALS, "t")
-    yield f"    const int64_t outcome = {dialect.called(check.name)}({given});"
+    yield f"    const int64_t outcome = {c_names.function(check.name)}({given});"
     yield "    if (outcome != 0) {"
     yield f'        printf("{check.name}: outcome %d\\n", (int)outcome);'
     yield f"        failures += {count};"
@@ -157,7 +157,7 @@ int main(int count, char **words) {{
 #endif"""
 
 
-def _run(module: SourceModule, dialect: Dialect) -> Iterator[str]:
+def _run(module: SourceModule, c_names: CNames) -> Iterator[str]:
     """Yield a program that integrates the initial state and writes a table."""
     fields = main_fields(module, LITERALS)
     if fields is None:
@@ -171,9 +171,9 @@ def _run(module: SourceModule, dialect: Dialect) -> Iterator[str]:
     yield "#include <stdlib.h>"
     yield ""
     text = MAIN.format(
-        **{**fields, "method": dialect.called(fields["method"])},
-        prepare=dialect.called("prepare"),
-        defaults=dialect.defaults,
+        **{**fields, "method": c_names.function(fields["method"])},
+        prepare=c_names.function("prepare"),
+        defaults=c_names.defaults,
         prepared=max(module.prepared, 1),
         columns=columns(module),
         count=len(module.state),

@@ -16,13 +16,10 @@ OPERATORS: Mapping[str, Operator] = {
     "or": COMMON["or"]._replace(operands=(4, 4)),
     "and": COMMON["and"]._replace(operands=(4, 4)),
     "quotient": COMMON["div"],
-}
-"""A compiler warns of || and && without parentheses, so these ask for more than they need."""
-
-CASTS: Mapping[str, Operator] = {
     "real": Operator(8, "(double){0}", (9,)),
     "whole": Operator(8, "(int64_t){0}", (9,)),
 }
+"""A compiler warns of || and && without parentheses, so these ask for more than they need."""
 
 LITERALS = Literals("HUGE_VAL", 'nan("")', ("0", "1"))
 

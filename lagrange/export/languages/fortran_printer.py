@@ -18,7 +18,7 @@ from lagrange.export.languages.fortran_spelling import (
 )
 from lagrange.export.lines import continued
 from lagrange.export.offset_printer import OffsetPrinter
-from lagrange.procedure.form import CONSTANT, PARTIAL, REAL, Array, Call, Kind, Let, Procedure, Record
+from lagrange.procedure.form import CONSTANT, PARTIAL, REAL, Array, Call, Kind, Let, Procedure
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM
@@ -34,12 +34,10 @@ LARGE = 4096
 class Names:
     """What the procedures of a module share.
 
-    `results` says what the results of those are called that users call, `abouts` what they do. `needed` collects the
-    operations whose definitions the module needs.
+    `abouts` says what those do that users call. `needed` collects the operations whose definitions the module needs.
     """
 
     module: str
-    results: Mapping[Procedure, str]
     abouts: Mapping[Procedure, str]
     needed: dict[str, None] = field(default_factory=dict)
 
@@ -47,11 +45,6 @@ class Names:
 def comment(text: str, indent: str = "  ") -> list[str]:
     """Return a comment, broken where it is long."""
     return [f"{indent}! {line}".rstrip() for line in wrapped(text, WIDTH)]
-
-
-def record_type(record: Record) -> str:
-    """Return the name of the type of a record."""
-    return f"{record.name.lower()}_record"
 
 
 def subroutine(procedure: Procedure, names: Names) -> str:
@@ -95,7 +88,7 @@ class _FortranPrinter(OffsetPrinter):
         self.local: dict[str, list[str]] = {}
         """The local names of each type."""
         self.reserved = 0
-        stem = names.results.get(procedure, "found")
+        stem = "singular" if procedure in names.abouts else "found"
         self.found = [self.name(-1 - k, f"{stem}{k or ''}") for k in range(len(procedure.results))]
 
     def broken(self, line: str) -> list[str]:
@@ -110,7 +103,7 @@ class _FortranPrinter(OffsetPrinter):
         given = [*(self.text(one.ref) for one in self.procedure.parameters), *self.found]
         recursive = " recursive" if self.reserved > LARGE else ""
         lines = [f"  pure{recursive} subroutine {self.procedure.name}({', '.join(given)})"]
-        lines += comment(self.names.abouts.get(self.procedure, self.procedure.about).replace("t[0]", "t(1)"), "    ")
+        lines += comment(self.names.abouts.get(self.procedure, self.procedure.about), "    ")
         for one in self.procedure.parameters:
             lines.append(f"    {self._given(one.type, self.text(one.ref))}")
         for kind, name in zip(self.procedure.results, self.found, strict=True):
@@ -122,9 +115,7 @@ class _FortranPrinter(OffsetPrinter):
     def _given(self, kind: Any, name: str) -> str:
         if isinstance(kind, Kind):
             return f"{KINDS[kind]}, intent(in) :: {name}"
-        if isinstance(kind, Array):
-            return f"{KINDS[kind.kind]}, intent({'in' if kind.read else 'inout'}) :: {name}(0:*)"
-        return f"type({record_type(kind)}), intent(inout) :: {name}"
+        return f"{KINDS[kind.kind]}, intent({'in' if kind.read else 'inout'}) :: {name}(0:*)"
 
     def _ignored(self) -> list[str]:
         """Return what keeps compilers from warning of parameters that are not used."""
@@ -175,14 +166,6 @@ class _FortranPrinter(OffsetPrinter):
         count = array.length
         self.reserved += count
         self._local(KINDS[array.kind], f"{self.name(ref)}(0:{count - 1})")
-
-    def reserve_record(self, ref: int, record: Record) -> None:
-        kind = record_type(record)
-        self._local(f"type({kind})", self.name(ref))
-        self.put(f"{self.text(ref)} = {kind}()")
-
-    def member(self, record: int, field: str) -> str:
-        return f"{self.text(record)}%{field}"
 
     def passed(self, ref: int) -> str:
         """Return an argument of a call: an array by its first element."""

@@ -11,14 +11,13 @@ from lagrange.export.languages.julia_spelling import (
     CONVERSIONS,
     FUNCTIONS,
     HELPERS,
-    KEYWORDS,
     KINDS,
     LITERALS,
     OPERATORS,
     RESERVED,
 )
 from lagrange.export.offset_printer import written
-from lagrange.procedure.form import PARTIAL, Array, Call, Kind, Let, Parameter, Procedure, Record
+from lagrange.procedure.form import PARTIAL, Array, Call, Kind, Let, Parameter, Procedure
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM
 
@@ -37,11 +36,6 @@ class Names:
 def comment(text: str, indent: str = "") -> list[str]:
     """Return a comment, broken where it is long."""
     return [f"{indent}# {line}".rstrip() for line in wrapped(text, WIDTH)]
-
-
-def record_type(record: Record) -> str:
-    """Return the name of the type of a record."""
-    return f"{record.name.capitalize()}Record"
 
 
 def in_order(procedure: Procedure) -> list[Parameter]:
@@ -68,7 +62,6 @@ class _JuliaPrinter(EndedPrinter):
     literals = LITERALS
     functions = FUNCTIONS
     helpers = HELPERS
-    keywords = KEYWORDS
     among = "in"
 
     def __init__(self, procedure: Procedure, names: Names) -> None:
@@ -115,9 +108,6 @@ class _JuliaPrinter(EndedPrinter):
 
     def reserve(self, ref: int, array: Array) -> None:
         self.put(f"{self.name(ref)} = zeros({KINDS[array.kind]}, {array.length})")
-
-    def reserve_record(self, ref: int, record: Record) -> None:
-        self.put(f"{self.name(ref)} = {record_type(record)}()")
 
     def passed(self, ref: int) -> str:
         """Return an argument of a call: the part of an array that begins at a place as a view."""

@@ -1,14 +1,14 @@
-"""The files of a model in Julia that test it, and that run its initial state."""
+"""The file of a model in Julia that tests it."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from lagrange.export.descriptions import TEST, columns, integrator_of
-from lagrange.export.languages.julia_printer import WIDTH, comment, in_order
+from lagrange.export.descriptions import TEST
+from lagrange.export.languages.julia_printer import WIDTH, comment
 from lagrange.export.languages.julia_spelling import LITERALS
-from lagrange.export.module import Check, SourceModule, StepCheck
-from lagrange.export.programs import arguments_in_test, main_fields, results_tested, tested
+from lagrange.export.module import Check, SourceModule
+from lagrange.export.programs import results_tested, tested
 
 COMPARE = """\
 function compare(name, state, found, wanted, allowed)
@@ -61,8 +61,6 @@ def test_file(module: SourceModule, name: str) -> str:
     ]
     for check in module.checks:
         lines += _quantity_test(check, name)
-    for step in module.step_checks:
-        lines += _integrator_test(module, step, name)
     lines += [
         "function test_all()",
         f"    p = zeros({name}.PREPARED_SIZE)",
@@ -100,73 +98,3 @@ def _quantity_test(check: Check, name: str) -> Iterator[str]:
     yield "    return failures"
     yield "end"
     yield ""
-
-
-def _integrator_test(module: SourceModule, check: StepCheck, name: str) -> Iterator[str]:
-    """Yield the test of an integrator."""
-    yield f"function test_{check.name}(p)"
-    for table, row in (("y", check.state), ("wanted", check.result), ("allowed", check.allowed)):
-        yield from _table(table, row)
-    if integrator_of(module, check.name).adaptive:
-        yield f"    t = [{LITERALS.real(check.time)}]"
-    given = arguments_in_test(module, check, LITERALS, "t", order=in_order)
-    yield f"    outcome = {name}.{check.name}!({given})"
-    yield "    if outcome != 0"
-    yield f'        println("{check.name}: outcome $outcome")'
-    yield "        y .= NaN"
-    yield "    end"
-    yield f'    return compare("{check.name}", 1, y, wanted, allowed)'
-    yield "end"
-    yield ""
-
-
-MAIN = """\
-# Integrate the initial state and write a table with commas: julia {file}_main.jl [t_end [intervals]].
-
-include(joinpath(@__DIR__, "{file}.jl"))
-
-const OUTCOMES = [
-{outcomes}
-]
-
-function run_all(words)
-    t_end = length(words) > 0 ? parse(Float64, words[1]) : {t_end}
-    intervals = length(words) > 1 ? parse(Int64, words[2]) : {intervals}
-    if intervals < 1
-        println(stderr, "intervals: a whole number from 1")
-        return 2
-    end
-    p = zeros({name}.PREPARED_SIZE)
-    if {name}.prepare!(p, {name}.DEFAULT_PARAMETERS)
-        println(stderr, "prepare: a matrix is singular")
-        return 1
-    end
-{initial}
-    t = [0.0]
-    println("{columns}")
-    for k in 0:intervals
-        next = k == intervals ? t_end : t_end * k / intervals
-        outcome = {name}.{method}!(t, y, next, p, {rtol}, {rtol}, {steps})
-        if outcome != 0
-            println(stderr, "the run stopped at t = $(t[1]): $(OUTCOMES[outcome + 1])")
-            return 1
-        end
-        println(join([t[1]; y], ","))
-    end
-    return 0
-end
-
-exit(run_all(ARGS))
-"""
-
-
-def main_file(module: SourceModule, name: str) -> str:
-    """Return the program that integrates the initial state and writes a table."""
-    fields = main_fields(module, LITERALS)
-    assert fields is not None and module.run is not None
-    return MAIN.format(
-        **{**fields, "initial": "\n".join(_table("y", module.run.initial))},
-        file=module.name,
-        name=name,
-        columns=columns(module),
-    )

@@ -1,13 +1,13 @@
-"""MATLAB and Octave: a file for each function that users call, one for the test and one for a run."""
+"""MATLAB and Octave: a file for each function that users call, and one for the test."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from lagrange.export.descriptions import about_of, outcomes, places, run_of, statement_comment
+from lagrange.export.descriptions import about_of, places, statement_comment
 from lagrange.export.identifiers import LONGEST
 from lagrange.export.languages.octave_printer import Names, Public, comment, function, signature, table
-from lagrange.export.languages.octave_programs import main_file, test_file
+from lagrange.export.languages.octave_programs import test_file
 from lagrange.export.languages.octave_spelling import HELPERS
 from lagrange.export.module import SourceModule
 from lagrange.export.target import Target
@@ -18,7 +18,8 @@ class Octave(Target):
     """MATLAB and Octave; see `Target`."""
 
     name = "octave"
-    about = "MATLAB and Octave: one file for each function, no toolboxes"
+    about = "MATLAB and Octave: one file for each function, no toolboxes, quantities only"
+    contents = frozenset()
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
         """Return a file for each function that users call."""
@@ -28,17 +29,11 @@ class Octave(Target):
         for procedure in module.public:
             texts[names.public[procedure].name] = _file(module, procedure, names)
         texts[f"{prefix}test"] = test_file(module, prefix)
-        if run_of(module) is not None:
-            texts[f"{prefix}main"] = main_file(module, prefix)
         return {f"{name}.m": text for name, text in texts.items()}
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return what runs the test in Octave."""
         return [f'octave-cli --quiet --no-history --eval "exit({prefix_of(module)}test() > 0)"']
-
-    def run_commands(self, module: SourceModule) -> list[str]:
-        """Return what runs the integration of the initial state in Octave."""
-        return [f'octave-cli --quiet --no-history --eval "{prefix_of(module)}main()"']
 
 
 def prefix_of(module: SourceModule) -> str:
@@ -50,9 +45,8 @@ def prefix_of(module: SourceModule) -> str:
 def names_of(module: SourceModule) -> Names:
     """Return what the functions of a module share."""
     prefix = prefix_of(module)
-    public = {one.procedure: Public(prefix + one.name, "singular", len(one.results)) for one in module.quantities}
-    public[module.prepare] = Public(f"{prefix}prepare", "singular", max(module.prepared, 1))
-    public |= {one.procedure: Public(prefix + one.name, "outcome", None) for one in module.integrators}
+    public = {one.procedure: Public(prefix + one.name, len(one.results)) for one in module.quantities}
+    public[module.prepare] = Public(f"{prefix}prepare", max(module.prepared, 1))
     return Names(public)
 
 
@@ -97,13 +91,10 @@ def _about(module: SourceModule, procedure: Procedure, names: Names) -> Iterator
     """Yield what a function does and takes."""
     given = dict.fromkeys(one.name for one in procedure.parameters)
     yield f"% {signature(procedure, names)}"
-    yield from comment(about_of(module, procedure).replace("t[0]", "t"))
+    yield from comment(about_of(module, procedure))
     if procedure is module.prepare:
         yield from comment(places("parameters", module.parameters, "{0}({1})", 1))
     if "y" in given:
         yield from comment(places("y", module.state, "{0}({1})", 1))
-    if names.public[procedure].made is None:
-        yield from comment(outcomes())
-    else:
-        array = "p" if procedure is module.prepare else "out"
-        yield from comment(f"singular is true where a matrix is singular to round-off: {array} is NaN then.")
+    array = "p" if procedure is module.prepare else "out"
+    yield from comment(f"singular is true where a matrix is singular to round-off: {array} is NaN then.")

@@ -9,36 +9,33 @@ from typing import Any
 from lagrange.errors import LagrangeError
 from lagrange.export.comments import plain, wrapped
 from lagrange.export.ended import EndedPrinter
-from lagrange.export.identifiers import unreserved
 from lagrange.export.languages.octave_spelling import (
     CONVERSIONS,
     FUNCTIONS,
     HELPERS,
-    KEYWORDS,
     LITERALS,
     OPERATORS,
     RESERVED,
 )
 from lagrange.export.lines import continued
 from lagrange.export.offset_printer import written
-from lagrange.procedure.form import PARTIAL, Array, Call, Kind, Let, Parameter, Procedure, Record
+from lagrange.procedure.form import PARTIAL, Array, Call, Kind, Let, Parameter, Procedure
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM
 
 WIDTH, LONGEST_LINE = 110, 120
 """Characters of a line of comment or of a table, and those of a statement."""
 
+SINGULAR = "singular"
+"""The result of every public function: whether a matrix is singular."""
+
 
 @dataclass(frozen=True)
 class Public:
-    """A function that users call: its name, what its result is called, and of how many numbers it makes an array.
-
-    `made` is None for an integrator, which is given the array that it returns.
-    """
+    """A function that users call: its name, and the length of the array that it makes."""
 
     name: str
-    result: str
-    made: int | None
+    made: int
 
 
 @dataclass(frozen=True)
@@ -79,14 +76,14 @@ def table(name: str, rows: Sequence[Sequence[float]], indent: str = "    ") -> l
 def given_to(procedure: Procedure, names: Names) -> list[Parameter]:
     """Return the parameters of a function: all but the array that it makes."""
     public = names.public.get(procedure)
-    if public is None or public.made is None:
+    if public is None:
         return list(procedure.parameters)
     return [one for one in procedure.parameters if one not in written(procedure)]
 
 
 def signature(procedure: Procedure, names: Names) -> str:
     """Return how a public function is called."""
-    results = [*(one.name for one in written(procedure)), names.public[procedure].result]
+    results = [*(one.name for one in written(procedure)), SINGULAR]
     given = ", ".join(one.name for one in given_to(procedure, names))
     return f"[{', '.join(results)}] = {names.public[procedure].name}({given})"
 
@@ -104,7 +101,6 @@ class _OctavePrinter(EndedPrinter):
     literals = LITERALS
     functions = FUNCTIONS
     helpers = HELPERS
-    keywords = KEYWORDS
     among = "="
 
     def __init__(self, procedure: Procedure, names: Names) -> None:
@@ -118,7 +114,7 @@ class _OctavePrinter(EndedPrinter):
 
     def _result_names(self) -> list[str]:
         if self.public is not None:
-            return [self.public.result]
+            return [SINGULAR]
         return [self.name(-1 - k, f"found{k or ''}") for k in range(len(self.procedure.results))]
 
     def function_name(self, procedure: Procedure) -> str:
@@ -136,8 +132,7 @@ class _OctavePrinter(EndedPrinter):
         lines = [f"function [{', '.join(results)}] = {self.function_name(self.procedure)}({given})"]
         if self.public is None:
             return [*lines, *comment(self.procedure.about, self.indent)]
-        made = self.public.made
-        return [*lines, *([] if made is None else [f"{self.indent}{results[0]} = zeros({made}, 1);"])]
+        return [*lines, f"{self.indent}{results[0]} = zeros({self.public.made}, 1);"]
 
     def operation(self, let: Let) -> tuple[int, str]:
         special = CONVERSIONS.get((let.op, self.kind(let.args[0])))
@@ -168,10 +163,6 @@ class _OctavePrinter(EndedPrinter):
     def reserve(self, ref: int, array: Array) -> None:
         self.put(f"{self.name(ref)} = zeros({array.length}, 1);")
 
-    def reserve_record(self, ref: int, record: Record) -> None:
-        fields = ", ".join(f"'{unreserved(name, KEYWORDS)}', 0" for name, _ in record.fields)
-        self.put(f"{self.name(ref)} = struct({fields});")
-
     def passed(self, ref: int) -> str:
         """Return an argument of a call: the part of an array that begins at a place by its numbers."""
         if not isinstance(self.types.get(ref), Array):
@@ -199,11 +190,10 @@ class _OctavePrinter(EndedPrinter):
 
     def _target(self, ref: int, public: Public | None) -> str:
         """Return where an array goes that a call returns."""
-        count = None if public is None else public.made
-        whole, begin = self.beginning(ref)
-        if count is None:
+        if public is None:
             return self.passed(ref)
-        return f"{self.text(whole)}({begin or 1}:{_last(begin or '1', count)})"
+        whole, begin = self.beginning(ref)
+        return f"{self.text(whole)}({begin or 1}:{_last(begin or '1', public.made)})"
 
     def _check_apart(self, arrays: Sequence[int]) -> None:
         if len(dict.fromkeys(arrays)) < len(arrays):
@@ -214,10 +204,10 @@ class _OctavePrinter(EndedPrinter):
         self.settle()
         for name, text in zip(self.found, texts, strict=True):
             self.put(self.assign(name, text))
-        if self.public is not None and self.public.made is not None and texts != ["false"]:
+        if self.public is not None and texts != ["false"]:
             array = self.text(written(self.procedure)[0].ref)
             if texts != ["true"]:
-                self.put(f"if {self.public.result}")
+                self.put(f"if {SINGULAR}")
             self.put(f"{self.indent * (texts != ['true'])}{array}(:) = NaN;")
             if texts != ["true"]:
                 self.put("end")

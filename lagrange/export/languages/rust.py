@@ -5,19 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from lagrange.export.comments import commented
-from lagrange.export.descriptions import (
-    TEST,
-    about_of,
-    columns,
-    outcomes,
-    places,
-    records_of,
-    sizes,
-    statement_comment,
-    statuses,
-)
+from lagrange.export.descriptions import TEST, about_of, places, sizes, statement_comment, statuses
 from lagrange.export.identifiers import distinct
-from lagrange.export.languages.rust_printer import File, function, record_name, result_type
+from lagrange.export.languages.rust_printer import File, function, result_type
 from lagrange.export.languages.rust_spelling import (
     KINDS,
     LITERALS,
@@ -27,35 +17,28 @@ from lagrange.export.languages.rust_spelling import (
     needed,
 )
 from lagrange.export.lines import continued
-from lagrange.export.module import Check, SourceModule, StepCheck
-from lagrange.export.programs import arguments_in_test, main_fields, tables
+from lagrange.export.module import Check, SourceModule
+from lagrange.export.programs import tables
 from lagrange.export.target import Target
-from lagrange.procedure.form import Array, Kind, Procedure, Record
+from lagrange.procedure.form import Array, Kind, Procedure
 
 
 class Rust(Target):
     """Rust; see `Target`."""
 
     name = "rust"
-    about = "Rust (edition 2021): one file, no crates, no unsafe code, no_std by a cfg, no allocation"
+    about = "Rust (edition 2021): one file, no crates, no unsafe code, no_std by a cfg, quantities only"
+    contents = frozenset()
     inexpressible = frozenset(("erf",))
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the file; the test and the run are switched on by cfgs."""
+        """Return the file; the test is switched on by a cfg."""
         return {f"{file_name(module)}.rs": source(module)}
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return what compiles and runs the test."""
-        return _built_with(file_name(module), "self_test", "test")
-
-    def run_commands(self, module: SourceModule) -> list[str]:
-        """Return what compiles and runs the initial state."""
-        return _built_with(file_name(module), "run", "main")
-
-
-def _built_with(name: str, cfg: str, program: str) -> list[str]:
-    """Return what compiles a program that a cfg switches on, and runs it."""
-    return [f"rustc --edition 2021 -O --cfg {cfg} -o {name}_{program} {name}.rs", f"./{name}_{program}"]
+        name = file_name(module)
+        return [f"rustc --edition 2021 -O --cfg self_test -o {name}_test {name}.rs", f"./{name}_test"]
 
 
 def file_name(module: SourceModule) -> str:
@@ -83,10 +66,8 @@ def source(module: SourceModule) -> str:
         ACCESS,
         *library_lines(ops),
         *helper_lines(ops),
-        *(line for record in records_of(module.procedures) for line in structure(record)),
         *functions,
         *test(module),
-        *run(module),
     ]
     return "\n".join(lines).rstrip("\n") + "\n"
 
@@ -145,8 +126,6 @@ def constants(module: SourceModule) -> Iterator[str]:
     yield from continued(f"pub const DEFAULT_PARAMETERS: [f64; {len(module.values)}] = [{values}];")
     yield ""
     yield from commented(statuses("false", "true"), "//")
-    if module.integrators:
-        yield from commented(outcomes(), "//")
 
 
 def quoted(text: str) -> str:
@@ -176,15 +155,6 @@ def wrapper(module: SourceModule, procedure: Procedure) -> Iterator[str]:
     yield from commented(about_of(module, procedure), "///")
     yield from continued(f"pub fn {procedure.name}({', '.join(given)}){result_type(procedure)} {{")
     yield from continued(f"    {File(module.public).name(procedure)}({', '.join(passed)})")
-    yield "}"
-    yield ""
-
-
-def structure(record: Record) -> Iterator[str]:
-    """Yield the type of a record."""
-    yield "#[derive(Default)]"
-    yield f"struct {record_name(record)} {{"
-    yield from (f"    {name}: {KINDS[kind]}," for name, kind in record.fields)
     yield "}"
     yield ""
 
@@ -234,7 +204,6 @@ impl Tests {
             }
         }
     }
-INTEGRATOR
 }
 
 #[cfg(self_test)]
@@ -246,35 +215,13 @@ fn main() {
     }
 """
 
-INTEGRATOR = """
-    fn integrator(
-        &mut self,
-        name: &str,
-        run: fn(&mut [f64], &[f64]) -> i64,
-        state: &[f64],
-        wanted: &[f64],
-        allowed: &[f64],
-    ) {
-        let mut y = state.to_vec();
-        let outcome = run(&mut y, &self.p);
-        self.checked += STATE;
-        if outcome != 0 {
-            println!("{name}: outcome {outcome}");
-            self.failures += STATE;
-        } else {
-            self.compare(name, 0, &y, wanted, allowed);
-        }
-    }"""
-
 
 def test(module: SourceModule) -> Iterator[str]:
     """Yield the test: a program that compares results with those of multiple precision."""
     yield from commented(f"{TEST} Failures are printed. Exit status 0 if all are right, else 1.", "//")
-    yield COMPARE.replace("INTEGRATOR\n", INTEGRATOR[1:] + "\n" if module.integrators else "").rstrip("\n")
+    yield COMPARE.rstrip("\n")
     for check in module.checks:
         yield from _quantity_test(check)
-    for step in module.step_checks:
-        yield from _integrator_test(module, step)
     yield "    let right = tests.checked - tests.failures.min(tests.checked);"
     yield f'    println!("{module.name}: {{right}} of {{}} results are right", tests.checked);'
     yield "    std::process::exit(if tests.failures == 0 { 0 } else { 1 });"
@@ -285,62 +232,3 @@ def _quantity_test(check: Check) -> Iterator[str]:
     yield f'    tests.quantity("{check.name}", {check.name},'
     yield from tables(check.flat, LITERALS, "&[")
     yield "    );"
-
-
-def _integrator_test(module: SourceModule, check: StepCheck) -> Iterator[str]:
-    given = arguments_in_test(module, check, LITERALS, "&mut [{0}]")
-    yield f'    tests.integrator("{check.name}", |y, p| {check.name}({given}),'
-    yield from tables((check.state, check.result, check.allowed), LITERALS, "&[")
-    yield "    );"
-
-
-# --- the run of the initial state
-
-MAIN = """\
-#[cfg(run)]
-fn main() {{
-    let outcomes = [
-{outcomes}
-    ];
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let t_end = words.first().map_or(Ok({t_end}), |word| word.parse::<f64>());
-    let intervals = words.get(1).map_or(Ok({intervals}), |word| word.parse::<u32>());
-    let (t_end, intervals) = match (t_end, intervals) {{
-        (Ok(t_end), Ok(intervals)) if intervals > 0 => (t_end, intervals),
-        _ => {{
-            eprintln!("give t_end, a number, and intervals, a whole number from 1");
-            std::process::exit(2);
-        }}
-    }};
-    let (mut p, mut t, mut y) = ([0.0; PREPARED], [0.0], [{initial}]);
-    if prepare(&DEFAULT_PARAMETERS, &mut p) {{
-        eprintln!("prepare: a matrix is singular");
-        std::process::exit(1);
-    }}
-    println!("{{}}", {columns});
-    for k in 0..=intervals {{
-        let end = if k == intervals {{ t_end }} else {{ t_end * f64::from(k) / f64::from(intervals) }};
-        let outcome = {method}(&mut t, end, &mut y, &p, {rtol}, {rtol}, {steps});
-        if outcome != 0 {{
-            eprintln!("the run stopped at t = {{:?}}: {{}}", t[0], outcomes[outcome as usize]);
-            std::process::exit(1);
-        }}
-        let row: Vec<String> = t.iter().chain(&y).map(|value| format!("{{value:?}}")).collect();
-        println!("{{}}", row.join(","));
-    }}
-}}"""
-
-
-def run(module: SourceModule) -> Iterator[str]:
-    """Yield a program that integrates the initial state and writes a table."""
-    fields = main_fields(module, LITERALS)
-    if fields is None:
-        return
-    yield ""
-    yield from commented(
-        f"Integrate the initial state and write a table with commas, with --cfg run: {file_name(module)} "
-        "[t_end [intervals]].",
-        "//",
-    )
-    for line in MAIN.format(**fields, columns=quoted(columns(module))).splitlines():
-        yield from continued(line)

@@ -13,12 +13,12 @@ from lagrange.errors import LagrangeError
 from lagrange.export.braced import BracedPrinter
 from lagrange.export.comments import commented
 from lagrange.export.languages.rust_spelling import HELPERS, KINDS, LIBRARY, LITERALS, OPERATORS, RESERVED
-from lagrange.procedure.form import FLAG, REAL, SUMS, Array, Block, Call, Fold, Kind, Let, Part, Procedure, Record
+from lagrange.procedure.form import FLAG, REAL, SUMS, Array, Block, Call, Fold, Kind, Let, Part, Procedure
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM
 
 SUFFIX = "_cells"
-"""What ends the name of the function behind a public one, which works on cells."""
+"""Suffix of the private function of a public one, which takes slices of cells."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +31,6 @@ class File:
     def name(self, procedure: Procedure) -> str:
         """Return the name of the function that works on cells."""
         return f"{procedure.name}{SUFFIX}" if procedure in self.public else procedure.name
-
-
-def record_name(record: Record) -> str:
-    """Return the type of a record."""
-    return "".join(part.capitalize() for part in record.name.lower().split("_"))
 
 
 def result_type(procedure: Procedure) -> str:
@@ -76,8 +71,6 @@ class _RustPrinter(BracedPrinter):
                 given.append(f"{name}: &{types[-1].partition(':')[0]}")
             elif isinstance(kind, Array):
                 given.append(f"{name}: &[Cell<f64>]")
-            elif isinstance(kind, Record):
-                given.append(f"{name}: &mut {record_name(kind)}")
             else:
                 assert isinstance(kind, Kind)
                 given.append(f"{name}: {KINDS[kind]}")
@@ -134,10 +127,6 @@ class _RustPrinter(BracedPrinter):
         size, name = array.length, self.name(ref)
         self.put(f"let mut {name} = [0.0; {size}];")
         self.put(f"let {name} = Cell::from_mut(&mut {name}[..]).as_slice_of_cells();")
-
-    def reserve_record(self, ref: int, record: Record) -> None:
-        name = self.name(ref)
-        self.put(f"let {name} = &mut {record_name(record)}::default();")
 
     def call(self, call: Call) -> None:
         callee = call.callee
