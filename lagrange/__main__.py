@@ -6,17 +6,20 @@ Nothing but what handles signals is imported before they are handled.
 from __future__ import annotations
 
 import sys
+from importlib import import_module
+
+PROGRAM = "lagrange.cli.program"
+"""The command line, imported when signals are handled."""
 
 try:
-    import lagrange
-    from lagrange.interruption import SENTENCE, Interruption
-    from lagrange.streams import complain
+    from lagrange.cli.interruption import SENTENCE, Interruption
+    from lagrange.cli.streams import complain
 except KeyboardInterrupt:
     sys.exit(130)  # Ctrl-C in the milliseconds before it is handled
 
 
 def main() -> int:
-    """Do what the arguments ask for and return the exit code; see `lagrange.cli.main`, and 128 + the signal's number.
+    """Run the command line and return its exit code, or 128 + the number of a signal.
 
     Once a signal has asked for the end, whatever ends the command is that interruption: libraries may have made
     another exception of it.
@@ -24,7 +27,7 @@ def main() -> int:
     interruption, code = Interruption(), 0
     try:
         interruption.listen()
-        code = lagrange.cli.main()
+        code = import_module(PROGRAM).main()
         interruption.close()
     except BaseException:
         if interruption.number is None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.cli import main
+from lagrange.cli.program import main
 from lagrange.trajectory.trajectory import Status
 from tests.drop import DROP, written
 

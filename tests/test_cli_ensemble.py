@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 import lagrange as lg
-from lagrange.cli import main
+from lagrange.cli.program import main
 from lagrange.members import store, work
 
 VARY = ["--vary", "theta=0.1:2:3", "--vary", "l=0.5:1:2", "--t-end", "1"]

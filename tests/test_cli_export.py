@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import lagrange as lg
-from lagrange.cli import main
+from lagrange.cli.program import main
 
 Captured = pytest.CaptureFixture[str]
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lagrange.cli import main
+from lagrange.cli.program import main
 
 RIGHT = "l*theta_ddot + g*sin(theta) = 0\n"
 

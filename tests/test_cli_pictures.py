@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from lagrange.cli import main
+from lagrange.cli.program import main
 from lagrange.show.figures.contents import WHAT
 from tests.drop import DROP, written
 
@@ -135,7 +135,7 @@ def test_wrong_requests(
 def test_a_file_that_cannot_be_written_is_refused_before_the_run(
     scene: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("lagrange.picture_command.load_scene", None)
+    monkeypatch.setattr("lagrange.cli.writing.load_scene", None)
     for command, name in (("plot", "nowhere/a.png"), ("animate", "nowhere/a.gif")):
         folder = Path(name).resolve().parent
         assert refused(capsys, command, scene, "--out", name) == (

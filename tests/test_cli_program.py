@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import lagrange as lg
-from lagrange import scenes_command
+from lagrange.cli import scenes
 
 SCENE = """\
 name = "drop"
@@ -40,7 +40,7 @@ def command(*arguments: str, **options: Any) -> subprocess.CompletedProcess[str]
 
 def test_help_imports_nothing_heavy() -> None:
     program = (
-        "import sys\nfrom lagrange.cli import main\nmain(['--help'])\nmain(['scenes'])\n"
+        "import sys\nfrom lagrange.cli.program import main\nmain(['--help'])\nmain(['scenes'])\n"
         "print(sorted({'numpy', 'scipy', 'sympy', 'mpmath', 'matplotlib', 'llvmlite', 'rich'} & set(sys.modules)))"
     )
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -50,7 +50,7 @@ def test_help_imports_nothing_heavy() -> None:
 
 def test_a_run_without_out_imports_neither_plotting_nor_statistics(scene: str) -> None:
     program = (
-        f"import sys\nfrom lagrange.cli import main\nmain(['run', {scene!r}])\n"
+        f"import sys\nfrom lagrange.cli.program import main\nmain(['run', {scene!r}])\n"
         "print(sorted({'matplotlib', 'scipy.stats', 'scipy.interpolate'} & set(sys.modules)))"
     )
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
@@ -157,4 +157,4 @@ def test_a_signal_keeps_the_partial_result(tmp_path: Path, number: signal.Signal
 
 
 def test_the_library_is_where_it_is_read_from() -> None:
-    assert scenes_command.SCENES.is_dir()
+    assert scenes.SCENES.is_dir()

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lagrange.cli import main
+from lagrange.cli.program import main
 from tests.drop import DROP, written
 
 SCENE = DROP.replace('"m*g*y"', '"m*g*y + sin(y)"')

@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 import lagrange as lg
-from lagrange.cli import main
+from lagrange.cli.program import main
 from tests.drop import DROP, written
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 import lagrange as lg
-from lagrange import cli
+from lagrange.cli import program as cli
 from lagrange.trajectory.methods import registry
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -18,7 +18,7 @@ SENTENCE = "lagrange: interrupted; no file was left half written.\n"
 
 START = """\
 import os, runpy, signal, sys
-from lagrange.interruption import Interruption
+from lagrange.cli.interruption import Interruption
 interruption = Interruption()
 interruption.listen()
 runpy.run_path(sys.argv[1], dict(interruption=interruption), "lagrange.trial")
@@ -124,7 +124,7 @@ except KeyboardInterrupt as interrupt:
 
 
 def test_what_the_program_was_told_to_ignore_stays_ignored() -> None:
-    code = "import signal\nfrom lagrange.interruption import Interruption\nInterruption().listen()\n" + (
+    code = "import signal\nfrom lagrange.cli.interruption import Interruption\nInterruption().listen()\n" + (
         "print(*(signal.getsignal(n) is signal.SIG_IGN for n in (signal.SIGHUP, signal.SIGTERM)))"
     )
     program = ["sh", "-c", 'trap "" HUP; exec "$@"', "sh", sys.executable, "-c", code]
@@ -143,14 +143,14 @@ print("done", interruption.number)
 
 PROGRAM = """\
 import os, sys
-import lagrange.cli, lagrange.__main__
+import lagrange.cli.program, lagrange.__main__
 def ends(argv=None):
     try:
         os.kill(os.getpid(), int(sys.argv[1]))
     except KeyboardInterrupt:
         del argv
     raise ImportError("a module is not there")
-lagrange.cli.main = ends
+lagrange.cli.program.main = ends
 sys.exit(lagrange.__main__.main())
 """
 
@@ -170,4 +170,4 @@ def test_the_handler_is_there_before_anything_heavy() -> None:
         "print(*sorted(name for name in sys.modules if name.startswith('lagrange')))"
     )
     found = subprocess.run([sys.executable, "-S", "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
-    assert found.stdout == "\nlagrange lagrange.__main__ lagrange.interruption lagrange.streams\n"
+    assert found.stdout == "\nlagrange lagrange.__main__ lagrange.cli lagrange.cli.interruption lagrange.cli.streams\n"

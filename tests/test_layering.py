@@ -36,8 +36,8 @@ STAGES = (
 )
 TOP = len(STAGES)
 """Where lagrange itself and the modules beside it stand: compiler, system, run, cli and the like."""
-TABLES = ("lagrange", "lagrange.compiler", "lagrange.statement.notebook_page")
-"""The modules that name others and load them on demand: public names, machines by target, pages of results."""
+TABLES = ("lagrange", "lagrange.__main__", "lagrange.compiler", "lagrange.statement.notebook_page")
+"""The modules that load others by name: public names, the command line, machines by target, pages of results."""
 VIEWED = ("lagrange.system", "lagrange.trajectory.solution")
 """Modules of a class whose methods import what shows or analyses it, so that data loads no views of itself.
 
@@ -54,7 +54,9 @@ def parsed(root: Path) -> dict[str, ast.Module]:
     for path in sorted((root / "lagrange").rglob("*.py")):
         parts = path.relative_to(root).with_suffix("").parts
         name = ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
-        modules[name] = tree_of(path.read_text(encoding="utf-8"))
+        stub = path.with_suffix(".pyi")
+        text = path.read_text(encoding="utf-8") + (stub.read_text(encoding="utf-8") if stub.exists() else "")
+        modules[name] = tree_of(text)
     return modules
 
 
@@ -157,7 +159,7 @@ def loaded_by(start: str, modules: Modules) -> set[str]:
     waiting = [start]
     while waiting:
         name = waiting.pop()
-        if name in reached:
+        if name in reached or name == "lagrange":
             continue
         reached.add(name)
         parts = name.split(".")

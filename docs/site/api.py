@@ -55,8 +55,8 @@ DATA = {
     "t": "The time, a SymPy symbol, in statements, events and ``solution.evaluate``.",
     "__version__": "The version of the package, a text.",
 }
-ELSEWHERE = ("cli", "methods")
-"""Modules: the command line and the methods have pages of their own."""
+ELSEWHERE = ("methods",)
+"""Modules that have pages of their own."""
 
 
 def placed() -> list[str]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from stage import write_changed
 
-from lagrange.cli import parser
+from lagrange.cli.program import parser
 
 INTRODUCTION = """\
 # Command line

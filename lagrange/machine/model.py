@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import cached_property, lru_cache, partial
 from itertools import islice
-from typing import Any, Protocol, Self
+from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -398,6 +398,7 @@ def _nodes(given: Iterable[Any]) -> tuple[Node, ...]:
     return nodes
 
 
+@runtime_checkable
 class Stated(Protocol):
     """A system; `lagrange.System` is one."""
 
@@ -412,3 +413,10 @@ class Stated(Protocol):
 
     def derivation(self) -> Derivation:
         """Return the textbook derivation."""
+
+
+def stated(system: Any, example: str) -> Statement:
+    """Return the statement of a system or a model. Raises StatementError, with a scene as example, otherwise."""
+    if not isinstance(system, (Stated, Model)):
+        raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene({example!r}).")
+    return system.statement

@@ -26,8 +26,9 @@ from lagrange.show.figures.map_figure import plot_basins, plot_passage
 from lagrange.show.figures.modes_figure import plot_modes
 from lagrange.show.figures.portrait_figure import plot_portrait
 from lagrange.show.figures.section_figure import plot_branches, plot_section, plot_sweep
+from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
-from lagrange.show.files.picture import FILE_DPI, picture
+from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import image, pairs, sentences
 from lagrange.show.terminal.table import text_table
 from lagrange.statement.statement import Statement

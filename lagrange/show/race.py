@@ -4,24 +4,31 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
+from numpy.typing import ArrayLike
+
 from lagrange.errors import StatementError, counted, listing, shown
-from lagrange.evidence.work_precision import Entry, Result
+from lagrange.evidence import work_precision
+from lagrange.evidence.work_precision import TOLERANCES, Entry, Result
+from lagrange.machine.model import Model, Stated, stated
 from lagrange.show.figures.race_figure import plot
+from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically, write_rows
 from lagrange.show.files.atomic_folder import write_together
-from lagrange.show.files.picture import FILE_DPI, picture
+from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
 from lagrange.show.terminal.table import text_table
+from lagrange.statement.given import require_values
 from lagrange.statement.number import real_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
 
 COLUMNS = (
     "method",
@@ -244,3 +251,54 @@ def _milliseconds(seconds: float) -> str:
 
 def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def race(
+    system: Stated | Model,
+    t_end: float | None = None,
+    initial: Mapping[Any, Any] | None = None,
+    *,
+    methods: Iterable[Any] | None = None,
+    tolerances: Iterable[float] = TOLERANCES,
+    steps: Iterable[float] | None = None,
+    parameters: Mapping[Any, Any] | None = None,
+    reference: ArrayLike | str | Any = None,
+    digits: int | None = None,
+    outputs: int | None = None,
+    relative: bool = False,
+    repeats: int = 5,
+    max_wall: float = 10.0,
+) -> Race:
+    """Measure error against time for integration methods, and return the Race: a table, a plot, a CSV file.
+
+    `methods` are registered names or instances; without them ten of our own
+    and two of SciPy's take part, one or two of a kind; those that the system does not suit are left out with a note.
+    Adaptive ones run at each of `tolerances` (rtol; the absolute one follows the scale), others at each of `steps`,
+    whose default fits the motion.
+    An error is the largest of the final state, in the units of its entries; `relative` divides each entry by its
+    largest magnitude along the run, and `outputs` looks at that many equally spaced times instead of the end, as a
+    run gives them with `t_eval`. Times are the least of `repeats` warm runs, in seconds, as `lg.flow` makes them where
+    only the end counts. A run that takes longer than `max_wall` seconds is ended, and finer ones are left out.
+
+    Errors are against a run of `digits` digits, 22 by default, that is independent of everything compiled. A second
+    such run bounds its own error, and none is reported below that. `reference` puts something else in its place:
+    the final state (2n,), or the states (2n, outputs), or a method. Raises StatementError for a request that cannot
+    be meant, RunError where there is no end to race for, or no reference.
+    """
+    statement = stated(system, "kepler")
+    end = real_number(statement.run.t_end if t_end is None else t_end, "t_end")
+    span = (0.0, end)
+    settings = work_precision.race_settings(
+        span,
+        tolerances=tolerances,
+        steps=steps,
+        repeats=repeats,
+        max_wall=max_wall,
+        outputs=outputs,
+        relative=relative,
+        digits=digits,
+    )
+    require_values(statement)
+    model = system if isinstance(system, Model) else system.compile()
+    result = work_precision.race(model, span, initial, parameters, methods, settings, reference)
+    return Race(result, model.statement.name, span, relative=relative)

@@ -212,7 +212,7 @@ def trials_of(
 def processes(trials: int, seed: int, folder: Path) -> Figures:
     """Kill a worker of a `ProcessPoolExecutor`, which then gives up."""
     context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload(["lagrange.ensembles", "tests.members.kills"])
+    context.set_forkserver_preload(["lagrange.show.ensemble", "tests.members.kills"])
 
     def pools() -> Iterator[Any]:
         while True:

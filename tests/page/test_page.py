@@ -14,7 +14,7 @@ import pytest
 from sympy import cos, erf, sin
 
 import lagrange as lg
-from lagrange.cli import main
+from lagrange.cli.program import main
 from lagrange.page.description import rate
 from lagrange.page.document import SCRIPTS, TEMPLATE, in_script
 from lagrange.page.motion import contents

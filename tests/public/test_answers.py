@@ -13,7 +13,7 @@ import pytest
 import sympy
 
 import lagrange as lg
-from lagrange import cli
+from lagrange.cli import program as cli
 from lagrange.errors import LONGEST_SENTENCE, formula, shown
 
 theta = lg.coordinate("theta")

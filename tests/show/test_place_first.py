@@ -11,7 +11,7 @@ import pytest
 from sympy import cos
 
 import lagrange as lg
-from lagrange.cli import main
+from lagrange.cli.program import main
 from lagrange.export import write as export_write
 from lagrange.page import write as page_write
 from lagrange.show.animation import animation

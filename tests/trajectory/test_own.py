@@ -51,7 +51,7 @@ def test_a_step_function_does_what_the_built_in_method_does(target: str) -> None
 
 
 def test_a_registered_name_works_everywhere(capsys: pytest.CaptureFixture[str]) -> None:
-    from lagrange.cli import main
+    from lagrange.cli.program import main
 
     register("my-heun", heun, order=2)
     system = lg.scene("pendulum")

@@ -6,14 +6,12 @@ from collections.abc import Callable
 from io import BytesIO
 from typing import TYPE_CHECKING
 
+from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import Writer
 from lagrange.statement.number import whole_number
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-FILE_DPI = 150
-"""Dots per inch of a picture file, unless others are asked for."""
 
 LEAST_DPI, MOST_DPI = 10, 1200
 """Dots per inch of a picture: no letter can be drawn with fewer; drawing with more takes over a gigabyte of memory."""

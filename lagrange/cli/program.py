@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from contextlib import redirect_stdout
 
 import lagrange as lg
-from lagrange.arguments import (
+from lagrange.cli.arguments import (
     DONE,
     FAILED,
     INTERRUPTED,
@@ -27,20 +27,16 @@ from lagrange.arguments import (
     folder,
     load_scene,
 )
-from lagrange.ensemble_command import add_ensemble
+from lagrange.cli.grade import add_grade
+from lagrange.cli.interruption import SENTENCE, Signalled
+from lagrange.cli.running import add_ensemble, add_race, add_run
+from lagrange.cli.scenes import add_scenes
+from lagrange.cli.streams import complain, output
+from lagrange.cli.writing import add_export, add_page, add_pictures
 from lagrange.errors import LagrangeError, StatementError
-from lagrange.export_command import add_export
-from lagrange.grade_command import add_grade
-from lagrange.interruption import SENTENCE, Signalled
-from lagrange.page_command import add_page
-from lagrange.picture_command import add_pictures
-from lagrange.race_command import add_race
-from lagrange.run_command import add_run
-from lagrange.scenes_command import add_scenes
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.terminal.fitting import fitted
 from lagrange.show.terminal.languages import DETAILS, FORMATS
-from lagrange.streams import complain, output
 
 STARTER = """\
 # A scene: one mechanical system, stated by its energies. Run it with:  lagrange run {file}

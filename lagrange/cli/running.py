@@ -1,4 +1,4 @@
-"""The command `lagrange ensemble`: many runs of a scene, from a grid of starts and parameters."""
+"""Commands that run systems: run, race and ensemble."""
 
 from __future__ import annotations
 
@@ -9,29 +9,109 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import lagrange as lg
-from lagrange.arguments import (
+from lagrange.cli.arguments import (
     DONE,
     FAILED,
     INTERRUPTED,
+    PICTURES,
     Answer,
     add_command,
     add_json,
+    add_method,
     add_start,
+    code_of,
     count,
+    folder,
+    given_number,
     load_scene,
+    method,
     number,
+    number_list,
     start,
 )
 from lagrange.errors import StatementError, listing, suggestion
 from lagrange.members.reductions import REDUCTIONS
-from lagrange.picture_command import PICTURES
-from lagrange.run_command import add_method, method
+from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import check_place, write_atomically
-from lagrange.show.files.picture import FILE_DPI
 
 if TYPE_CHECKING:
     from lagrange.show.ensemble import Ensemble
     from lagrange.system import System
+
+
+def add_run(commands: Any) -> None:
+    """Add the command to the command line."""
+    run_ = add_command(commands, "run", run, "compile a scene, run it and print how it went")
+    add_start(run_)
+    add_method(run_)
+    run_.add_argument("--points", metavar="N", help="output at N equally spaced times instead of at every step")
+    run_.add_argument(
+        "--out", metavar="DIR", help="folder for trajectory.csv, trajectory.png and card.json; made if need be"
+    )
+    run_.add_argument("--no-check", action="store_true", help="skip the check of the compiled equations before the run")
+    add_json(run_)
+
+
+def run(request: argparse.Namespace) -> Answer:
+    """Run a scene, write what came of it, and return its status card."""
+    begun, how = start(request), method(request)
+    points = count("--points", request.points)
+    system = load_scene(request.scene)
+    target = folder(request.out) if request.out is not None else None
+    t_end = system.statement.run.t_end if begun["t_end"] is None else begun["t_end"]
+    solution = system.run(
+        **begun,
+        **how,
+        t_eval=None if points is None else _times(t_end, points),
+        progress=not request.json,
+        check=not request.no_check,
+    )
+    files = solution.to_folder(target) if target is not None else []
+    written = f"\nwritten to {target}: {listing(path.name for path in files)}" if target is not None else ""
+    data = {**solution.card(), "files": [str(path) for path in files]}
+    return Answer(code_of(solution), repr(solution) + written, data)
+
+
+def _times(t_end: float, points: int) -> Any:
+    import numpy as np
+
+    return np.linspace(0.0, t_end, points)
+
+
+def add_race(commands: Any) -> None:
+    """Add the command to the command line."""
+    race_ = add_command(commands, "race", race, "measure error against time of integration methods on a scene")
+    add_start(race_)
+    race_.add_argument("--methods", metavar="A,B", help="methods, such as dop853,rk4 (default: a telling choice)")
+    race_.add_argument("--tolerances", metavar="X,Y", help="tolerances of adaptive methods (default: 1e-3 to 1e-13)")
+    race_.add_argument("--steps", metavar="H,K", help="steps of methods with equal steps (default: nine that fit)")
+    race_.add_argument("--outputs", metavar="N", help="look at the errors at N times instead of the end")
+    race_.add_argument("--relative", action="store_true", help="divide each entry's error by the entry's size")
+    race_.add_argument("--digits", metavar="N", help="digits of the reference (default: 22)")
+    race_.add_argument("--repeats", metavar="N", help="timed runs, of which the fastest counts (default: 5)")
+    race_.add_argument("--max-wall", metavar="S", help="seconds after which a run is ended (default: 10)")
+    race_.add_argument("--out", metavar="DIR", help="folder for table.csv and plot.png; made if need be")
+    add_json(race_)
+
+
+def race(request: argparse.Namespace) -> Answer:
+    """Race methods on a scene, write the table and the picture, and return what was measured."""
+    given: dict[str, Any] = {
+        "methods": None if request.methods is None else [name.strip() for name in request.methods.split(",")],
+        **{key: number_list(f"--{key}", getattr(request, key)) for key in ("tolerances", "steps")},
+        **{key: given_number(f"--{key}", getattr(request, key)) for key in ("outputs", "digits", "repeats")},
+        "max_wall": given_number("--max-wall", request.max_wall),
+    }
+    begun = start(request)
+    system = load_scene(request.scene)
+    target = folder(request.out) if request.out is not None else None
+    wanted = {key: value for key, value in given.items() if value is not None}
+    found = lg.race(system, **begun, relative=request.relative, **wanted)
+    files = found.to_folder(target) if target is not None else []
+    written = f"\nwritten to {target}: {listing(path.name for path in files)}" if target is not None else ""
+    code = DONE if any(entry.complete for entry in found) else FAILED
+    return Answer(code, repr(found) + written, {**found.to_dict(), "files": [str(path) for path in files]})
+
 
 TABLE, STORE = ".csv", ".zarr"
 """Endings of a file with a line for each member, and of a folder that results are written to block by block."""
@@ -210,9 +290,3 @@ def _drawn(
             f"{hint or suggestion(request.what[:80], known)}"
         )
     return f"{how}({name})" if colon else how
-
-
-def _times(end: float, points: int) -> Any:
-    import numpy as np
-
-    return np.linspace(0.0, end, points)

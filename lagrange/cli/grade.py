@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from lagrange.arguments import DONE, FAILED, Answer, add_command, add_json, load_scene
+from lagrange.cli.arguments import DONE, FAILED, Answer, add_command, add_json, load_scene
 from lagrange.errors import StatementError
 from lagrange.show.files.atomic_file import check_place, write_atomically, write_rows
 from lagrange.show.terminal.table import text_table

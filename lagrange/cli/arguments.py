@@ -24,6 +24,9 @@ DONE, FAILED, WRONG, INTERRUPTED = 0, 1, 2, 130
 NUMBER = re.compile(r"([+-]?)(?:([0-9.]+(?:[eE][+-]?[0-9]+)?)\*?)?(pi|deg)?(?:/([0-9.]+))?")
 """A number, with pi or deg behind it and a divisor if need be: 9.81, -1e-3, 30deg, pi/6, 2*pi/3."""
 
+PICTURES = (".png", ".svg", ".pdf")
+"""Endings of files of still pictures."""
+
 
 @dataclass(frozen=True)
 class Answer:
@@ -202,3 +205,28 @@ def count(option: str, text: str | None) -> int | None:
 def number_list(option: str, text: str | None) -> list[float] | None:
     """Return the numbers of a list with commas, None for no list."""
     return None if text is None else [number(option, part.strip()) for part in text.split(",")]
+
+
+def add_method(command: Any) -> None:
+    """Add the options that say how a scene is run."""
+    command.add_argument("--method", metavar="NAME", help="integrator, such as dop853 or rk4 (default: taylor)")
+    command.add_argument("--rtol", metavar="X", help="relative tolerance of an adaptive method")
+    command.add_argument(
+        "--atol",
+        metavar="X",
+        help="absolute tolerance of an adaptive method; by default it follows the size of each entry",
+    )
+    command.add_argument("--step", metavar="H", help="step of a method with fixed steps")
+
+
+def method(request: argparse.Namespace) -> dict[str, Any]:
+    """Return what the options of `add_method` say, by the names that a run takes."""
+    numbers = {key: given_number(f"--{key}", getattr(request, key)) for key in ("rtol", "atol", "step")}
+    return {"method": request.method, **numbers}
+
+
+def code_of(solution: lg.Solution) -> int:
+    """Return the exit code of a run: done, failed or interrupted."""
+    if solution.status is lg.Status.INTERRUPTED:
+        return INTERRUPTED
+    return DONE if solution.status.complete else FAILED

@@ -13,7 +13,7 @@ import signal
 import sys
 import time
 
-from lagrange.streams import occupy_standard_streams
+from lagrange.cli.streams import occupy_standard_streams
 
 TYPE_CHECKING = False
 

@@ -1,4 +1,4 @@
-"""The commands `lagrange plot` and `lagrange animate`: a run of a scene as a picture, still or moving."""
+"""Commands that write files: export, page, plot and animate."""
 
 from __future__ import annotations
 
@@ -8,16 +8,89 @@ import warnings
 from pathlib import Path
 from typing import Any
 
-from lagrange.arguments import DONE, Answer, add_command, add_json, add_start, given_number, load_scene, start
+import lagrange as lg
+from lagrange.cli.arguments import (
+    DONE,
+    PICTURES,
+    Answer,
+    add_command,
+    add_initial,
+    add_json,
+    add_method,
+    add_parameters,
+    add_start,
+    assignments,
+    bounds,
+    code_of,
+    given_number,
+    load_scene,
+    method,
+    start,
+)
 from lagrange.errors import StatementError
-from lagrange.run_command import add_method, code_of, method
 from lagrange.show.animation.file_kinds import named_kind
+from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import check_place, write_atomically
-from lagrange.show.files.picture import FILE_DPI
-from lagrange.trajectory.solution import Solution
 
-PICTURES = (".png", ".svg", ".pdf")
-"""Endings of files of still pictures."""
+
+def add_export(commands: Any) -> None:
+    """Add the commands to the command line."""
+    export_ = add_command(commands, "export", export, "write a scene as source files for other solvers")
+    export_.add_argument("--target", required=True, metavar="NAME", help="such as c; `lagrange targets` lists them")
+    export_.add_argument("--out", required=True, metavar="DIR", help="folder for the files")
+    export_.add_argument(
+        "--contents",
+        metavar="LIST",
+        help="names with commas, such as rhs,energy,jacobian,dop853,main; rhs,energy unless it is given",
+    )
+    add_parameters(export_)
+    add_json(export_)
+    add_json(add_command(commands, "targets", targets, "list the targets of export", takes_scene=False))
+
+
+def export(request: argparse.Namespace) -> Answer:
+    """Write a scene for a target, and say how its self-test is run."""
+    system = load_scene(request.scene)
+    contents = None if request.contents is None else [name.strip() for name in request.contents.split(",")]
+    values: Any = assignments("--set", request.set)
+    made = system.export(request.target, request.out, contents, parameters=values or None)
+    return Answer(DONE, str(made), {"files": [str(path) for path in made.files], "commands": list(made.commands)})
+
+
+def targets(request: argparse.Namespace) -> Answer:
+    """List the targets, each with a line about it."""
+    del request
+    table = lg.targets()
+    return Answer(DONE, str(table), dict(table))
+
+
+def add_page(commands: Any) -> None:
+    """Add the command to the command line."""
+    page_ = add_command(
+        commands, "page", page, "write a web page on which a scene moves, one file that needs no network"
+    )
+    page_.add_argument("--out", required=True, metavar="FILE", help="the file to write, such as page.html")
+    add_parameters(page_)
+    add_initial(page_)
+    page_.add_argument(
+        "--slider",
+        metavar="NAME=LOW:HIGH",
+        action="append",
+        default=[],
+        help="a slider that stands first, with its bounds, such as l=0.5:2",
+    )
+    add_json(page_)
+
+
+def page(request: argparse.Namespace) -> Answer:
+    """Write the page of a scene."""
+    values, initial = assignments("--set", request.set), assignments("--initial", request.initial)
+    sliders = bounds("--slider", request.slider)
+    path = load_scene(request.scene).to_page(request.out, parameters=values, initial=initial, sliders=sliders)
+    size = path.stat().st_size
+    return Answer(
+        DONE, f"wrote {path} ({size / 1000:.0f} kB): open it in a browser.", {"file": str(path), "bytes": size}
+    )
 
 
 def add_pictures(commands: Any) -> None:
@@ -86,7 +159,7 @@ def animate(request: argparse.Namespace) -> Answer:
     return Answer(code_of(solution), _remark(solution) + repr(made), data)
 
 
-def _solution(request: argparse.Namespace) -> Solution:
+def _solution(request: argparse.Namespace) -> lg.Solution:
     begun, how = start(request), method(request)
     return load_scene(request.scene).run(**begun, **how, progress=not request.json)
 
@@ -110,10 +183,10 @@ def _size(text: str | None) -> tuple[int, int] | None:
     return int(match[1]), int(match[2])
 
 
-def _remark(solution: Solution) -> str:
+def _remark(solution: lg.Solution) -> str:
     """Return how a run ended that did not get to its end, in a line of its own."""
     return "" if code_of(solution) == DONE else f"{solution.message}\n"
 
 
-def _how(solution: Solution) -> dict[str, Any]:
+def _how(solution: lg.Solution) -> dict[str, Any]:
     return {"status": solution.status.value, "message": solution.message}

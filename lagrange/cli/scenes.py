@@ -7,11 +7,11 @@ from pathlib import Path
 from tomllib import loads
 from typing import Any
 
-from lagrange.arguments import DONE, Answer, add_command, add_json
+from lagrange.cli.arguments import DONE, Answer, add_command, add_json
 from lagrange.show.notation.names import plain_text
 from lagrange.show.terminal.table import text_table
 
-SCENES = Path(__file__).resolve().parent / "scenes"
+SCENES = Path(__file__).resolve().parent.parent / "scenes"
 
 
 def add_scenes(commands: Any) -> None:
