@@ -8,8 +8,9 @@ import pytest
 from sympy import cos, sin
 
 import lagrange as lg
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import RunError
 from tests.models import c, g, k, l, m, theta, x, y, z
+from tests.refusals import refusal
 
 METHODS = ("taylor", "dop853", "tsit5", "radau5")
 a, b, s = lg.coordinates("a b s")
@@ -22,12 +23,6 @@ def system(constraints: Any, kinetic: Any = None, **given: Any) -> lg.System:
         constraints=constraints,
         **{"parameters": {m: 1.3, g: 9.81, l: 0.7}, **given},
     )
-
-
-def refusal(call: Any, *arguments: Any, **given: Any) -> str:
-    with pytest.raises(StatementError) as raised:
-        call(*arguments, **given)
-    return str(raised.value)
 
 
 @pytest.mark.parametrize("always", [cos(x) ** 2 + sin(x) ** 2 - 1, sin(2 * x) - 2 * sin(x) * cos(x)])

@@ -21,19 +21,10 @@ from lagrange.evidence.operations import OutsideDomain
 from lagrange.evidence.precise_run import precise_run
 from lagrange.evidence.quick import quick_check
 from lagrange.machine.model import Model
+from tests.systems import rod_pendulum
 
 m, g, l, a, R, J, omega = lg.parameters("m g l a R J omega")
 x, y, z, phi, psi, theta = lg.coordinates("x y z phi psi theta")
-
-
-def pendulum() -> lg.System:
-    return lg.System(
-        kinetic=m * (x.dot**2 + y.dot**2) / 2,
-        potential=m * g * y,
-        constraints={"rod": x**2 + y**2 - l**2},
-        parameters={m: 1, g: 9.81, l: 1},
-        initial={x: 0.6, y: -0.8},
-    )
 
 
 def disc() -> lg.System:
@@ -74,7 +65,7 @@ def wire() -> lg.System:
     )
 
 
-SYSTEMS = [pendulum, disc, mixed, appell, wire]
+SYSTEMS = [rod_pendulum, disc, mixed, appell, wire]
 
 
 @pytest.mark.parametrize("make", SYSTEMS, ids=lambda make: make.__name__)
@@ -114,7 +105,7 @@ class Wrong(Model):
 
 @pytest.mark.parametrize("quantity", CONSTRAINT_QUANTITIES)
 def test_a_wrong_quantity_of_the_constraints_is_found(quantity: str) -> None:
-    report = check(Wrong(pendulum().compile(), {quantity: 1e-9}), points=1)
+    report = check(Wrong(rod_pendulum().compile(), {quantity: 1e-9}), points=1)
     assert [row.quantity for row in report.rows if not row.holds] == [CONSTRAINT_QUANTITIES[quantity]]
     assert "rod" in report.failures[0].partition(", entry ")[2].partition(":")[0]
 
@@ -126,7 +117,7 @@ def test_a_wrong_quantity_of_the_constraints_is_found(quantity: str) -> None:
 )
 def test_the_quick_check_finds_wrong_accelerations(error: Callable[[Any], Any]) -> None:
     with pytest.raises(RunError, match="the compiled accelerations of system are wrong"):
-        quick_check(Wrong(pendulum().compile(), {"accelerations": error}))
+        quick_check(Wrong(rod_pendulum().compile(), {"accelerations": error}))
 
 
 Change = Callable[[ConstraintEquations], ConstraintEquations]
@@ -174,7 +165,7 @@ def test_coordinates_without_inertia_that_constraints_hold_are_checked(held: dic
 
 
 def test_some_points_are_on_the_constraints() -> None:
-    report = pendulum().check(points=1)
+    report = rod_pendulum().check(points=1)
     values = dict(part.split(" = ") for part in report.points[0].split(", "))
     x_, y_, u, v = (float(values[name]) for name in ("x", "y", "x_dot", "y_dot"))
     # Doubles nearest to a point of the circle: a few roundings of terms of order 1.
@@ -205,7 +196,7 @@ def test_states_that_no_motion_has_are_outside() -> None:
 
 def test_a_precise_run_keeps_the_rod_and_agrees_with_the_angle() -> None:
     values: dict[Any, float] = {m: 1.0, g: 9.81, l: 1.0}
-    held = pendulum()
+    held = rod_pendulum()
     free = lg.System(kinetic=m * l**2 * theta.dot**2 / 2, potential=-m * g * l * cos(theta))
     digits = 22
     (ends,) = precise_run(
@@ -222,6 +213,6 @@ def test_a_precise_run_keeps_the_rod_and_agrees_with_the_angle() -> None:
 
 
 def test_a_race_measures_methods_against_a_constrained_reference() -> None:
-    system = pendulum()
+    system = rod_pendulum()
     table = str(lg.race(system, 0.5, methods=["taylor", "dop853"], tolerances=[1e-6], repeats=1))
     assert "against an independent run of 22 digits" in table

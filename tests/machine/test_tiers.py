@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import sympy as sp
 
 import lagrange as lg
 from lagrange.equations.euler_lagrange import euler_lagrange
@@ -18,6 +17,7 @@ from lagrange.machine.series.llvm_steps import _events, compiled_steps
 from lagrange.machine.steps import llvm_driver
 from lagrange.program.taylor import series_program
 from tests.models import SYSTEMS
+from tests.systems import unit_pendulum
 
 INSPECTS, STEPS = r"define .*@inspect_step\(", r"define .*@taylor_steps\("
 TOLERANCES = [10.0**-k for k in range(3, 17)]
@@ -37,11 +37,6 @@ def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return found
 
 
-def pendulum() -> lg.System:
-    theta = lg.coordinate("theta")
-    return lg.System(kinetic=theta.dot**2 / 2, potential=-sp.cos(theta), initial={theta: 1.0}, name="pendulum")
-
-
 def ran(model: Any, method: str, **options: Any) -> tuple[bytes, bytes]:
     found = lg.integrate(model, (0.0, 9.0), method=method, **options)
     assert found.status is lg.Status.SUCCESS
@@ -56,12 +51,12 @@ def test_code_that_is_compiled_well_gives_the_same_bits(method: str, monkeypatch
     """The first run is of quick code, the second one passes the number of steps, and the third is of the other code."""
     compiled_steps.cache_clear()
     llvm_driver._compiled.cache_clear()
-    model = pendulum().compile(check=False)
+    model = unit_pendulum().compile(check=False)
     first = ran(model, method, **RUNS[method])
     monkeypatch.setattr(tiers, "STEPS", 1)
     compiled_steps.cache_clear()
     llvm_driver._compiled.cache_clear()
-    fresh = pendulum().compile(check=False)
+    fresh = unit_pendulum().compile(check=False)
     assert [ran(fresh, method, **RUNS[method]) for _ in range(2)] == [first] * 2
 
 
@@ -85,7 +80,7 @@ def test_drivers_go_on_with_the_code_that_another_run_has_had_compiled(
 ) -> None:
     monkeypatch.setattr(tiers, "STEPS", 400)
     compiled_steps.cache_clear()
-    flow = lg.flow(pendulum().compile(check=False), method="taylor", rtol=1e-9, atol=1e-9)
+    flow = lg.flow(unit_pendulum().compile(check=False), method="taylor", rtol=1e-9, atol=1e-9)
     y = np.array([1.0, 0.0])
     ends = [flow(y, 0.0, 200.0).tobytes() for _ in range(3)]
     assert ends[1:] == ends[:-1]
@@ -96,7 +91,7 @@ def test_drivers_go_on_with_the_code_that_another_run_has_had_compiled(
 def test_another_tolerance_compiles_its_series_once_and_no_loop_over_steps(watching: bool, made: list[str]) -> None:
     """The loop serves all orders, with events too."""
     theta = lg.coordinate("theta")
-    model = pendulum().compile(check=False)
+    model = unit_pendulum().compile(check=False)
     events = [lg.Event(theta)] if watching else None
     lg.integrate(model, (0.0, 3.0), rtol=1e-9, events=events)
     made.clear()
@@ -110,7 +105,7 @@ def test_another_tolerance_compiles_its_series_once_and_no_loop_over_steps(watch
 def test_a_run_with_the_same_events_and_resets_compiles_nothing(made: list[str]) -> None:
     """What is watched, the resets and the series with the events are each compiled once for a model and its events."""
     theta = lg.coordinate("theta")
-    model = pendulum().compile(check=False)
+    model = unit_pendulum().compile(check=False)
     for again in (False, True):
         made.clear()
         stops = [lg.Event(theta - 0.5), lg.Event(theta + 0.5, direction=-1, reset={theta.dot: -theta.dot})]

@@ -10,12 +10,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import Abs, cos, sqrt
+from sympy import Abs, sqrt
 
 import lagrange as lg
 from lagrange.page.motion import TOLERANCE
 from tests.models import shared_scene
 from tests.page.browser import Browser, Tab, program
+from tests.systems import pendulum
 
 pytestmark = pytest.mark.skipif(program() is None, reason="there is no Chromium on this machine")
 
@@ -109,18 +110,6 @@ RUNS = "document.title = 'run'"
 
 def evil() -> str:
     return f'</script><script>{RUNS}</script><img src=x onerror="{RUNS}"><!-- <script> {{{{data}}}}'
-
-
-def pendulum(**stated: Any) -> lg.System:
-    theta = lg.coordinate("theta")
-    m, g, l = lg.parameters("m g l")
-    known: dict[str, Any] = {
-        "kinetic": m * l**2 * theta.dot**2 / 2,
-        "potential": -m * g * l * cos(theta),
-        "parameters": {m: 1, g: 9.81, l: 1},
-        "initial": {theta: 2.0},
-    }
-    return lg.System(**(known | stated))
 
 
 def test_a_name_stays_text(browser: Browser, tmp_path: Path) -> None:

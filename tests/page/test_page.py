@@ -23,21 +23,9 @@ from lagrange.show.figures.space_view import AZIMUTH, ELEVATION, from_side
 from lagrange.show.figures.spring import spring
 from lagrange.show.files.script_data import as_json
 from tests.models import shared_scene
+from tests.systems import pendulum
 
 Captured = pytest.CaptureFixture[str]
-
-
-def pendulum(**stated: Any) -> lg.System:
-    theta = lg.coordinate("theta")
-    m, g, l = lg.parameters("m g l")
-    known: dict[str, Any] = {
-        "kinetic": m * l**2 * theta.dot**2 / 2,
-        "potential": -m * g * l * cos(theta),
-        "parameters": {m: 1, g: 9.81, l: 1},
-        "initial": {theta: 2.0},
-        "name": "pendulum",
-    }
-    return lg.System(**(known | stated))
 
 
 def parts(page: Path) -> tuple[list[str], list[str]]:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from sympy import cos
 
 import lagrange as lg
 from lagrange.cli.program import main
@@ -16,12 +15,9 @@ from lagrange.export import write as export_write
 from lagrange.page import write as page_write
 from lagrange.show.animation import animation
 from lagrange.trajectory.solution import Solution
+from tests.systems import unit_pendulum
 
 theta = lg.coordinate("theta")
-
-
-def pendulum() -> lg.System:
-    return lg.System(kinetic=theta.dot**2 / 2, potential=-cos(theta), initial={theta: 1.0}, name="pendulum")
 
 
 def never(*_: Any, **__: Any) -> Any:
@@ -39,13 +35,13 @@ def lazy(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 WRITERS: dict[str, Callable[[Path], Any]] = {
-    "png": lambda place: pendulum().run(1.0).to_png(place / "a.png"),
-    "npz": lambda place: pendulum().run(1.0).to_npz(place / "a.npz"),
-    "folder": lambda place: pendulum().run(1.0).to_folder(place),
-    "html": lambda place: pendulum().run(1.0).animate(place / "a.html"),
-    "gif": lambda place: pendulum().run(1.0).animate(place / "a.gif"),
-    "page": lambda place: pendulum().to_page(place / "a.html"),
-    "scene": lambda place: pendulum().to_scene(place / "a.toml"),
+    "png": lambda place: unit_pendulum().run(1.0).to_png(place / "a.png"),
+    "npz": lambda place: unit_pendulum().run(1.0).to_npz(place / "a.npz"),
+    "folder": lambda place: unit_pendulum().run(1.0).to_folder(place),
+    "html": lambda place: unit_pendulum().run(1.0).animate(place / "a.html"),
+    "gif": lambda place: unit_pendulum().run(1.0).animate(place / "a.gif"),
+    "page": lambda place: unit_pendulum().to_page(place / "a.html"),
+    "scene": lambda place: unit_pendulum().to_scene(place / "a.toml"),
 }
 
 
@@ -61,7 +57,7 @@ def test_a_missing_folder_is_refused_first(kind: str, tmp_path: Path) -> None:
 def test_a_folder_that_cannot_be_made_is_refused_first(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("", encoding="utf-8")
     with pytest.raises(lg.StatementError, match="cannot be made"):
-        pendulum().export("python", tmp_path / "file" / "out")
+        unit_pendulum().export("python", tmp_path / "file" / "out")
 
 
 @pytest.mark.skipif(os.name != "posix" or os.geteuid() == 0, reason="everybody may write everywhere")

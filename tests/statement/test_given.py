@@ -14,9 +14,9 @@ from sympy import Function, cos, sin
 from sympy.physics.mechanics import dynamicsymbols
 
 import lagrange as lg
-from lagrange.errors import StatementError
 from lagrange.statement.motion import motion_of
 from lagrange.statement.scene import read_scene
+from tests.refusals import refusal
 from tests.statement.scenes import DROP, write
 
 t = lg.t
@@ -34,12 +34,6 @@ def pendulum(pivot: Any, **more: Any) -> lg.System:
         parameters=values,
         initial={theta: 1.0},
     )
-
-
-def refusal(call: Any) -> str:
-    with pytest.raises(StatementError) as caught:
-        call()
-    return str(caught.value)
 
 
 def test_a_given_function_is_no_coordinate_and_is_told_from_one_with_other_values() -> None:

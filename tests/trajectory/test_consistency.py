@@ -12,28 +12,18 @@ import sympy as sp
 from sympy import Abs, Piecewise, cos, sin, sqrt
 
 import lagrange as lg
-from lagrange.errors import StatementError
 from lagrange.trajectory.constraints.consistent import consistent_start, violation
 from tests.models import c, g, l, m, theta, x, y, z
+from tests.refusals import refusal
+from tests.systems import rod_pendulum
 
 LENGTH = {m: 1.3, g: 9.81, l: 1.0}
 
 
 def pendulum(constraint: Any = None, **given: Any) -> lg.System:
     """A pendulum in Cartesian coordinates, or a particle of the same energies on something else."""
-    return lg.System(
-        kinetic=m * (x.dot**2 + y.dot**2) / 2,
-        potential=m * g * y,
-        constraints={"rod": x**2 + y**2 - l**2 if constraint is None else constraint},
-        parameters=LENGTH,
-        **{"initial": {x: 0.6, y: -0.8}, **given},
-    )
-
-
-def refusal(call: Any, *arguments: Any, **given: Any) -> str:
-    with pytest.raises(StatementError) as raised:
-        call(*arguments, **given)
-    return str(raised.value)
+    rod = {} if constraint is None else {"constraints": {"rod": constraint}}
+    return rod_pendulum(parameters=LENGTH, **rod, **given)
 
 
 def test_the_nearest_point_of_a_circle_is_in_line_with_its_centre() -> None:

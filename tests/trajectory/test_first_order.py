@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,9 +10,9 @@ from scipy.integrate import solve_ivp
 from sympy import cos, exp, log, sin
 
 import lagrange as lg
-from lagrange.errors import StatementError
 from lagrange.evidence.quick import quick_check
 from tests.models import TARGETS, B, k, m, phi, r, theta, x, y, z
+from tests.refusals import refusal
 
 METHODS = ("taylor", "dop853", "radau5")
 a, b = lg.parameters("a b")
@@ -28,12 +27,6 @@ def charge(**given: Any) -> lg.System:
         parameters={B: 2.0, k: 3.0},
         **{"initial": {x: 1.0}, **given},
     )
-
-
-def refusal(call: Callable[..., Any], *arguments: Any, **given: Any) -> str:
-    with pytest.raises(StatementError) as raised:
-        call(*arguments, **given)
-    return str(raised.value)
 
 
 @pytest.mark.parametrize("target", TARGETS)

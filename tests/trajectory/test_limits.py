@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import cos, sin
+from sympy import sin
 
 import lagrange as lg
 from lagrange.compiler import model_of
@@ -23,18 +23,14 @@ from lagrange.show.terminal import progress
 from lagrange.trajectory import memory_limit
 from lagrange.trajectory.methods.registry import find, names
 from lagrange.trajectory.plan import Planned
+from tests.systems import unit_pendulum
 
 theta = lg.coordinate("theta")
 
 
-def pendulum() -> lg.System:
-    """Return a system with nothing compiled yet."""
-    return lg.System(kinetic=theta.dot**2 / 2, potential=-cos(theta), initial={theta: 2.0}, name="pendulum")
-
-
 @pytest.fixture(scope="module")
 def model() -> Model:
-    return pendulum().compile()
+    return unit_pendulum().compile()
 
 
 @pytest.mark.parametrize("name", [name for name in names() if isinstance(find(name), Planned)])
@@ -111,7 +107,7 @@ def test_a_bound_that_is_none(given: Any, message: str, model: Model) -> None:
 def test_compiling_counts(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """`max_wall` used to begin with the first step, however long it took to get there."""
     monkeypatch.setattr(memory_limit, "COMPILE_SECONDS", 0.0)
-    system = pendulum()
+    system = unit_pendulum()
     found = system.run(1.0, method=method, max_wall=1e-3)
     assert found.status is lg.Status.MAX_WALL
     assert f"{method} stopped at t = 0 on the way from 0 to 1. Compiling took " in found.message
@@ -130,7 +126,7 @@ def test_compiling_a_driver_counts(model: Model, monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_short_limit_leaves_time_to_compile() -> None:
-    found = pendulum().run(1e7, method="verner9", max_wall=0.5)
+    found = unit_pendulum().run(1e7, method="verner9", max_wall=0.5)
     assert found.status is lg.Status.MAX_WALL and found.steps > 0
     assert "used up max_wall = 0.5 s at t = " in found.message
 
@@ -212,7 +208,7 @@ def test_a_terminal_is_not_told_what_takes_no_time(
 
 def test_a_pipe_is_told_nothing(capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(progress, "SILENT_SECONDS", 0.0)
-    pendulum().run(0.1, progress=True)
+    unit_pendulum().run(0.1, progress=True)
     assert capfd.readouterr() == ("", "")
 
 

@@ -9,6 +9,7 @@ import pytest
 import sympy
 
 import lagrange as lg
+from tests import systems
 
 theta = lg.coordinate("theta")
 m, g, l = lg.parameters("m g l")
@@ -16,13 +17,7 @@ m, g, l = lg.parameters("m g l")
 
 @pytest.fixture(scope="module")
 def pendulum() -> lg.System:
-    return lg.System(
-        kinetic=m * l**2 * theta.dot**2 / 2,
-        potential=-m * g * l * sympy.cos(theta),
-        parameters={m: 1, g: 9.81, l: 1},
-        initial={theta: 1.0},
-        name="pendulum",
-    )
+    return systems.pendulum(initial={theta: 1.0})
 
 
 @pytest.fixture(scope="module")

@@ -16,9 +16,11 @@ from sympy import Piecewise, cos, sin
 import lagrange as lg
 from lagrange.show.notebook.html_card import sentences, table
 from lagrange.show.notebook.page_writer import PageWriter
+from tests.models import g, l, m, theta
 from tests.public import surface
 from tests.show.examples import free
 from tests.show.notebook.shown import HOSTILE, chain, held, rich
+from tests.systems import pendulum
 
 STATED = (
     *(lg.Claims, lg.Event, lg.Problem, lg.methods.CVODE, lg.methods.Taylor, lg.methods.ScipyRK45, lg.methods.ScipyRK23),
@@ -29,21 +31,11 @@ STATED = (
 DUMP = re.compile(r"[A-Z]\w+\(\w+=|.* object at 0x")
 
 
-def pendulum() -> lg.System:
-    theta = lg.coordinate("theta")
-    m, g, l = lg.parameters("m g l")
-    return lg.System(
-        kinetic=m * l**2 * theta.dot**2 / 2,
-        potential=-m * g * l * cos(theta),
-        parameters={m: 1.0, g: 9.81, l: 1.0},
-        dimensions={m: "kg", l: "m", g: "m/s**2", theta: "angle", lg.t: "s"},
-        initial={theta: 2.0},
-        positions={"bob": (l * sin(theta), -l * cos(theta))},
-        name=HOSTILE,
-    )
-
-
-SYSTEM = pendulum()
+SYSTEM = pendulum(
+    dimensions={m: "kg", l: "m", g: "m/s**2", theta: "angle", lg.t: "s"},
+    positions={"bob": (l * sin(theta), -l * cos(theta))},
+    name=HOSTILE,
+)
 AT = {"theta": 0}
 
 RESULTS: dict[str, tuple[Callable[[Path], Any], str]] = {
