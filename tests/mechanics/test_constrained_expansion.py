@@ -160,7 +160,7 @@ def test_a_bead_that_is_carried_by_a_slope_has_rates_of_the_basis() -> None:
     assert [sympy.simplify(a - b) for a, b in zip(lin.A[1, :], expected, strict=True)] == [0, 0]
 
 
-@pytest.mark.exhaustive
+@pytest.mark.slow
 def test_the_eigenvalues_of_a_bicycle_are_those_published() -> None:
     path = bicycle().eigenvalues(speed, list(PUBLISHED), STRAIGHT)
     for row, expected in zip(path.eigenvalues, PUBLISHED.values(), strict=True):

@@ -19,8 +19,7 @@ from sympy import sin
 import lagrange as lg
 from lagrange.compiler import model_of
 from lagrange.machine.model import Model
-from lagrange.show.terminal import progress
-from lagrange.trajectory import memory_limit
+from lagrange.trajectory import memory_limit, progress
 from lagrange.trajectory.methods.registry import find, names
 from lagrange.trajectory.plan import Planned
 from tests.systems import unit_pendulum
