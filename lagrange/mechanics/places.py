@@ -35,7 +35,7 @@ spherical; angles are counted from the pole or from the equator."""
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A body at r, with T = mass |v|^2 / 2, in plain symbols; `rest` is what else L has, free of velocities."""
+    """A body at r, with T = mass |v|^2 / 2, in plain symbols; `rest` is what else L has, linear in velocities."""
 
     mass: Any
     r: tuple[Any, ...]
@@ -67,12 +67,17 @@ def _mass(stated: StatedAlgebra) -> Any:
 
 
 def _rest(stated: StatedAlgebra, mass: Any, v: Sequence[Any]) -> MonomialSum | None:
-    """Return L - mass |v|^2 / 2, or None where velocities are left in it."""
+    """Return L - mass |v|^2 / 2, or None where velocities are left in it other than to the first power."""
     algebra = stated.algebra
     kinetic = algebra.scale(algebra.read(mass * sum(x**2 for x in v) / 2), S.NegativeOne)
     rest = algebra.merge_angles(algebra.add(stated.lagrangian, kinetic))
     velocities = frozenset(stated.v)
-    return None if any(algebra.free(k) & velocities for monomial in rest for k, _ in monomial) else rest
+    alone = [k for v in stated.v for monomial in algebra.read(v) for k, _ in monomial]
+    for monomial in rest:
+        moving = [(k, power) for k, power in monomial if algebra.free(k) & velocities]
+        if len(moving) > 1 or any(k not in alone or power != 1 for k, power in moving):
+            return None
+    return rest
 
 
 def _rate(stated: StatedAlgebra, given: Any) -> Any:

@@ -31,7 +31,7 @@ def runge_lenz(stated: StatedAlgebra, place: Place) -> Iterator[tuple[str, Monom
 
 def _strength(stated: StatedAlgebra, place: Place, distance: Any) -> Any:
     """Return k of L = mass |v|^2 / 2 + k/|r|, or None where L is something else."""
-    algebra, moving = stated.algebra, frozenset((*stated.q, stated.time))
+    algebra, moving = stated.algebra, frozenset((*stated.q, *stated.v, stated.time))
     found = algebra.merge_angles(algebra.multiply(place.rest, algebra.read(distance)))
     if any(algebra.free(k) & moving for monomial in found for k, _ in monomial):
         return None

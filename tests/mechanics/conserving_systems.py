@@ -263,7 +263,7 @@ SYSTEMS: dict[str, Listed] = {
             Way({"lagrangian": POLAR_T + B * r**2 * phi.dot / 2}, (POLAR,)),
             Way({"lagrangian": T(FLAT) + B * x * y.dot}, (FLAT,)),
         ),
-        (2, 2, 4),
+        (4, 4, 4),
     ),
     "turning potential": Listed(
         lambda p: [T(p) + k * (p[0] * cos(omega * t) + p[1] * sin(omega * t)) ** 2 - omega * angular(p)[0]],

@@ -149,3 +149,23 @@ def test_a_false_proof_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(SymmetryEquation, "completed", lambda self, symmetry: symmetry)
     with pytest.raises(lg.RunError, match=r"is proven to be conserved, but changes at the rate .* fault of lagrange"):
         lg.System(T(FLAT), k * x**4 * y**2).conserved()
+
+
+def test_terms_linear_in_velocities_leave_the_names_of_momenta() -> None:
+    # A free top with p_psi held is a body on a sphere with a gyroscopic term, as of a magnetic charge.
+    theta, phi, psi = lg.coordinates("theta phi psi")
+    inertia, axial = lg.parameters("inertia axial")
+    kinetic = inertia * (theta.dot**2 + (phi.dot * sin(theta)) ** 2) / 2
+    top = lg.System(
+        kinetic + axial * (psi.dot + phi.dot * cos(theta)) ** 2 / 2,
+        coordinates=[theta, phi, psi],
+        parameters={inertia: 1, axial: 2},
+        initial={theta: 1.0, phi: 0.3, theta.dot: 0.4, phi.dot: 0.7, psi.dot: 3.0},
+    ).routhian(psi)
+    assert [one.name for one in top.conserved()] == ["energy", "p_phi", "angular momentum x", "angular momentum y"]
+    run = top.run(2.0)
+    for one in top.conserved():
+        along = run.evaluate(one.expression)
+        assert np.ptp(along) <= 1e-8 * np.abs(along).max()  # the run keeps 1e-9 a step
+    flat = lg.System(m * (r.dot**2 + r**2 * phi.dot**2) / 2 + g * r**2 * phi.dot, coordinates=[r, phi], initial={r: 1})
+    assert [one.name for one in flat.conserved()] == ["energy", "p_phi", "momentum x", "momentum y"]
