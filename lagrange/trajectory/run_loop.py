@@ -187,7 +187,9 @@ def _trajectory(
         notes.append(outputs_alone(problem))
     if status is Status.EVENT and problem.t_eval is not None and (not len(t) or t[-1] != times[-1]):
         notes.append(event_behind_outputs(t))
-    watched = EventLog(len(problem.events), len(problem.y0)) if watch is None else watch
+    watched: EventLog | Watcher | None = watch
+    if watched is None and problem.events:
+        watched = EventLog(len(problem.events), len(problem.y0))
     return Trajectory(
         t=t,
         y=y,
@@ -204,8 +206,8 @@ def _trajectory(
         step=None if tolerances.rtol else tolerances.step,
         rtol=tolerances.rtol or None,
         atol=tolerances.atol if tolerances.rtol and not tolerances.share else None,
-        t_events=watched.t_events[: len(problem.events)],
-        y_events=watched.y_events[: len(problem.events)],
+        t_events=() if watched is None else watched.t_events[: len(problem.events)],
+        y_events=() if watched is None else watched.y_events[: len(problem.events)],
     )
 
 

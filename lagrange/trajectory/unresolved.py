@@ -7,7 +7,6 @@ taken, and mean nothing, whether energy is conserved or not.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -29,37 +28,34 @@ NEIGHBOURS, OCTAVES = 8, 40
 """Number of neighbouring doubles, and of displacements of 1, 2, 4, ... spacings, at which forces are evaluated."""
 
 
-def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Return a run, as unreliable if doubles do not resolve what forces change on along a coordinate.
-
-    The first test costs half a microsecond: a coordinate that moved is resolved.
-    """
-    if not trajectory.status.complete or not trajectory.y.size:
-        return trajectory
-    ends = zip(problem.y0.tolist(), trajectory.y[:, -1].tolist(), strict=True)
-    standing = [i for i, (first, last) in enumerate(ends) if first and abs(last - first) <= STANDING * abs(first)]
-    note = _unresolved(problem, trajectory, standing) if standing else ""
-    if not note:
-        return trajectory
-    return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {note}")
-
-
-def _unresolved(problem: Problem, trajectory: Trajectory, standing: Sequence[int]) -> str:
-    """Return a sentence on an entry that stands whose spacing of doubles is too coarse for the forces, or "".
+def unresolved(problem: Problem, trajectory: Trajectory) -> str:
+    """Return a sentence on a coordinate of a complete run whose spacing of doubles the forces do not bear, or "".
 
     Neighbours on both sides of a jump differ once only: the median of their differences is small.
     """
+    if not trajectory.status.complete or not trajectory.y.size:
+        return ""
     layout = problem.model.layout
-    ends = (problem.t0, problem.y0), (float(trajectory.t[-1]), trajectory.y[:, -1])
-    for i in standing:
-        last = float(trajectory.y[i, -1])
-        if i < layout.q.stop and math.isfinite(last) and all(_is_rough(problem, t, y, i) for t, y in ends):
-            name = layout.coordinates[i]
-            return (
-                f"{name} is {last:.4g}, where doubles are {math.ulp(last):.2g} apart, and forces change much over "
-                f"that: the run does not follow the motion. Start {name} nearer to zero, an angle within a turn."
-            )
+    begin, end = problem.y0.tolist(), trajectory.y[:, -1].tolist()
+    for i in range(layout.q.stop):
+        first, last = begin[i], end[i]
+        if first and abs(last - first) <= STANDING * abs(first) and math.isfinite(first):
+            ends = (problem.t0, problem.y0), (float(trajectory.t[-1]), trajectory.y[:, -1])
+            if all(_is_rough(problem, t, y, i) for t, y in ends):
+                name = layout.coordinates[i]
+                return (
+                    f"{name} is {last:.4g}, where doubles are {math.ulp(last):.2g} apart, and forces change much over "
+                    f"that: the run does not follow the motion. Start {name} nearer to zero, an angle within a turn."
+                )
     return ""
+
+
+def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """Return a run, as unreliable if a coordinate is too large for its forces."""
+    note = unresolved(problem, trajectory)
+    if not note:
+        return trajectory
+    return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {note}")
 
 
 def _is_rough(problem: Problem, t: float, y: FloatArray, i: int) -> bool:
