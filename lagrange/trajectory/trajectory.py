@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
@@ -100,12 +101,14 @@ class Trajectory:
             )
         if not isinstance(self.span, tuple) or len(self.span) != 2:
             raise StatementError(f"a trajectory has the span {shown(self.span)}: give its first and last time.")
-        self._hold("t", t)
-        self._hold("y", y)
-        self._hold("span", (real_number(self.span[0], "span"), real_number(self.span[1], "span")))
-        for name in ("step", "rtol", "atol"):
-            given = getattr(self, name)
-            if given is not None:
+        begin, end = self.span
+        if not (type(begin) is type(end) is float and math.isfinite(begin) and math.isfinite(end)):
+            self._hold("span", (real_number(begin, "span"), real_number(end, "span")))
+        if t is not self.t or y is not self.y:
+            self._hold("t", t)
+            self._hold("y", y)
+        for name, given in (("step", self.step), ("rtol", self.rtol), ("atol", self.atol)):
+            if given is not None and not (type(given) is float and math.isfinite(given)):
                 self._hold(name, real_number(given, f"{name} of a trajectory"))
 
     def parameters_at(self, times: FloatArray, start: Parameters) -> Parameters:
@@ -126,9 +129,8 @@ class Trajectory:
         return history.segments(times, forward=self.span[1] >= self.span[0])
 
     def _hold(self, name: str, value: Any) -> None:
-        """Put what was checked in the place of what was given, if it is another object."""
-        if value is not getattr(self, name):
-            object.__setattr__(self, name, value)
+        """Replace a field by its checked value."""
+        object.__setattr__(self, name, value)
 
 
 def run_until(run: Trajectory, end: float) -> Trajectory:
