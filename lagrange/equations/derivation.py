@@ -67,6 +67,15 @@ class Derivation:
         return derive, (self.statement,)
 
     @cached_property
+    def refusal(self) -> str:
+        """The sentence that says why the equations of motion are not written out, empty if they may be."""
+        try:
+            self._written("the equations of motion", TextbookAlgebra.require_short_slopes)
+        except StatementError as error:
+            return str(error)
+        return ""
+
+    @cached_property
     def lagrangian(self) -> Any:
         """L = T - V, merged and collected."""
         collected = self._written("the Lagrangian", lambda page: page.show(page.lagrangian))

@@ -11,7 +11,7 @@ from sympy import Float, Rational, S
 
 from lagrange.equations.cancelling import shortened
 from lagrange.equations.collect import Collector
-from lagrange.equations.monomials import MonomialSum
+from lagrange.equations.monomials import Monomial, MonomialSum
 from lagrange.equations.solve import NestedCofactors, coupled_blocks, expanded_cofactors, vanishes
 from lagrange.equations.stated_algebra import StatedAlgebra
 from lagrange.equations.terms import TooLargeError, printable
@@ -29,6 +29,9 @@ EXPANDED_TERMS = 10_000
 """What multiplying out may take of the budget, 0.1 s; beyond it the formulas stay nested. Three links need 2,000."""
 LONGEST_FORMULA = 20_000
 """Operations in one acceleration above which it is refused, some 50 printed pages."""
+LONGEST_SLOPES = 10_000
+"""Operations inside the derivatives of L by all coordinates, above which they are refused: 20 bodies with forces
+between all pairs have 9,000, and their derivation takes 20 s. A chain of 30 links has 2,000."""
 LARGEST_FRACTION = 10**6
 """Fractions with larger numbers are shown as decimals, where the statement has decimals."""
 
@@ -49,7 +52,23 @@ class TextbookAlgebra(StatedAlgebra):
     @cached_property
     def pulls(self) -> list[MonomialSum]:
         """dL/dq, for each coordinate."""
+        self.require_short_slopes()
         return [self.algebra.merge_angles(self.algebra.differentiate(self.lagrangian, q)) for q in self.q]
+
+    def require_short_slopes(self) -> None:
+        """Raise TooLargeError if dL/dq of all coordinates together is too long, before any is taken."""
+        if self.slope_operations > LONGEST_SLOPES:
+            raise TooLargeError
+
+    @cached_property
+    def slope_operations(self) -> int:
+        """The operations inside dL/dq: those of each term of L, once for each coordinate that it depends on."""
+        algebra, coordinates = self.algebra, frozenset(self.q)
+
+        def count(monomial: Monomial) -> int:
+            return len(coordinates & frozenset().union(*(algebra.free(k) for k, _ in monomial)))
+
+        return sum(count(monomial) * algebra.size(monomial) for monomial in self.lagrangian)
 
     @cached_property
     def drags(self) -> list[MonomialSum]:

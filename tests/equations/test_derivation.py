@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import mpmath
@@ -11,9 +12,10 @@ from sympy import Abs, Float, Heaviside, Integer, Max, Min, Rational, Symbol, co
 
 import lagrange as lg
 from lagrange.equations import derivation as module
-from lagrange.equations import stated_algebra
+from lagrange.equations import stated_algebra, textbook_algebra
 from lagrange.equations.derivation import derive
 from lagrange.errors import StatementError
+from lagrange.show.notebook.shown_derivation import written_derivation
 from lagrange.statement.coordinate import acceleration_of, coordinate, coordinates, parameters, t, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.energy import gravity, kinetic_energy
@@ -290,6 +292,25 @@ def test_wide_sums_of_products_stay_products() -> None:
     with mpmath.workdps(40):
         found = value(derivation.accelerations[x], statement, [0.3], [0.0], 0.0)
         assert abs(found - value(expected, statement, [0.3], [0.0], 0.0)) < 1e-30 * abs(found)
+
+
+def test_forces_between_all_pairs_are_refused_before_they_are_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The statement is shown with one sentence; the derivatives of 1,225 pairs would take minutes."""
+    places = [coordinates(f"x{i} y{i}") for i in range(5)]
+    pairs = itertools.combinations(places, 2)
+    system = lg.System(
+        sum(q.dot**2 for place in places for q in place) / 2,
+        -sum(1 / sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2) for a, b in pairs),
+        coordinates=[q for place in places for q in place],
+    )
+    assert not derive(system.statement).refusal
+    monkeypatch.setattr(textbook_algebra, "LONGEST_SLOPES", 100)
+    refused = derive(system.statement)
+    monkeypatch.setattr(refused._page.algebra, "differentiate", None)
+    with pytest.raises(StatementError, match="too large for the derivatives of the Lagrangian to be written out"):
+        _ = refused.gradient
+    text = str(written_derivation(system.statement))
+    assert text.count("Not written out: ") == 1 and "\nStated\n" in text and "Coordinate" not in text
 
 
 def test_parts_are_computed_once() -> None:

@@ -111,6 +111,9 @@ def sections(derivation: Derivation) -> Iterator[Section]:
     """Yield the sections; a part that is too large to be written out is replaced by the sentence that says so."""
     statement = derivation.statement
     yield Section("Stated", tuple(_stated(statement)))
+    if derivation.refusal:
+        yield Section("Equations of motion", (f"Not written out: {derivation.refusal}",))
+        return
     parts: list[tuple[str, Any, Callable[[], Iterator[Formula | str]]]] = [
         ("Positions and velocities", None, lambda: _points(derivation)),
         ("Lagrangian", None, lambda: _lagrangian(derivation)),
