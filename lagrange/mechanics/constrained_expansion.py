@@ -106,10 +106,11 @@ class AtPoint:
         return [[column(node) for column in columns] for node in listed]
 
     def rates(self, rows: Rows) -> list[list[Node]]:
-        """Return the total time derivatives of nodes in q, v and t."""
+        """Return the total time derivatives of nodes in q, v and t; what rests at the point is left out."""
         e = self.equations
-        motion = {**dict(zip(e.q, e.v, strict=True)), **dict(zip(e.v, self.a, strict=True)), **e.graph.rates}
-        along = tangents([x for row in rows for x in row], motion)
+        motion = (*zip(e.q, e.v, strict=True), *zip(e.v, self.a, strict=True))
+        moving = {x: rate for x, rate in motion if self.here[rate] is not e.graph.zero}
+        along = tangents([x for row in rows for x in row], {**moving, **e.graph.rates})
         return [[along(x) for x in row] for row in rows]
 
 
