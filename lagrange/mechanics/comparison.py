@@ -134,8 +134,11 @@ def _compared(
     """
     statement = rows[0].statement
     wrong = tuple(i for i, row in enumerate(rows) if not row.holds(samples))
-    moving = [row for row in rows if any(row.slopes.values())]  # beside them may stand the constraints
-    multiples = multiples_of_multipliers(moving, samples) if wrong and all(rows[i] in moving for i in wrong) else None
+    names = len(statement.names)
+    # Beside them may stand the constraints, and equations without multipliers that hold.
+    open_rows = [row for i, row in enumerate(rows) if i in wrong or any(list(row.slopes.values())[names:])]
+    moving = all(any(rows[i].slopes.values()) for i in wrong)
+    multiples = multiples_of_multipliers(open_rows, samples) if wrong and moving else None
     wrong = () if multiples else wrong
     if wrong:
         term = wrong_term(rows[wrong[0]], derivation, samples, write)

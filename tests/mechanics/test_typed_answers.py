@@ -167,6 +167,14 @@ def test_a_letter_for_the_force_of_the_only_constraint_is_its_multiplier() -> No
     assert not pendulum.compare("m x'' = -T x/l\nm y'' = T y/l - m g")
 
 
+def test_a_constraint_on_accelerations_beside_a_tension_of_the_other_sign_is_right() -> None:
+    x, y = lg.coordinates("x y")
+    m, M, g, l = lg.parameters("m M g l")
+    pulley = lg.System(m * x.dot**2 / 2 + M * y.dot**2 / 2, -m * g * x - M * g * y, constraints={"string": x + y - l})
+    assert pulley.compare("m x'' = m g - T, M y'' = M g - T, x'' = -y''")
+    assert not pulley.compare("m x'' = m g - T, M y'' = M g - T, x'' = y''")
+
+
 def test_an_abbreviation_holds_for_the_lines_after_it() -> None:
     kepler = shared_scene("kepler")
     assert kepler.compare_text("r = sqrt(x^2 + y^2)\nx'' = -mu x/r^3\ny'' = -mu y/r^3")

@@ -35,6 +35,7 @@ COMMANDS = GREEK | frozenset(
         "bigl",
         "bigr",
         "quad",
+        "times",
         "sin",
         "cos",
         "ln",
@@ -82,7 +83,7 @@ def test_latex_is_well_formed(name: str) -> None:
 
 
 @pytest.mark.skipif(shutil.which("pdflatex") is None, reason="pdflatex is not installed")
-@pytest.mark.parametrize("name", ["double-pendulum", "cartesian-pendulum"])
+@pytest.mark.parametrize("name", ["double-pendulum", "cartesian-pendulum", "bead-on-wire", "slider-crank"])
 def test_pdflatex_sets_the_page(name: str, tmp_path: Path) -> None:
     (tmp_path / "page.tex").write_text(shared_scene(name).derivation().latex(), "utf-8")
     done = subprocess.run(

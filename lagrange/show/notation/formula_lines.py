@@ -112,13 +112,22 @@ class LineWriter:
         *before, last = row.sides
         left = self.notation.equal([self.sides.side(side) for side in before])
         measured = left if self.ruler is self.sides else " = ".join(self.ruler.side(side) for side in before)
-        if len(before) == 1 and width(measured) > WIDEST and isinstance(before[0], sympy.Expr):
+        if len(before) == 1 and isinstance(before[0], sympy.Expr) and self.apart(measured, last):
             first, *more = self.broken(before[0], WIDEST)
             lines = [Line("", first), *(Line("", line, goes_on=True) for line in more)]
+            if isinstance(last, sympy.Expr) and width(self.ruler.side(last)) > SHORT // 2:
+                first, *more = self.broken(last, WIDEST)
+                right = [self.notation.equal(["", first]), *more]
+                return [*lines, *(Line("", line, goes_on=True) for line in right)]
             whole = self.notation.equal([lines[-1].right, self.sides.side(last)])
             return [*lines[:-1], Line("", whole, goes_on=lines[-1].goes_on)]
         first, *more = self.broken(last, WIDEST - width(measured) - 3)
         return [Line(left, first), *(Line("", line, goes_on=True) for line in more)]
+
+    def apart(self, left: str, last: Any) -> bool:
+        """Return whether the last side stands below a left side: both are long, or the left one fills more lines."""
+        right = width(self.ruler.side(last)) if isinstance(last, sympy.Expr) else 0
+        return width(left) > WIDEST or (width(left) > WIDEST // 2 and width(left) + 3 + right > WIDEST)
 
     def broken(self, side: Any, room: int) -> list[str]:
         """Return a side on as many lines as it needs, the first of them with that much room."""
@@ -132,20 +141,35 @@ class LineWriter:
         return self.product_lines(plain, room)
 
     def sum_lines(self, total: Any, room: int) -> Iterator[str]:
-        """Yield the lines of a sum."""
+        """Yield the lines of a sum; a term that is wider than a line has lines of its own."""
         line: list[tuple[bool, str]] = []
         first = True
-        for term, (_, measured) in zip(self.setter.terms(total), self.ruler.setter.terms(total), strict=True):
+        parts = self.setter.order.terms(list(total.args)) if total.is_Add else [total]
+        measures = (text for _, text in self.ruler.setter.terms(total))
+        for part, term, measured in zip(parts, self.setter.terms(total), measures, strict=True):
             wide = width(measured) + 3
             if line and wide > room:
                 yield self.notation.signs(line, leading=first)
                 room, line, first = WIDEST, [], False
+            lines = self.product_lines(part, room, leading=first) if wide > WIDEST + 3 else []
+            if len(lines) > 1:
+                yield from lines
+                room, first = WIDEST, False
+                continue
             line.append(term)
             room -= wide
-        yield self.notation.signs(line, leading=first)
+        if line:
+            yield self.notation.signs(line, leading=first)
 
-    def product_lines(self, product: Any, room: int) -> list[str]:
-        """Return the lines of a product with a long sum for a factor: the rest, and the sum in parentheses."""
+    def columns(self, factors: list[Any], number: int = 1) -> int:
+        """Return the columns of one half of a fraction of two levels."""
+        return width(self.ruler.setter.quotient(factors, [], sympy.Integer(number)).text)
+
+    def product_lines(self, product: Any, room: int, *, leading: bool = True) -> list[str]:
+        """Return the lines of a product with a long sum for a factor: the rest, and the sum in parentheses.
+
+        The sum begins on a line of its own where the rest fills half of one. `leading` is as for signs.
+        """
         negative, above, below, number = self.setter.parts(product)
         sums = [base for base, exponent in above if base.is_Add and exponent == 1]
         if not sums:
@@ -163,9 +187,16 @@ class LineWriter:
         front = self.setter.quotient(rest, below, number)
         closed = front.text if front.level == PRODUCT else self.notation.grouped(front, POWER)
         before = [] if front == one else [closed]
-        first, *more = self.sum_lines(longest, room - (WIDEST // 5 if before else 2))
-        lines = [
-            self.notation.signs([(negative, self.notation.joined([*before, self.notation.opening + first]))]),
-            *more,
-        ]
+        over = number.p if number.is_Rational else 1
+        front_width = 0 if self.notation.in_one_line else max(self.columns(rest, over), self.columns(below))
+        apart = front_width > WIDEST // 2
+        taken = 2 if apart or not before else front_width if front_width > WIDEST // 3 else WIDEST // 5
+        first, *more = self.sum_lines(longest, (WIDEST if apart else room) - taken)
+        inside = self.notation.opening + first
+        if apart:
+            start = [self.notation.signs([(negative, front.text)], leading=leading)]
+            more = [self.notation.times + inside, *more]
+        else:
+            start = [self.notation.signs([(negative, self.notation.joined([*before, inside]))], leading=leading)]
+        lines = [*start, *more]
         return [*lines[:-1], lines[-1] + self.notation.closing + behind]

@@ -17,6 +17,7 @@ class LatexNotation(Notation):
     """LaTeX, in math mode."""
 
     opening, closing = r"\bigl(", r"\bigr)"
+    times = r"{} \times "
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
         r"""Return \ddot\theta_1, or p_\theta."""

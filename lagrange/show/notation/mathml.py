@@ -151,6 +151,7 @@ class MathmlNotation(Notation):
         return f"<mfrac><mi>d</mi>{row('<mi>d</mi>', '<mi>t</mi>')}</mfrac>" + inside
 
     opening, closing = operator("("), operator(")")
+    times = operator("\N{MULTIPLICATION SIGN}")
 
     def signs(self, terms: Sequence[tuple[bool, str]], *, leading: bool = True) -> str:
         """Return a + b - c."""

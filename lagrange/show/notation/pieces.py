@@ -33,6 +33,8 @@ class Notation(ABC):
 
     opening, closing = "(", ")"
     """Parentheses whose inside is on several lines."""
+    times = "* "
+    """Sign of a product whose second factor begins on a line of its own."""
     in_one_line = False
     """Whether a fraction has a stroke, and its own spelling is as wide as it looks."""
     fractions_in_front = True

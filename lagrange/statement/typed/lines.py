@@ -11,7 +11,8 @@ from lagrange.statement.typed.latex import FRAME, LINE_BREAK, OPERATOR, PROSE
 
 _COMMENT = re.compile(r"(?:(?<!\\)[#%]|(?<=\s)//)[^\n]*")
 _LABEL = re.compile(
-    r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*[ivx]{1,4}\s*\)(?=\s)|[0-9]{1,2}\s*\)|[0-9]{1,2}\.(?=\s)|[a-h]\)(?=\s)|[-*•](?=\s+[-(A-Za-z\\].*=))"
+    r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*(?:[ivx]{1,4}|[a-h])\s*\)(?=\s)|[0-9]{1,2}\s*\)|[0-9]{1,2}\.(?=\s)"
+    r"|(?:i{1,3}|i?v|vi{1,3}|[a-h])\)(?=\s)|[-*•](?=\s+[-(A-Za-z\\].*=))"
 )
 _HEADING = re.compile(r"[^=\n]*:(?!=)")
 _TRAILING_LABEL = re.compile(r"\s+\(\s*[0-9]{1,2}[a-z]?\s*\)\s*$")
@@ -19,7 +20,7 @@ _END = re.compile(r"[\s;,.]+$")
 _GOES_ON = re.compile(rf"(?:[-+*/=^({{\[,\u2212·⋅×]|{OPERATOR})\s*[&\s]*$")
 _CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:right|quad|qquad)\b)")
 _EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")
-_SEPARATOR = re.compile(r"[;,&]|\band\b|\bund\b")
+_SEPARATOR = re.compile(r"[;,&]|\band\b|\bund\b|\\q?quad\b")
 _OPEN, _CLOSE = "([{", ")]}"
 
 
@@ -36,14 +37,14 @@ def equation_spans(text: str) -> tuple[str, list[tuple[int, int]]]:
     blanked = _blank(FRAME, blanked)
     spans: list[tuple[int, int]] = []
     place = 0
-    lines = []
+    lines: list[str] = []
     for line in blanked.split("\n"):
-        lines.append(_without_label(line))
+        before = "" if not spans else "\n".join(lines)[spans[-1][0] : spans[-1][1]]
+        lines.append(line if _depth(before) > 0 else _without_label(line))
         begin, end = place, place + len(line)
         place = end + 1
         if not lines[-1].strip():
             continue
-        before = "" if not spans else "\n".join(lines)[spans[-1][0] : spans[-1][1]]
         if spans and _joined(before, lines[-1]):
             spans[-1] = (spans[-1][0], end)
         else:

@@ -110,7 +110,8 @@ class TypedReader:
         found, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
         for clause in clauses:
             line = self._line_of(clean, clause.begin, clause.end)
-            if line.is_value(self._is_parameter) or (clause.aside and not self._is_equation(line)):
+            aside = clause.aside or self._is_introduced(text, clause.begin)
+            if line.is_value(self._is_parameter) or (aside and not self._is_equation(line)):
                 continue
             try:
                 equations = self._without_remarks(line)
@@ -133,6 +134,11 @@ class TypedReader:
                 formula = marked or any(one.kind == "function" or one.order for one in pieces)
                 words.append(Word(token.begin, token.end, known, formula))
         return Line(text, begin, end, tuple(words))
+
+    def _is_introduced(self, text: str, begin: int) -> bool:
+        """Return whether a sentence with a colon stands before a part, such as "Steady state:"."""
+        above, colon, rest = text[text.rfind("\n", 0, begin) + 1 : begin].rpartition(":")
+        return bool(colon) and not rest.strip() and self._line_of(above, 0, len(above)).is_sentence()
 
     def _is_equation(self, line: Line) -> bool:
         """Return whether a part has a sign of equality and an acceleration."""

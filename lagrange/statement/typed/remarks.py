@@ -30,6 +30,7 @@ _NUMBER_AT_END = re.compile(rf"=\s*[-+]?[0-9][0-9.,]*(?:\s*[*·×]\s*10\s*\^?\s*
 _OPERATOR_AT_END = re.compile(r"[-+*/^=(\[{,\u2212·]\s*$")
 _LETTERS = re.compile(r"[\s,;.]*(?:[A-Za-z]\.)+[A-Za-z]\.?\s*$")
 _LAGRANGE = re.compile(r"∂|\\partial|\bd(?:L|T|V|U)\b")
+_DEFINITION = re.compile(r"\(\s*(?=([^\W\d_]\w*)\s*(?:\^2|\*\*2|²)?\s*=)")
 _DEFINED = re.compile(r"[\s(]*([^\W\d_]\w*)\s*(?:\([^()=]*\)\s*)?:?=")
 _OPEN, _CLOSE = "([{", ")]}"
 
@@ -58,12 +59,13 @@ class Clause:
 
 
 def clauses_of(text: str, begin: int, end: int, known: Callable[[str], bool]) -> list[Clause]:
-    """Return the clauses of text[begin:end], which is divided at arrows and at words such as "where".
+    """Return the clauses of text[begin:end]: it is divided at arrows, at words such as "where" and before "(name =".
 
     A word that is a symbol of the system divides nothing.
     """
     cuts = [(match.span(), False) for match in _ARROW.finditer(text, begin, end)]
     cuts += [(match.span(), True) for match in _ASIDE.finditer(text, begin, end) if not known(match.group())]
+    cuts += [(match.span(), True) for match in _DEFINITION.finditer(text, begin, end) if not known(match.group(1))]
     found, start, aside = [], begin, False
     for (left, right), opens in sorted(cuts):
         found.append(_trimmed(text, start, left, aside))
@@ -122,6 +124,10 @@ class Line:
         first = self.words[0] if self.words else None
         if defined and first and first.begin == defined.start(1) and not first.known:
             return True
+        return self._has_sentence(self.begin)
+
+    def is_sentence(self) -> bool:
+        """Return whether two words stand side by side of which one is no symbol."""
         return self._has_sentence(self.begin)
 
     def is_value(self, parameter: Callable[[str], bool]) -> bool:

@@ -138,6 +138,11 @@ REMARKS = {
     "m x'' = F = -k x": ["m*x_ddot = -k*x"],
     "x'' = -k x/m = -k/m x": ["x_ddot = -k*x/m", "x_ddot = -k/m*x"],
     "p = m x' = const.": ["d/dt(m*x_dot)"],
+    "i) m x'' = 0\n(b) M theta'' = 0": ["m*x_ddot = 0", "M*theta_ddot = 0"],
+    "m \\ddot x = 0 \\qquad M \\ddot\\theta = 0": ["m*x_ddot = 0", "M*theta_ddot = 0"],
+    "m (x'' + g\n  - R x) = 0": ["m*(x_ddot + g - R*x) = 0"],
+    "Newton's second law: m x'' = -k x\nSteady state: x = A cos(delta)\nTerminal velocity: x' = g": ["m*x_ddot = -k*x"],
+    "x'' = -k x/m   (y = a x^2)": ["x_ddot = -k*x/m"],
 }
 """Answers with words around the equations, and the equations."""
 
