@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import numpy as np
 import pytest
 
 import lagrange as lg
+from lagrange.trajectory import integrate
+from lagrange.trajectory.integrator import Problem
 
 x, y = lg.coordinates("x y")
 m, k, c, g, l = lg.parameters("m k c g l")
@@ -42,6 +45,24 @@ def test_a_stiffness_doubles_at_each_passage(method: str) -> None:
     t = np.linspace(0, 15, 97)
     assert run.at(t)[0] == pytest.approx(exact(t), abs=4 * close)
     assert run.energy == pytest.approx(np.full(len(run.t), 0.5), abs=4 * close)
+
+
+@pytest.mark.parametrize("method", ["rk4", "dop853"])
+def test_a_zero_that_rounding_leaves_ahead_of_a_segment_is_the_one_that_began_it(
+    method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run_once, starts = integrate._run, list[float]()
+
+    def with_rounding(integrator: Any, problem: Problem) -> lg.Trajectory:
+        starts.append(problem.t0)
+        before = len(starts) == 2
+        return run_once(integrator, replace(problem, y0=problem.y0 - [2e-15, 0]) if before else problem)
+
+    monkeypatch.setattr(integrate, "_run", with_rounding)
+    run = spring.run(6.0, events=[doubling], method=method)
+    assert starts[1] == starts[2] == run.t_events[0][0]
+    assert [new for _, new in run.parameter_changes] == [{"k": 2.0}]
+    assert run[x][-1] == pytest.approx(exact(6.0), abs=1e-6)
 
 
 def test_rows_times_and_files_have_the_values_that_hold(tmp_path: Path) -> None:
