@@ -64,7 +64,8 @@ def quick_check(model: Model) -> None:
     for attempt in range(MOST_DRAWS + 1):
         point = sampler.initial() if attempt == MOST_DRAWS else sampler.point(SAMPLE_KINDS[(attempt + 1) % 4], attempt)
         a = _accelerations(model, of_model(point))
-        direction = _allowed(model, of_model(point), probe.direction)
+        virtual = [w * (abs(x) or 1.0) for w, x in zip(probe.direction, point.q, strict=True)]
+        direction = _allowed(model, of_model(point), virtual)
         # Equations without accelerations do not hold at random states: of these the rates are looked at, one by one.
         if all(map(math.isfinite, a)) and not probe.suspects(point, a, direction):
             return
@@ -181,7 +182,8 @@ class _Probe:
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
         stated = StatedConstraints.alike(lambda q, v, t: tape(q, v, t, parameters), self.holonomic)
         step = self.number(DIFFERENCE_STEP)
-        steps = DifferenceSteps([step] * len(q), [step] * len(v), step)
+        sizes = [[step * (abs(x) or 1) for x in half] for half in (q, v)]
+        steps = DifferenceSteps(sizes[0], sizes[1], self._time_step(point, q, v))
         t, still = self.number(point.t), [self.number(0)] * len(q)
         whole, bias = (acceleration_level(stated, q, v, along_a, t, steps) for along_a in (a, still))
         terms = [weight * x for weight, x in zip(self.weights, whole, strict=True)]
@@ -192,25 +194,32 @@ class _Probe:
     ) -> tuple[Any, Any]:
         """Return the left-hand side along w, and its largest term."""
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
-        t, step = self.number(point.t), self.number(DIFFERENCE_STEP)
+        t, step, ahead = self.number(point.t), self.number(DIFFERENCE_STEP), self._time_step(point, q, v)
 
         def slope(tape: Precise, at_q: Any, at_v: Any, at_t: Any, dq: Any, dv: Any) -> Any:
-            ahead = tape(along(at_q, dq, step), along(at_v, dv, step), at_t, parameters)[0]
-            behind = tape(along(at_q, dq, -step), along(at_v, dv, -step), at_t, parameters)[0]
-            return (ahead - behind) / (2 * step)
+            upper = tape(along(at_q, dq, step), along(at_v, dv, step), at_t, parameters)[0]
+            lower = tape(along(at_q, dq, -step), along(at_v, dv, -step), at_t, parameters)[0]
+            return (upper - lower) / (2 * step)
 
         still = [0] * len(q)
 
         def momentum(s: Any) -> Any:
             return slope(for_rate, along(q, v, s), along(v, a, s), t + s, still, w)
 
-        terms = [(momentum(step) - momentum(-step)) / (2 * step), -slope(for_force, q, v, t, w, still)]
+        terms = [(momentum(ahead) - momentum(-ahead)) / (2 * ahead), -slope(for_force, q, v, t, w, still)]
         if self.forces is not None:
             loads = self.forces(q, v, t, parameters)
             terms += [-x * force for x, force in zip(w, loads, strict=True)]
         if self.dissipation is not None:
             terms.append(slope(self.dissipation, q, v, t, still, w))
         return sum(terms), max(map(abs, terms))
+
+    def _time_step(self, point: Point, q: Any, v: Any) -> Any:
+        """Return a step along the motion in which no coordinate changes by more than `DIFFERENCE_STEP` of itself."""
+        times = [abs(x / y) for x, y in zip(q, v, strict=True) if x and y]
+        if self.plain.uses_time or self.held.uses_time or not times:
+            times.append(self.number(abs(point.t) or 1.0))
+        return self.number(DIFFERENCE_STEP) * min(times)
 
     def _factor(self, least: float) -> float:
         return self.draw.uniform(least, 1.5) * self.draw.choice((-1, 1))

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from lagrange.evidence.scales import Scales
 from lagrange.statement.statement import Statement
 
 
@@ -52,12 +53,17 @@ DRAWS_PER_KIND = 40
 """Draws of one kind of point before the next kind is tried."""
 
 
+Move = tuple[float, float, float]
+"""A place, a random number, and the size of a move from the place by that number."""
+
+
 class Sampler:
     """Random points of a statement, the same for the same seed."""
 
     def __init__(self, statement: Statement, seed: int) -> None:
         self.statement = statement
         self._draw = random.Random(seed)
+        self._scales = Scales(statement)
         n = len(statement.coordinates)
         self._initial = (statement.initial[:n], statement.initial[n:])
 
@@ -66,11 +72,13 @@ class Sampler:
         near = kind.state == "initial"
         if near:
             spread = 0.3 * 0.1 ** (attempt // 4)
-            q, v = (self._near(values, spread) for values in self._initial)
+            moves = [self._near(values, spread) for values in self._initial]
         else:
-            q, v = (tuple(self._of_order_one() for _ in values) for values in self._initial)
+            moves = [[(0.0, self._of_order_one(), 1.0) for _ in values] for values in self._initial]
         t = self._draw.uniform(0.1, 2.0) * (max(0.1, self.statement.run.t_end / 2) if near else 1.0)
-        return Point(q, v, self._within(t), self._parameters(kind.parameters), kind.name)
+        parameters = self._parameters(kind.parameters)
+        q, v = self._placed(moves, self._scales.sizes(parameters, self.statement.initial if near else ()))
+        return Point(q, v, self._within(t), parameters, kind.name)
 
     def initial(self) -> Point:
         """Return the initial state itself, at t = 0 with the default parameters."""
@@ -79,24 +87,37 @@ class Sampler:
 
     def far(self) -> Point:
         """Return a point with numbers of any size, for branches that are rarely taken."""
-        q, v = (
-            tuple((x if self._draw.random() < 0.5 else 0.0) + self._of_order_one() * self._magnitude() for x in values)
+        moves = [
+            [(x if self._draw.random() < 0.5 else 0.0, self._of_order_one() * self._magnitude(), 1.0) for x in values]
             for values in self._initial
-        )
+        ]
         t = abs(self._of_order_one()) * self._magnitude()
-        parameters = self._draw.choice(("default", "near default", "order one"))
-        return Point(q, v, self._within(t), self._parameters(parameters), "far and wide")
+        parameters = self._parameters(self._draw.choice(("default", "near default", "order one")))
+        q, v = self._placed(moves, self._scales.sizes(parameters))
+        return Point(q, v, self._within(t), parameters, "far and wide")
+
+    def _placed(
+        self, moves: Sequence[Sequence[Move]], scales: Sequence[float]
+    ) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Return q and v from their moves; the characteristic size goes before the size of a move where it is not 1."""
+        every = zip([*moves[0], *moves[1]], scales, strict=True)
+        state = tuple(place + (size if scale == 1.0 else scale) * x for (place, x, size), scale in every)
+        return state[: len(moves[0])], state[len(moves[0]) :]
 
     def _within(self, t: float) -> float:
         """Return the time, or one at which given functions have values if it has none."""
         first, last = self.statement.span
         return t if first <= t <= last else first + (last - first) * (0.2 + 0.6 * t / (1.0 + t))
 
-    def _near(self, values: Sequence[float], spread: float) -> tuple[float, ...]:
+    def _near(self, values: Sequence[float], spread: float) -> list[Move]:
         largest = max(1.0, *map(abs, values))
-        # A zero has no size of its own: draw one between 1 and the largest of its kind.
+        # Where nothing tells the size of a zero, it is between 1 and the largest of its kind.
         sizes = [abs(x) or 10.0 ** self._draw.uniform(0.0, math.log10(largest)) for x in values]
-        return tuple(x + spread * size * self._of_order_one() for x, size in zip(values, sizes, strict=True))
+        moves = [spread * self._of_order_one() for _ in values]
+        return [
+            (x + size * move, 0.0, 1.0) if x else (0.0, move, size)
+            for x, move, size in zip(values, moves, sizes, strict=True)
+        ]
 
     def _parameters(self, how: str) -> dict[Any, float]:
         values = {}

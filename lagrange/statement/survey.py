@@ -131,6 +131,11 @@ def _parts(node: Any) -> tuple[Any, ...]:
 
 
 def _check_supported(node: Any, what: str) -> None:
+    if isinstance(node, sympy.Pow) and node.base.is_zero:
+        raise StatementError(
+            f"{what} contains {formula(node, 80)}: a power of zero jumps where its exponent changes sign and has no "
+            "derivative. Write a Piecewise, or another base."
+        )
     if isinstance(node, _PLAIN):
         return
     if node is sympy.I:

@@ -152,11 +152,12 @@ def test_rarely_taken_branches_are_sought_out() -> None:
 
 
 def test_a_branch_that_was_never_reached_is_said() -> None:
-    never = sp.Piecewise((x**3, x > 10**9), (x**2, True))
-    report = checked(StandIn(declare(kinetic=m * x.dot**2, potential=never, name="far")))
+    never, far = (sp.Piecewise((x**3, condition), (x**2, True)) for condition in (x > sp.cosh(x), x > 10**9))
+    report = checked(StandIn(declare(kinetic=m * x.dot**2, potential=never, name="never")))
     assert report
-    assert report.notes == ("Not covered: no point was found where x > 1000000000 holds.",)
+    assert report.notes == ("Not covered: no point was found where x > cosh(x) holds.",)
     assert report.notes[0] in str(report)
+    assert checked(StandIn(declare(kinetic=m * x.dot**2, potential=far, name="far"))).notes == ()
 
 
 def test_points_outside_the_domain_are_counted_and_replaced() -> None:

@@ -181,6 +181,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"kinetic": m}, "the kinetic energy does not contain theta.dot, so theta has no inertia and its acceleration is"),
     ({"kinetic": None, "potential": None, "lagrangian": cos(theta)}, "the Lagrangian does not contain theta.dot, so"),
     ({"kinetic": None, "potential": None, "lagrangian": sympy.zoo}, "the Lagrangian contains zoo"),
+    ({"potential": 0**theta}, "the potential energy contains 0**theta(t): a power of zero jumps where its exponent"),
     ({"dissipation": "c"}, "the dissipation is the text 'c'"),
     ({"dissipation": sympy.I}, "the dissipation contains the imaginary unit"),
     # coordinates
