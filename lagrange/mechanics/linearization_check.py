@@ -33,7 +33,7 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
         defaults = {p: statement.defaults.get(p, 0.0) for p in statement.parameters}
         zero = (0.0,) * len(statement.coordinates)
         agrees("the linearization", statement, Point(zero, zero, 0.3, defaults, "the point given"), at_point)
-    if not lin.decimal:
+    if not (point.decimal or lin.decimal):
         compared("the linearization", statement, at_point)
 
 

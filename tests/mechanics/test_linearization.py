@@ -148,6 +148,12 @@ def test_corners_that_do_not_matter_leave_the_matrices() -> None:
     assert beside.K[0] == 4 * k
 
 
+def test_a_point_in_decimals_is_checked_at_the_values_of_the_parameters_alone() -> None:
+    # Its matrices are of whole numbers here, and say nothing of other values.
+    spring = lg.System(m * x.dot**2 / 2, k * x**2 / 2, coordinates=[x], parameters={m: 1, k: 2})
+    assert (Matrix([1]), Matrix([2])) == (spring.linearize({x: 0.0}).M, spring.linearize({x: 0.0}).K)
+
+
 def test_it_pickles_and_says_what_it_is() -> None:
     lin = cart().linearize({}, inputs=[u])
     again = pickle.loads(pickle.dumps(lin))
