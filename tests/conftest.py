@@ -29,7 +29,7 @@ os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
-EXAMPLES = {True: 100, False: 15}
+EXAMPLES = {True: 100, False: 10}
 """Random examples of a law that says no number of its own, with and without --all."""
 
 

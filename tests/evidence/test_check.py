@@ -32,6 +32,7 @@ def failing(report: Report) -> list[str]:
     return [row.quantity for row in report.rows if not row.holds]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("make", statements.ALL, ids=lambda make: make.__name__)
 def test_what_is_right_holds(make: Callable[[], Statement]) -> None:
     report = checked(StandIn(make()), seed=1)

@@ -68,6 +68,7 @@ def wire() -> lg.System:
 SYSTEMS = [rod_pendulum, disc, mixed, appell, wire]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("make", SYSTEMS, ids=lambda make: make.__name__)
 def test_everything_holds(make: Callable[[], lg.System]) -> None:
     report = make().check(points=2)

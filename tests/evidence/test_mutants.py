@@ -306,13 +306,17 @@ def test_there_are_enough_mutants() -> None:
     assert len({mutant.name for mutant in MUTANTS}) == len(MUTANTS)
 
 
-@pytest.mark.parametrize("mutant", MUTANTS, ids=lambda mutant: mutant.name.replace(" ", "-"))
+@pytest.mark.parametrize("mutant", [
+    pytest.param(mutant, id=mutant.name.replace(" ", "-"), marks=[pytest.mark.slow] * (k % 4 > 0))
+    for k, mutant in enumerate(MUTANTS)
+])  # fmt: skip
 def test_mutant_is_caught(mutant: Mutant) -> None:
     with injected(mutant):
         report = check(mutant.system().compile("numpy", check=False), points=1)
     assert not report, f"{mutant.name} survived:\n{report}"
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", TERMS)
 def test_the_same_system_passes_without_a_mutant(name: str) -> None:
     report = check(plane(TERMS[name]).compile("numpy", check=False), points=1)

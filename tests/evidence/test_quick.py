@@ -41,6 +41,7 @@ def confirmations(monkeypatch: pytest.MonkeyPatch) -> list[Point]:
     return points
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("make", statements.ALL, ids=lambda make: make.__name__)
 def test_what_is_right_passes_at_once(make: Callable[[], Statement], confirmations: list[Point]) -> None:
     model = StandIn(make())

@@ -26,6 +26,7 @@ def columns_of(statement: Statement) -> list[int]:
     return list(range(2 * len(statement.coordinates)))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("make", statements.ALL, ids=lambda make: make.__name__)
 def test_every_quantity_agrees_with_symbolic_differentiation(make: Callable[[], Statement]) -> None:
     statement = make()

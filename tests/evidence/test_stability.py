@@ -9,6 +9,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.evidence.stability import growth, stability, step_of
+from lagrange.show.figures import stability_figure
 from lagrange.trajectory.methods.registry import BUILT_IN, find
 from lagrange.trajectory.methods.splitting import Splitting
 
@@ -76,7 +77,8 @@ def test_what_has_no_stability() -> None:
         lg.methods.plot_stability()
 
 
-def test_the_picture_of_regions() -> None:
+def test_the_picture_of_regions(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stability_figure, "_POINTS", 41)
     figure = lg.methods.plot_stability("rk4", "radau5")
     (axis,) = figure.axes
     legend = axis.get_legend()

@@ -187,6 +187,7 @@ def test_units_do_not_matter(method: str, size: float) -> None:
     assert scaled == pytest.approx(natural, abs=2e-13 if method == "taylor" else 1e-10)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("method", SYMPLECTIC)
 def test_the_energy_of_a_symplectic_method_does_not_drift(method: str) -> None:
     """4e5 steps in 40 blocks: the mean of the increments of the block means is zero, by Student's test."""

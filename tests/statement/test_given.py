@@ -101,7 +101,7 @@ def test_values_are_put_in_for_an_open_function() -> None:
     np.testing.assert_allclose(driven.substitute({"a": 0.1}).run(2.0).at(2.0), expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("method", ["taylor", "dop853"])
+@pytest.mark.parametrize("method", ["taylor", pytest.param("dop853", marks=pytest.mark.slow)])
 def test_a_table_is_a_spline_whose_first_two_derivatives_are_continuous(method: str) -> None:
     X, spline = lg.given("X", (TIMES, np.sin(2 * TIMES))), CubicSpline(TIMES, np.sin(2 * TIMES))
     driven = pendulum(X)

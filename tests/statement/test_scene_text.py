@@ -30,6 +30,7 @@ def again(statement: Statement, folder: Path) -> Statement:
     return lg.System.from_scene(path).statement
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", lg.scenes())
 def test_a_scene_reads_back_as_the_same_statement(name: str, tmp_path: Path) -> None:
     stated = lg.scene(name).statement
