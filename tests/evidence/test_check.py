@@ -242,6 +242,7 @@ def test_the_same_seed_gives_the_same_report() -> None:
     assert first.points != other.points
 
 
+@pytest.mark.slow
 def test_many_columns_are_looked_at_in_turn() -> None:
     many = [coordinate(f"x{i}") for i in range(6)]
     springs = sum((a - b) ** 4 for a, b in pairwise(many))

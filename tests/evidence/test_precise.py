@@ -153,6 +153,7 @@ def test_equal_subexpressions_are_computed_once() -> None:
     assert tape((0.3, 0.1), (0, 0), 0, {k: 1, c: 1})[0] > 0
 
 
+@pytest.mark.slow
 def test_neither_depth_nor_width_meets_a_recursion_limit() -> None:
     deep = x
     for _ in range(3000):

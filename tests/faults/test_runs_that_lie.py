@@ -157,6 +157,7 @@ def test_a_push_of_a_tenth_of_a_second_within_a_hundred(name: str, target: str, 
     assert found.y[1, -1] == pytest.approx(speed, rel=0.06)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", ANY_FORCE)
 def test_a_stiff_relaxation_oscillation(name: str) -> None:
     """Van der Pol with mu = 1e5: right, or stopped in words."""

@@ -126,6 +126,7 @@ def test_written_out_at_the_orders_of_a_run(name: str, order: int) -> None:
 KERNELS = [(name, order) for name in ALL for order in (WRITTEN_OUT[8], 0)]
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("name", "order"), KERNELS)
 def test_what_was_in_memory_before_does_not_matter(name: str, order: int) -> None:
     rng = np.random.default_rng(3)
@@ -141,6 +142,7 @@ def test_what_was_in_memory_before_does_not_matter(name: str, order: int) -> Non
     assert np.isfinite(expected).all()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(("name", "order"), KERNELS)
 def test_the_same_bits_twice_and_on_every_scale(name: str, order: int) -> None:
     """Powers of two only move the exponent: x[k] scale**k is the same digits whatever the scale."""

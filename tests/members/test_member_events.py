@@ -24,6 +24,8 @@ METHODS: dict[str, dict[str, Any]] = {
     **EQUAL_STEPS,
 }
 """Series; steps with their errors under control, which cubics screen, and equal ones; paths by stages and by slopes."""
+FIRST = [pytest.param(name, marks=[pytest.mark.slow] * (k > 0)) for k, name in enumerate(METHODS)]
+"""Machine code for lanes with events takes a second and more to compile: a default run has one method."""
 
 
 @cache
@@ -127,7 +129,7 @@ that is as right as the tolerance of 1e-10 makes it."""
 
 @pytest.mark.parametrize("case", list(HENON))
 @pytest.mark.parametrize("end", [20.0, pytest.param(-7.0, marks=pytest.mark.slow)])
-@pytest.mark.parametrize("method", ["taylor", *(pytest.param(name, marks=pytest.mark.slow) for name in [*METHODS][1:])])
+@pytest.mark.parametrize("method", FIRST)
 def test_events_of_a_member_are_those_of_its_run(
     case: str, end: float, method: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -190,8 +192,7 @@ def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(
         assert np.array_equal(found, expected, equal_nan=column.kind == "f8"), column.name
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize("method", FIRST)
 def test_events_at_both_ends_of_a_run(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Zeros from which a motion begins are no events; some that lie at its very end are, as in a run."""
     (y,) = ball().coordinates
@@ -205,8 +206,7 @@ def test_events_at_both_ends_of_a_run(method: str, monkeypatch: pytest.MonkeyPat
                 agree(together, lg.ensemble(ball(), 1.0, start, workers=1, **given))
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize("method", FIRST)
 def test_what_a_member_keeps_depends_on_it_alone(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Chunks, threads, order, and neighbours that escape or are left to runs of their own: the same bytes."""
     henon = lg.scene("henon-heiles")
@@ -241,8 +241,7 @@ def test_a_root_in_the_forces_is_watched_in_lanes_too(monkeypatch: pytest.Monkey
     agree(together, alone)
 
 
-@pytest.mark.few
-@pytest.mark.parametrize("method", list(METHODS))
+@pytest.mark.parametrize("method", FIRST)
 def test_a_limit_of_steps_holds_with_events(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     (x,) = oscillator().coordinates
     given: dict[str, Any] = {"events": [x], "keep": ("end", "counts", ("events", 9)), "method": method}

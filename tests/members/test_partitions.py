@@ -160,6 +160,7 @@ def killed(kind: str, trials: int) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 def test_a_program_that_is_killed_and_called_again() -> None:
     found = killed("program", 1)
     assert found["sound"] and found["kills"] and found["trials"] == 1, found
