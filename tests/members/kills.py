@@ -37,11 +37,14 @@ GRID = {"x": (-0.9, 0.9, 96), "y": (-0.6, 0.6, 64)}
 """Some of these members leave, and end early."""
 END = 12.0
 
-WARMING = 2
-"""Trials without a kill: workers start in the first, and the second says how long a run takes."""
+BLOCKS = 24
+"""Blocks of the whole store."""
 
-LATER = 3.0
-"""A program that is called again is killed at a moment of so many times as long: then most calls are through."""
+WARMING = 1
+"""Trials without a kill, in which workers start."""
+
+LATER = 3
+"""A program that is called again is killed at one of `LATER` times the blocks that are left: most calls are through."""
 
 MOST_CALLS = 200
 """A trial that is not done after so many calls goes round in a circle."""
@@ -130,22 +133,28 @@ def forked(path: Path, log: Path) -> int:
     return child
 
 
+def kill_at(child: int, path: Path, count: int) -> None:
+    """Kill a process when a store has `count` blocks, or when it is through."""
+    while len(stored(path)) < count and os.waitid(os.P_PID, child, os.WEXITED | os.WNOHANG | os.WNOWAIT) is None:
+        time.sleep(1e-3)
+    os.kill(child, signal.SIGKILL)  # one that is through waits to be asked how it ended
+
+
 def programs(trials: int, seed: int, folder: Path) -> Figures:
-    """Kill a program at random moments, and call it again, until it is through."""
+    """Kill a program at a random number of blocks, and call it again, until it is through."""
     lg.ensemble(MODEL, END, {"x": [0.1]})  # compiled once, before the copies
     figures, generator = Figures(), random.Random(seed)
-    began = time.monotonic()
     os.waitpid(forked(folder / "whole.zarr", folder / "whole.log"), 0)
-    lasts, whole = time.monotonic() - began, files(folder / "whole.zarr")
-    assert len(stored(folder / "whole.zarr")) == 24, "the run to compare with is not whole"
+    whole = files(folder / "whole.zarr")
+    assert len(stored(folder / "whole.zarr")) == BLOCKS, "the run to compare with is not whole"
     for trial in range(trials):
         path = folder / f"{trial}.zarr"
         figures.trials += 1
         for call in range(MOST_CALLS):
             log, before = folder / f"{trial}-{call}.log", stored(path)
             child = forked(path, log)
-            time.sleep(generator.uniform(0.0, lasts if not call else LATER * lasts))
-            os.kill(child, signal.SIGKILL)  # one that is through waits to be asked how it ended
+            left = BLOCKS - len(before)
+            kill_at(child, path, len(before) + generator.randrange(left * LATER + 1 if call else left))
             _, how = os.waitpid(child, 0)
             through = not os.WIFSIGNALED(how)
             figures.kills += not through
@@ -157,38 +166,40 @@ def programs(trials: int, seed: int, folder: Path) -> Figures:
     return figures
 
 
-def killer(
-    pids: Callable[[], list[int]], moment: float, generator: random.Random, killed: list[int]
-) -> threading.Timer:
-    """Return a thread that kills one of some processes after so many seconds."""
+def killer(pids: Callable[[], list[int]], path: Path, generator: random.Random, killed: list[int]) -> threading.Event:
+    """Kill one of some processes, from a thread, when a store has a random number of blocks.
+
+    Return the event that calls it off.
+    """
+    off, count = threading.Event(), generator.randrange(BLOCKS)
 
     def kill() -> None:
+        while len(stored(path)) < count:
+            if off.wait(1e-3):
+                return
         if found := pids():
             with suppress(ProcessLookupError):
                 os.kill(pid := generator.choice(found), signal.SIGKILL)
                 killed.append(pid)
 
-    timer = threading.Timer(moment, kill)
-    timer.daemon = True
-    timer.start()
-    return timer
+    threading.Thread(target=kill, daemon=True).start()
+    return off
 
 
 def trials_of(
     trials: int, seed: int, folder: Path, executors: Iterator[Any], pids: Callable[[Any], list[int]]
 ) -> Figures:
-    """Kill a worker of each executor at a random moment, and call again where that is told."""
+    """Kill a worker of each executor at a random number of blocks, and call again where that is told."""
     figures, generator = Figures(), random.Random(seed)
     run(folder / "whole.zarr", workers=2)
-    whole, starts, lasts = files(folder / "whole.zarr"), table.MemberTable.starts, 0.0
+    whole, starts = files(folder / "whole.zarr"), table.MemberTable.starts
     for trial in range(-WARMING, trials):
         path, killed, before = folder / f"{trial}.zarr", list[int](), set[int]()
         for call in range(MOST_CALLS):
-            executor, log, timers = next(executors), folder / f"{trial}-{call}.log", list[threading.Timer]()
+            executor, log, off = next(executors), folder / f"{trial}-{call}.log", threading.Event()
             if trial >= 0 and not call:
-                timers.append(killer(partial(pids, executor), generator.uniform(0.0, lasts), generator, killed))
+                off = killer(partial(pids, executor), path, generator, killed)
             watch(noted(log))
-            began = time.monotonic()
             try:
                 run(path, executor=executor)
                 through = True
@@ -197,14 +208,12 @@ def trials_of(
                 figures.gave_up += 1
             finally:
                 watch(starts)
-                for timer in timers:
-                    timer.cancel()
+                off.set()
             if trial >= 0:
                 judge(figures, path, log, before, whole if through else None)
             before = stored(path)
             if through:
                 break
-        lasts = time.monotonic() - began if trial < 0 else lasts
         figures.trials, figures.kills = max(trial + 1, 0), figures.kills + len(killed)
     return figures
 
