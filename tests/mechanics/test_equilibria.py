@@ -93,6 +93,7 @@ SYSTEMS = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_symbols_and_search_find_the_same(name: str) -> None:
     system = SYSTEMS[name]
@@ -128,6 +129,7 @@ def test_decimals_are_taken_as_they_are_written() -> None:
     assert slow.linearize({x: -10 * k / 11}).C[0, 0] == pytest.approx(0.246)
 
 
+@pytest.mark.slow
 def test_what_is_not_solved_in_symbols_is_searched() -> None:
     found = lg.System(
         m * x.dot**2 / 2, k * cosh(x) - c * x**2 + x * exp(-x), parameters={m: 1, k: 1, c: 2}

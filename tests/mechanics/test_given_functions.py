@@ -32,6 +32,7 @@ def test_equations_may_contain_the_given_function_and_its_derivatives() -> None:
         system.compare("l*theta_ddot + g*sin(theta) + Y_ddot*cos(theta)")
 
 
+@pytest.mark.slow
 def test_other_forms_have_the_values() -> None:
     system, written = driven(lg.given("X", sin(2 * lg.t))), driven(sin(2 * lg.t))
     forms: list[Callable[[lg.System], Any]] = [

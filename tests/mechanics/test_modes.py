@@ -124,6 +124,7 @@ def test_reasons_say_what_is_not_known() -> None:
     assert hill.modes().reason == "the energy has no minimum there, and eigenvalues need values of the parameters."
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     ("system", "stable"),
     [
@@ -214,6 +215,7 @@ def test_a_wrong_frequency_is_found_by_number(monkeypatch: pytest.MonkeyPatch) -
         shared_scene("pendulum").modes()
 
 
+@pytest.mark.slow
 def test_frequencies_are_written_short_and_have_the_right_values() -> None:
     m1, m2, k1, k2 = lg.parameters("m1 m2 k1 k2")
     turning = lg.System(

@@ -154,6 +154,7 @@ def random_system(seed: int) -> tuple[lg.System, Any, bool]:
     return system, shape / factor, kind < 4
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("seed", range(24))
 def test_the_smaller_system_has_the_same_accelerations(seed: int) -> None:
     system, solved, safe = random_system(seed)
