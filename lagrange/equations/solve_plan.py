@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -52,14 +52,26 @@ class SolvePlan:
 
     def solved(self, matrix: Sequence[Sequence[Node]], right: Sequence[Node]) -> list[Node]:
         """Return x; the factors of one matrix are shared by all right-hand sides."""
-        found: dict[int, Node] = {}
+        return self.solver(matrix)(right)
+
+    def solver(self, matrix: Sequence[Sequence[Node]]) -> Callable[[Sequence[Node]], list[Node]]:
+        """Return the function that gives x for a right-hand side; the structure of the matrix is found once."""
+        graph = matrix[0][0].graph
+        earlier: list[list[int]] = []
+        before: list[int] = []
         for block in self.blocks:
-            graph = right[block[0]].graph
-            known = [j for j in found if any(matrix[i][j] is not graph.zero for i in block)]
-            rest = [graph.sum([(1, right[i]), *((-1, matrix[i][j] * found[j]) for j in known)]) for i in block]
-            square = [[matrix[i][j] for j in block] for i in block]
-            found.update(zip(block, graph.solve(square, rest, self.negative(block)), strict=True))
-        return [found[i] for i in range(len(right))]
+            earlier.append([j for j in before if any(matrix[i][j] is not graph.zero for i in block)])
+            before += block
+        squares = [[[matrix[i][j] for j in block] for i in block] for block in self.blocks]
+
+        def solve(right: Sequence[Node]) -> list[Node]:
+            found: dict[int, Node] = {}
+            for block, square, known in zip(self.blocks, squares, earlier, strict=True):
+                rest = [graph.sum([(1, right[i]), *((-1, matrix[i][j] * found[j]) for j in known)]) for i in block]
+                found.update(zip(block, graph.solve(square, rest, self.negative(block)), strict=True))
+            return [found[i] for i in range(len(right))]
+
+        return solve
 
 
 def plan_of(matrix: Sequence[Sequence[Node]], multipliers: tuple[int, ...] = ()) -> SolvePlan:

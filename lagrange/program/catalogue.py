@@ -59,11 +59,11 @@ def jacobian(equations: Equations) -> Named:
         residual = [r - force for r, force in zip(residual, held.forces(multipliers), strict=True)]
         residual += [along(psi) for psi in held.velocities]
         known |= dict(zip(multipliers, equations.impulses, strict=True))
-    columns = []
+    columns, solve = [], equations.plan.solver(equations.matrix)
     for symbol in (*equations.q, *equations.v):
         column = tangents([*equations.rate, *residual], {symbol: graph.one})
         slopes = substitute([-column(entry) for entry in residual], known)
-        columns.append([*map(column, equations.rate), *equations.plan.solved(equations.matrix, slopes)[:n]])
+        columns.append([*map(column, equations.rate), *solve(slopes)[:n]])
     return {"jacobian": [entry for row in zip(*columns, strict=True) for entry in row]}
 
 
