@@ -21,7 +21,7 @@ from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.dependence import check_independent
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
 from lagrange.trajectory.constraints.passage import STEPS_PER_LOOK, StatesPassed
-from lagrange.trajectory.floors import survey
+from lagrange.trajectory.floors import raise_to_noise, survey
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
@@ -131,8 +131,8 @@ class Flow:
         while outcome in _GOES_ON and left > 0:
             outcome = driver.advance(state, min(left, steps), _NO_TIMES, _NO_ROWS)
             left, steps = left - steps, MOST_STEPS_PER_CALL
-            if outcome is Outcome.PAUSED:
-                self._check_pace(state, self._max_steps - left)
+            if outcome is Outcome.PAUSED and self._stays_slow(state, self._max_steps - left):
+                return False
             if outcome is Outcome.UNSCALED:
                 survey(self._model, self._model.parameter_array(parameters), state)
         return outcome is Outcome.DONE
@@ -150,25 +150,31 @@ class Flow:
             counts[DriverState.ROWS] = 0
             outcome = driver.advance(state, min(left, STEPS_PER_LOOK), *passed.room())
             left -= STEPS_PER_LOOK
-            if outcome is Outcome.PAUSED:
-                self._check_pace(state, self._max_steps - left)
+            if outcome is Outcome.PAUSED and self._stays_slow(state, self._max_steps - left):
+                return False
             if outcome is Outcome.UNSCALED:
                 survey(model, parameters, state)
             if passed.lead_over(counts[DriverState.ROWS], model, start, parameters, rtol):
                 return False
         return outcome is Outcome.DONE
 
-    def _check_pace(self, state: DriverState, steps: int) -> None:
-        """Raise RunError if the end is beyond `max_steps` at the pace of the steps so far."""
+    def _stays_slow(self, state: DriverState, steps: int) -> bool:
+        """Return whether a slow run is one for `integrate`, which raises its floors to its rounding noise.
+
+        Raises RunError if the end is beyond `max_steps` at the pace of the steps so far for another reason.
+        """
         t0, t1 = (float(state.reals[place]) for place in (DriverState.START, DriverState.END))
         share = (state.t - t0) / (t1 - t0)
         most = self._max_steps * (HOPELESS if self._integrator.claims.adaptive else 1.0)
         if steps < self._max_steps and steps > most * share:
+            if raise_to_noise(self._model, self._model.parameter_array(self._local.parameters), state):
+                return True
             needed = f"about {steps / share:.1g}" if share > 0 else "endlessly many"
             raise RunError(
                 f"{self._integrator.name} came from t = {t0:g} to {state.t:g} in {steps} steps. At this pace the end, "
                 f"t = {t1:g}, takes {needed}, more than max_steps = {self._max_steps}: end earlier, or raise max_steps."
             )
+        return False
 
     def _driver(self, plan: Plan, parameters: Mapping[Any, Any] | None) -> tuple[Driver, DriverState]:
         local, model = self._local, self._model
