@@ -22,7 +22,7 @@ from lagrange.members.varied import sample as sample
 from lagrange.recipes.model import Model as Model
 from lagrange.show.ensemble import Ensemble as Ensemble
 from lagrange.show.ensemble import ensemble as ensemble
-from lagrange.show.figures.empty_figure import figure as figure
+from lagrange.show.figures.new_figure import figure as figure
 from lagrange.show.plotting import plot as plot
 from lagrange.show.race import Race as Race
 from lagrange.show.race import race as race

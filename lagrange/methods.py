@@ -8,7 +8,7 @@ of SciPy's solvers carry its name: `lg.methods.ScipyRadau(max_step=0.1)`. `lg.me
 from typing import TYPE_CHECKING
 
 from lagrange.evidence.stability import Stability, growth, stability
-from lagrange.show.figures.stability_figure import plot_stability
+from lagrange.show.figures.modes_figure import plot_stability
 from lagrange.trajectory.foreign import scipy_solvers
 from lagrange.trajectory.foreign.sundials import CVODE
 from lagrange.trajectory.methods.explicit import RungeKutta, explicit_method, tableau

@@ -379,8 +379,7 @@ class System:
         takes longer than a second, says so below. Needs ipywidgets, which the extra `notebook` has.
         Raises StatementError for a slider of what is no parameter, coordinate or velocity, and without ipywidgets.
         """
-        from lagrange.show.notebook.explore_widgets import explore
-        from lagrange.show.notebook.explored_sliders import explored_sliders
+        from lagrange.show.notebook.explore import explore, explored_sliders
 
         chosen = explored_sliders(self.statement, ranges, sliders)
         return explore(self.statement, chosen, self.run, t_end=t_end, method=method, play=play, style=style)
@@ -578,7 +577,7 @@ class System:
 
         The arguments, and what is raised, are those of `System.eigenvalues`; `style` is "light" or "dark".
         """
-        from lagrange.show.figures.eigenvalue_figure import plot_eigenvalues
+        from lagrange.show.figures.modes_figure import plot_eigenvalues
 
         return plot_eigenvalues(self.eigenvalues(parameter, values, at), style)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from lagrange.cli.program import main
-from lagrange.show.figures.contents import WHAT
+from lagrange.show.figures.run_figure import WHAT
 from tests.drop import DROP, written
 
 

@@ -95,8 +95,7 @@ TYPES_ALONE = {
     "lagrange.program.function_rules": "lagrange.program.recurrence",
     "lagrange.machine.llvm.iterations": "lagrange.machine.llvm.procedures",
     "lagrange.machine.members.control": "lagrange.machine.members.printer",
-    "lagrange.show.figures.race_figure": "lagrange.show.race",
-    "lagrange.show.figures.ensemble_quantity": "lagrange.show.ensemble",
+    "lagrange.show.race": "lagrange.show.race",
     "lagrange.show.figures.ensemble_figure": "lagrange.show.ensemble",
 }
 """Arrows back within a stage, each for the name of a type alone. No new ones."""

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.show.figures.colours import COLOURS, DARK_COLOURS, colours
-from lagrange.show.figures.space_view import view_of
-from lagrange.show.figures.spring import spring
+from lagrange.show.figures.space import spring, view_of
+from lagrange.show.figures.style import COLOURS, DARK_COLOURS, colours
 from lagrange.statement.link import SPRING, Link
 from lagrange.trajectory.measures.points import points_at
 from lagrange.trajectory.solution import Solution

@@ -10,8 +10,7 @@ import numpy as np
 
 from lagrange.equations.structure import Structure
 from lagrange.page.motion import MOST_STEPS, TOLERANCE, MotionSource
-from lagrange.show.figures.space_view import AZIMUTH, ELEVATION
-from lagrange.show.figures.spring import spring
+from lagrange.show.figures.space import AZIMUTH, ELEVATION, spring
 from lagrange.show.notation.names import plain_text
 from lagrange.show.notation.text import UnicodeNotation
 from lagrange.show.sliders import Slider

@@ -11,13 +11,21 @@ from typing import Any
 from lagrange.equations.derivation import Derivation
 from lagrange.machine.model import Model
 from lagrange.page.description import description
-from lagrange.page.document import Document
-from lagrange.page.formulas import FoldedFormulas, formulas
-from lagrange.page.markup import colour_rules, hint, legend, note, phase_choices, slider_groups
+from lagrange.page.document import (
+    Document,
+    FoldedFormulas,
+    colour_rules,
+    formulas,
+    hint,
+    legend,
+    note,
+    phase_choices,
+    slider_groups,
+)
 from lagrange.page.motion import motion_source
 from lagrange.page.sliders import sliders
 from lagrange.show.files.atomic_file import write_atomically
-from lagrange.show.files.script_data import as_json
+from lagrange.show.files.template import as_json
 from lagrange.show.notation.names import plain_text
 from lagrange.statement.declare import initial_state
 

@@ -8,7 +8,7 @@ from typing import Any
 
 from lagrange.errors import counted, listing
 from lagrange.mechanics.invariants import drift_lines
-from lagrange.show.files.data_sets import finite
+from lagrange.show.files.run_files import finite
 from lagrange.show.notebook.html_card import image, pairs
 from lagrange.show.terminal.table import duration, text_table
 from lagrange.show.units import unit_of

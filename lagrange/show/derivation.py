@@ -10,7 +10,7 @@ from html import escape
 from typing import Any
 
 from lagrange.equations.derivation import Derivation
-from lagrange.show.notation.formula_lines import Line, LineWriter
+from lagrange.show.notation.formula import Line, LineWriter
 from lagrange.show.notation.latex import LatexNotation
 from lagrange.show.notation.mathml import MathmlNotation
 from lagrange.show.notation.names import GREEK, latex_text, markdown_text, plain_text

@@ -46,8 +46,7 @@ from lagrange.members.storage import ResultStorage, kept_in_memory
 from lagrange.members.store import kept_in_store
 from lagrange.members.table import MemberTable, member_table
 from lagrange.members.work import run_members
-from lagrange.show.figures.ensemble_figure import plot_ensemble
-from lagrange.show.figures.ensemble_quantity import COMPLETE
+from lagrange.show.figures.ensemble_figure import COMPLETE, plot_ensemble
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically, write_rows
 from lagrange.show.files.picture import picture

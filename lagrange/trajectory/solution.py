@@ -298,8 +298,7 @@ class Solution:
 
     def to_pandas(self) -> pandas.DataFrame:
         """Return a DataFrame: index t, a column per row of the state and multiplier; the status card is in `.attrs`."""
-        from lagrange.show.files.data_sets import data_frame
-        from lagrange.show.files.run_files import columns_of
+        from lagrange.show.files.run_files import columns_of, data_frame
 
         return data_frame(self.t, columns_of(self), self.card())
 
@@ -308,8 +307,7 @@ class Solution:
 
         It has a variable per row of the state, and one for each multiplier, called lambda[name].
         """
-        from lagrange.show.files.data_sets import data_set
-        from lagrange.show.files.run_files import columns_of
+        from lagrange.show.files.run_files import columns_of, data_set
 
         return data_set(self.t, columns_of(self), self.card())
 

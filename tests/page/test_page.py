@@ -19,9 +19,8 @@ from lagrange.page.description import rate
 from lagrange.page.document import SCRIPTS, TEMPLATE, in_script
 from lagrange.page.motion import contents
 from lagrange.page.sliders import nice, parameter_bounds
-from lagrange.show.figures.space_view import AZIMUTH, ELEVATION, from_side
-from lagrange.show.figures.spring import spring
-from lagrange.show.files.script_data import as_json
+from lagrange.show.figures.space import AZIMUTH, ELEVATION, from_side, spring
+from lagrange.show.files.template import as_json
 from tests.models import shared_scene
 from tests.systems import pendulum
 
@@ -149,7 +148,7 @@ def test_what_can_be_turned_says_so(tmp_path: Path) -> None:
 
 
 def test_formulas_that_are_too_long_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lagrange.page.formulas.LONGEST", 400)
+    monkeypatch.setattr("lagrange.page.document.LONGEST", 400)
     text = pendulum().to_page(tmp_path / "page.html").read_text("utf-8")
     assert text.count("These formulas are too long to be read here: `lagrange derive` prints them.") > 1
     assert "<summary>Equations of motion</summary>" in text

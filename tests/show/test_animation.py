@@ -11,7 +11,7 @@ from sympy import Float
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.show.animation.timing import MOST_FRAMES
-from lagrange.show.figures.spring import spring
+from lagrange.show.figures.space import spring
 from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.show.figures.blow_up import BLOWN_UP
+from lagrange.show.figures.curve import BLOWN_UP
 from lagrange.show.plotting import plot
 from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare

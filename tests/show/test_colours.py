@@ -6,8 +6,8 @@ import pytest
 from matplotlib.colors import to_rgb
 
 from lagrange.methods import names, plot_stability
-from lagrange.show.figures import stability_figure
-from lagrange.show.figures.colours import COLOURS, colours
+from lagrange.show.figures import modes_figure
+from lagrange.show.figures.style import COLOURS, colours
 
 
 @pytest.mark.parametrize("count", [0, 1, 8, 9, 39, 100])
@@ -18,7 +18,7 @@ def test_no_colour_comes_twice(count: int) -> None:
 
 
 def test_regions_of_stability_of_more_than_eight_methods_can_be_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(stability_figure, "_POINTS", 41)
+    monkeypatch.setattr(modes_figure, "_POINTS", 41)
     explicit = ("euler", "heun", "midpoint", "rk4", "bs3", "dopri5", "tsit5", "verner9", "dop853", "radau5")
     assert set(explicit) <= set(names())
     legend = plot_stability(*explicit).axes[0].get_legend()

@@ -13,7 +13,7 @@ from sympy import Abs, Float, Function, Max, Piecewise, Rational, cos, exp, log,
 
 import lagrange as lg
 from lagrange.show.derivation import render
-from lagrange.show.notation.formula_lines import LineWriter
+from lagrange.show.notation.formula import LineWriter
 from lagrange.show.notation.latex import LatexNotation
 from lagrange.show.notation.mathml import MathmlNotation
 from lagrange.show.notation.pieces import Notation

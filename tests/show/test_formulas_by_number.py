@@ -13,7 +13,7 @@ import pytest
 import sympy
 
 import lagrange as lg
-from lagrange.show.notation.formula_lines import LineWriter
+from lagrange.show.notation.formula import LineWriter
 from lagrange.show.notation.latex import LatexNotation
 from lagrange.show.notation.mathml import MathmlNotation
 from lagrange.show.notation.sections import (

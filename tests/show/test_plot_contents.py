@@ -182,7 +182,7 @@ def test_what_several_runs_cannot_have_is_refused() -> None:
             lg.plot(wrong)
     with pytest.raises(StatementError, match="there are 10 phase planes, and a figure has up to 9: choose"):
         free(10).plot("phase")
-    still = declare(kinetic=x.dot**2 / 2, forces={x: cos(lg.t) - x.dot}, name="pushed")
+    still = declare(kinetic=x.dot**2 / 2, forces={x: cos(lg.t) - x.dot**3}, name="pushed")
     run = solved(still, np.linspace(0, 1, 3), lambda t: np.array([np.sin(t), np.cos(t)]))
     with pytest.raises(StatementError, match="nothing was found that pushed conserves: there are no invariants"):
         run.plot("invariants")

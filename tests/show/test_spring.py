@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from lagrange.show.figures.spring import TURNS, spring
+from lagrange.show.figures.space import TURNS, spring
 
 
 @pytest.mark.parametrize("length", [0.3, 1.0, 40.0])

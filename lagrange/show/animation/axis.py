@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from lagrange.show.figures.number_labels import number_labels
+from lagrange.show.figures.style import number_labels
 from lagrange.trajectory.trajectory import FloatArray
 
 _STEPS = [1, 2, 2.5, 5, 10]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.show.animation.sheet import DOT, GRID, PAPER, QUIET, Chart, Sheet, Words, palette
-from lagrange.show.figures.shown_figure import new_figure
-from lagrange.show.figures.spring import spring
+from lagrange.show.figures.new_figure import new_figure
+from lagrange.show.figures.space import spring
 from lagrange.show.figures.style import Style
 from lagrange.statement.link import SPRING
 from lagrange.trajectory.trajectory import FloatArray

@@ -30,10 +30,9 @@ from lagrange.show.animation.canvas import (
     Pixels,
 )
 from lagrange.show.animation.sheet import FIXED, Sheet, Words, palette
-from lagrange.show.figures.spring import spring
+from lagrange.show.figures.space import spring
 from lagrange.show.figures.style import DARK, LIGHT, Style
-from lagrange.show.files.script_data import as_json
-from lagrange.show.files.template import filled
+from lagrange.show.files.template import as_json, filled
 from lagrange.statement.link import SPRING
 
 CONTROLS = 46

@@ -11,9 +11,8 @@ from lagrange.show.animation.axis import Axis
 from lagrange.show.animation.charts import Area
 from lagrange.show.animation.sheet import DOT, FIRST, FIXED, GRID, INK, Joint, Mark, Stroke, Words
 from lagrange.show.animation.space import floor_of, room_of
-from lagrange.show.figures.floor import Box
-from lagrange.show.figures.paths import SLENDER
-from lagrange.show.figures.space_view import View, view_of
+from lagrange.show.figures.paths import SLENDER, Box
+from lagrange.show.figures.space import View, view_of
 from lagrange.show.notation.names import plain_text
 from lagrange.show.units import length_unit, with_unit
 from lagrange.statement.statement import Statement

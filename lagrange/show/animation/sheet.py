@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from lagrange.show.figures.colours import colours
-from lagrange.show.figures.style import Style
+from lagrange.show.figures.style import Style, colours
 from lagrange.trajectory.trajectory import FloatArray
 
 PAPER, INK, QUIET, GRID, KINETIC, POTENTIAL, FIRST = range(7)

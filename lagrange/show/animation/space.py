@@ -6,9 +6,9 @@ import numpy as np
 
 from lagrange.show.animation.axis import Axis
 from lagrange.show.animation.sheet import GRID, QUIET, Stroke, Words
-from lagrange.show.figures.floor import Box
-from lagrange.show.figures.number_labels import number_labels
-from lagrange.show.figures.space_view import View
+from lagrange.show.figures.paths import Box
+from lagrange.show.figures.space import View
+from lagrange.show.figures.style import number_labels
 from lagrange.show.units import with_unit
 from lagrange.trajectory.trajectory import FloatArray
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from lagrange.dynamics.energy_exchange import MODES, ExchangeData
-from lagrange.show.figures.colours import colours
 from lagrange.show.figures.panel import legend_beside, panel_on, say_below
-from lagrange.show.figures.style import dress, style_of
+from lagrange.show.figures.style import colours, dress, style_of
 from lagrange.show.notation.names import letters
 from lagrange.show.units import unit_of, with_unit
 

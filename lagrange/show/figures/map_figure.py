@@ -11,7 +11,6 @@ from lagrange.dynamics.axes import Plane
 from lagrange.dynamics.basins import BasinsData
 from lagrange.dynamics.passage import PassageData
 from lagrange.errors import StatementError
-from lagrange.show.figures.colours import colours
 from lagrange.show.figures.panel import (
     angle_ticks,
     colour_bar,
@@ -21,7 +20,7 @@ from lagrange.show.figures.panel import (
     panel_on,
     say_below,
 )
-from lagrange.show.figures.style import Style, dress, style_of
+from lagrange.show.figures.style import Style, colours, dress, style_of
 from lagrange.show.units import unit_of, with_unit
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray

@@ -1,27 +1,223 @@
-"""A panel that a picture is drawn on: the user's own, or that of a new figure; its style, and labels of entries."""
+"""Panels of a figure: what they show, their axes, curves over time, and curves in a plane."""
 
 from __future__ import annotations
 
 import math
 import textwrap
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import ceil
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from lagrange.dynamics.angles import TURN
-from lagrange.errors import StatementError, shown
-from lagrange.show.figures.number_labels import number_labels
-from lagrange.show.figures.shown_figure import new_figure
-from lagrange.show.figures.style import Style, of_figure, on_paper
-from lagrange.show.notation.names import letters
-from lagrange.show.units import unit_of, with_unit
+from lagrange.errors import StatementError, listing, shown
+from lagrange.mechanics.invariants import MOST_LINES, invariant_sizes
+from lagrange.show.figures.curve import (
+    MOST_ROUNDS,
+    Pixels,
+    Window,
+    base_of,
+    clipped,
+    cut,
+    first_times,
+    in_plane,
+    less,
+    level,
+    limits_of,
+    notes_of,
+    outputs_alone,
+    over_time,
+    row_of,
+    thinned,
+    window_of,
+)
+from lagrange.show.figures.new_figure import new_figure
+from lagrange.show.figures.style import (
+    LINES,
+    Style,
+    colours,
+    dress,
+    few_ticks,
+    legend,
+    number_labels,
+    of_figure,
+    on_paper,
+)
+from lagrange.show.notation.formula import Typesetter
+from lagrange.show.notation.latex import LatexNotation
+from lagrange.show.notation.names import letter_of, letters
+from lagrange.show.notation.text import AsciiNotation
+from lagrange.show.units import energy_unit, unit_of, with_unit
+from lagrange.statement.coordinate import row_label
+from lagrange.statement.expression import expression as expression_of
 from lagrange.statement.statement import Statement
+from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.cm import ScalarMappable
     from matplotlib.figure import Figure
+
+
+PANELS = 28
+"""More coordinates than this share panels."""
+
+_SHORT = 10
+"""A longer name stands above its panel and not beside it."""
+
+_LONGEST, _WIDEST = 120, 50
+"""Letters of a formula in LaTeX, and in plain text, that still fits above a panel."""
+
+Values = Callable[["Solution"], FloatArray]
+"""Values (r, N) of a solution at its N outputs."""
+
+
+@dataclass(frozen=True, eq=False)
+class Quantity:
+    """Rows over time in one panel: what they are called, in mathematics or words, their unit, and their values.
+
+    `name` is what stands above the panel; where it is empty the one label stands beside it. Where `drift` is set the
+    values are how far something that should be constant has moved, which is a statement about the steps.
+    """
+
+    name: str
+    labels: tuple[str, ...]
+    values: Values
+    unit: str = ""
+    drift: bool = False
+
+
+def coordinates(solution: Solution, chosen: Sequence[str], *, merged: bool = False) -> list[Quantity]:
+    """Return the chosen coordinates, one to a panel unless there are many, or all in one."""
+    return _entries(solution, chosen, merged=merged, rate=False)
+
+
+def velocities(solution: Solution, chosen: Sequence[str], *, merged: bool = False) -> list[Quantity]:
+    """Return the velocities of the chosen coordinates, one to a panel unless there are many, or all in one."""
+    return _entries(solution, chosen, merged=merged, rate=True)
+
+
+def _entries(solution: Solution, chosen: Sequence[str], *, merged: bool, rate: bool) -> list[Quantity]:
+    together = len(chosen) if merged else ceil(len(chosen) / PANELS)
+    groups = [chosen[k : k + together] for k in range(0, len(chosen), together)]
+    return [_group(solution.model.statement, group, rate=rate) for group in groups]
+
+
+def _group(statement: Statement, names: Sequence[str], *, rate: bool) -> Quantity:
+    keys = [f"{name}_dot" if rate else name for name in names]
+    units = list(dict.fromkeys(unit_of(statement, key) for key in keys))
+    return Quantity(
+        _above(names, rate=rate),
+        tuple(f"${entry(statement, key)}$" for key in keys),
+        lambda run: np.array([run[key] for key in keys]),
+        units[0] if len(units) == 1 else "",
+    )
+
+
+def _above(names: Sequence[str], *, rate: bool) -> str:
+    """Return what stands above the panel of some coordinates or their velocities: nothing over a short label."""
+    what = "velocity of " if rate else ""
+    if len(names) > 1:
+        return f"{'velocities' if rate else 'coordinates'} {names[0]} to {names[-1]}"
+    return "" if len(names[0]) <= _SHORT else f"{what}{names[0]}"
+
+
+def energies(solution: Solution) -> Quantity:
+    """Return T, V and E = v.p - L, or E alone where a Lagrangian was stated and not its parts."""
+    statement = solution.model.statement
+    parts = [("T", statement.kinetic), ("V", statement.potential)]
+    stated = [] if statement.lagrangian_alone else parts
+
+    def values(run: Solution) -> FloatArray:
+        return np.array([*(run.evaluate(part) for _, part in stated), run.energy])
+
+    labels = (*(f"${name}$" for name, _ in stated), "$E$")
+    return Quantity("energies" if stated else "energy", labels, values, energy_unit(statement))
+
+
+def energy(solution: Solution) -> Quantity:
+    """Return the drift of an energy that is conserved, else the energy; no row where some state has none."""
+    if not solution.has_energy:
+        return Quantity("energy: it has no value at some state of the run", (), lambda run: np.empty((0, len(run.t))))
+    drift = solution.drift
+    if not drift.conserved:
+        title = f"energy ({drift.unkept})"
+        return Quantity(title, ("$E$",), lambda run: run.energy[None], energy_unit(solution.model.statement))
+    scale = drift.scale if drift.scale > 0 else 1.0
+    title = f"energy drift: (E − E₀) relative to {drift.against}"
+    return Quantity(title, ("$E$",), lambda run: (run.energy[None] - drift.first) / scale, "", drift=True)
+
+
+def momenta(solution: Solution) -> Quantity | None:
+    """Return how far the momenta of ignorable coordinates are from their first values; None where there are none."""
+    found = list(solution.momentum_drift)[:MOST_LINES]
+    if not found:
+        return None
+    title = f"drift of {listing(found)} relative to the largest term"
+    labels = tuple(f"${letter_of(name)}$" for name in found)
+    return Quantity(title, labels, lambda run: np.array([run.momentum_drift[name] for name in found]), "", drift=True)
+
+
+def invariants(solution: Solution) -> list[Quantity]:
+    """Return how far each conserved quantity is from its first value, relative to the size of its terms."""
+    sizes = invariant_sizes(solution.model, solution.t, solution.y, solution.parameters_at(solution.t))
+    return [_invariant(name, values[0], sizes[name]) for name, values in solution.invariants.items()]
+
+
+def _invariant(name: str, first: float, size: float) -> Quantity:
+    scale, against = (size, " relative to the size of its terms") if size > 0 else (1.0, ", which is 0 at every output")
+
+    def values(run: Solution) -> FloatArray:
+        return np.asarray((run.invariants[name][None] - first) / scale)
+
+    return Quantity(f"drift of {name}{against}", (name,), values, "", drift=True)
+
+
+def multipliers(solution: Solution) -> list[Quantity]:
+    """Return the multiplier of each constraint."""
+    names = list(solution.multipliers)
+    if not names:
+        raise StatementError(f"{solution.model.statement.name} has no constraints, and so no multipliers to plot.")
+    return [_multiplier(name) for name in names]
+
+
+def _multiplier(name: str) -> Quantity:
+    title = "" if len(name) <= _SHORT else f"multiplier of {name}"
+    label = rf"$\lambda_{{{letter_of(name, literal=True)}}}$"
+    return Quantity(title, (label,), lambda run: run.multipliers[name][None])
+
+
+def violation(solution: Solution) -> Quantity:
+    """Return the largest violation of the constraints, relative to the sizes of their terms."""
+    if not solution.model.statement.constraints:
+        raise StatementError(
+            f"{solution.model.statement.name} has no constraints, and so no violation of them to plot."
+        )
+    title = "largest violation of a constraint, relative to its terms"
+    return Quantity(title, ("violation",), lambda run: run.constraint_error[None], "", drift=True)
+
+
+def expression(solution: Solution, given: Any) -> Quantity:
+    """Return a SymPy expression in coordinates, velocities, accelerations, multipliers, parameters and t."""
+    label = row_label(given)
+    if label in solution.names:
+        return _group(solution.model.statement, [label.removesuffix("_dot")], rate=label.endswith("_dot"))
+    formula = expression_of(given, "what")
+    solution.evaluate(formula)  # refuses what the system does not have
+    text = formula_label(solution.model.statement, formula)
+    return Quantity(text, (text,), lambda run: run.evaluate(formula)[None])
+
+
+def formula_label(statement: Statement, given: Any) -> str:
+    """Return an expression as mathematics that Matplotlib can set, or as short text."""
+    formula = f"${Typesetter(statement, LatexNotation()).write(given)}$"
+    if len(formula) <= _LONGEST and "\\begin" not in formula:
+        return formula
+    text = Typesetter(statement, AsciiNotation()).write(given)
+    return text if len(text) <= _WIDEST else f"{text[:_WIDEST]} ..."
 
 
 FEWEST_TICKS, MOST_TICKS = 3, 10
@@ -134,3 +330,217 @@ def turned_lines(x: FloatArray, y: FloatArray, low: float, high: float) -> list[
     line = np.insert(x - turns * TURN, places, np.column_stack([out, gap, back]).ravel())
     heights = np.insert(y, places, np.column_stack([between, gap, between]).ravel())
     return [(line + k * TURN, heights) for k in range(max(1, math.ceil((high - low) / TURN - 1e-9)))]
+
+
+_ROUND_OFF = 1e-15
+"""A relative drift below this is round-off, and does not fill a panel."""
+
+_MORE = 2.0
+"""Dense output that drifts so many times as far as the steps is told apart from them: it is not the method's drift."""
+
+_DRIFT_ROUNDS = 3
+"""Halvings of the samples of a drift, which is round-off at the end, where no curve is smooth."""
+
+_FEW = 3
+"""Fewer points than this are dots, for there is no line to see."""
+
+
+@dataclass(frozen=True, eq=False)
+class Curves:
+    """Lines (2, K) of a quantity of one run, whether they are dots at the steps, and what is said of them.
+
+    `window` is what a panel shows of them where that is not all.
+    """
+
+    lines: list[FloatArray]
+    dots: bool = False
+    note: str = ""
+    window: Window | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class TimePanel:
+    """A quantity of some runs of systems with the same coordinates; `labels` tell the runs apart."""
+
+    quantities: tuple[Quantity, ...]
+    solutions: tuple[Solution, ...]
+    labels: tuple[str, ...]
+    wide: bool = False
+
+    @property
+    def height(self) -> float:
+        """The height relative to that of a coordinate."""
+        return 1.3 if self.wide else 1.0
+
+    def draw(self, axis: Axes, pixels: Pixels, style: Style) -> None:
+        """Draw all curves, with a legend where there are several."""
+        runs = [curves(one, run, pixels) for one, run in zip(self.quantities, self.solutions, strict=True)]
+        values = np.concatenate([np.empty(0), *map(_values, runs)])
+        values = values[np.isfinite(values)]
+        quantity = self.quantities[0]
+        base = 0.0 if quantity.drift else base_of(values)
+        start = base_of(np.array([time for run in self.solutions for time in (run.t[0], run.t[-1])]))
+        dress(axis, style)
+        for place, run in enumerate(runs):
+            self._draw_run(axis, place, run, (start, base), style)
+        statement = self.solutions[0].model.statement
+        axis.set_xlabel(with_unit(less("t", start), unit_of(statement, "t")), labelpad=2.0)
+        axis.margins(x=0.0)
+        few_ticks(axis)
+        _widen(axis, values - base, _ROUND_OFF if quantity.drift else 0.0)
+        if limits := limits_of([run.window for run in runs], [_values(run) for run in runs]):
+            axis.set_ylim(limits[0] - base, limits[1] - base)
+        axis.locator_params(axis="y", nbins=4 if self.wide else 3)
+        self._name(axis, base, "; ".join(dict.fromkeys(run.note for run in runs if run.note)), style)
+
+    def _draw_run(self, axis: Axes, place: int, run: Curves, origin: tuple[float, float], style: Style) -> None:
+        """Draw the lines of a run: runs have a colour each, or a kind of line where the rows have the colours."""
+        several, count = len(self.solutions) > 1, len(run.lines)
+        own = colours(len(self.solutions), style.colours)[place]
+        shades = (style.ink,) if self.quantities[0].drift else colours(1, style.colours)
+        if count > 1:
+            shades = colours(count, style.colours)
+        elif several:
+            shades = (own,)
+        kind = LINES[place % len(LINES)] if several and count > 1 else "-"
+        for line, shade, label in zip(run.lines, shades, self.quantities[place].labels, strict=False):
+            dots = run.dots or line.shape[1] < _FEW
+            name = " ".join(
+                part for part in (label if count > 1 else "", self.labels[place] if several else "") if part
+            )
+            axis.plot(
+                line[0] - origin[0],
+                line[1] - origin[1],
+                color=shade,
+                linewidth=1.0 if self.quantities[0].drift else 1.3,
+                linestyle="none" if run.dots else kind,
+                marker="o" if dots else "",
+                markersize=2.0 if run.dots else 3.0,
+                label=name or "_nolegend_",
+            )
+
+    def _name(self, axis: Axes, base: float, notes: str, style: Style) -> None:
+        """Say what is drawn: beside the panel if it is short, else above it, and in a legend if there are several."""
+        quantity = self.quantities[0]
+        title = notes
+        if quantity.name or len(quantity.labels) != 1:
+            title = "\n".join(filter(None, (with_unit(less(quantity.name, base), quantity.unit), notes)))
+        else:
+            text = with_unit(less(quantity.labels[0], base), quantity.unit)
+            axis.set_ylabel(text, rotation=0, ha="right", va="center", labelpad=6.0, color=style.ink)
+        size = 10.0 if self.wide else 9.0
+        axis.set_title(title, loc="left", fontsize=size, color=style.ink)
+        if len(quantity.labels) > 1 or len(self.solutions) > 1:
+            legend(axis, style, title, size)
+
+
+def curves(quantity: Quantity, solution: Solution, pixels: Pixels) -> Curves:
+    """Return a quantity of a run as lines within a pixel, in a panel of some size.
+
+    A drift is that of the dense output, which agrees with the steps at the steps. Where it moves much further between
+    them than the steps do it is an error of the dense output and not of the method: then there are dots at the steps,
+    and a note has the largest value between them.
+    """
+    run = solution.trajectory
+    window = None if quantity.drift else window_of(solution, lambda t: quantity.values(solution.sampled(t)))
+    if outputs_alone(run):
+        lines = [thinned(run.t, row, pixels) for row in clipped([window], quantity.values(solution)[None])[0]]
+        said = "the outputs, joined by straight lines"
+        return Curves(lines, note=f"{said}; {window.note}" if window else said, window=window)
+    lines = over_time(
+        lambda t: clipped([window], quantity.values(solution.sampled(t))[None])[0],
+        first_times(run),
+        pixels,
+        rounds=_DRIFT_ROUNDS if quantity.drift else MOST_ROUNDS,
+    )
+    if not quantity.drift or len(run.t) < _FEW:
+        return Curves(lines, note=window.note if window else "", window=window)
+    own = quantity.values(solution)
+    at_steps, between = (_largest(rows) for rows in (own, np.concatenate([line[1] for line in lines])))
+    if between <= max(_MORE * at_steps, _ROUND_OFF):
+        return Curves(lines)
+    steps = [thinned(run.t, row, pixels) for row in own]
+    return Curves(steps, dots=True, note=f"at the steps (the dense output between them: up to {between:.1e})")
+
+
+def _values(run: Curves) -> FloatArray:
+    """Return all values of the lines of a run, (N,)."""
+    return np.concatenate([np.empty(0), *(line[1] for line in run.lines)])
+
+
+def _largest(rows: FloatArray) -> float:
+    return float(np.max(np.abs(rows), initial=0.0, where=np.isfinite(rows)))
+
+
+def _widen(axis: Axes, values: FloatArray, least: float) -> None:
+    """Keep round-off from filling a panel: what stays put, or moves by less than the least, is a level line."""
+    size = _largest(values)
+    if size < least:
+        axis.set_ylim(-2 * least, 2 * least)
+    elif limits := level(values):
+        axis.set_ylim(*limits)
+
+
+@dataclass(frozen=True, eq=False)
+class PhasePanel:
+    """The phase plane of one coordinate, by its name, of some runs."""
+
+    name: str
+    solutions: tuple[Solution, ...]
+    labels: tuple[str, ...]
+    shape: str = "square"
+
+    def draw(self, axis: Axes, pixels: Pixels, style: Style) -> None:
+        """Draw velocities over coordinates, open circles where runs begin, and dots where they end."""
+        dress(axis, style)
+        keys = (self.name, f"{self.name}_dot")
+        shades = colours(len(self.solutions), style.colours)
+        statement = self.solutions[0].model.statement
+        windows = [_windows(run, keys) for run in self.solutions]
+        lines = [_line(run, keys, pixels, shown) for run, shown in zip(self.solutions, windows, strict=True)]
+        values = [row[np.isfinite(row)] for row in np.concatenate(lines, axis=1)]
+        origin = np.array([base_of(row) for row in values])
+        for line, label, shade in zip([line - origin[:, None] for line in lines], self.labels, shades, strict=True):
+            axis.plot(*line, color=shade, linewidth=1.1, zorder=2)
+            axis.plot(*line[:, 0], "o", mfc=style.paper, mec=shade, ms=5, zorder=4)
+            axis.plot(*line[:, -1], "o", color=shade, ms=6, zorder=5, label=label or "_nolegend_")
+        x, y = (
+            with_unit(less(f"${entry(statement, key)}$", base), unit_of(statement, key))
+            for key, base in zip(keys, origin, strict=True)
+        )
+        axis.set_xlabel(x, labelpad=2.0)
+        axis.set_ylabel(y, labelpad=6.0)
+        axis.margins(0.06)
+        for k, side in enumerate("xy"):
+            seen = limits_of([shown[k] for shown in windows], [line[k] for line in lines]) or level(values[k])
+            if seen:
+                axis.set(**{f"{side}lim": (seen[0] - origin[k], seen[1] - origin[k])})
+        few_ticks(axis)
+        notes = [notes_of(shown[k] for shown in windows) for k in range(2)]
+        said = "".join(f"\n{name}: {note}" for name, note in zip(("right", "up"), notes, strict=True) if note)
+        title = f"phase plane; open circles: start{said}"
+        axis.set_title(title, loc="left", fontsize=10, color=style.ink)
+        if len(self.solutions) > 1:
+            legend(axis, style, title, 10)
+
+
+def _states(run: Solution, keys: tuple[str, str], t: FloatArray) -> FloatArray:
+    """Return a coordinate and its velocity at times (K,), (2, K)."""
+    return run.at(t)[[run.names.index(key) for key in keys]]
+
+
+def _windows(run: Solution, keys: tuple[str, str]) -> list[Window | None]:
+    """Return what is shown to the right and upwards of a run that leaves the panel."""
+    return [window_of(run, row_of(lambda t: _states(run, keys, t), k)) for k in range(2)]
+
+
+def _line(run: Solution, keys: tuple[str, str], pixels: Pixels, windows: Sequence[Window | None]) -> FloatArray:
+    """Return the path of a run in the phase plane, (2, K)."""
+
+    def states(t: FloatArray) -> FloatArray:
+        return clipped(windows, _states(run, keys, t))
+
+    if outputs_alone(run.trajectory):
+        return cut(windows, states(run.t))
+    line = in_plane(lambda t: states(t)[None], first_times(run.trajectory), pixels, equal=False)[1][0]
+    return cut(windows, line)

@@ -1,22 +1,40 @@
-"""The style of every figure: ink, paper and colours, light and dark, and the quiet frame of a panel.
-
-A style is set on each figure and not in Matplotlib's settings, which all threads share.
-"""
+"""The look of figures: colours of a style, marks of numbers on axes."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from colorsys import hls_to_rgb
 from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from math import floor, isfinite, log10
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from lagrange.errors import StatementError
-from lagrange.show.figures.colours import COLOURS, DARK_COLOURS
-from lagrange.show.figures.number_labels import number_formatter, number_labels
 from lagrange.statement.choice import one_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.ticker import Formatter
+
+
+COLOURS = ("#0b6e99", "#d1495b", "#3c7d45", "#a35c00", "#6a4c93", "#00798c", "#8d5b4c", "#4a5568")
+"""For up to eight lines on white, told apart by people who see few colours too."""
+
+DARK_COLOURS = ("#4db3e0", "#f0808c", "#79c585", "#e0a458", "#b79ae0", "#4fd0dd", "#c9a090", "#a9b4c4")
+"""The same hues in the same order, light enough for dark paper."""
+
+_LIGHTNESS, _SATURATION = (0.33, 0.5, 0.62), (0.75, 0.9, 0.55)
+
+
+def colours(count: int, few: tuple[str, ...] = COLOURS) -> tuple[str, ...]:
+    """Return as many colours, no two the same: beyond eight, hues around the circle, light and dark in turn."""
+    if count <= len(few):
+        return few[:count]
+    shares = (hls_to_rgb(k / count, _LIGHTNESS[k % 3], _SATURATION[k % 3]) for k in range(count))
+    return tuple("#" + "".join(f"{round(255 * part):02x}" for part in share) for share in shares)
 
 
 _MOST_NUMBERS = 7
@@ -151,3 +169,84 @@ def mixed(colour: str, other: str, share: float) -> str:
 def parts_of(colour: str) -> tuple[float, ...]:
     """Return red, green and blue of #rrggbb, from 0 to 1."""
     return tuple(int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5))
+
+
+_LARGEST, _SMALLEST = 5, -4
+"""Powers of ten from which on, and up to which, numbers are written with their power."""
+
+_MOST_DIGITS = 15
+"""Digits behind the point: more than a double has."""
+
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def number_labels(values: Sequence[float]) -> list[str]:
+    """Return numbers as text, with as many digits as tell neighbours apart: -0.5, 0.0, 0.5 or −2·10⁻⁹, 0, 2·10⁻⁹."""
+    finite = sorted({float(value) for value in values if isfinite(value)})
+    size = max(map(abs, finite), default=0.0)
+    if size == 0.0:
+        return ["0" if isfinite(value) else "" for value in values]
+    gaps = [b - a for a, b in pairwise(finite)]
+    digits = _digits(min(gaps, default=size))
+    power = floor(log10(size) + 1e-9)
+    if _SMALLEST < power < _LARGEST:
+        return [_decimal(value, digits) for value in values]
+    return [_decimal(value / 10.0**power, digits + power) + (_ten(power) if value else "") for value in values]
+
+
+def ten_to(power: int) -> str:
+    """Return a power of ten as text, 10⁻⁹."""
+    return "10" + str(power).translate(_RAISED)
+
+
+def _ten(power: int) -> str:
+    return "·" + ten_to(power)
+
+
+def _digits(gap: float) -> int:
+    """Return how many digits behind the point a multiple of a gap has, which is 1, 2, 2.5 or 5 times a power of ten."""
+    digits = -floor(log10(gap) + 1e-9)
+    return digits + (abs(gap * 10.0**digits - round(gap * 10.0**digits)) > 1e-3)
+
+
+def _decimal(value: float, digits: int) -> str:
+    if not isfinite(value):
+        return ""
+    if value == 0:
+        return "0"
+    text = f"{value:.{min(max(digits, 0), _MOST_DIGITS)}f}"
+    return text.replace("-", "−")
+
+
+def number_formatter() -> Formatter:
+    """Return what labels the marks of one axis of Matplotlib."""
+    return _formatter_class()()
+
+
+@cache
+def _formatter_class() -> type[Formatter]:
+    """Return the class, made with the first figure: Matplotlib takes 0.2 s to import."""
+    from matplotlib.ticker import Formatter
+
+    class NumberFormatter(Formatter):
+        """Labels of the marks of an axis, which are told apart by their digits alone."""
+
+        __qualname__ = "NumberFormatter"  # by which pickle finds it in this module
+
+        def __call__(self, x: float, pos: int | None = None) -> str:
+            if pos is None:  # the position of a pointer, which is no mark
+                return f"{x:.6g}"
+            return self.format_ticks([*self.locs])[pos] if pos < len(self.locs) else ""
+
+        def format_ticks(self, values: Any) -> list[str]:
+            self.set_locs(values)
+            return number_labels([float(value) for value in values])
+
+    return NumberFormatter
+
+
+def __getattr__(name: str) -> Any:
+    """Return the class to pickle, which looks for it by name (PEP 562)."""
+    if name == "NumberFormatter":
+        return _formatter_class()
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}")

@@ -8,7 +8,7 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from lagrange.errors import counted
-from lagrange.show.figures.shown_figure import SCREEN_DPI
+from lagrange.show.figures.new_figure import SCREEN_DPI
 from lagrange.show.files.picture import bounded_png
 from lagrange.show.notation.names import plain_text
 

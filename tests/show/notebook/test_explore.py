@@ -18,8 +18,7 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.show.figures.style import DARK, LIGHT, Style
-from lagrange.show.notebook.exploration import Exploration
-from lagrange.show.notebook.explored_sliders import explored_sliders
+from lagrange.show.notebook.explore import Exploration, explored_sliders
 from lagrange.show.sliders import PARAMETER
 from tests.show.notebook.shown import HOSTILE
 

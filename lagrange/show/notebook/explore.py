@@ -1,35 +1,62 @@
-"""The picture under sliders: positions, or coordinates, beside the energy, drawn again within a twentieth of a second.
-
-The figure, its panels and its lines are made once; a change gives the lines other points. They are drawn over the axes
-with their numbers, which are kept, and drawn again only where a curve leaves them: Matplotlib takes ten times as long
-for letters as for curves.
-"""
+"""Sliders in a notebook over the picture of a run. ipywidgets is imported when somebody asks for them."""
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping, Sequence
+from html import escape
 from io import BytesIO
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from lagrange.errors import LagrangeError, StatementError, listing
 from lagrange.show.animation.axis import around
-from lagrange.show.figures.colours import colours
-from lagrange.show.figures.shown_figure import SCREEN_DPI, new_figure
-from lagrange.show.figures.space_view import View, view_of
-from lagrange.show.figures.spring import spring
-from lagrange.show.figures.style import Style, dress, on_paper
+from lagrange.show.figures.new_figure import SCREEN_DPI, new_figure
+from lagrange.show.figures.space import View, spring, view_of
+from lagrange.show.figures.style import Style, colours, dress, on_paper, style_of
 from lagrange.show.notation.names import letters, plain_text
+from lagrange.show.notebook.html_card import text
+from lagrange.show.sliders import PARAMETER, Slider, asked_bounds, places
 from lagrange.show.units import length_unit, unit_of, with_unit
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.link import SPRING
+from lagrange.statement.number import flag, real_number
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.measures.points import fixed_points, points_at
+from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.lines import Line2D
+
+
+MOST_SLIDERS = 12
+"""More sliders than this are no longer a picture that somebody plays with."""
+
+
+def explored_sliders(statement: Statement, given: Any, named: Mapping[str, Any]) -> list[Slider]:
+    """Return the sliders, first those of a dict by symbol or name, then those that were given by keyword.
+
+    Raises StatementError for a name that is no parameter, coordinate or velocity, and for what are no bounds.
+    """
+    bounds = asked_bounds(statement, given) | asked_bounds(statement, named)
+    known = places(statement)
+    if not bounds:
+        raise StatementError(
+            f"no slider was asked for: give bounds such as explore({next(iter(known))}=(0, 2)), of {listing(known)}."
+        )
+    if len(bounds) > MOST_SLIDERS:
+        raise StatementError(f"{len(bounds)} sliders were asked for, and there is room for {MOST_SLIDERS}.")
+    found = []
+    for name, (low, high) in bounds.items():
+        kind, place = known[name]
+        value = statement.initial[place] if kind != PARAMETER else statement.defaults.get(statement.parameters[place])
+        start = (low + high) / 2 if value is None else min(max(value, low), high)
+        found.append(Slider(name, kind, place, start, low, high, unit_of(statement, name), chosen=True))
+    return found
+
 
 SAMPLES = 1500
 """Points of a curve: three for each pixel of time. More take longer than they show."""
@@ -299,3 +326,153 @@ def _kept(limits: tuple[float, float], low: float, high: float) -> tuple[float, 
     if limits[0] <= low and high <= limits[1] and high - low > _TOO_SMALL * (limits[1] - limits[0]):
         return limits
     return around(np.array([low, high]), _ROOM)
+
+
+Run = Callable[[Mapping[str, float], Mapping[str, float]], Solution]
+"""A run from initial values by name, with parameters by name."""
+
+
+class Exploration:
+    """A system at the values of its sliders: `picture` is a PNG, `message` says how the run ended.
+
+    A run that fails changes the message, and the picture as far as the run got.
+    """
+
+    def __init__(self, statement: Statement, sliders: Sequence[Slider], run: Run, style: Style) -> None:
+        self.statement, self.sliders = statement, tuple(sliders)
+        self.values = {slider.name: slider.value for slider in sliders}
+        self.share = 0.0
+        self.message = ""
+        self.complete = False
+        self._run = run
+        self._note = "" if statement.positions else "No positions are stated: the coordinates are drawn."
+        self._drawn = ExploredPicture(statement, style)
+        self.picture = b""
+        self.change({})
+
+    def change(self, values: Mapping[str, float]) -> None:
+        """Give sliders values, run again and draw."""
+        self.values |= values
+        parameters = {slider.name: self.values[slider.name] for slider in self.sliders if slider.kind == PARAMETER}
+        initial = {slider.name: self.values[slider.name] for slider in self.sliders if slider.kind != PARAMETER}
+        try:
+            solution = self._run(initial, parameters)
+        except LagrangeError as refusal:
+            self.message, self.complete = str(refusal), False
+        else:
+            self._drawn.show(solution)
+            self.complete = solution.status.complete
+            self.message = " ".join(filter(None, (solution.message, _drift(solution), self._note)))
+        self.move(self.share)
+
+    def move(self, share: float) -> None:
+        """Draw another part of the run, between 0 and 1."""
+        self.share = min(max(share, 0.0), 1.0)
+        self.picture = self._drawn.png(self.share)
+
+
+def _drift(solution: Solution) -> str:
+    """Return how far the energy moved, where the system keeps it."""
+    if not solution.has_energy or not solution.drift.conserved:
+        return ""
+    return f"Energy drift {solution.drift.sentence()}."
+
+
+PLACES = 400
+"""Places of the slider of time; the whole run plays in 20 s at 20 a second."""
+INTERVAL = 50
+"""Milliseconds between two frames of a run that plays."""
+
+
+LONGEST = 1.0
+"""Seconds that one run may take behind sliders, before it ends with a message: nobody drags against a longer one."""
+
+
+def explore(
+    statement: Statement,
+    sliders: Sequence[Slider],
+    runs: Callable[..., Solution],
+    *,
+    t_end: float | None,
+    method: Any,
+    play: bool,
+    style: str,
+) -> Any:
+    """Return the widgets of a system that `runs(t_end, initial, parameters=..., ...)` runs; see `System.explore`."""
+    flag(play, "play")
+    look = style_of(style)
+    end = statement.run.t_end if t_end is None else real_number(t_end, "t_end, the time at which runs end,")
+    find(statement.run.method or DEFAULT if method is None else method)
+
+    def run(initial: Mapping[str, float], parameters: Mapping[str, float]) -> Solution:
+        return runs(end, initial, parameters=parameters, method=method, max_wall=LONGEST)
+
+    return explore_widgets(Exploration(statement, sliders, run, look), play=play)
+
+
+def explore_widgets(exploration: Exploration, *, play: bool) -> Any:
+    """Return the sliders above the picture and the message. Raises StatementError without ipywidgets."""
+    try:
+        import ipywidgets
+    except ImportError as error:
+        raise StatementError(
+            "explore() draws its sliders with ipywidgets, which is not installed: pip install ipywidgets, which the "
+            "extra notebook has, and start the kernel again."
+        ) from error
+    picture = ipywidgets.Image(value=exploration.picture, format="png", width=SHOWN_WIDTH)
+    picture.layout.max_width = "100%"
+    message = ipywidgets.HTML()
+
+    def show() -> None:
+        picture.value = exploration.picture
+        message.value = _message(exploration)
+
+    def changed(name: str) -> Callable[[Any], None]:
+        def take(change: Any) -> None:
+            exploration.change({name: float(change["new"])})
+            show()
+
+        return take
+
+    sliders = []
+    for slider in exploration.sliders:
+        one = _slider(ipywidgets, slider)
+        one.observe(changed(slider.name), names="value")
+        sliders.append(one)
+    time = ipywidgets.IntSlider(value=0, min=0, max=PLACES, description="time", readout=False)
+
+    def moved(change: Any) -> None:
+        exploration.move(change["new"] / PLACES)
+        picture.value = exploration.picture
+
+    time.observe(moved, names="value")
+    row = [time]
+    if play:
+        player = ipywidgets.Play(value=0, min=0, max=PLACES, step=1, interval=INTERVAL)
+        ipywidgets.jslink((player, "value"), (time, "value"))
+        row = [player, time]
+    show()
+    title = ipywidgets.HTML(f"<b>{escape(plain_text(exploration.statement.name))}</b>")
+    return ipywidgets.VBox([title, *sliders, ipywidgets.HBox(row), picture, message])
+
+
+def _slider(ipywidgets: Any, slider: Slider) -> Any:
+    """Return the widget of a slider. It has no steps: the browser would show the next one in place of the value."""
+    label = with_unit(slider.name if slider.kind == PARAMETER else f"{slider.name} at t = 0", slider.unit)
+    return ipywidgets.FloatSlider(
+        value=slider.value,
+        min=slider.low,
+        max=slider.high,
+        step=None,
+        description=label,
+        readout_format=".4g",
+        continuous_update=True,
+        style={"description_width": "11em"},
+        layout=ipywidgets.Layout(width="32em", max_width="100%"),
+    )
+
+
+def _message(exploration: Exploration) -> str:
+    """Return how the run ended, as HTML."""
+    words = text(exploration.message)
+    return words if exploration.complete else f"<b>The run did not get to its end.</b> {words}"
