@@ -141,6 +141,7 @@ def _compared(
     multiples = multiples_of_multipliers(open_rows, samples) if wrong and moving else None
     wrong = () if multiples else wrong
     if wrong:
+        rows, wrong, write = _with_their_multipliers(rows, wrong, samples, write)
         term = wrong_term(rows[wrong[0]], derivation, samples, write)
         return _refuted(rows, wrong, samples, term.sentence), term.alone and len(wrong) == 1
     free = _undetermined(rows, samples)
@@ -149,6 +150,23 @@ def _compared(
     right = f"The equations are right: they are equivalent to those of the system, at the {len(samples)} states tried."
     message = right + (told_of(multiples) if multiples else "") + _without_sample(untried, statement)
     return EquationsComparison(right=True, message=message), False
+
+
+def _with_their_multipliers(
+    rows: Sequence[EquationRow], wrong: tuple[int, ...], samples: Sequence[MotionSample], write: Write
+) -> tuple[Sequence[EquationRow], tuple[int, ...], Write]:
+    """Return equations, places of the wrong ones and the writer, with the sign of the multipliers that fits best.
+
+    A tension counts against the gradient of its constraint: more equations may hold with the other sign.
+    """
+    turned = {one.multiplier: -one.multiplier for one in rows[0].statement.constraints}
+    if not any(row.zero.has(*turned) for row in rows):
+        return rows, wrong, write
+    others = [row.with_symbols(turned) for row in rows]
+    places = tuple(i for i, row in enumerate(others) if not row.holds(samples))
+    if not places or (len(places), -places[0]) >= (len(wrong), -wrong[0]):
+        return rows, wrong, write
+    return others, places, lambda expression: write(expression.xreplace(turned))
 
 
 def _without_sample(left: Sequence[Way], statement: Statement) -> str:

@@ -61,6 +61,14 @@ class EquationRow:
         """Return the outcome of each switch at a point. Raises OutsideDomain."""
         return self._tape.inspect(point.q, point.v, point.t, point.parameters).outcomes
 
+    def with_symbols(self, table: Mapping[Any, Any]) -> EquationRow:
+        """Return the equation with a multiple of a multiplier in place of each that a table has."""
+        slopes = {
+            symbol: slope * sympy.diff(table.get(symbol, symbol), symbol) for symbol, slope in self.slopes.items()
+        }
+        zero, right = (one.xreplace(table) for one in (self.zero, self.right))
+        return EquationRow(self.statement, self.label, zero, slopes, self.rest, right)
+
     def numbers(self, sample: MotionSample) -> tuple[list[Any], Any]:
         """Return the coefficients and the rest at a state. Raises OutsideDomain."""
         values = values_at(self._tape, sample)

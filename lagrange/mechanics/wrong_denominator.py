@@ -31,8 +31,8 @@ def wrong_denominator(row: EquationRow, derivation: Derivation, samples: Sequenc
     if place >= len(names) or row.zero + row.right != unknowns[place]:
         return ""
     above, below = sympy.fraction(row.right)
-    typed = next((factor for factor in sympy.Mul.make_args(below) if factor.is_Add), None)
-    if typed is None:
+    typed = next((factor for factor in sympy.Mul.make_args(below) if factor.is_Add), below)
+    if not typed.free_symbols:
         return ""
     try:
         solved = list(derivation.accelerations.values())[place].xreplace(row.statement.plain)
@@ -45,9 +45,9 @@ def wrong_denominator(row: EquationRow, derivation: Derivation, samples: Sequenc
     if quotient.count_ops() > LONGEST_QUOTIENT:
         return ""
     wanted = sympy.Add(*summands(quotient * denominator))
-    if not set(summands(typed)) & set(wanted.args):
+    if not set(summands(typed)) & set(sympy.Add.make_args(wanted)):
         return ""
-    right = row.right.xreplace({typed: wanted})
+    right = above * typed / below / wanted
     if not replace(row, zero=unknowns[place] - right, rest=-right, right=right).holds(samples):
         return ""
     of = "" if names[place] in row.label else f", that of {names[place]},"

@@ -45,7 +45,7 @@ LONGEST_FORMULA = 3_000
 """Operations of a solved acceleration above which it is not compared: expanding it would take seconds."""
 
 BENT = 2
-"""A factor that depends on the state counts as so many terms that differ."""
+"""A factor that depends on the state counts as so many terms that differ; so does what an equation is solved for."""
 
 SINGULAR = 1e-12
 """Pivot, relative to its row, from which a mass matrix is not solved."""
@@ -67,7 +67,7 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     denominator = wrong_denominator(row, derivation, samples, write)
     if denominator:
         return WrongTerm(denominator, alone=True)
-    given = _Sorted.of(row.zero, row.statement, samples)
+    given = _Sorted.of(row.zero, row.statement, samples, _solved_for(row, samples[0]))
     if given is None:
         return WrongTerm(f"{label} does not hold.")
     meant = _nearest(given, _candidates(given, _stated_rows(derivation)))
@@ -95,15 +95,21 @@ class _Sorted:
     statement: Statement
     samples: Sequence[MotionSample]
     coefficients: Mapping[Any, Any]
+    solved: frozenset[Any] = frozenset()
 
     @classmethod
-    def of(cls, zero: Any, statement: Statement, samples: Sequence[MotionSample]) -> _Sorted | None:
-        """Return an equation sorted, None where it is too long or has no values at the samples."""
+    def of(
+        cls, zero: Any, statement: Statement, samples: Sequence[MotionSample], solved: frozenset[Any] = frozenset()
+    ) -> _Sorted | None:
+        """Return an equation sorted, None where it is too long or has no values at the samples.
+
+        `solved` are the accelerations that an equation was solved for.
+        """
         kept = _by_product(zero, statement)
         if kept is None:
             return None
         usable = [one for one in samples if _values(list(kept.values()), statement, [one]) is not None]
-        return cls(statement, usable, kept) if usable else None
+        return cls(statement, usable, kept, solved) if usable else None
 
     @cached_property
     def values(self) -> Mapping[Any, Numbers]:
@@ -125,6 +131,20 @@ class _Sorted:
         """Return the values of another expression at the samples, None where it has none."""
         found = _values([expression], self.statement, self.samples)
         return None if found is None else found[0]
+
+
+def _leading(sample: MotionSample, statement: Statement) -> list[Any]:
+    """Return the unknowns of the equations: accelerations, multipliers, and velocities that are of first order."""
+    velocities = list(statement.plain.values())[1::3]
+    return [*unknowns_of(statement), *(velocities[i] for i in sample.first_order)]
+
+
+def _solved_for(row: EquationRow, sample: MotionSample) -> frozenset[Any]:
+    """Return the unknowns that are all of the left side, with numbers for factors; none for another equation."""
+    leading = _leading(sample, row.statement)
+    left = _by_product(row.zero + row.right, row.statement) or {}
+    solved = row.right != 0 and all(x in leading and c.is_Rational for x, c in left.items())
+    return frozenset(left) if solved and not row.right.has(*left) else frozenset()
 
 
 def _by_product(zero: Any, statement: Statement) -> dict[Any, Any] | None:
@@ -264,7 +284,9 @@ class _Meant:
         self.name, self.expected, self.given, self.factor = name, expected, given, factor
         products = [*expected.coefficients, *(one for one in given.coefficients if one not in expected.coefficients)]
         self.differing = [one for one in products if not self._agrees(one)]
-        self.agreeing = len(products) - len(self.differing)
+        agreeing = [one for one in products if one not in self.differing]
+        self.agreeing = len(agreeing)
+        self.agreeing_terms = sum(len(given.terms.get(one, [])) for one in agreeing)
         self.differing_terms = sum(map(self._terms, self.differing))
 
     @property
@@ -330,14 +352,13 @@ class _Meant:
 
 
 def _rank(meant: _Meant) -> tuple[Any, ...]:
-    """Fewest differing terms first, then most agreeing products, then the simplest factor."""
+    """Fewest differing terms first, then most agreeing ones, then the simplest factor."""
     constant = meant.factor.constant
     simple = (1, -1).index(int(constant)) if constant in (1, -1) else 2 if constant is not None else 3
-    statement, places = meant.given.statement, meant.given.samples[0].first_order
-    rates = list(statement.plain.values())[1::3]
-    leading = [*unknowns_of(statement), *(rates[i] for i in places)]
+    leading = _leading(meant.given.samples[0], meant.given.statement)
     accelerates = 0 if meant.factor.product in leading else 1
-    return meant.differing_terms + BENT * meant.bent, -meant.agreeing, simple, accelerates, meant.length
+    doubts = BENT * (meant.bent + (not meant.given.solved.isdisjoint(meant.differing)))
+    return meant.differing_terms + doubts, -meant.agreeing_terms, simple, accelerates, meant.length
 
 
 def _rational(value: Fraction) -> Any:

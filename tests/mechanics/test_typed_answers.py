@@ -69,6 +69,8 @@ NAMED = {
     "x'' = (m1 - m2) g/(m1 + m2 + 2 I/R^2)": "the denominator 2*I/R**2 + m1 + m2 is wrong: it should be I/R**2",
     "R^2 (m1 + m2) x'' + I x'' = R^2 (m1 + m2) g": "on the right side the term m2*g*R**2 has the wrong sign: it is",
     "0 = m2 g - m1 g + (m1 + m2) x'' + I x''/(2R^2)": "the term I*x_ddot/(2*R**2) has the wrong factor: it is",
+    "x'' = (m1 - m2) g/(m1 + m2)": "the denominator m1 + m2 is wrong: it should be I/R**2 + m1 + m2.",
+    "x'' = (m1 - 2 m2) g/(m1 + m2 + I/R^2)": "on the right side the term",
     "(m1 + m2 + I/R^2) x'' - m1 g = m2 g": "on the right side the term m2*g has the wrong sign: it is m2*g, and",
     "x'' = -(m1 - m2) g/(m1 + m2 + I/R^2)": "has the wrong sign: it is ",
     "(m1 + m2) x'' = (m1 - m2) g": "the term I*x_ddot/R**2 is missing.",
@@ -173,6 +175,8 @@ def test_a_constraint_on_accelerations_beside_a_tension_of_the_other_sign_is_rig
     pulley = lg.System(m * x.dot**2 / 2 + M * y.dot**2 / 2, -m * g * x - M * g * y, constraints={"string": x + y - l})
     assert pulley.compare("m x'' = m g - T, M y'' = M g - T, x'' = -y''")
     assert not pulley.compare("m x'' = m g - T, M y'' = M g - T, x'' = y''")
+    wrong = pulley.compare("m x'' = m g - T\nM y'' = 2 M g - T").message
+    assert wrong.startswith("In equation 2, that of y, on the right side the term 2*M*g has the wrong factor"), wrong
 
 
 def test_an_abbreviation_holds_for_the_lines_after_it() -> None:

@@ -11,12 +11,12 @@ from lagrange.statement.typed.latex import FRAME, LINE_BREAK, OPERATOR, PROSE
 
 _COMMENT = re.compile(r"(?:(?<!\\)[#%]|(?<=\s)//)[^\n]*")
 _LABEL = re.compile(
-    r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*(?:[ivx]{1,4}|[a-h])\s*\)(?=\s)|[0-9]{1,2}\s*\)|[0-9]{1,2}\.(?=\s)"
+    r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*(?:[ivx]{1,4}|[a-h])\s*\)(?=\s)|[0-9]{1,2}\.?\s*\)|[0-9]{1,2}\.(?=\s)"
     r"|(?:i{1,3}|i?v|vi{1,3}|[a-h])\)(?=\s)|[-*•](?=\s+[-(A-Za-z\\].*=))"
 )
 _HEADING = re.compile(r"[^=\n]*:(?!=)")
 _TRAILING_LABEL = re.compile(r"\s+\(\s*[0-9]{1,2}[a-z]?\s*\)\s*$")
-_END = re.compile(r"[\s;,.]+$")
+_END = re.compile(r"[\s;,.!✓✔☑∎□■]+$")
 _GOES_ON = re.compile(rf"(?:[-+*/=^({{\[,\u2212·⋅×]|{OPERATOR})\s*[&\s]*$")
 _CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:right|quad|qquad)\b)")
 _EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")

@@ -159,6 +159,8 @@ class TypedReader:
             return self._readings(line.text, line.begin, line.end)
         except _Faults:
             for begin, end in line.narrower():
+                if begin > line.begin and not self._is_equation(Line(line.text, begin, end, ())):
+                    continue  # a sentence such as "The equilibrium is at x = 0"
                 with suppress(_Faults):
                     return self._readings(line.text, begin, end)
             raise

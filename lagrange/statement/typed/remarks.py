@@ -32,6 +32,7 @@ _LETTERS = re.compile(r"[\s,;.]*(?:[A-Za-z]\.)+[A-Za-z]\.?\s*$")
 _LAGRANGE = re.compile(r"∂|\\partial|\bd(?:L|T|V|U)\b")
 _DEFINITION = re.compile(r"\(\s*(?=([^\W\d_]\w*)\s*(?:\^2|\*\*2|²)?\s*=)")
 _DEFINED = re.compile(r"[\s(]*([^\W\d_]\w*)\s*(?:\([^()=]*\)\s*)?:?=")
+_AT_START = re.compile(r"\s*\w+['’]*\s*\(\s*0\s*\)\s*")
 _OPEN, _CLOSE = "([{", ")]}"
 
 
@@ -109,9 +110,9 @@ class Line:
             if start != self.begin:
                 yield start, self.end
             for cut in self._remarks(start):
-                before = self.text[start:cut]
+                before = self.text[start:cut].rstrip(" ,;")
                 if "=" in before and not _OPERATOR_AT_END.search(before):
-                    yield start, cut
+                    yield start, start + len(before)
 
     def is_remark(self) -> bool:
         """Return whether a part that cannot be read says nothing about the motion.
@@ -131,8 +132,10 @@ class Line:
         return self._has_sentence(self.begin)
 
     def is_value(self, parameter: Callable[[str], bool]) -> bool:
-        """Return whether a part gives a parameter its value, such as g = 9.81."""
+        """Return whether a part gives a parameter its value, such as g = 9.81, or a coordinate one at t = 0."""
         name, _, _ = self.shown.partition("=")
+        if _AT_START.fullmatch(name):
+            return True
         place = self.begin + len(name)
         return parameter(name.strip()) and bool(_NUMBER_AT_END.fullmatch(self.text, place, self.end))
 
@@ -180,7 +183,8 @@ class Line:
         spaced = self.text[begin - 1 : begin].isspace()
         alone = len(inside) == 1 and inside[0].end - inside[0].begin > 3
         plain = not re.search(r"[-+*/^=]", self.text[begin : self.end])
-        return spaced and (self._has_sentence(begin) or (alone and plain))
+        strange = len(inside) > 1 and all(self._is_word(word) for word in inside)
+        return spaced and (self._has_sentence(begin) or (alone and plain) or strange)
 
     def _is_sentence(self, begin: int) -> bool:
         """Return whether the end of a part is words rather than factors."""

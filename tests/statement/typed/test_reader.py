@@ -143,6 +143,9 @@ REMARKS = {
     "m (x'' + g\n  - R x) = 0": ["m*(x_ddot + g - R*x) = 0"],
     "Newton's second law: m x'' = -k x\nSteady state: x = A cos(delta)\nTerminal velocity: x' = g": ["m*x_ddot = -k*x"],
     "x'' = -k x/m   (y = a x^2)": ["x_ddot = -k*x/m"],
+    "1.) x'' = -k x/m, (horizontal plane)": ["x_ddot = -k*x/m"],
+    "x'' = -k x/m  [Coriolis + centrifugal] ✓": ["x_ddot = -k*x/m"],
+    "x'' = -k x/m; x(0) = R\nThe equilibrium is at x = m g/k.": ["x_ddot = -k*x/m"],
 }
 """Answers with words around the equations, and the equations."""
 
