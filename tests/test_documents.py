@@ -104,7 +104,8 @@ def test_the_python_on_the_page_runs(body: str, tmp_path: Path, monkeypatch: pyt
     if lacking := missing(body):
         pytest.skip(f"not installed: {', '.join(lacking)}")
     monkeypatch.chdir(tmp_path)
-    monkeypatch.syspath_prepend(tmp_path / "model")  # where pages export to, and import from
+    (tmp_path / "model").mkdir()  # where pages export to; a path without a folder stays cached as missing
+    monkeypatch.syspath_prepend(tmp_path / "model")
     monkeypatch.setattr(registry, "_registered", {})  # what a page registers is not there for the next
     script = tmp_path / "snippet.py"
     script.write_text(body, encoding="utf-8")

@@ -18,7 +18,7 @@ FUNCTIONS = {
     "state": (
         "Stating a system",
         "The symbols of a statement, and energies of common parts.",
-        ("coordinate", "coordinates", "parameters", "t", "given", "multiplier", "event"),
+        ("coordinate", "coordinates", "parameters", "t", "given", "table", "multiplier", "event"),
         ("kinetic_energy", "rotational_energy", "gravity", "spring"),
         ("scene", "scenes"),
     ),
@@ -206,7 +206,7 @@ def index_page() -> str:
     return (
         heading("Reference of names")
         + "\nEvery public name with its arguments, shapes, units and errors, from the docstrings. :doc:`../reference`"
-        + " shows them at work.\n\n"
+        + " lists them with one line each.\n\n"
         + "\n".join(tables)
         + f"{heading('Classes', '-')}\n{listing(rows)}\n"
         + ".. py:module:: lagrange\n\n"

@@ -18,7 +18,7 @@ SECTIONS = {
         "Other solvers <howto/other-solvers>",
         "Research <howto/research>",
     ),
-    "Subjects": ("mechanics", "dynamics", "constraints", "choosing-an-integrator", "scenes", "tutorial-methods"),
+    "Subjects": ("mechanics", "dynamics", "constraints", "events", "choosing-an-integrator", "scenes", "tutorial-methods"),
     "Hand on": ("recipes/README", "export/README"),
     "Look up": ("reference", "api/index", "commands", "errors", "limits"),
     "Behind it": ("theory", "benchmarks/README", "extending", "procedures", "changes"),
