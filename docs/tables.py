@@ -12,7 +12,7 @@ import runpy
 from pathlib import Path
 
 from matplotlib.figure import Figure
-from sympy import cos, sqrt
+from sympy import cos
 
 import lagrange as lg
 from lagrange.show.files.picture import bounded_png
@@ -46,7 +46,7 @@ def filled(page: str, marker: str, table: str) -> str:
 
 
 def dynamics() -> Figure:
-    """Return the picture of the page on dynamics: a portrait, a section, a bifurcation diagram and basins."""
+    """Return the picture of the page on dynamics: a portrait, a section and a bifurcation diagram."""
     x, y, theta = lg.coordinates("x y theta")
     F = lg.parameters("F")
     damped = lg.System(
@@ -64,19 +64,14 @@ def dynamics() -> Figure:
         initial={x: 1.0},
         name="Duffing oscillator",
     )
-    magnets = [(0.0, 1.0), (0.866, -0.5), (-0.866, -0.5)]
-    pull = sum(1 / sqrt((x - a) ** 2 + (y - b) ** 2 + 0.0625) for a, b in magnets)
-    bob = (x.dot**2 + y.dot**2) / 2
-    magnetic = lg.System(bob, (x**2 + y**2) / 4 - pull, dissipation=0.2 * bob, name="magnet pendulum")
-    figure = lg.figure(2, 2, size=(12.4, 9.6))
-    portrait, section, bifurcation, basins = figure.axes
+    figure = lg.figure(1, 3, size=(18.0, 5.2))
+    portrait, section, bifurcation = figure.axes
     lg.phase_portrait(damped).plot(ax=portrait)
     starts = [{y: place} for place in (-0.36, -0.3, -0.23, -0.15, 0.05, 0.12, 0.2, 0.33, 0.5, 0.64)]
     starts += [{y.dot: speed} for speed in (-0.29, -0.24, 0.24, 0.29)]
     found = lg.poincare(star, lg.event(x, direction=1), starts, energy=1 / 8, solve_for=x.dot)
     found.plot(ax=section)
     lg.bifurcation(duffing, F, (0.2, 0.65, 500)).plot(ax=bifurcation)
-    lg.basins(magnetic, {x: (-2, 2, 150), y: (-2, 2, 150)}).plot(ax=basins)
     return figure
 
 

@@ -19,11 +19,11 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
+from matplotlib.colors import LogNorm
 from numpy.typing import NDArray
 from sympy import cos
 
 import lagrange as lg
-from lagrange.show.dynamics import FirstPassage
 
 CELLS, T_END = 160, 30.0
 """Starts along each axis, and how long a flip is waited for, in units of sqrt(l/g)."""
@@ -38,42 +38,56 @@ def double_pendulum() -> lg.System:
     return lg.System(kinetic=kinetic, potential=-2 * cos(theta1) - cos(theta2), name="double pendulum")
 
 
-def flip_times(cells: int = CELLS, t_end: float = T_END) -> FirstPassage:
-    """Return the first time at which a rod goes over the top, for starts at rest."""
-    axis = (-3.1, 3.1, cells)
-    return lg.first_passage(double_pendulum(), {"theta1": axis, "theta2": axis}, t_end=t_end, rtol=1e-8)
+def flips(cells: int = CELLS, t_end: float = T_END) -> lg.Ensemble:
+    """Return runs from rest, each until a rod goes over the top: cos(theta/2) is zero there."""
+    system, axis = double_pendulum(), (-3.1, 3.1, cells)
+    tops = [lg.event(cos(theta / 2), terminal=True) for theta in system.coordinates]
+    starts = lg.grid({"theta1": axis, "theta2": axis})
+    return lg.ensemble(system, t_end, starts, rtol=1e-8, events=tops, keep=("end", ("events", 1)))
 
 
-def energies(found: FirstPassage) -> Array:
-    """Return the energy of each start, (m, k) as the times of the map."""
-    theta1, theta2 = np.meshgrid(found.plane[0].values, found.plane[1].values)
-    return np.asarray(-2 * np.cos(theta1) - np.cos(theta2))
+def flip_times(runs: lg.Ensemble) -> Array:
+    """Return when each member first flips, (members,), NaN where it does not."""
+    upper, lower = (times[:, 0] for times in runs.t_events)
+    return np.asarray(np.fmin(upper, lower))
 
 
-def picture(found: FirstPassage, path: Path) -> None:
+def energies(runs: lg.Ensemble) -> Array:
+    """Return the energy of each start, (members,)."""
+    return np.asarray(-2 * np.cos(runs.given("theta1")) - np.cos(runs.given("theta2")))
+
+
+def picture(runs: lg.Ensemble, path: Path) -> None:
     """Draw the map, and the lens inside of which nothing can flip."""
-    figure = found.plot(style="dark")
+    cells = round(len(runs) ** 0.5)
+    across, upwards, energy, times = (
+        values.reshape(cells, cells).T
+        for values in (runs.given("theta1"), runs.given("theta2"), energies(runs), flip_times(runs))
+    )
+    figure = lg.figure()
     axis = figure.axes[0]
-    places = found.plane[0].values, found.plane[1].values
-    axis.contour(*places, energies(found), levels=[-1.0], colors="#e6e6e6", linewidths=1.2, linestyles="--")
-    axis.annotate("the energy forbids a flip", (0.0, 0.0), ha="center", color="#e6e6e6", fontsize=10)
+    first = float(np.nanquantile(times, 0.02))
+    drawn = axis.pcolormesh(across, upwards, times, cmap="viridis_r", norm=LogNorm(first, float(np.nanmax(times))))
+    figure.colorbar(drawn, label="time of the first flip")
+    axis.contour(across, upwards, energy, levels=[-1.0], colors="#444444", linewidths=1.2, linestyles="--")
+    axis.annotate("the energy forbids a flip", (0.0, 0.0), ha="center", fontsize=10)
+    axis.set(xlabel="theta1", ylabel="theta2", aspect="equal")
     axis.set_title("double pendulum from rest: how long until a rod goes over the top?", loc="left", fontsize=11)
     figure.savefig(path, dpi=150)
 
 
-def main(folder: Path = Path("out")) -> FirstPassage:
-    """Print how many starts flip, save the picture and return the map."""
+def main(folder: Path = Path("out")) -> lg.Ensemble:
+    """Print how many starts flip, save the picture and return the runs."""
     began = perf_counter()
-    found = flip_times()
-    print(f"{found.message} That took {perf_counter() - began:.1f} s.")
-    low = energies(found) < -1.0
-    flipped = int((found.which[low] >= 0).sum())
-    print(f"{low.mean():.1%} of the starts have too little energy for a flip; {flipped} of these flipped.")
+    runs = flips()
+    flipped, low = np.isfinite(flip_times(runs)), energies(runs) < -1.0
+    print(f"{flipped.sum()} of {len(runs)} starts flipped. That took {perf_counter() - began:.1f} s.")
+    print(f"{low.mean():.1%} of the starts have too little energy for a flip; {flipped[low].sum()} of these flipped.")
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "flip_times.png"
-    picture(found, path)
+    picture(runs, path)
     print(f"written to {path}")
-    return found
+    return runs
 
 
 if __name__ == "__main__":

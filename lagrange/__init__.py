@@ -4,7 +4,7 @@ State a system: `coordinate`, `parameters`, `given`, `table`, `event`, `multipli
 `rotational_energy`, `gravity` and `spring`, and `System`; or `scene`, one of `scenes()`.
 Run it: `system.run()`, or `integrate` and `flow` with a compiled `Model`; `load` reads a run from a file.
 Run many: `ensemble`, with `grid` or `sample`.
-See dynamics: `phase_portrait`, `poincare`, `bifurcation`, `basins`, `first_passage`, `energy_exchange`.
+See dynamics: `phase_portrait`, `poincare`, `bifurcation`.
 Judge: `race` compares methods, `trust_horizon` says how long a run can be trusted.
 Draw: `plot` and `figure`, beside the pictures that results draw of themselves.
 Extend: `methods`, and `Integrator` with `Problem` and `Claims`.

@@ -1,10 +1,7 @@
 """The public names, one a line, each with its module. `__init__.py` reads this file."""
 
 from lagrange import methods as methods
-from lagrange.dynamical import basins as basins
 from lagrange.dynamical import bifurcation as bifurcation
-from lagrange.dynamical import energy_exchange as energy_exchange
-from lagrange.dynamical import first_passage as first_passage
 from lagrange.dynamical import phase_portrait as phase_portrait
 from lagrange.dynamical import poincare as poincare
 from lagrange.errors import LagrangeError as LagrangeError

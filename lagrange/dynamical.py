@@ -1,4 +1,4 @@
-"""Functions that show the dynamics of a system: portraits, sections, bifurcations, maps of starts, energies."""
+"""Functions that show the dynamics of a system: portraits, sections and bifurcations."""
 
 from __future__ import annotations
 
@@ -10,13 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange.dynamics.axes import plane_of
-from lagrange.dynamics.basins import basins as basins_of
 from lagrange.dynamics.branches import equilibrium_branches
 from lagrange.dynamics.driving import depends_on_time
-from lagrange.dynamics.energy_exchange import energy_exchange as exchange_of
-from lagrange.dynamics.passage import CELLS
-from lagrange.dynamics.passage import first_passage as passage_of
 from lagrange.dynamics.portrait import CELLS as CELLS_OF_PLANE
 from lagrange.dynamics.portrait import portrait
 from lagrange.dynamics.runs import Runs
@@ -26,11 +21,8 @@ from lagrange.dynamics.sweep import parameter_of, sweep, values_of, with_value
 from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
 from lagrange.show.dynamics import (
-    Basins,
     Bifurcation,
-    EnergyExchange,
     EquilibriumBranches,
-    FirstPassage,
     PhasePortrait,
     PoincareSection,
     shown_as,
@@ -43,14 +35,12 @@ from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.settings import check_options
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.progress import compiling, counter, wanted_progress
-from lagrange.trajectory.solution import Solution
 
 TIGHT, USUAL = 1e-12, 1e-9
-"""Relative tolerances where none is given: of portraits and sections, whose orbits are seen to close; and of maps."""
+"""Default relative tolerances: of portraits and sections, whose orbits are seen to close, and of bifurcations."""
 
-ORBIT_STEPS, PASSAGE_STEPS = 20_000, 100_000
-"""Steps of an orbit of a portrait and of a run of a map of first passages, which the method chooses, where no number is
-given: some thousands of oscillations, and more would fill the picture; and some ten thousands."""
+ORBIT_STEPS = 20_000
+"""Default limit of the steps of an orbit of a portrait, where the method chooses them: thousands of oscillations."""
 
 
 def phase_portrait(
@@ -82,7 +72,7 @@ def phase_portrait(
     system that depends on time the field is that of the time `t`, at which orbits begin. Ctrl-C keeps what is there,
     as `Status.INTERRUPTED`. Raises StatementError for a plane that cannot be.
     """
-    _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress, _limit(max_steps, step, ORBIT_STEPS))
+    _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress, _limit(max_steps, step))
     reach = None if t_end is None else _positive(t_end, "t_end, the time for which orbits are followed,")
     total, noun = (CELLS_OF_PLANE**2, "cell") if starts is None else (_length(starts), "orbit")
     with counter(total, noun, wanted=progress) as report:
@@ -189,84 +179,6 @@ def bifurcation(
     return shown_as(Bifurcation, found)
 
 
-def first_passage(
-    system: System | Model,
-    grid: Mapping[Any, Any],
-    event: Any = None,
-    *,
-    initial: Mapping[Any, Any] | None = None,
-    t_end: float | None = None,
-    parameters: Mapping[Any, Any] | None = None,
-    method: Any = None,
-    rtol: float | None = None,
-    step: float | None = None,
-    max_steps: int | None = None,
-    workers: int | None = None,
-    progress: bool | str = False,
-) -> FirstPassage:
-    """Return when an event first happens, for each start on a plane: the flip of a double pendulum, an escape.
-
-    `grid` gives two entries of the state with their ranges and numbers of values, {theta1: (-3, 3, 200), theta2: (-3,
-    3, 200)}; the other entries are those of `initial`, over the system's own. `event` is an expression or a list of
-    them; without it, it is an angle that passes pi, or another odd number of half turns. Runs go on until `t_end`, or
-    for `max_steps` steps, 100,000 unless `step` is given, which the message says, on as many threads as `workers` says,
-    by default one for each processor.
-
-    The result has `times` (m, k), NaN where there was no passage, and `which` (m, k), the event. Ctrl-C keeps what is
-    there: cells all over the plane, since coarse grids come first. Raises StatementError for a plane that cannot be,
-    and where no coordinate is an angle.
-    """
-    limit = _limit(max_steps, step, PASSAGE_STEPS)
-    model, runs = _runs(system, (method, rtol, step), USUAL, parameters, progress, limit)
-    with counter(_cells(model, grid), "run", wanted=progress) as report:
-        found = passage_of(runs, grid, event, initial, t_end, workers=workers, progress=report)
-    return shown_as(FirstPassage, found)
-
-
-def basins(
-    system: System | Model,
-    grid: Mapping[Any, Any],
-    *,
-    initial: Mapping[Any, Any] | None = None,
-    attractors: Any = None,
-    t_end: float | None = None,
-    parameters: Mapping[Any, Any] | None = None,
-    method: Any = None,
-    rtol: float | None = None,
-    step: float | None = None,
-    workers: int | None = None,
-    progress: bool | str = False,
-) -> Basins:
-    """Return the basins of attraction on a plane of starts: where the motion from each of them ends.
-
-    `grid`, `initial` and `workers` are those of `first_passage`. Attractors are equilibria, and for a system that is
-    driven in time cycles of up to 8 periods of its driving; they are found on the way, unless `attractors` gives states
-    next to them. A run ends within a thousandth of the plane of one, or unsettled at `t_end`, 200 periods of small
-    motions, or of the driving, by default.
-
-    The result has `attractors`, each with `states` (p, 2n), `labels` (m, k), places among these, -1 for runs that did
-    not settle, and `times` (m, k). Ctrl-C keeps what is there. Raises StatementError for a system that conserves its
-    energy, in which nothing settles.
-    """
-    model, runs = _runs(system, (method, rtol, step), USUAL, parameters, progress)
-    with counter(_cells(model, grid), "run", wanted=progress) as report:
-        found = basins_of(runs, grid, initial, attractors, t_end, workers=workers, progress=report)
-    return shown_as(Basins, found)
-
-
-def energy_exchange(solution: Solution, by: str = "energies", *, at: Mapping[Any, Any] | None = None) -> EnergyExchange:
-    """Return how energy moves along a run.
-
-    `by` is "energies", the kinetic and the potential energy, "modes", the energy of each normal mode, or
-    "coordinates", that of each coordinate alone and of their coupling. The last two are of small motions about the
-    equilibrium `at`, as `system.modes` takes it. The result has `t` (k,), `parts` {name: (k,)} and their sum `total`.
-    Raises StatementError for what is no equilibrium.
-    """
-    if not isinstance(solution, Solution):
-        raise StatementError(f"{shown(solution)} is no solution: give what system.run(...) returns.")
-    return shown_as(EnergyExchange, exchange_of(solution.model, solution.trajectory, solution.parameters, by, at))
-
-
 def _runs(
     system: System | Model,
     how: tuple[Any, Any, Any],
@@ -293,9 +205,9 @@ def _runs(
     return model, Runs(model, model.parameter_array(parameters), options)
 
 
-def _limit(max_steps: int | None, step: float | None, usual: int) -> int | None:
-    """Return the most steps of a run: what is given, else the usual number where the method chooses the steps."""
-    return usual if max_steps is None and step is None else max_steps
+def _limit(max_steps: int | None, step: float | None) -> int | None:
+    """Return the most steps of an orbit: what is given, else `ORBIT_STEPS` where the method chooses the steps."""
+    return ORBIT_STEPS if max_steps is None and step is None else max_steps
 
 
 def _at(model: Model, runs: Runs, name: str) -> Callable[[float], tuple[Statement, Model]]:
@@ -321,9 +233,3 @@ def _positive(given: Any, what: str) -> float:
 def _length(starts: Any) -> int:
     many = isinstance(starts, (list, tuple)) or (isinstance(starts, np.ndarray) and starts.ndim > 0)
     return max(len(starts), 1) if many else 1
-
-
-def _cells(model: Model, grid: Any) -> int:
-    """Return the number of runs of a map, for its progress."""
-    first, second = plane_of(model.statement, grid, "grid", CELLS)
-    return first.count * second.count

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from examples import (
+    beats,
     double_pendulum,
     euler_against_rk4,
     flip_times,
@@ -148,15 +149,16 @@ def test_orbits_of_the_section_are_those_of_another_solver() -> None:
 
 @pytest.mark.slow
 def test_flip_times(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(flip_times.flip_times, "__defaults__", (40, 20.0))
-    found = flip_times.main(tmp_path)
-    assert found.times.shape == (40, 40)
-    assert 0.3 < np.isfinite(found.times).mean() < 0.69
+    monkeypatch.setattr(flip_times.flips, "__defaults__", (40, 20.0))
+    runs = flip_times.main(tmp_path)
+    times = flip_times.flip_times(runs)
+    assert times.shape == (1600,)
+    assert 0.3 < np.isfinite(times).mean() < 0.69
     assert "0 of these flipped" in capsys.readouterr().out
     # Another solver, which knows nothing of the equations but Newton's for two masses on rods.
-    for row, column in ((3, 6), (20, 4), (30, 36)):
-        start = [found.plane[0].values[column], found.plane[1].values[row], 0.0, 0.0]
-        assert found.times[row, column] == pytest.approx(flip_by_scipy(start), rel=1e-5)
+    for member in np.flatnonzero(np.isfinite(times))[[100, 300, 500]]:
+        start = [runs.given("theta1")[member], runs.given("theta2")[member], 0.0, 0.0]
+        assert times[member] == pytest.approx(flip_by_scipy(start), rel=1e-5)
     assert_is_a_picture(tmp_path / "flip_times.png")
 
 
@@ -177,20 +179,28 @@ def flip_by_scipy(start: list[float]) -> float:
 
 @pytest.mark.slow
 def test_magnet_pendulum(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(magnet_pendulum.basins, "__defaults__", (41,))
-    found = magnet_pendulum.main(tmp_path)
-    places = np.array([one.states[0, :2] for one in found.attractors])
+    monkeypatch.setattr(magnet_pendulum.rests, "__defaults__", (41,))
+    runs = magnet_pendulum.main(tmp_path)
+    labels = magnet_pendulum.nearest(runs)
+    places = np.array([np.median(runs.y[:2, labels == k], axis=1) for k in range(3)])
     # At rest on the line from the middle to a magnet, where spring and magnets balance: three times the same distance.
+    # At the end of the runs 3e-7 of an oscillation is left.
     distances = np.linalg.norm(places, axis=1)
-    assert distances == pytest.approx([distances[0]] * 3, rel=1e-9) and 0.95 < distances[0] < 1.0
-    assert np.sort(np.degrees(np.arctan2(places[:, 1], places[:, 0]))) == pytest.approx([-150.0, -30.0, 90.0])
+    assert distances == pytest.approx([distances[0]] * 3, rel=1e-5) and 0.95 < distances[0] < 1.0
+    assert np.degrees(np.arctan2(places[:, 1], places[:, 0])) == pytest.approx([90.0, -150.0, -30.0], abs=1e-3)
     # The mirror x -> -x exchanges the magnets to the left and to the right.
-    (left,), (right,) = (np.flatnonzero(sign * places[:, 0] < -0.1) for sign in (1, -1))
-    exchanged = found.labels.copy()
-    exchanged[found.labels == left], exchanged[found.labels == right] = right, left
-    off_axis = np.abs(found.plane[0].values) > 1e-9
-    assert (exchanged[:, ::-1] == found.labels)[:, off_axis].mean() > 0.99  # a border is sensitive to rounding
+    exchanged = np.array([0, 2, 1])[labels.reshape(41, 41)][::-1]
+    off_axis = np.abs(runs.given("x").reshape(41, 41)) > 1e-9
+    assert (exchanged == labels.reshape(41, 41))[off_axis].mean() > 0.99  # a border is sensitive to rounding
     assert_is_a_picture(tmp_path / "magnet_pendulum.png")
+
+
+def test_beats(tmp_path: Path) -> None:
+    modes, alone = beats.main(tmp_path)
+    # At an amplitude of 0.02 the terms beyond second order are 1e-4 of the energy.
+    assert np.ptp(modes, axis=1) == pytest.approx([0.0, 0.0], abs=3e-4 * modes.sum(axis=0)[0])
+    assert alone[0, 0] == pytest.approx(alone[1].max(), rel=0.02)  # all of it goes to the other
+    assert_is_a_picture(tmp_path / "beats.png")
 
 
 @pytest.mark.slow

@@ -38,7 +38,6 @@ FUNCTIONS = {
         "Seeing dynamics",
         "Pictures of many motions, each with the numbers behind it; see :doc:`../dynamics`.",
         ("phase_portrait", "poincare", "bifurcation"),
-        ("first_passage", "basins", "energy_exchange"),
     ),
     "show": (
         "Showing",

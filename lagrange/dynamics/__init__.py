@@ -1,1 +1,1 @@
-"""What is computed for pictures of dynamics: portraits, sections, bifurcations, basins, energies along a run."""
+"""What is computed for pictures of dynamics: portraits, sections, bifurcations, shapes of modes."""

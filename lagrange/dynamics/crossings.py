@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
-from lagrange.dynamics.cells import each_member
 from lagrange.dynamics.runs import Report, Runs, time_scale
 from lagrange.errors import counted
 from lagrange.machine.backend import FloatArray
-from lagrange.members.chunk import STATUSES, Ends, Starts
+from lagrange.members.chunk import STATUSES, Ends, Engine, Starts, Table
+from lagrange.members.job import ChunkResult
 from lagrange.members.keep import END, OUTPUTS, STATUS
 from lagrange.members.lanes import LaneEngine
 from lagrange.members.processors import threads_of
+from lagrange.members.runners import ThreadRunner
 from lagrange.members.varied import MemberNumbers
+from lagrange.members.work import run_members
 from lagrange.statement.event import Event
 from lagrange.trajectory.trajectory import Status, Trajectory
 
@@ -164,3 +168,32 @@ def points_side_by_side(
     each_member(table, engine, threads_of(None), take, progress)
     whole = next((k for k, one in enumerate(found) if one.status is Status.INTERRUPTED), len(found))
     return found[: whole + 1]
+
+
+class Listed(Table, Protocol):
+    """Members whose number is known."""
+
+    def __len__(self) -> int: ...
+
+
+def each_member(
+    table: Listed, engine: Engine, workers: int, take: Callable[[int, Ends], None], progress: Report | None = None
+) -> bool:
+    """Run all members on so many threads; return whether all were run, false after Ctrl-C.
+
+    `take` gets the number of the first of some of them, and what came of each.
+    """
+    done = 0
+
+    def keep(first: int, found: ChunkResult) -> None:
+        nonlocal done
+        take(first, found.ends)
+        done += found.ends.members
+        if progress is not None:
+            progress(float(done))
+
+    try:
+        run_members(table, [(0, len(table))], ThreadRunner(engine, workers), keep)
+    except KeyboardInterrupt:
+        return False
+    return True

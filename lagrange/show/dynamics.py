@@ -11,18 +11,13 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 
-from lagrange.dynamics.basins import BasinsData
 from lagrange.dynamics.branches import BranchesData
-from lagrange.dynamics.energy_exchange import MODES, ExchangeData
 from lagrange.dynamics.mode_shapes import ModeShapes, mode_shapes
-from lagrange.dynamics.passage import PassageData
 from lagrange.dynamics.portrait import PortraitData
 from lagrange.dynamics.section import SectionData, surface
 from lagrange.dynamics.sweep import SweepData
 from lagrange.errors import StatementError, counted, listing, shown
 from lagrange.mechanics.modes import Modes
-from lagrange.show.figures.energy_figure import plot_exchange
-from lagrange.show.figures.map_figure import plot_basins, plot_passage
 from lagrange.show.figures.modes_figure import plot_modes
 from lagrange.show.figures.portrait_figure import plot_portrait
 from lagrange.show.figures.section_figure import plot_branches, plot_section, plot_sweep
@@ -38,7 +33,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_PLACES = 8
-"""Equilibria and attractors that a card lists."""
+"""Equilibria and branches that a card lists."""
 
 
 class Drawn(ABC):
@@ -154,57 +149,6 @@ class EquilibriumBranches(Drawn, BranchesData):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class FirstPassage(Drawn, PassageData):
-    """First passages on a plane of starts; see `lagrange.first_passage`."""
-
-    def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: a colour for the time of the first passage from each start."""
-        return plot_passage(self, ax, style)
-
-    def _lines(self) -> list[tuple[str, str]]:
-        known = self.times[np.isfinite(self.times)]
-        first = f"{known.min():.4g} to {known.max():.4g}" if known.size else "none"
-        return [("event", " or ".join(self.labels)), ("starts", _plane(self)), ("first passages", first)]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Basins(Drawn, BasinsData):
-    """Basins of attraction on a plane of starts; see `lagrange.basins`."""
-
-    def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: a colour for the attractor of each start, paler where the motion takes longer."""
-        return plot_basins(self, ax, style)
-
-    def _lines(self) -> list[tuple[str, str]]:
-        names = self.statement.state_names
-        lines = [("starts", _plane(self))]
-        for k, attractor in enumerate(self.attractors[:_MOST_PLACES]):
-            state = listing(f"{name} = {x:.4g}" for name, x in zip(names, attractor.states[0], strict=True) if x)
-            kind = "equilibrium" if self.period is None else f"cycle of {counted(attractor.period, 'period')}"
-            lines.append((kind, f"{state if state != 'none' else 'rest at zero'}: {(self.labels == k).mean():.1%}"))
-        return lines
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class EnergyExchange(Drawn, ExchangeData):
-    """Energies along a run; see `lagrange.energy_exchange`."""
-
-    def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: a line for each energy, and their sum."""
-        return plot_exchange(self, ax, style)
-
-    def _lines(self) -> list[tuple[str, str]]:
-        def name(k: int, given: str) -> str:
-            return f"{given} ({abs(self.frequencies[k]):.4g})" if self.by == MODES else given
-
-        parts = [
-            (name(k, part), f"{values.min():.4g} to {values.max():.4g}")
-            for k, (part, values) in enumerate(self.parts.items())
-        ]
-        return [("times", f"{len(self.t)}, {self.t[0]:g} to {self.t[-1]:g}"), *parts]
-
-
-@dataclass(frozen=True, eq=False, repr=False)
 class ShownModes(Modes):
     """The modes of a system with their picture; see `System.modes`."""
 
@@ -246,7 +190,3 @@ def _stability(values: np.ndarray, stable: np.ndarray) -> str:
 
 def _range(values: np.ndarray) -> str:
     return f"{counted(len(values), 'value')} from {values[0]:g} to {values[-1]:g}"
-
-
-def _plane(found: FirstPassage | Basins) -> str:
-    return listing(f"{one.count} of {one.name} from {one.low:.4g} to {one.high:.4g}" for one in found.plane)

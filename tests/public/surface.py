@@ -17,11 +17,8 @@ import sympy
 import lagrange as lg
 from lagrange.evidence.report import Report
 from lagrange.show.dynamics import (
-    Basins,
     Bifurcation,
-    EnergyExchange,
     EquilibriumBranches,
-    FirstPassage,
     PhasePortrait,
     PoincareSection,
     ShownModes,
@@ -97,9 +94,6 @@ DYNAMICS: dict[type, Callable[[], Any]] = {
     PoincareSection: cache(lambda: lg.poincare(slowed(), lg.coordinate("x"), [{"x": 1.0}], crossings=3, longest=9.0)),
     Bifurcation: cache(lambda: lg.bifurcation(slowed(), "m", [1.0, 2.0], section=1.0, points=2, skip=1)),
     EquilibriumBranches: cache(lambda: lg.bifurcation(slowed(), "m", [1.0, 2.0])),
-    FirstPassage: cache(lambda: lg.first_passage(slowed(), few(), workers=1)),
-    Basins: cache(lambda: lg.basins(slowed(), few(), workers=1)),
-    EnergyExchange: cache(lambda: lg.energy_exchange(solution())),
     ShownModes: cache(lambda: slowed().modes()),
 }
 """What functions of dynamics return."""
@@ -351,9 +345,6 @@ OWN: dict[str, dict[str, Any]] = {
     "lg.phase_portrait": {"at": {"y": 0, "y_dot": 0}},
     "lg.bifurcation": {"parameter": "m", "values": [1.0, 2.0], "section": lg.coordinate("x"), "points": 2, "skip": 1},
     "lg.poincare": {"crossings": 2},
-    "lg.basins": {"system": slowed(), "grid": few(), "initial": {}, "workers": 1},
-    "lg.first_passage": {"workers": 1},
-    "lg.energy_exchange": {"solution": solution()},
     "PoincareSection.plot": {"x": "x", "y": "x_dot"},
     "System.export": {"target": "c", "contents": ["rhs", "events"]},
     "System.page": {"style": "text"},

@@ -12,20 +12,20 @@ from typing import Any
 import numpy as np
 import pytest
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.dynamics.angles import TURN
-from lagrange.dynamics.cells import NOT_COMPUTED
 from lagrange.errors import StatementError
 from lagrange.show.dynamics import Drawn
 from lagrange.show.figures.modes_figure import MOST_MODES
-from lagrange.show.figures.panel import log_ticks, turned_lines
+from lagrange.show.figures.panel import colour_bar, log_ticks, turned_lines
 from lagrange.show.figures.portrait_figure import HEIGHT, WIDTH
-from lagrange.show.figures.style import DARK
-from tests.dynamics.planar import damped_pendulum, double_well, duffing, hoop, pendulum, star, theta, x, y
+from lagrange.show.figures.style import DARK, style_of
+from tests.dynamics.planar import damped_pendulum, duffing, hoop, pendulum, star, theta, x, y
 from tests.models import shared_scene
 
 RECORDS: dict[str, Callable[[], Any]] = {
@@ -35,9 +35,6 @@ RECORDS: dict[str, Callable[[], Any]] = {
     ),
     "sweep": lambda: lg.bifurcation(duffing(), "F", [0.2, 0.28], points=8, skip=100),
     "branches": lambda: lg.bifurcation(hoop(), "w", (2.0, 8.0, 10)),
-    "passage": lambda: lg.first_passage(pendulum(), {theta: (-3, 3, 5), theta.dot: (-3, 3, 6)}),
-    "basins": lambda: lg.basins(double_well(), {x: (-2, 2, 6), x.dot: (-2, 2, 5)}),
-    "exchange": lambda: lg.energy_exchange(pendulum().run(5.0, {theta: 1.0})),
 }
 
 
@@ -166,40 +163,6 @@ def test_branches_meet_where_they_bifurcate() -> None:
     assert np.array(forks) == pytest.approx(np.array([[critical, 0.0]] * 2), abs=1e-5)
 
 
-def test_a_map_has_its_starts_in_the_middle_of_its_cells() -> None:
-    found = recorded("basins")
-    axis = found.plot().axes[0]
-    (image,) = axis.get_images()
-    assert image.origin == "lower"
-    left, right, below, above = image.get_extent()
-    assert (left, right) == pytest.approx((-2.4, 2.4))
-    assert (below, above) == pytest.approx((-2.5, 2.5))
-    drawn = np.asarray(image.get_array())
-    assert drawn.shape == (5, 6, 3)
-    blue = drawn[..., 2] > drawn[..., 0]
-    assert np.array_equal(blue, found.labels == 0)
-    times = recorded("passage")
-    (image,) = times.plot().axes[0].get_images()
-    assert np.array_equal(np.ma.getmaskarray(np.ma.masked_invalid(image.get_array())), np.isnan(times.times))
-
-
-def test_what_is_not_there_of_a_map_is_said_below() -> None:
-    found = recorded("passage")
-    below = found.plot().get_supxlabel()
-    assert below == f"{(found.which == -1).sum()} of 30 starts without it until t = 10 have no colour."
-    assert (found.which != NOT_COMPUTED).all()
-
-
-def test_potential_energy_is_drawn_above_its_least_value() -> None:
-    (axis,) = recorded("exchange").plot().axes
-    kinetic, potential, whole = (np.asarray(line.get_ydata()) for line in axis.get_lines())
-    assert potential.min() == 0.0
-    assert kinetic + potential == pytest.approx(whole)
-    legend = axis.get_legend()
-    assert legend is not None
-    assert [text.get_text() for text in legend.get_texts()] == ["kinetic", "potential above -1", "sum"]
-
-
 def test_modes_are_drawn_as_bars_and_on_the_positions() -> None:
     modes = shared_scene("double-pendulum").modes()
     figure = modes.plot()
@@ -261,7 +224,9 @@ def test_numbers_beside_a_logarithmic_scale_are_round(ends: tuple[float, float],
 
 
 def test_numbers_of_a_colour_bar_are_plain() -> None:
-    bar = recorded("passage").plot().axes[1]
+    axis = lg.figure().axes[0]
+    colour_bar(axis, axis.imshow([[0.3, 30.0]], norm=LogNorm(0.3, 30.0)), "time", style_of("light"))
+    bar = axis.figure.axes[1]
     labels = [text.get_text() for text in bar.get_yticklabels()]
     assert len(labels) >= 3 and not any("$" in one for one in labels)
     assert [float(one) for one in labels] == pytest.approx(bar.get_yticks())

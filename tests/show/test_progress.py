@@ -78,9 +78,9 @@ def test_in_a_pipe_there_is_nothing_unless_lines_are_asked_for(capsys: pytest.Ca
     ball = lg.System(kinetic=x.dot**2 / 2, potential=9.81 * x, forces={x: -x.dot}, name="ball")
     calls: list[Any] = [
         lambda how: lg.ensemble(ball, 0.1, {"x": [0.1, 0.2]}, progress=how),
-        lambda how: lg.first_passage(ball, {x: (1, 2, 1 + 1), x.dot: (0, 1, 2)}, x, progress=how),
+        lambda how: lg.phase_portrait(ball, {x: (1, 2), x.dot: (0, 1)}, starts=[{x: 1.5}], progress=how),
     ]
-    for call, last in zip(calls, ("2 of 2 members", "4 of 4 runs"), strict=True):
+    for call, last in zip(calls, ("2 of 2 members", "1 of 1 orbits"), strict=True):
         call(how=True)
         assert capsys.readouterr() == ("", "")
         call(how="lines")

@@ -22,7 +22,6 @@ PENDULUM = lg.System(
     parameters={"c": 0.1},
     initial={X: 1.0},
 )
-GRID = {X: (0.5, 3.0, 2), X.dot: (0.0, 3.0, 3)}
 
 
 class Display:
@@ -81,8 +80,6 @@ def test_work_that_raises_leaves_the_bar_where_it_was(display: Display) -> None:
             "2 of 2 values, ",
         ),
         (lambda: lg.bifurcation(PENDULUM, "c", [0.1, 0.2], progress=True), "1 of 3 values, "),
-        (lambda: lg.first_passage(PENDULUM, GRID, progress=True), "6 of 6 runs, "),
-        (lambda: lg.basins(PENDULUM, GRID, progress=True), "6 of 6 runs, "),
     ],
 )
 def test_each_picture_of_dynamics_shows_how_far_it_is(call: Any, last: str, display: Display) -> None:
