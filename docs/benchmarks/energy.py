@@ -11,7 +11,7 @@ from time import thread_time
 import numpy as np
 from long_runs import CONFIDENCE, LongRun, long_run
 from matplotlib.figure import Figure
-from measure import FOLDER, Page, shown
+from measure import Page, saved, shown
 from systems import double_pendulum, henon_heiles
 
 import lagrange as lg
@@ -94,7 +94,7 @@ def picture(found: dict[str, dict[str, LongRun]]) -> None:
         axis.spines[["top", "right"]].set_visible(False)
         axis.margins(x=0.22)
     axes[0].set_ylabel("largest energy error until then (blue: symplectic, dotted: adaptive)")
-    figure.savefig(FOLDER / "energy.png", dpi=130)
+    saved(figure, "energy.png", 130)
 
 
 def main() -> None:

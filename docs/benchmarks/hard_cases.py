@@ -302,7 +302,7 @@ def main() -> None:
         "Times are the processor's, of a run that is compiled and warm. For 1e7 steps the error is that of the energy, "
         f"in blocks of {PER_BLOCK}; its slope is the mean increment of the block means with the half-width of its "
         f"{CONFIDENCE:.0%} interval by Student's test, which, unlike a fitted line, takes no random walk for a drift. "
-        "Where faults are the hard case, see [faults](faults.md).",
+        "The page on faults has runs that cannot succeed.",
     )
     lines: list[Line] = []
     for case in CASES:
@@ -312,7 +312,7 @@ def main() -> None:
             print(*line.cells(), sep=" | ", flush=True)
         print(f"{case.__name__}: {shown(thread_time() - began)} s\n")
     page.table(HEAD, [line.cells() for line in lines])
-    page.write("hard-cases.md")
+    page.write()
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Time rivals side by side, describe the machine, and write the page of a benchmark beside its script."""
+"""Time rivals side by side, describe the machine, and write the tables of a benchmark to `out/benchmarks`."""
 
 from __future__ import annotations
 
@@ -12,11 +12,17 @@ from datetime import date
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import thread_time
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import lagrange
 
+if TYPE_CHECKING:  # the import would change the times of first imports
+    from matplotlib.figure import Figure
+
 FOLDER = Path(__file__).resolve().parent
+OUT = FOLDER.parents[1] / "out" / "benchmarks"
+"""Folder of the tables and pictures that the scripts write; Git ignores it."""
+
 PACKAGES = ("numpy", "scipy", "sympy", "llvmlite", "heyoka")
 
 
@@ -118,13 +124,19 @@ class Page:
         lines.insert(1, "|" + "|".join("-" * (w + 2) for w in widths) + "|")
         self.text("\n".join(lines))
 
-    def write(self, name: str = "") -> None:
-        """Write the page beside its script, under its name or another."""
-        path = self.script.resolve().with_suffix(".md")
-        path = path.with_name(name) if name else path
-        made = f"Made by `{self.script.name}`; run it again to measure your machine."
+    def write(self) -> None:
+        """Write the page to `out/benchmarks`, under the name of its script."""
+        OUT.mkdir(parents=True, exist_ok=True)
+        path = OUT / f"{self.script.stem}.md"
+        made = f"Made by `{self.script.name}`."
         path.write_text("\n\n".join([*self.parts, made]) + "\n", encoding="utf-8")
-        print(f"wrote {path.name}", file=sys.stderr)
+        print(f"wrote {path}", file=sys.stderr)
+
+
+def saved(figure: Figure, name: str, dpi: int) -> None:
+    """Save a picture beside the tables."""
+    OUT.mkdir(parents=True, exist_ok=True)
+    figure.savefig(OUT / name, dpi=dpi)
 
 
 def shown(value: float) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
-from measure import FOLDER, Page, milliseconds
+from measure import Page, milliseconds, saved
 from taylor import Cache, expected
 from taylor_systems import CASES, REFERENCE, Case
 
@@ -28,7 +28,6 @@ LIMIT = 0.15
 REPEATS = 3
 FASTEST = 6
 """How many methods are named at each goal."""
-PICTURE = FOLDER / "methods.png"
 
 STIFFNESS, OMEGA = 1e4, 50.0
 FAMILIES = {
@@ -168,7 +167,7 @@ def draw(found: dict[str, Any]) -> None:
         axis.grid(color="#e3e3e3", linewidth=0.6)
     handles = [axes[0].plot([], [], "-o", color=c, markersize=3)[0] for c in FAMILIES.values()]
     figure.legend(handles, list(FAMILIES), loc="outside lower center", ncols=len(FAMILIES), frameon=False)
-    figure.savefig(PICTURE, dpi=110)
+    saved(figure, "methods.png", 110)
 
 
 def summary(page: Page, found: dict[str, Any]) -> None:

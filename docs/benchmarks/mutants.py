@@ -1,8 +1,9 @@
 """Mutants of the right half: one operator, comparison or number of the source changed, and which test sees it.
 
     python docs/benchmarks/mutants.py reach          # which tests call which functions: once, and again for new tests
-    python docs/benchmarks/mutants.py run            # the mutants, and the page
+    python docs/benchmarks/mutants.py run            # the mutants
     python docs/benchmarks/mutants.py run --again    # those that survived once more, after tests were added
+    python docs/benchmarks/mutants.py page           # out/benchmarks/mutants.md, the table of all mutants
 
 It works on copies of the tree in `--folder`, never in place, and keeps what it finds there: stopped, it goes on where
 it was. A mutant whose file has changed since meets the test that saw it before first.
@@ -273,7 +274,7 @@ def confirm(folder: Path, verdicts: Iterable[Verdict]) -> str:
 
 
 def write(folder: Path, seed: int, count: int, budget: float) -> None:
-    """Write the page."""
+    """Write the table of all mutants."""
     mutants, found = sample(ROOT, seed, count), known(folder)
     pairs = [(mutant, found[mutant.name]) for mutant in mutants if mutant.name in found]
     failing = confirm(folder, [verdict for _, verdict in pairs])

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+
+from measure import saved
 
 Curve = Sequence[tuple[float, float]]
 """Points (seconds, error)."""
@@ -20,7 +21,7 @@ COLOURS = {
 RIVAL, INK = "#d1495b", "#222222"
 
 
-def work_precision(panels: Mapping[str, Mapping[str, Curve]], path: Path) -> None:
+def work_precision(panels: Mapping[str, Mapping[str, Curve]], file: str) -> None:
     """Draw one panel per system, one line per method; SciPy's own solvers are thin and red."""
     from matplotlib.figure import Figure
 
@@ -49,4 +50,4 @@ def work_precision(panels: Mapping[str, Mapping[str, Curve]], path: Path) -> Non
         axis.spines[["top", "right"]].set_visible(False)
         axis.margins(x=0.12)
     axes[0].set_ylabel("error at the end of the run")
-    figure.savefig(path, dpi=130)
+    saved(figure, file, 130)

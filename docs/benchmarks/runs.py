@@ -13,7 +13,7 @@ import heyoka as hy
 import numpy as np
 from by_hand import ByHand
 from equations import from_sympy, lambdified
-from measure import FOLDER, Page, best, microseconds, milliseconds, shown, verdict
+from measure import Page, best, microseconds, milliseconds, shown, verdict
 from native import FLAGS
 from numpy.typing import NDArray
 from picture import Curve, work_precision
@@ -196,7 +196,7 @@ def main() -> None:
         panels[f"{system.name}, {T_END:g} s"] = found = curves(system, expected[system.name])
         page.text(f"{system.name}:")
         table_of(page, found)
-    work_precision(panels, FOLDER / "runs.png")
+    work_precision(panels, "runs.png")
     page.text("![Error against time for every method, on two systems](runs.png)")
     page.write()
 

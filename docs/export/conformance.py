@@ -1,4 +1,4 @@
-"""Write conformance.md: every target with every scene of the library, built, tested and run with what is here.
+"""Build, test and run every target with every scene of the library, and write the table to `out`.
 
 Each scene is exported with all contents that it and the target have. A cell says what came of it: the number of results
 that the self-test found right, and the largest difference of the trajectory that `main` writes from ours, relative to
@@ -25,7 +25,7 @@ import lagrange as lg
 from lagrange.export.registry import find
 from lagrange.export.target import QUANTITIES
 
-PAGE = Path(__file__).with_suffix(".md")
+PAGE = Path(__file__).resolve().parents[2] / "out" / "conformance.md"
 METHODS = ("rk4", "verlet", "dop853")
 TRAJECTORY = 1e-11
 """What the end of a short trajectory may differ by, relative to the largest entry: both runs have tolerance 1e-13."""
@@ -159,6 +159,7 @@ def main(names: list[str], scenes: list[str]) -> int:
         about = f"Contents: all quantities that the scene has, {methods} where they apply, and main."
         head = ["# Conformance of exported files", (__doc__ or "").partition("\n\n")[2].strip(), about]
         kept = [sections[name] for name in lg.targets() if name in sections]
+        PAGE.parent.mkdir(exist_ok=True)
         PAGE.write_text("\n\n".join([*head, *kept]) + "\n", encoding="utf-8")
         print(f"{target}: written", flush=True)
     print("\n".join(bad) or "all cells that ran are right")
