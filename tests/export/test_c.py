@@ -73,7 +73,9 @@ def test_main_writes_the_trajectory(tmp_path: Path) -> None:
 
 
 @needs_cc
-@pytest.mark.parametrize("scene", ["kepler", "pleiades", "cartesian-pendulum"])
+@pytest.mark.parametrize(
+    "scene", ["kepler", *(pytest.param(name, marks=pytest.mark.slow) for name in ("pleiades", "cartesian-pendulum"))]
+)
 def test_the_taylor_integrator_passes_its_test(scene: str, tmp_path: Path) -> None:
     """Written out, in a loop over orders, and with a projection onto constraints."""
     name = scene.replace("-", "_")

@@ -86,7 +86,9 @@ def conforms(scene: str, folder: Path) -> None:
             assert list(last)[1:] == pytest.approx(ours.y[:, -1], rel=allowed, abs=allowed), (path.name, kind)
 
 
-@pytest.mark.parametrize("scene", ["double-pendulum", "cartesian-double-pendulum"])
+@pytest.mark.parametrize(
+    "scene", ["double-pendulum", pytest.param("cartesian-double-pendulum", marks=pytest.mark.slow)]
+)
 def test_a_simulation_equals_ours(scene: str, tmp_path: Path) -> None:
     conforms(scene, tmp_path)
 
