@@ -196,6 +196,7 @@ def test_a_singular_matrix_is_a_status_with_a_message(tmp_path: Path) -> None:
         assert any("a matrix is singular to round-off at this state" in one for one in messages)
 
 
+@pytest.mark.slow
 def test_a_parameter_that_makes_a_matrix_singular_is_named_as_the_cause(tmp_path: Path) -> None:
     x = lg.coordinate("x")
     m = lg.parameters("m")
@@ -209,11 +210,13 @@ def test_a_parameter_that_makes_a_matrix_singular_is_named_as_the_cause(tmp_path
         assert any("a matrix is singular to round-off with these parameters" in one for one in messages)
 
 
+@pytest.mark.slow
 def test_both_archives_are_the_same_bytes_again(tmp_path: Path) -> None:
     first, second = (lg.scene("pendulum").export("fmu", tmp_path / one) for one in "ab")
     assert [path.read_bytes() for path in first.files] == [path.read_bytes() for path in second.files]
 
 
+@pytest.mark.slow
 def test_greek_names_are_kept(tmp_path: Path) -> None:
     for path in written(named(["θ", "x1"], ["Ω", "m"]), tmp_path).values():
         names = [one.name for one in fmpy.read_model_description(str(path)).modelVariables]
@@ -245,6 +248,7 @@ def test_units_are_defined_and_given(tmp_path: Path) -> None:
     assert "parameters: m = 2.0 [kg], k = 3.0 [N/m]" in (tmp_path / "spring.h").read_text()
 
 
+@pytest.mark.slow
 def test_the_commands_test_the_sources(tmp_path: Path) -> None:
     made = lg.scene("pendulum").export("fmu", tmp_path)
     assert [run(command, tmp_path) for command in made.commands][-1].endswith("results are right\n")

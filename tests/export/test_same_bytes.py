@@ -45,6 +45,7 @@ def digest(seed: int) -> str:
     return done.stdout.strip()
 
 
+@pytest.mark.slow
 def test_two_processes() -> None:
     first = digest(1)
     assert len(first) == len(hashlib.sha256().hexdigest())

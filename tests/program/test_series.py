@@ -174,6 +174,7 @@ CASES: dict[str, Callable[[], Statement]] = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", CASES)
 def test_every_form_gives_the_motion(name: str) -> None:
     """Momentum form, expanded and by parts, rates whole and apart: one is taken, all must be right."""

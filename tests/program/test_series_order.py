@@ -46,6 +46,7 @@ def step(name: str, time: Any, y: Any, h: Any) -> Any:
     return summed(coefficients(*program(name), HIGH, time, list(y)), h, HIGH)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", NONLINEAR)
 def test_the_error_of_a_step_is_of_the_claimed_order(name: str) -> None:
     """Against two steps of half the length, each from its own series: c[p+1] h^(p+1) (1 + O(h)), O(h) some 0.01."""
