@@ -34,8 +34,8 @@ def trial(tmp_path: Path, source: str, *signals: int, code: int = 0) -> str:
     path = tmp_path / "trial.py"
     path.write_text("import os, signal, sys, time\n" + source)
     program, paths = [sys.executable, "-c", START, str(path)], {**os.environ, "PYTHONPATH": str(tmp_path)}
-    pipes = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE)
-    with subprocess.Popen(program, text=True, env=paths, **pipes) as process:
+    pipe = subprocess.PIPE
+    with subprocess.Popen(program, stdin=pipe, stdout=pipe, stderr=pipe, text=True, env=paths) as process:
         try:
             first = ""
             if signals and process.stdout is not None:
