@@ -48,6 +48,7 @@ def test_accelerations_are_those_of_the_book(case: Case) -> None:
             ), coordinate
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("case", CASES, ids=NAMES)
 def test_derivation_agrees_with_lagranges_method(case: Case) -> None:
     statement = case.statement()
@@ -77,6 +78,7 @@ def test_derivation_agrees_with_lagranges_method(case: Case) -> None:
             assert close(found, expected[i], 1 + max(abs(x) for x in expected)), coordinate
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("case", CASES, ids=NAMES)
 def test_solved_accelerations_satisfy_the_equations(case: Case) -> None:
     statement = case.statement()
@@ -88,6 +90,7 @@ def test_solved_accelerations_satisfy_the_equations(case: Case) -> None:
             assert close(left, value(equation.rhs, statement, q, v, time), 100)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("case", CASES, ids=NAMES)
 def test_lagrangian_momenta_and_energy_keep_their_meaning(case: Case) -> None:
     statement = case.statement()
