@@ -16,10 +16,9 @@ from lagrange.show.files.archive import UNREADABLE, arrays_of
 from lagrange.statement.choice import printable
 from lagrange.statement.stored import restored
 from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
-from lagrange.trajectory.parameter_history import ParameterHistory
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.solution import Solution
-from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory
 
 NEEDED = ("t", "y", "names", "card", "statement")
 """The arrays without which a file is no run."""

@@ -17,30 +17,9 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
         *("parameters", "printed_run", "python_source", "state", "step_events"),
     ),
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
-    "trajectory records": ("integrator", "options", "parameter_history", "tolerances", "trajectory"),
-    "trajectory runs": (
-        *(
-            "edge",
-            "floors",
-            "inertia",
-            "memory_limit",
-            "messages",
-            "noise",
-            "outputs",
-            "pace",
-            "plan",
-            "prepared",
-            "run_loop",
-            "shortened",
-            "sizes",
-            "sticking",
-            "table_end",
-        ),
-    ),
-    "trajectory entries": (
-        *("conservation", "flow", "integrate", "over_crossings", "parts", "progress"),
-        *("run", "segments", "solution", "touching", "unresolved"),
-    ),
+    "trajectory records": ("integrator", "options", "trajectory"),
+    "trajectory runs": ("endings", "memory_limit", "messages", "outputs", "pace", "plan", "run_loop", "sizes"),
+    "trajectory entries": ("conservation", "flow", "integrate", "parts", "progress", "run", "solution"),
 }
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
 stand before all rooms of their stage, the entries behind all."""

@@ -15,8 +15,8 @@ from lagrange.members.chunk import STATUSES, Ends, Engine, Starts, Table
 from lagrange.members.job import ChunkResult
 from lagrange.members.keep import END, OUTPUTS, STATUS
 from lagrange.members.lanes import LaneEngine
-from lagrange.members.processors import threads_of
-from lagrange.members.runners import ThreadRunner
+from lagrange.members.work import threads_of
+from lagrange.members.work import ThreadRunner
 from lagrange.members.varied import MemberNumbers
 from lagrange.members.work import run_members
 from lagrange.statement.event import Event

@@ -13,10 +13,9 @@ import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.members.chunk import INTERRUPTED, Ends, Engine, Starts, Stopped, Table
-from lagrange.members.flows import flow_engine
 from lagrange.members.keep import Column, Keep
 from lagrange.members.lanes import lane_engine
-from lagrange.members.singly import Explained, RunEngine
+from lagrange.members.singly import Explained, RunEngine, flow_engine
 from lagrange.statement.number import whole_number
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.options import RunOptions

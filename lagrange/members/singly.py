@@ -1,4 +1,4 @@
-"""Members one by one, each a run of its own: for any method and any system."""
+"""Members one by one, each a run or a flow of its own, and their energies."""
 
 from __future__ import annotations
 
@@ -8,11 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.errors import StatementError
+from lagrange.errors import LagrangeError, StatementError
 from lagrange.machine.model import Model
-from lagrange.members.along import SampledRun
-from lagrange.members.chunk import STATUSES, Ends, Starts, Stopped
-from lagrange.members.energies import energies_of
+from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
 from lagrange.members.keep import (
     DRIFT,
     OUTPUTS,
@@ -21,13 +19,87 @@ from lagrange.members.keep import (
     TIME,
     Column,
     Keep,
+    SampledRun,
     event_states,
     event_times,
 )
 from lagrange.procedure.members.queue import COUNTED
+from lagrange.trajectory.conservation import NOTABLE_CHANGE, SMALL_CHANGE
+from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+
+
+@dataclass(frozen=True, eq=False)
+class Energies:
+    """States (m, 2n) before and after, and what was observed of them: the energy, and the momenta behind it."""
+
+    before: FloatArray
+    after: FloatArray
+    first: FloatArray
+    last: FloatArray
+
+    def kinetic(self, y: FloatArray, observed: FloatArray) -> FloatArray:
+        """Return |v.p| / 2."""
+        with np.errstate(all="ignore"):
+            return np.asarray(np.abs(np.sum(y[:, y.shape[1] // 2 :] * observed[:, 1:], axis=1)) / 2)
+
+    @property
+    def drift(self) -> FloatArray:
+        """How far the energies moved; see `relative_drift`."""
+        kinetic = self.kinetic(self.before, self.first), self.kinetic(self.after, self.last)
+        return relative_drift(self.first[:, 0], self.last[:, 0], *kinetic)
+
+    @property
+    def moved(self) -> NDArray[np.bool_]:
+        """Which members changed their energy so much that a run alone has to say whether it follows the motion.
+
+        These are the first tests of `lagrange.trajectory.conservation`.
+        """
+        with np.errstate(all="ignore"):
+            change = np.abs(self.last[:, 0] - self.first[:, 0])
+            kinetic = np.maximum(self.kinetic(self.before, self.first), self.kinetic(self.after, self.last))
+            small = change <= NOTABLE_CHANGE * np.abs(self.first[:, 0])
+            return np.asarray(~(small | (change <= SMALL_CHANGE * kinetic)))
+
+
+def relative_drift(first: FloatArray, last: FloatArray, kinetic: FloatArray, after: FloatArray) -> FloatArray:
+    """Return by how much energies (m,) went from their first values, relative to the largest of these and the others.
+
+    `kinetic` (m,) are the kinetic energies at the start, `after` (m,) those at the end.
+    """
+    scale = np.maximum(np.maximum(np.abs(first), kinetic), after)
+    with np.errstate(all="ignore"):
+        found = np.where(scale > 0, (last - first) / scale, last - first)
+    # The sign of a NaN depends on its place in the array.
+    return np.asarray(np.where(np.isnan(found), np.nan, found))
+
+
+def energies_of(
+    model: Model,
+    starts: Starts,
+    after: FloatArray,
+    span: tuple[float, float],
+    last_parameters: FloatArray | None = None,
+) -> Energies:
+    """Return the energies of members that went from their starts to states (m, 2n).
+
+    `last_parameters` (m, k) are those at the end, where events set some.
+    """
+    first = _observed(model, starts.states, span[0], starts.parameters)
+    last = _observed(model, after, span[1], starts.parameters if last_parameters is None else last_parameters)
+    return Energies(starts.states, after, first, last)
+
+
+def _observed(model: Model, y: FloatArray, t: float, parameters: FloatArray) -> FloatArray:
+    """Return the energy and the momenta of states (m, 2n) at a time, (m, 1 + n)."""
+    if len(parameters) > 1:
+        return np.concatenate([_observed(model, y[i : i + 1], t, parameters[i : i + 1]) for i in range(len(y))])
+    q, v = model.layout.split(y.T)
+    times = np.full(len(y), t)
+    return np.vstack([model.energy(q, v, times, parameters[0]), model.momenta(q, v, times, parameters[0])]).T
+
 
 BY_NUMPY = " by numpy"
 """How the form of runs ends for which nothing is compiled."""
@@ -151,3 +223,51 @@ class RunEngine:
         reached = (times >= low) & (times <= high)
         found[reached] = run.dense(times[reached]).T
         return found
+
+
+@dataclass(frozen=True, eq=False)
+class FlowEngine:
+    """Runs members by the flow of a model; `alone` runs those that do not get to the end, and says why."""
+
+    alone: RunEngine
+    flow: Flow
+
+    @property
+    def form(self) -> str:
+        """How members are run."""
+        return self.alone.form
+
+    @property
+    def side_by_side(self) -> int:
+        """One after the other."""
+        return 1
+
+    def run(self, starts: Starts, stopped: Stopped) -> Ends:
+        """Run members to their ends."""
+        alone, (_, t1) = self.alone, self.alone.span
+        reached: list[FloatArray] = []
+        for i in range(len(starts)):
+            if stopped():
+                break
+            reached.append(self.end(starts.of(slice(i, i + 1))))
+        done, states = starts.of(slice(len(reached))), np.reshape(reached, (len(reached), starts.states.shape[1]))
+        doubtful = np.isnan(states).any(axis=1)
+        if alone.model.conservative:
+            doubtful |= energies_of(alone.model, done, states, alone.span).moved
+        found = {STATE: states, TIME: np.full(len(done), t1), STATUS: np.full(len(done), SUCCESS, dtype=np.uint8)}
+        ends = Ends({column.name: found[column.name] for column in alone.columns})
+        return alone.again(done, ends, np.flatnonzero(doubtful))
+
+    def end(self, start: Starts) -> FloatArray:
+        """Return the last state of a member, NaN if it does not get to the end."""
+        try:
+            return self.flow(start.states[0], *self.alone.span, start.parameters[0])
+        except LagrangeError:
+            return np.full_like(start.states[0], np.nan)
+
+
+def flow_engine(alone: RunEngine) -> FlowEngine | None:
+    """Return the engine that runs members by a flow, None where more than last states is kept."""
+    if {column.name for column in alone.columns} - {STATE, TIME, STATUS}:
+        return None
+    return FlowEngine(alone, Flow(alone.model, alone.options))

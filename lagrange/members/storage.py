@@ -6,8 +6,8 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 
 from lagrange.errors import StatementError, counted, listing
+from lagrange.members.chunk import MemberResults, Results
 from lagrange.members.job import ChunkResult, Job
-from lagrange.members.results import MemberResults, Results
 from lagrange.members.singly import BY_NUMPY
 from lagrange.members.table import MemberTable
 from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory

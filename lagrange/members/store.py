@@ -1,31 +1,397 @@
-"""A store of results on a disk, in the format zarr, which xarray opens: written block by block, whole or not at all.
-
-A block of members is written when all of it has been run, and then its checksums. A call reads what is there, and runs
-the members again whose block is missing or does not match its checksums. The size of a block depends on nothing but how
-much a member keeps, so a call that goes on where another one stopped writes the same bytes. The attributes say what
-made the results; a store of anything else is never written to.
-"""
+"""A store of results on a disk, in the format zarr: its folder, its blocks with checksums, its lock."""
 
 from __future__ import annotations
 
+import errno
+import hashlib
 import os
-from collections.abc import Mapping
+import shutil
+import socket
+import sys
+import tempfile
+import threading
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from lagrange.errors import StatementError
+from lagrange.errors import RunError, StatementError, shown
+from lagrange.members.chunk import INTERRUPTED, STATUSES, Results
 from lagrange.members.job import ChunkResult, Job
-from lagrange.members.keep import OUTPUTS, STATE, TIME
-from lagrange.members.names import stored_names
-from lagrange.members.origin import origin
-from lagrange.members.results import Results
+from lagrange.members.keep import OUTPUT_TIME, OUTPUTS, STATE, STATUS, TIME
+from lagrange.members.origin import BLOCK, CHECKSUM, MEMBER, VARIABLE, difference, origin, start_name, stored_names
 from lagrange.members.storage import ResultStorage
-from lagrange.members.store_blocks import StoreBlocks, reading
-from lagrange.members.store_group import find_store, folder_of, open_store, variables_of, writing
-from lagrange.members.store_lock import StoreLock
 from lagrange.members.table import MemberTable
+from lagrange.trajectory.trajectory import FloatArray
+
+if sys.platform != "win32":
+    import fcntl
+
+LOCK = ".lock"
+"""The name of the file, which says who writes. It is removed at the end, and one that was left behind harms nothing."""
+
+_HELD: set[str] = set()
+_CHANGING = threading.Lock()
+"""The stores that this process writes to: the locks of the system tell processes apart, and not threads."""
+
+
+class StoreLock:
+    """The right to write to a store, until it is closed. Raises RunError where another call has it.
+
+    The lock is one of `lockf`: workers that a process forks do not keep it when that process is killed. There is none
+    where the file cannot be made, as in a store that may only be read, and where there are no locks.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path, self._key, self._descriptor = path / LOCK, os.path.realpath(path), -1
+        with _CHANGING:
+            if self._key in _HELD:
+                raise _taken(path, "another thread of this process")
+            self._descriptor = _locked(path, self._path)
+            _HELD.add(self._key)
+
+    def close(self) -> None:
+        """Let other calls write."""
+        with _CHANGING:
+            _HELD.discard(self._key)
+            if self._descriptor >= 0:
+                with suppress(OSError):
+                    self._path.unlink()
+                os.close(self._descriptor)
+                self._descriptor = -1
+
+
+def _locked(store: Path, path: Path) -> int:
+    """Return the descriptor of a file that is locked, -1 where there are no locks."""
+    if sys.platform == "win32":
+        return -1
+    while True:
+        try:
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT, 0o644)
+        except OSError:
+            return -1
+        try:
+            fcntl.lockf(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except (BlockingIOError, PermissionError):
+            owner = os.read(descriptor, 200).decode(errors="replace")
+            os.close(descriptor)
+            raise _taken(store, owner or "another process") from None
+        except OSError:
+            os.close(descriptor)
+            return -1
+        if path.exists() and os.path.samestat(os.fstat(descriptor), path.stat()):
+            with suppress(OSError):
+                os.ftruncate(descriptor, 0)
+                os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
+            return descriptor
+        os.close(descriptor)  # who had the lock before has removed the file
+
+
+def _taken(store: Path, owner: str) -> RunError:
+    return RunError(
+        f"{store} is written to by {owner}: wait until that is done, and make the same call again, which goes on from "
+        "there; or give another store."
+    )
+
+
+DAMAGE = (
+    *(KeyError, TypeError, ValueError, RuntimeError, AttributeError, ArithmeticError, IndexError, EOFError),
+    *(ImportError, MemoryError, OSError, zlib.error),
+)
+"""Errors that zarr raises where files of a store are missing, changed, or none of its own."""
+
+
+@contextmanager
+def reading(path: Path) -> Iterator[None]:
+    """Raise RunError where files of a store are damaged."""
+    try:
+        yield
+    except DAMAGE as error:
+        raise damaged(path, (" ".join(str(error).split()) or type(error).__name__)[:120]) from error
+
+
+def damaged(path: Path, reason: str) -> RunError:
+    """Return the error of a store whose files are not those that were written."""
+    return RunError(
+        f"{str(path)[:120]} is damaged ({reason}): make the same call again, which runs the members of damaged blocks "
+        "again, give another store, or restore this one."
+    )
+
+
+def checksum(rows: Any) -> int:
+    """Return 64 bits of a digest of rows with their type and shape, never 0: that means rows that were not written."""
+    digest = hashlib.blake2b(f"{rows.dtype.str} {rows.shape}".encode(), digest_size=8)
+    digest.update(np.ascontiguousarray(rows).data if rows.size else b"")
+    return int.from_bytes(digest.digest(), "little") or 1
+
+
+class StoreBlocks:
+    """The blocks of a store: `names` are its variables, with a row for each of the members."""
+
+    def __init__(self, path: Path, group: Any, names: Sequence[str], members: int, size: int) -> None:
+        self.path, self.group, self.names, self.size = path, group, tuple(names), size
+        self.count, self._members = -(-members // size), members
+
+    def bounds(self, k: int) -> tuple[int, int]:
+        """Return the first member of a block, and the one after its last."""
+        return k * self.size, min((k + 1) * self.size, self._members)
+
+    def left(self) -> list[tuple[int, int]]:
+        """Return the bounds of blocks that are still to be run; damaged ones are marked as not written."""
+        found = []
+        for k in range(self.count):
+            try:
+                sums = self._sums(k)
+                whole = sums.all() and all(self._matches(name, k, sums[i]) for i, name in enumerate(self.names))
+            except DAMAGE:
+                sums, whole = None, False
+            if not whole:
+                if sums is None or sums.any():
+                    self.group[CHECKSUM][k] = 0
+                found.append(self.bounds(k))
+        return found
+
+    def write(self, k: int, rows: dict[str, Any]) -> None:
+        """Write a block, its status last, and then its checksums."""
+        begin, end = self.bounds(k)
+        for name in sorted(rows, key=STATUS.__eq__):
+            self.group[name][begin:end] = rows[name]
+        self.group[CHECKSUM][k] = np.array([checksum(rows[name]) for name in self.names], dtype="u8")
+
+    def column(self, name: str, blank: Any) -> Any:
+        """Return a variable of all members, blank where it was not written. Raises RunError where it is damaged."""
+        with reading(self.path):
+            sums, rows = np.asarray(self.group[CHECKSUM][:]), np.asarray(self.group[name][:])
+        for k in range(self.count):
+            begin, end = self.bounds(k)
+            rows[begin:end] = self._checked(name, k, rows[begin:end], sums[k], blank)
+        return rows
+
+    def row(self, name: str, member: int, blank: Any) -> Any:
+        """Return a variable of one member; see `column`."""
+        k = member // self.size
+        begin, end = self.bounds(k)
+        with reading(self.path):
+            sums, rows = self._sums(k), np.asarray(self.group[name][begin:end])
+        return np.broadcast_to(self._checked(name, k, rows, sums, blank), rows.shape)[member - begin]
+
+    def _checked(self, name: str, k: int, rows: Any, sums: Any, blank: Any) -> Any:
+        """Return the rows of a block as they were written."""
+        if not sums.all():
+            return blank
+        if checksum(rows) != sums[self.names.index(name)]:
+            raise damaged(self.path, f"{name} of members {self.bounds(k)[0]} to {self.bounds(k)[1] - 1} has changed")
+        return rows
+
+    def _sums(self, k: int) -> Any:
+        return np.asarray(self.group[CHECKSUM][k])
+
+    def _matches(self, name: str, k: int, expected: Any) -> bool:
+        begin, end = self.bounds(k)
+        return bool(checksum(np.asarray(self.group[name][begin:end])) == expected)
+
+
+def same_array(found: Any, wanted: Any) -> bool:
+    """Return whether an array of a store is laid out as it was made; codecs may differ between versions of zarr."""
+    return bool(_layout(found) == _layout(wanted))
+
+
+def same_values(found: Any, wanted: FloatArray) -> bool:
+    """Return whether an array has these values."""
+    return bool(np.array_equal(np.asarray(found[:]), wanted))
+
+
+def _layout(array: Any) -> tuple[Any, ...]:
+    names = array.metadata.dimension_names
+    return array.shape, array.chunks, array.dtype.str, repr(array.fill_value), None if names is None else tuple(names)
+
+
+ATTRIBUTES = "lagrange"
+"""The attributes that say what was run."""
+
+
+def folder_of(store: Any) -> Path:
+    """Return the path of a store. Raises StatementError for what no folder can be called."""
+    if not isinstance(store, (str, os.PathLike)) or not str(store):
+        raise StatementError(f'store is {shown(store)}: give the name of a folder, such as "runs.zarr".')
+    if "://" in str(store):
+        raise StatementError(f"store is {shown(store)}: give the name of a folder of this machine, such as runs.zarr.")
+    if "\0" in str(store):
+        raise StatementError(f"store is {shown(store)}, which no folder can be called: give a name, such as runs.zarr.")
+    return Path(store).expanduser()
+
+
+def find_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
+    """Make a store where there is none; refuse one of anything else. See `lagrange.members.store.kept_in_store`."""
+    zarr = _zarr()
+    if not os.path.lexists(path):
+        _make(zarr, path, job, table, made_of)
+    _check(zarr, path, made_of)
+
+
+def open_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> StoreBlocks:
+    """Return the blocks of a store that is there, without what a call that was killed left of a file.
+
+    What describes its arrays is written again where it is missing or has changed.
+    """
+    zarr = _zarr()
+    with writing(path):
+        for rest in path.rglob("*.partial"):
+            rest.unlink(missing_ok=True)
+        files = _files(zarr, job, table, made_of)
+        _restore(zarr, path, files)
+    with reading(path):
+        group = zarr.open_group(str(path), mode="r+")
+    names = tuple(variables_of(job, table, 0, 0, Results.empty(0, job.columns)))
+    return StoreBlocks(path, group, names, len(table), made_of["block"])
+
+
+def _restore(zarr: Any, path: Path, files: Mapping[str, bytes]) -> None:
+    """Write the files that describe an array, where it is missing or differs from the one that was made."""
+    buffer = zarr.core.buffer.default_buffer_prototype().buffer.from_bytes
+    made = zarr.open_group(zarr.storage.MemoryStore({name: buffer(text) for name, text in files.items()}), mode="r")
+    for name, wanted in made.arrays():
+        try:
+            found = zarr.open_array(str(path / name), mode="r")
+            same = same_array(found, wanted) and (name != OUTPUT_TIME or same_values(found, wanted[:]))
+        except DAMAGE:
+            same = False
+        for file in () if same else files:
+            if file.startswith(f"{name}/"):
+                write_file(path / file, files[file])
+
+
+def _zarr() -> Any:
+    try:
+        import zarr
+    except ModuleNotFoundError as error:
+        raise StatementError(
+            "store= needs zarr, which is not installed: pip install zarr xarray, or in a checkout "
+            "pip install '.[store]'."
+        ) from error
+    return zarr
+
+
+def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
+    """Refuse a folder that holds anything but this ensemble."""
+    try:
+        found = dict(zarr.open_group(str(path), mode="r").attrs).get(ATTRIBUTES)
+    except PermissionError as error:
+        raise StatementError(f"{path} may not be read: give another store, or the right to read it.") from error
+    except DAMAGE:
+        found = None
+    if not isinstance(found, dict):
+        raise StatementError(f"{path} exists and is no store of an ensemble: give another name. It was left as it is.")
+    if differs := difference(found, made_of):
+        raise StatementError(
+            f"{path} holds another ensemble, which differs in {differs}. It was left as it is: give another store, or "
+            "make the call that it was made by."
+        )
+
+
+def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
+    """Make a store whose blocks are all to be written; it has its name when it is whole."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
+    except (OSError, ValueError) as error:  # a name that no file system takes is a ValueError
+        raise _not_made(path, error) from error
+    try:
+        for name, content in _files(zarr, job, table, made_of).items():
+            write_file(folder / name, content)
+        folder.chmod(0o755)
+        folder.rename(path)
+    except BaseException as error:
+        shutil.rmtree(folder, ignore_errors=True)
+        if isinstance(error, OSError) and error.errno in (errno.ENOTEMPTY, errno.EEXIST) and path.is_dir():
+            return  # another call has made it since
+        if isinstance(error, OSError):
+            raise _not_made(path, error) from error
+        raise
+
+
+def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> dict[str, bytes]:
+    """Return the files of a store without results.
+
+    They are made in memory: zarr writes files from several threads, some of which go on after one of them failed.
+    """
+    members, block = len(table), made_of["block"]
+    attributes = {ATTRIBUTES: dict(made_of), "statuses": [one.value for one in STATUSES]}
+    held: dict[str, Any] = {}
+    group = zarr.open_group(zarr.storage.MemoryStore(held), mode="w", attributes=attributes)
+    names = job.problem.model.layout.names()
+    dimensions = {part: column.dimensions for column in job.columns for part in stored_names(column.name, names)}
+    variables = variables_of(job, table, 0, 0, Results.empty(0, job.columns))
+    for name, rows in variables.items():
+        rest = rows.shape[1:]
+        group.create_array(
+            name,
+            shape=(members, *rest),
+            chunks=(min(block, members), *rest),
+            dtype=rows.dtype,
+            fill_value=INTERRUPTED if name == STATUS else np.nan if rows.dtype.kind == "f" else 0,
+            dimension_names=(MEMBER, *dimensions.get(name, ())),
+        )
+    count = len(variables)
+    group.create_array(
+        CHECKSUM,
+        shape=(-(-members // block), count),
+        chunks=(1, count),
+        dtype="u8",
+        fill_value=0,
+        dimension_names=(BLOCK, VARIABLE),
+    )
+    if job.problem.t_eval is not None:
+        shape = job.problem.t_eval.shape
+        times = group.create_array(OUTPUT_TIME, shape=shape, dtype="f8", dimension_names=(OUTPUT_TIME,))
+        times[:] = job.problem.t_eval
+    return {name: content.to_bytes() for name, content in held.items()}
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file and the folder that it is in."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content)
+
+
+def _not_made(path: Path, error: OSError | ValueError) -> StatementError | RunError:
+    """Return what to say of a store that could not be made: of a full disk, or of a place that cannot have it."""
+    number, reason = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
+    reason = reason or str(error)
+    if number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
+        return RunError(f"{path} could not be made ({reason}): make room, and make the same call again.")
+    return StatementError(f"{path} cannot be made ({reason}): give a folder that can be written to, such as runs.zarr.")
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Say what a disk that fails means for the ensemble."""
+    try:
+        yield
+    except OSError as error:
+        raise RunError(
+            f"{path} could not be written ({error.strerror or error}). The blocks of members that were written before "
+            "are kept: make room, or mend what is wrong, and make the same call again; it goes on from there."
+        ) from error
+
+
+def variables_of(job: Job, table: MemberTable, begin: int, end: int, results: Results) -> dict[str, Any]:
+    """Return the variables of members by name, each with a row for every member."""
+    names = job.problem.model.layout.names()
+    found: dict[str, Any] = {}
+    for column in job.columns:
+        rows, parts = results.column(column.name), stored_names(column.name, names)
+        apart = column.name in (STATE, OUTPUTS)
+        found |= {one: rows[..., i] for i, one in enumerate(parts)} if apart else {parts[0]: rows}
+    which = np.arange(begin, end)
+    for key, label in zip(table.varied.keys, table.labels, strict=True):
+        found[start_name(label, names)] = table.varied.values(key, which)
+    return found
+
 
 BLOCK_BYTES, LARGEST_BLOCK = 2**23, 2**16
 """A block takes about 8 MB, or has 65,536 members: some thousand files for a billion numbers, each quickly written."""

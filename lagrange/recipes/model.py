@@ -6,9 +6,7 @@ from typing import Any
 
 from lagrange.machine import model as compiled
 from lagrange.machine.parameters import Parameters, with_zero_inputs
-from lagrange.recipes.casadi import casadi_function
-from lagrange.recipes.jax import JaxFunction, jax_function
-from lagrange.recipes.numba import NumbaFunction, numba_function
+from lagrange.recipes.libraries import JaxFunction, NumbaFunction, casadi_function, jax_function, numba_function
 from lagrange.recipes.scipy import ScipyProblem, input_functions
 from lagrange.recipes.sympy import SympyForm, sympy_form
 from lagrange.statement.event import declare_events

@@ -15,7 +15,7 @@ from lagrange.errors import StatementError
 from lagrange.machine.kernel.python_text import FLAG_OPERATIONS, uses_of
 from lagrange.machine.model import Model
 from lagrange.program.program import Instruction, Program
-from lagrange.recipes.text import quantity_program
+from lagrange.recipes.libraries import quantity_program
 
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "neg": lambda a: -a,

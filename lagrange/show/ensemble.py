@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from lagrange.errors import StatementError, UnknownKey, counted, listing, suggestion
 from lagrange.machine.model import Model, Stated, stated
-from lagrange.members.chunk import INTERRUPTED, STATUSES, SUCCESS
+from lagrange.members.chunk import INTERRUPTED, STATUSES, SUCCESS, MemberResults
 from lagrange.members.job import Job
 from lagrange.members.keep import (
     COUNTS,
@@ -37,15 +37,12 @@ from lagrange.members.keep import (
     reduction_label,
 )
 from lagrange.members.keep import DEFAULT as DEFAULT_KEEP
-from lagrange.members.names import MEMBER, check_names, start_name
-from lagrange.members.processors import threads_of
-from lagrange.members.results import MemberResults
-from lagrange.members.runners import ExecutorRunner, Runner, ThreadRunner
+from lagrange.members.origin import MEMBER, check_names, start_name
 from lagrange.members.singly import Explained
 from lagrange.members.storage import ResultStorage, kept_in_memory
 from lagrange.members.store import kept_in_store
 from lagrange.members.table import MemberTable, member_table
-from lagrange.members.work import run_members
+from lagrange.members.work import ExecutorRunner, Runner, ThreadRunner, run_members, threads_of
 from lagrange.show.figures.ensemble_figure import COMPLETE, plot_ensemble
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically, write_rows

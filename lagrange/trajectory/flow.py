@@ -21,13 +21,13 @@ from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.dependence import check_independent
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
 from lagrange.trajectory.constraints.passage import STEPS_PER_LOOK, StatesPassed
-from lagrange.trajectory.floors import raise_to_noise, survey
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
-from lagrange.trajectory.over_crossings import run_over_crossings
+from lagrange.trajectory.parts import run_over_crossings
 from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.run_loop import MOST_STEPS_PER_CALL
+from lagrange.trajectory.sizes import raise_to_noise, survey
 from lagrange.trajectory.trajectory import FloatArray
 
 _GOES_ON = (Outcome.PAUSED, Outcome.UNSCALED)

@@ -22,17 +22,14 @@ from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
 from lagrange.trajectory.constraints.dependence import check_independent, refuse_dependent
+from lagrange.trajectory.endings import table_left, with_resolution, with_touching_bodies
 from lagrange.trajectory.integrator import Integrator, Problem
 from lagrange.trajectory.memory_limit import memory_limit
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
-from lagrange.trajectory.over_crossings import run_over_crossings
+from lagrange.trajectory.parts import run_in_segments, run_over_crossings
 from lagrange.trajectory.plan import locates_events
-from lagrange.trajectory.segments import run_in_segments
-from lagrange.trajectory.table_end import table_left
-from lagrange.trajectory.touching import with_touching_bodies
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
-from lagrange.trajectory.unresolved import with_resolution
 
 SPAN_ROUND_OFF = 1e-12
 """Output times beyond an end of the span by less than this relative amount are set to that end."""

@@ -13,7 +13,7 @@ from lagrange.errors import listing
 from lagrange.graph.node import Kind, reachable
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.memory_limit import memory_limit
-from lagrange.trajectory.tolerances import LEAST_ATOL, Tolerances
+from lagrange.trajectory.options import LEAST_ATOL, Tolerances
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 _SENTENCES: dict[Status, str] = {

@@ -1,18 +1,32 @@
-"""Runs in parts, one after the other: the problem that is left behind a part, and the parts as one run."""
+"""Runs in parts: over configurations where constraints become dependent, and over changes of parameters."""
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from lagrange.errors import StatementError, formula, listing
+from lagrange.procedure.events.constants import CLOSEST
+from lagrange.procedure.step.constants import EARLIEST
 from lagrange.statement.event import Event
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.conservation import energy
+from lagrange.trajectory.constraints.approach import NEAR, Independence, regularity
+from lagrange.trajectory.constraints.consistent import consistent_start
+from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
+from lagrange.trajectory.events.actions import ALIKE, impacts
+from lagrange.trajectory.events.ending import EventResult, accumulating, nowhere
+from lagrange.trajectory.events.event_log import MOST_REPEATS, ChangeCounter
+from lagrange.trajectory.integrator import Integrator, Problem, run_by
+from lagrange.trajectory.messages import message, number
+from lagrange.trajectory.methods.explicit import RK4
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.paths.piecewise import PiecewisePath
-from lagrange.trajectory.trajectory import FloatArray, Trajectory
+from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory, run_until
 
 
 def last_state(part: Trajectory) -> FloatArray:
@@ -79,4 +93,301 @@ def joined(
         atol=first.atol,
         t_events=tuple(np.concatenate(times) for times in zip(*(part.t_events for part in parts), strict=True)),
         y_events=tuple(np.concatenate(states) for states in zip(*(part.y_events for part in parts), strict=True)),
+    )
+
+
+FAR = 0.03
+"""Equal steps begin where the least singular value of the constraints is this part of that at the start.
+
+Rounding leaves velocities errors of 1e-13 there."""
+
+FIRST_DISTANCE, FARTHER = 1e-6, 1.5
+"""The place is sought from this part of the run before its end on, each time so much farther away."""
+
+SAMPLES, NEAREST_SAMPLE = 8, 0.25
+"""The crossing is where the singular value vanishes, as so many values say, from that distance to this part of it."""
+
+OFFSET = 0.3
+"""The part of a step at which the crossing lies: the stages of rk4 are at 0, 1/2 and 1."""
+
+FEWEST_STEPS, DOUBLINGS = 8, 6
+"""Steps to the crossing; twice as many until two ways agree to the tolerance, or better than the next two. With 64 and
+128 errors were 1e-13 to 1e-12."""
+
+AGREEMENT, LEAST_AGREEMENT = 10.0, 1e-11
+"""Two ways agree if their ends differ by so many tolerances of the largest coordinate, and velocity, or by rounding."""
+
+MOST_NAMED = 3
+"""A note names no more crossings, and constraints."""
+
+MOST_CROSSINGS = 1000
+"""So many crossings are passed in one run."""
+
+ENDS = (Status.SINGULAR, Status.STEP_TOO_SMALL, Status.DIVERGED)
+"""How a run may end on the way to a crossing."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Crossing:
+    """Where equal steps begin, a time and a state (2n,), when motions cross, and the constraints dependent there."""
+
+    begin: float
+    y: FloatArray
+    time: float
+    names: tuple[str, ...]
+
+
+def run_over_crossings(integrator: Integrator, problem: Problem) -> Trajectory:
+    """Run a problem by a method with error control, and by equal steps over crossings of motions; see the module."""
+    found = run_by(integrator, problem)
+    constrained = len(problem.model.equations.constraints) > 0
+    if not constrained or found.status not in ENDS or not found.rtol or may_be_discontinuous(problem.model):
+        return found
+    parts, crossings = [found], list[_Crossing]()
+    while len(crossings) < MOST_CROSSINGS and parts[-1].status in ENDS:
+        crossing = _crossing_at_end(problem, parts[-1])
+        if crossing is None:
+            break
+        over = _led_over(rest_of(problem, parts, crossing.begin, crossing.y), crossing, found.rtol)
+        if over is None:
+            break
+        crossings.append(crossing)
+        parts = [*parts[:-1], run_until(parts[-1], crossing.begin), over]
+        if over.status is Status.SUCCESS and over.span[1] != problem.t1:
+            parts.append(run_by(integrator, rest_of(problem, parts, over.span[1], last_state(over))))
+    if not crossings:
+        return found
+    whole = joined(problem, parts, _crossed(crossings))
+    return whole if problem.t_eval is not None else replace(whole, steps=len(whole.t) - 1)
+
+
+def _crossing_at_end(problem: Problem, part: Trajectory) -> _Crossing | None:
+    """Return the crossing towards which a run ended, or None if there is none, or no path to go back on."""
+    path = part.dense.path if isinstance(part.dense, OutputPath) else part.dense
+    (begin, end), near = part.span, Independence(problem.model, problem.parameter_array, (problem.t0, problem.y0))
+    if path is None or near.at(end, last_state(part)) > NEAR:
+        return None
+
+    def values(times: list[float]) -> FloatArray:
+        return np.array([near.at(t, y) for t, y in zip(times, part.dense(np.array(times)).T, strict=True)])
+
+    distance = FIRST_DISTANCE * (end - problem.t0)
+    while abs(distance) < abs(end - begin) and values([end - distance])[0] < FAR:
+        distance *= FARTHER
+    shares = np.linspace(1.0, NEAREST_SAMPLE, SAMPLES)
+    if not abs(distance) < abs(end - begin):
+        return None
+    polynomial = np.polyfit(shares, values((end - shares * distance).tolist()), 3)
+    roots = [root.real for root in np.roots(polynomial) if abs(root.imag) < NEAREST_SAMPLE]
+    if not roots or min(map(abs, roots)) > NEAREST_SAMPLE:
+        return None
+    found = regularity(problem.model, problem.parameter_array, near.start, (end, last_state(part)))
+    if found is None or not found[1].rows:
+        return None
+    names = tuple(problem.model.equations.constraints.names[i] for i, _ in found[1].rows)
+    at_begin = np.ascontiguousarray(part.dense(np.array([end - distance]))[:, 0])
+    return _Crossing(end - distance, at_begin, end - min(roots, key=abs) * distance, names)
+
+
+def _led_over(rest: Problem, crossing: _Crossing, rtol: float) -> Trajectory | None:
+    """Return the run by equal steps over a crossing, or None if no two ways over it agree."""
+    before, best, least = None, None, math.inf
+    for way in _ways(rest, crossing):
+        apart = math.inf if before is None else _apart(rest, before, way)
+        if apart > least:
+            break
+        best, least, before = way, apart, way
+        if apart <= rtol:
+            break
+    return best if least <= max(AGREEMENT * rtol, LEAST_AGREEMENT) else None
+
+
+def _ways(rest: Problem, crossing: _Crossing) -> Iterator[Trajectory]:
+    """Yield runs over a crossing by more and more equal steps."""
+    ahead = crossing.time - crossing.begin
+    end = crossing.begin + 2.0 * ahead
+    end = min(end, rest.t1) if ahead > 0 else max(end, rest.t1)
+    wanted = rest.t_eval
+    outputs = None if wanted is None else wanted[np.abs(wanted - crossing.begin) <= abs(end - crossing.begin)]
+    for doubling in range(DOUBLINGS):
+        step = abs(ahead) / (FEWEST_STEPS * 2**doubling + OFFSET)
+        yield RK4().integrate(replace(rest, t1=end, t_eval=outputs, step=step, rtol=None, atol=None))
+
+
+def _apart(rest: Problem, one: Trajectory, other: Trajectory) -> float:
+    """Return how far apart two runs end, relative to the largest coordinate, and velocity; infinity if one failed."""
+    if not (one.status.complete and one.status is other.status):
+        return math.inf
+    a, b = (rest.model.layout.split(last_state(part)) for part in (one, other))
+    return max(float(np.abs(x - y).max() / (np.abs(y).max() or 1.0)) for x, y in zip(a, b, strict=True))
+
+
+def _crossed(crossings: Sequence[_Crossing]) -> str:
+    """Return the note on a run over crossings."""
+    places = [f"t = {number(one.time)}" for one in crossings[:MOST_NAMED]]
+    places += [f"{len(crossings) - MOST_NAMED} later times"] * (len(crossings) > MOST_NAMED)
+    names = list(map(repr, crossings[0].names[:MOST_NAMED]))
+    names += [f"{len(crossings[0].names) - MOST_NAMED} more"] * (len(crossings[0].names) > MOST_NAMED)
+    return (
+        f"Equal steps of rk4 led over {listing(places)}, where constraints become dependent and other motions cross: "
+        f"{listing(names)}."
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Behind:
+    """The state (2n,) and the parameters behind an event, and how the run ends where these are none."""
+
+    y: FloatArray
+    parameters: Mapping[Any, float]
+    result: EventResult
+
+
+def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> Trajectory:
+    """Return the run of a problem whose events set parameters; `run` runs a problem with constant parameters.
+
+    An event that sets parameters ends a segment. All resets at its time are computed from the state and the parameters
+    before it.
+    """
+    # The same events in each segment: what methods prepare for them is kept.
+    ending = tuple(_ending(event, problem) if event.settings else event for event in problem.events)
+    segment, counter, acting = replace(problem, events=ending), ChangeCounter(), list[int]()
+    parts, begins, values, added, tries = list[Trajectory](), [problem.t0], [problem.parameter_array], [0.0], 0
+    while True:
+        try:
+            parts.append(run(segment))
+        except StatementError as refusal:
+            if not parts:
+                raise
+            parts.append(_point(problem, parts[-1], segment.y0, Status.NON_FINITE, str(refusal)))
+            break
+        end, met = parts[-1].span[1], _acting(problem, parts[-1])
+        if tries < MOST_REPEATS and set(met) <= set(acting) and _is_begin(problem, met, segment.t0, end):
+            tries += 1
+            segment = replace(segment, y0=last_state(parts.pop()))
+            continue
+        acting, tries = met, 0
+        if not any(problem.events[i].settings for i in acting):
+            break
+        before = parts[-1].y_events[acting[0]][-1]
+        behind = _behind(segment, problem, acting, end, before)
+        if behind.result.status is None and counter.accumulates(end, acting):
+            behind = replace(behind, result=accumulating(_name(problem, acting[0])))
+        if behind.result.status is not None:
+            told = message(behind.result.status, problem, end, before, parts[-1].method, cause=behind.result.detail)
+            parts[-1] = replace(parts[-1], status=behind.result.status, message=told)
+            break
+        last = _last(problem, parts)
+        parts[-1] = _before_outputs_at_end(problem, parts[-1])
+        rest = rest_of(segment, parts[-1:], end, behind.y)
+        rest = replace(rest, parameters=behind.parameters, t_eval=_outputs_from(problem, end), step=parts[0].step)
+        added.append(added[-1] + energy(rest, behind.y) - energy(segment, before))
+        begins, values, segment = [*begins, end], [*values, rest.parameter_array], rest
+        if last is not None:
+            parts.append(_point(problem, parts[-1], behind.y, last))
+            break
+    found = joined(problem, parts, _told(problem, parts), both_at_joints=True)
+    return replace(found, history=ParameterHistory(np.array(begins), np.stack(values), np.array(added)))
+
+
+def _ending(event: Event, problem: Problem) -> Event:
+    """Return an event that sets parameters as one that ends a segment.
+
+    Its reset makes it a contact. States behind a reset meet constraints with the new parameters, not with the old.
+    """
+    reset = {} if problem.model.equations.constraints else event.reset
+    return Event(event.expression, event.direction, 1, reset)
+
+
+def _acting(problem: Problem, part: Trajectory) -> list[int]:
+    """Return the events with resets, by number, at the end of a segment."""
+    if part.status not in (Status.EVENT, Status.SUCCESS):
+        return []
+    end = part.span[1]
+    changing = [i for i, event in enumerate(problem.events) if event.reset or event.settings]
+    return [i for i in changing if len(part.t_events[i]) and part.t_events[i][-1] == end]
+
+
+def _is_begin(problem: Problem, met: Sequence[int], begin: float, end: float) -> bool:
+    """Return whether events that have begun a segment and end it are one zero, which rounding leaves ahead of it."""
+    moved = any(problem.events[i].reset for i in met)
+    return bool(met) and not moved and abs(end - begin) <= CLOSEST * max(abs(end), EARLIEST)
+
+
+def _last(problem: Problem, parts: Sequence[Trajectory]) -> Status | None:
+    """Return the status of a run that ends with these segments, or None."""
+    for i, event in enumerate(problem.events):
+        if event.terminal and sum(len(part.t_events[i]) for part in parts) >= event.terminal:
+            return Status.EVENT
+    return Status.SUCCESS if parts[-1].span[1] == problem.t1 else None
+
+
+def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float, before: FloatArray) -> _Behind:
+    """Return the state and the parameters behind the events that act at a time."""
+    model, y, resets = problem.model, before.copy(), [problem.events[i] for i in acting]
+    for impact in impacts(model, resets, segment.parameter_array):
+        impact.apply(t, before, y)
+    parameters = dict(segment.parameters)
+    for event in resets:
+        nodes = tuple(model.equations.translate(value) for value in event.settings.values())
+        found = model.function("settings", nodes)(t, before, segment.parameter_array) if nodes else ()
+        for symbol, value in zip(event.settings, map(float, found), strict=True):
+            old = parameters[symbol]
+            free = old == segment.parameters[symbol] or np.isclose(old, value, rtol=ALIKE, atol=0.0)
+            parameters[symbol] = value if free else np.nan
+    if not (np.isfinite(y).all() and np.isfinite(list(parameters.values())).all()):
+        return _Behind(y, parameters, nowhere(listing(_name(problem, i) for i in acting)))
+    named = {row for impact in impacts(model, resets, segment.parameter_array) for row in impact.rows}
+    follows = [row for row in (model.layout.v.start + i for i in model.equations.first_order) if row not in named]
+    y[follows] = 0.0
+    try:
+        array = model.parameter_array(parameters)
+        return _Behind(consistent_start(model, t, y, array), parameters, EventResult())
+    except StatementError as refusal:
+        return _Behind(y, parameters, EventResult(Status.DIVERGED, f"The reset there is impossible: {refusal}"))
+
+
+def _told(problem: Problem, parts: Sequence[Trajectory]) -> str:
+    """Return the note on the step of the first segment, where the user left it to the method; the others have it."""
+    step = parts[0].step
+    if problem.step is not None or step is None or len(parts) == 1:
+        return ""
+    return f"No step was given: equal steps of {number(step)} were taken."
+
+
+def _name(problem: Problem, i: int) -> str:
+    return formula(problem.events[i].expression.xreplace(dict(problem.model.statement.plain)), 80)
+
+
+def _before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
+    """Return a segment that ends at an event with one state there, that before, or without it at an output time."""
+    count = int(np.searchsorted(abs(part.t - part.span[0]), abs(part.span[1] - part.span[0])))
+    count += problem.t_eval is None
+    return replace(part, t=part.t[:count], y=part.y[:, :count])
+
+
+def _outputs_from(problem: Problem, begin: float) -> FloatArray | None:
+    """Return the output times from a time on."""
+    forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+    return None if problem.t_eval is None else problem.t_eval[forward * (problem.t_eval - begin) >= 0]
+
+
+def _point(problem: Problem, part: Trajectory, y: FloatArray, status: Status, cause: str = "") -> Trajectory:
+    """Return the end of a run behind a segment, a state alone."""
+    end, outputs = part.span[1], problem.t_eval is None or part.span[1] in problem.t_eval
+    t = np.full(int(outputs), end)
+    return replace(
+        part,
+        t=t,
+        y=np.repeat(y[:, None], len(t), axis=1),
+        status=status,
+        message=message(status, problem, end, y, part.method, cause=cause),
+        steps=0,
+        rejected=0,
+        evaluations=0,
+        wall=0.0,
+        span=(end, end),
+        dense=PiecewisePath(np.array([end, end]), y, ()),
+        t_events=tuple(times[:0] for times in part.t_events),
+        y_events=tuple(states[:0] for states in part.y_events),
     )

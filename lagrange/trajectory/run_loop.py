@@ -11,11 +11,17 @@ import numpy as np
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.calls import quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
-from lagrange.trajectory.edge import slope_ahead
+from lagrange.trajectory.endings import (
+    dependent_ahead,
+    lost_inertia,
+    rank_lost,
+    slope_ahead,
+    table_left,
+    until_dependent,
+    until_discontinuity,
+)
 from lagrange.trajectory.events.ending import EventResult
 from lagrange.trajectory.events.event_log import EventLog
-from lagrange.trajectory.floors import raise_to_noise, survey
-from lagrange.trajectory.inertia import lost_inertia, rank_lost
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.memory_limit import compiled_late, memory_limit
 from lagrange.trajectory.messages import (
@@ -32,10 +38,8 @@ from lagrange.trajectory.messages import (
 from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.pace import Pace, limiting_entry
 from lagrange.trajectory.paths.known import OutputPath
-from lagrange.trajectory.plan import PathFunction, Plan, Planned, StepPlan, Watcher
-from lagrange.trajectory.prepared import Prepared, prepared
-from lagrange.trajectory.shortened import dependent_ahead, until_dependent, until_discontinuity
-from lagrange.trajectory.table_end import table_left
+from lagrange.trajectory.plan import PathFunction, Plan, Planned, Prepared, StepPlan, Watcher, prepared
+from lagrange.trajectory.sizes import raise_to_noise, survey
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 SECONDS_PER_CALL = 0.02

@@ -1,15 +1,8 @@
-"""Estimates of the size of an entry of a state, if neither its value nor its derivative determines it.
-
-An entry that is zero, and stays zero for many derivatives, has no size of its own: for example the far end of a chain
-that is plucked at the other end. An entry that is round-off of cancelling terms has none to follow. Their sizes are
-estimated from the entries that they are coupled to: the state is displaced by a small fraction of all sizes, and the
-change of the derivative of an entry, over the natural period of the motion, is a size.
-
-Entries and time may have any units. Only an entry with itself, or two rates, are compared.
-"""
+"""Sizes of the entries of a state, their rounding noise, and the floors of the tolerances that follow."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from functools import partial
 
@@ -19,10 +12,15 @@ from numpy.typing import NDArray
 from lagrange.equations.state_layout import StateLayout
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.calls import one_state
+from lagrange.machine.kernel.rounding_noise import UNIT, rounding_noise
 from lagrange.machine.model import Model
+from lagrange.machine.state import DriverState
 from lagrange.procedure.step.constants import (
+    DEFAULT_FIRST,
     LEAST_FLOOR,
+    MOST_SURVEYS,
     SLOPE_NOISE,
+    SMALL_FLOOR,
     perturbation_factors,
 )
 from lagrange.trajectory.trajectory import FloatArray
@@ -179,3 +177,178 @@ def _ratio(response: FloatArray, displacement: FloatArray, known: NDArray[np.boo
     """Return the largest ratio of response to displacement, where the displacement is known."""
     both = known & (displacement > 0) & np.isfinite(response)
     return float((response[both] / displacement[both]).max(initial=0.0))
+
+
+NOISE_MULTIPLE = 4.0
+"""Floors are this multiple of the rounding noise of an entry. With 16 a chain of ten links loses a digit at 1e-12."""
+
+TINY = 1e-300
+"""Added to the noise of an acceleration, which may be zero."""
+
+VISIBLE = 2.0**8, 2.0**24, 2.0**40
+"""Change of an acceleration by a displacement, in multiples of its noise: the least, the aim, and the largest.
+
+A smaller change has no digits. A larger one may not be linear, unless a shorter displacement gives the same derivative.
+"""
+
+MOST_DISPLACEMENTS = 8
+"""Most displacements of one entry that are tried; its derivatives are zero if none is visible and linear."""
+
+AHEAD, EULER_STEPS = 1 / 8, 2
+"""The noise is also evaluated ahead: after this number of Euler steps of this part of the natural time.
+
+Terms that vanish at the start, as of a chain that hangs at rest, have noise as soon as it moves.
+"""
+
+
+def some_rounded(layout: StateLayout, floors: FloatArray) -> bool:
+    """Return whether an entry may be rounding: its floor (2n,) is far below the largest of its kind."""
+    return any(bool(half.min(initial=np.inf) < SMALL_FLOOR * half.max(initial=0.0)) for half in layout.split(floors))
+
+
+def noise_floors(model: Model, parameters: FloatArray, t: float, y: FloatArray, left: float) -> FloatArray:
+    """Return a multiple of the rounding noise of each entry (2n,), 0 where it is not known.
+
+    The noise of a velocity is that of its acceleration over the natural time of the motion, at most the time `left`;
+    that of a coordinate is half of the same over that time once more. It is not known where the mass matrix is
+    singular.
+    """
+    layout, law = model.layout, slopes_of(model, parameters)
+    with np.errstate(all="ignore"):
+        noise = _noise(model, parameters, t, y)
+        rate = _fastest_rate(law, layout, t, y, noise)
+        time = min(abs(left), 1 / rate) if rate > 0 else abs(left)
+        step, ahead = math.copysign(AHEAD * time, left), y
+        for _ in range(EULER_STEPS if rate > 0 else 0):
+            ahead = ahead + step * law(t, ahead)
+        noise = np.fmax(noise, _noise(model, parameters, t, ahead))
+        floors = NOISE_MULTIPLE * np.concatenate([noise * time * time / 2, noise * time])
+    return np.nan_to_num(floors, posinf=0.0)
+
+
+def _noise(model: Model, parameters: FloatArray, t: float, y: FloatArray) -> FloatArray:
+    """Return the rounding noise of accelerations (n,) at a state (2n,)."""
+    return rounding_noise(model.interpreted("rhs").program, t, y, parameters)[model.layout.v]
+
+
+def _fastest_rate(slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, noise: FloatArray) -> float:
+    """Return the largest rate of the equations linearized at a state (2n,), 0 if nothing responds to displacements.
+
+    It is a spectral radius: it does not depend on the units of the entries. `noise` (n,) is that of accelerations.
+    """
+
+    def accelerations(state: FloatArray) -> FloatArray:
+        return slopes(t, state)[layout.v]
+
+    force = accelerations(y)
+    columns = np.array([_derivatives(accelerations, y, j, force, noise) for j in range(len(y))]).T
+    stiffness, damping = (_spectral_radius(part) for part in (columns[:, layout.q], columns[:, layout.v]))
+    return max(math.sqrt(stiffness), damping)
+
+
+def _derivatives(
+    accelerations: Callable[[FloatArray], FloatArray], y: FloatArray, j: int, force: FloatArray, noise: FloatArray
+) -> FloatArray:
+    """Return the derivatives (n,) of accelerations by entry j, 0 if no displacement shows them.
+
+    `force` (n,) are the accelerations at the state y (2n,), and `noise` (n,) is theirs.
+    """
+    least, aim, most = VISIBLE
+    step, before = abs(float(y[j])) * 2.0**-26 or 2.0**-26, np.full_like(force, np.inf)
+    for _ in range(MOST_DISPLACEMENTS):
+        moved = y.copy()
+        moved[j] += step
+        there = accelerations(moved)
+        change, doubt = abs(there - force), noise + UNIT * abs(there) + TINY
+        ratio = float(np.max(change / doubt))
+        found = np.where(change > least * doubt, change / step, 0.0)
+        linear = ratio <= most or float(abs(found - before).max()) <= float(found.max()) / 2
+        if ratio >= least and linear:
+            return found
+        before = found
+        step *= aim if ratio < 1 else aim / ratio if ratio < math.inf else 1 / aim
+    return np.zeros_like(force)
+
+
+def _spectral_radius(matrix: FloatArray) -> float:
+    """Return the largest absolute eigenvalue of a matrix (n, n), 0 if it has entries that are not finite."""
+    if not matrix.any() or not np.isfinite(matrix).all():
+        return 0.0
+    return float(abs(np.linalg.eigvals(matrix)).max())
+
+
+FORCE_STEPS = (0.0, 1.0, 4.0, 16.0, 64.0)
+"""Steps ahead at which forces are evaluated: a system at rest may have only forces that depend on time.
+
+From one survey of a run to the next these times are multiplied by the last number.
+"""
+
+DRIFT_STEPS, DRIFT_GROWTH = (1.0, 4.0), 8.0
+"""Steps ahead at which forces are evaluated on the free motion of the state.
+
+A rejected step that met something at rest was one to five times as long as the next. From one survey to the next these
+times are multiplied by the second number.
+"""
+
+REST_HALVINGS = 52
+"""At rest, forces are also evaluated at the remaining time, its half, its quarter and so on."""
+
+
+def survey(model: Model, parameters: FloatArray, state: DriverState) -> None:
+    """Raise the floors of a run that returned as UNSCALED; see `Outcome`."""
+    reals, before = state.reals, state.count(DriverState.SURVEYED)
+    t, left, share = state.t, float(reals[DriverState.END]) - state.t, float(reals[DriverState.SHARE])
+    h = float(reals[DriverState.H]) or DEFAULT_FIRST * left
+    reach, drift = h * FORCE_STEPS[-1] ** before, h * DRIFT_GROWTH**before
+    law, layout = slopes_of(model, parameters), model.layout
+    slope = law(t, state.y)
+    times = [t + _within(part * reach, left) for part in FORCE_STEPS]
+    if not state.y.any():
+        times += [t + left * 2.0**-k for k in range(REST_HALVINGS)]
+    force_points = [(when, state.y) for when in times]
+    # An entry at rest may be pushed by one that reaches it in the step.
+    force_points += [(t + part * drift, state.y + part * drift * slope) for part in DRIFT_STEPS]
+    sizes, coupled, _ = entry_sizes(law, layout, t, state.y, left, force_points)
+    unknown = state.floors <= np.maximum(LEAST_FLOOR, share * SLOPE_NOISE * np.maximum(coupled, sizes))
+    found = np.maximum(np.where(unknown, share * sizes, 0.0), SLOPE_NOISE * coupled)
+    noise = noise_floors(model, parameters, t, state.y, left)
+    if not state.count(DriverState.STEPS) and (noise > np.maximum(state.floors, found)).any():
+        # The first step was chosen by entries that are rounding: it is chosen anew.
+        reals[DriverState.H] = 0.0
+    found = np.maximum(found, noise)
+    if before == MOST_SURVEYS - 1:
+        found = np.maximum(found, _floors_of_others(layout, state.floors))
+    if (found > state.floors).any():
+        # A series knows the length of its next step: that of a rejected one came of floors that were too low.
+        state.taylor.limit = math.inf
+    state.floors[:] = np.maximum(state.floors, found)
+    state.counts[DriverState.SURVEYED] += 1
+
+
+def raise_to_noise(model: Model, parameters: FloatArray, state: DriverState) -> bool:
+    """Raise floors that are below rounding noise, and return whether one rose by more than a factor of two.
+
+    Without it the steps of a chain with one moving link shrink to resolve the noise of the other links.
+    """
+    if not state.reals[DriverState.SHARE] > 0:
+        return False
+    left = float(state.reals[DriverState.END]) - state.t
+    found = noise_floors(model, parameters, state.t, state.y, left)
+    rises = bool((found > 2 * state.floors).any())
+    state.floors[:] = np.maximum(state.floors, found)
+    return rises
+
+
+def _floors_of_others(layout: StateLayout, floors: FloatArray) -> FloatArray:
+    """Return floors (2n,) for entries that are round-off of others of their kind, 0 for the rest.
+
+    It is the last attempt for a run whose steps keep shrinking. For example 1 + tanh(u) is rounded to zero and its
+    slope is not: no displacement shows that the effect of such a force is below its round-off.
+    """
+    kinds = np.concatenate([np.full(len(half), half.max(initial=0.0)) for half in layout.split(floors)])
+    return np.where(floors < SLOPE_NOISE * kinds, kinds, 0.0)
+
+
+def _within(step: float, left: float) -> float:
+    """Return a step, bounded by the remaining time."""
+    return step if abs(step) < abs(left) else left

@@ -14,7 +14,7 @@ import sympy as sp
 from scipy.stats import norm, qmc
 
 import lagrange as lg
-from lagrange.members import runners, store, varied
+from lagrange.members import store, varied, work
 
 THREE = [0.1, 0.2, 0.3]
 
@@ -199,7 +199,7 @@ def test_workers_that_are_no_number(workers: Any) -> None:
 
 def test_threads_that_the_machine_does_not_give(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(
-        runners.ThreadRunner, "submit", lambda *given: Giving(RuntimeError("can't start new thread")).submit()
+        work.ThreadRunner, "submit", lambda *given: Giving(RuntimeError("can't start new thread")).submit()
     )
     refused(lambda: run(workers=1000), "(can't start new thread): give one that is open", error=lg.RunError)
 

@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 import lagrange as lg
-from lagrange.members import store, store_group, work
+from lagrange.members import store, work
 from tests.members.store_files import files
 
 zarr = pytest.importorskip("zarr")
@@ -43,7 +43,7 @@ class Filling:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.room, self.writes = 10**9, 0
-        for module, name in ((zarr.storage._local, "_put"), (store_group, "write_file")):
+        for module, name in ((zarr.storage._local, "_put"), (store, "write_file")):
             monkeypatch.setattr(module, name, partial(self.write, getattr(module, name)))
 
     def write(self, put: Callable[..., Any], path: Path, value: Any, *args: Any, **options: Any) -> Any:

@@ -12,7 +12,7 @@ import pytest
 import lagrange as lg
 from lagrange.machine.llvm.engine import lanes
 from lagrange.members import work
-from lagrange.members.runners import ThreadRunner
+from lagrange.members.work import ThreadRunner
 
 METHODS: dict[str, dict[str, Any]] = {
     "taylor": {"rtol": 1e-9},

@@ -12,7 +12,7 @@ import pytest
 from sympy import cos, sin, sqrt
 
 import lagrange as lg
-from lagrange.members import compiled
+from lagrange.members import lanes
 from tests.members.test_member_events import HENON, agree, runs_alone, without_lanes
 
 
@@ -40,7 +40,7 @@ def bodies() -> lg.System:
 @pytest.fixture
 def by_order(monkeypatch: pytest.MonkeyPatch) -> None:
     """Compute the smallest series in a loop over orders."""
-    monkeypatch.setattr(compiled, "MOST_WRITTEN_OUT", 0)
+    monkeypatch.setattr(lanes, "MOST_WRITTEN_OUT", 0)
 
 
 MADE = {"two links": (2, 1e-9), "four links": (4, 1e-12), "thirteen links": (13, 1e-9)}

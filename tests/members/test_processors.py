@@ -8,7 +8,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.members.processors import processors, threads_of
+from lagrange.members.work import processors, threads_of
 
 
 def test_ensembles_run_on_the_processors_that_this_process_may_use(monkeypatch: pytest.MonkeyPatch) -> None:

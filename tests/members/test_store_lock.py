@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.members import store, store_group
-from lagrange.members.store_lock import LOCK, StoreLock
+from lagrange.members import store
+from lagrange.members.store import LOCK, StoreLock
 
 pytest.importorskip("zarr")
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the system has no such locks")
@@ -23,7 +23,7 @@ pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="the system has 
 HOLDER = """
 import sys
 from pathlib import Path
-from lagrange.members.store_lock import StoreLock
+from lagrange.members.store import StoreLock
 lock = StoreLock(Path(sys.argv[1]))
 print("held", flush=True)
 sys.stdin.read()
@@ -76,15 +76,15 @@ def test_a_store_that_another_thread_writes_to_is_refused(tmp_path: Path, monkey
 
 def test_a_store_that_another_call_has_made_meanwhile_is_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     folder, first = tmp_path / "runs.zarr", list[lg.Ensemble]()
-    write_file = store_group.write_file
+    write_file = store.write_file
 
     def late(*file: Any) -> None:
         if not first:
-            monkeypatch.setattr(store_group, "write_file", write_file)
+            monkeypatch.setattr(store, "write_file", write_file)
             first.append(run(folder))
         write_file(*file)
 
-    monkeypatch.setattr(store_group, "write_file", late)
+    monkeypatch.setattr(store, "write_file", late)
     assert run(folder).form == "all members were stored"
     assert first[0].ran == 2 and [one.name for one in tmp_path.iterdir()] == ["runs.zarr"]
 

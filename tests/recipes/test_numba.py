@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from lagrange.errors import RunError, StatementError
-from lagrange.recipes.numba import NumbaFunction
+from lagrange.recipes.libraries import NumbaFunction
 from tests.models import build, c, l, m, model, x, y
 from tests.recipes.agreement import singular, states
 

@@ -12,8 +12,8 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.compiler import machine, model_of
 from lagrange.equations.singular import Singular
+from lagrange.trajectory import endings
 from lagrange.trajectory import flow as flow_module
-from lagrange.trajectory import shortened
 from lagrange.trajectory.constraints import passage
 from lagrange.trajectory.constraints.passage import dependent_passage
 from tests.models import shared_scene
@@ -157,7 +157,7 @@ def test_a_run_that_rounding_would_decide_ends_before(monkeypatch: pytest.Monkey
         seen.append(float(times[5]))
         return 5, Singular(1e-7, rows=((1, 1.0),))
 
-    monkeypatch.setattr(shortened, "dependent_passage", passed)
+    monkeypatch.setattr(endings, "dependent_passage", passed)
     solution = CRANK.run(3.0, START, method="dop853", check=False, **options)
     assert solution.status is lg.Status.SINGULAR and solution.t[-1] <= seen[0] + 1e-12
     assert "the constraint 'across' restricts no velocity" in solution.message
@@ -298,7 +298,7 @@ def test_runs_that_end_as_singular_are_looked_at(monkeypatch: pytest.MonkeyPatch
         seen.append(stopped)
         return dependent_passage(*given, stopped=stopped)
 
-    monkeypatch.setattr(shortened, "dependent_passage", passed)
+    monkeypatch.setattr(endings, "dependent_passage", passed)
     arm = lg.System(
         kinetic=(a.dot**2 + b.dot**2) / 2,
         coordinates=[a, b],

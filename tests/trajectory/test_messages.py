@@ -12,7 +12,7 @@ import pytest
 from lagrange.equations.state_layout import StateLayout
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import coarse, message, unsolved
-from lagrange.trajectory.tolerances import Tolerances
+from lagrange.trajectory.options import Tolerances
 from lagrange.trajectory.trajectory import Status
 
 NAMES = ("r", "phi")

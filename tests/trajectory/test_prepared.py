@@ -19,7 +19,7 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.prepared import DRIVERS_KEPT, PLANS_KEPT, Prepared
+from lagrange.trajectory.plan import DRIVERS_KEPT, PLANS_KEPT, Prepared
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import TARGETS, build, k, m, model, x
 from tests.trajectory.runs import FIXED, NAMES, planned, run, same

@@ -164,7 +164,7 @@ def test_a_model_with_idle_drivers_of_events_pickles() -> None:
 def test_large_memory_of_events_is_not_kept(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     compiled = watched("smooth")
     for most, kept in ((0, 0), (2**20, 1)):
-        monkeypatch.setattr("lagrange.trajectory.prepared.MOST_BYTES", most)
+        monkeypatch.setattr("lagrange.trajectory.plan.MOST_BYTES", most)
         run(compiled, 9.0, name, initial={x: 1.0}, events=[x])
         assert len(list(compiled.prepared.values())[-1].idle) == kept
     (idle,) = list(compiled.prepared.values())[-1].idle.values()

@@ -23,12 +23,11 @@ from lagrange.trajectory.foreign.fault import Fault
 from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs, StopError
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.settings import adaptive_settings
-from lagrange.trajectory.noise import noise_floors, some_rounded
+from lagrange.trajectory.options import Tolerances
 from lagrange.trajectory.paths.piecewise import PiecewisePath
 from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant, StepInterpolants
 from lagrange.trajectory.run_loop import drive
-from lagrange.trajectory.sizes import first_floors, slopes_of
-from lagrange.trajectory.tolerances import Tolerances
+from lagrange.trajectory.sizes import first_floors, noise_floors, slopes_of, some_rounded
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 S = DriverState

@@ -12,7 +12,7 @@ from lagrange.errors import StatementError, listing, shown
 from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.statement.number import real_number
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.tolerances import FLOOR_SHARE, LEAST_ATOL, LEAST_SHARE, Tolerances
+from lagrange.trajectory.options import FLOOR_SHARE, LEAST_ATOL, LEAST_SHARE, Tolerances
 
 RTOL = 1e-9
 """The default relative tolerance.

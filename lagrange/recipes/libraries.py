@@ -1,0 +1,155 @@
+"""A model as a function for CasADi, JAX and Numba."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from lagrange.errors import StatementError
+from lagrange.export.languages.casadi import source as casadi_source
+from lagrange.export.languages.jax import source as jax_source
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
+from lagrange.machine.python_source import defined
+from lagrange.program.program import Program
+from lagrange.statement.choice import one_of
+from lagrange.statement.number import flag
+
+
+def missing(method: str, command: str, error: ImportError) -> StatementError:
+    """Return the error of a method without its package; it names the package, and the command that installs it."""
+    package = command.rsplit(maxsplit=1)[-1]
+    return StatementError(f"model.{method}() needs {package}, which cannot be imported ({error}): {command}")
+
+
+def quantity_program(model: Model, quantity: str) -> Program:
+    """Return the program of a quantity by name. Raises StatementError for an unknown one."""
+    return model.interpreted(quantity).program
+
+
+def entries(model: Model) -> list[str]:
+    """Return what stands in y and in p, a line each, in plain letters."""
+    state, parameters = model.layout.names(), [symbol.name for symbol in model.statement.parameters]
+    return [f"{letter} = [{ascii(', '.join(names))[1:-1]}]" for letter, names in (("y", state), ("p", parameters))]
+
+
+SYMBOLS = ("SX", "MX")
+"""CasADi's kinds of symbols: of numbers, and of matrices."""
+
+
+def casadi_function(model: Model, quantity: str, symbols: str, *, status: bool) -> Any:
+    """Return a quantity as a casadi.Function; see `Model.as_casadi`."""
+    program = quantity_program(model, quantity)
+    one_of(symbols, SYMBOLS, "{given} is no kind of CasADi's symbols: they are {known}.")
+    try:
+        import casadi
+    except ImportError as error:
+        raise missing("as_casadi", "pip install casadi", error) from error
+    name = f"{quantity}_checked" if flag(status, "status") else quantity
+    return defined(casadi_source(program, quantity, entries(model)), name, {})(getattr(casadi, symbols))
+
+
+@dataclass(frozen=True, eq=False)
+class JaxFunction:
+    """A quantity as a function of t, y (2n,) and p, for jax.jit, jax.grad and jax.vmap.
+
+    `checked` returns (result, whether a mass matrix is singular), and `source` is the text that defines both.
+    """
+
+    function: Callable[[Any, Any, Any], Any]
+    checked: Callable[[Any, Any, Any], Any]
+    source: str
+
+    def __repr__(self) -> str:
+        return "<JaxFunction of (t, y, p)>"
+
+    def __call__(self, t: Any, y: Any, p: Any) -> Any:
+        """Return the quantity, NaN throughout where a mass matrix is singular."""
+        return self.function(t, y, p)
+
+
+def jax_function(model: Model, quantity: str) -> JaxFunction:
+    """Return a quantity as a function; see `Model.as_jax`."""
+    program = quantity_program(model, quantity)
+    try:
+        import jax
+    except ImportError as error:
+        raise missing("as_jax", "pip install jax", error) from error
+    if not jax.config.jax_enable_x64:
+        raise StatementError(
+            "JAX computes in single precision, which has 7 digits: say jax.config.update('jax_enable_x64', True) "
+            "before arrays are made, then model.as_jax()."
+        )
+    text = jax_source(program, quantity, entries(model))
+    function: Any = defined(text, quantity, {})
+    return JaxFunction(function, function.__globals__[f"{quantity}_checked"], text)
+
+
+_PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
+_FILL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+
+_KEPT: dict[int, Any] = {}
+"""Kernels by address. Functions of Numba's have the address as a number, and may outlive the model."""
+
+
+@dataclass(frozen=True, eq=False)
+class NumbaFunction:
+    """A quantity as functions that Numba's compiled functions call; arrays are contiguous and of doubles.
+
+    `prepare(p)` takes the parameters (k,) and returns what the others take, with everything that depends on parameters
+    alone, and whether a matrix of these is singular. `function(t, y, prepared)` returns a new array, NaN throughout
+    where a mass matrix is singular. `fill(t, y, prepared, out)` writes it to `out`, and returns whether one is
+    singular; it allocates nothing.
+    """
+
+    prepare: Callable[[FloatArray], FloatArray]
+    function: Callable[[float, FloatArray, FloatArray], FloatArray]
+    fill: Callable[[float, FloatArray, FloatArray, FloatArray], bool]
+
+    def __repr__(self) -> str:
+        return "<NumbaFunction: prepare(p), function(t, y, prepared) and fill(t, y, prepared, out)>"
+
+
+def numba_function(model: Model, quantity: str) -> NumbaFunction:
+    """Return a quantity for Numba; see `Model.as_numba`."""
+    kernel: Any = model.kernel(quantity)
+    address = kernel.address
+    try:
+        import numba
+    except ImportError as error:
+        raise missing("as_numba", "pip install numba", error) from error
+    _KEPT[address] = kernel
+    prepare_code, fill_code = _PREPARE(kernel.prepare_address), _FILL(address)
+    program, size = kernel.program, kernel.prepared_size
+    states, count, shape, k = program.states, math.prod(program.shape), program.shape, program.parameters
+
+    def prepare(p: Any) -> Any:
+        if p.size != k:
+            raise ValueError("the parameters have another number of entries than the model")
+        prepared = np.zeros(size + 1)
+        prepared[:k] = p
+        prepared[size] = prepare_code(prepared.ctypes)
+        return prepared
+
+    def fill(t: Any, y: Any, prepared: Any, out: Any) -> Any:
+        if y.size != states or prepared.size != size + 1 or out.size != count:
+            raise ValueError("the state, the prepared parameters or the result have another size than the model")
+        singular = fill_code(t, y.ctypes, prepared.ctypes, out.ctypes) != 0
+        return singular or prepared[size] != 0.0
+
+    vector, result = numba.float64[::1], numba.types.Array(numba.float64, len(shape), "C")
+    made_fill = numba.njit(numba.boolean(numba.float64, vector, vector, result))(fill)
+
+    def function(t: Any, y: Any, prepared: Any) -> Any:
+        out = np.empty(shape)
+        if made_fill(t, y, prepared, out):
+            out[...] = np.nan
+        return out
+
+    made = numba.njit(result(numba.float64, vector, vector))(function)
+    return NumbaFunction(numba.njit(vector(vector))(prepare), made, made_fill)

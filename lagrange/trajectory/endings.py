@@ -1,0 +1,345 @@
+"""Ends of runs that nothing else reports: singular inertia, edges of the domain, passages that no motion takes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lagrange.equations.singular import Singular, dependent_rows, few, motion_along
+from lagrange.errors import formula
+from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.model import Model
+from lagrange.procedure.events.constants import TOGETHER
+from lagrange.statement.table import ranges
+from lagrange.trajectory.constraints.approach import Independence, regularity
+from lagrange.trajectory.constraints.discontinuities import Discontinuity
+from lagrange.trajectory.constraints.passage import dependent_passage
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.messages import message, number, row_names
+from lagrange.trajectory.paths.known import OutputPath
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, run_until
+
+DOMAIN_PROBE = 1e-6
+"""Fraction of the run by which the right-hand side is evaluated ahead of a step that shrank to nothing.
+
+It shows whether the equations lose their value there.
+"""
+
+
+def slope_ahead(model: Model, t: float, y: FloatArray, parameters: FloatArray, length: float) -> FloatArray:
+    """Return the right-hand side a little ahead, for a run of a length; ones if the mass matrix is singular there.
+
+    Near the edge of the domain of a root or a logarithm, steps shrink before anything is NaN.
+    """
+    kernel, h = model.kernel("rhs"), DOMAIN_PROBE * length
+    with np.errstate(all="ignore"):
+        try:
+            return kernel(t + h, y + h * kernel(t, y, parameters), parameters)
+        except SingularMassMatrix:
+            return np.ones_like(y)
+
+
+LOST_INERTIA = 2.0**-20
+"""A motion has lost its inertia if that is below this fraction of the smallest inertia at the start.
+
+Where accelerations grow without bound because of it, steps become too small at 1e-8 to 1e-11 (eight systems, four
+methods).
+"""
+
+DOMINANT_SHARE = 0.5
+"""The loss of inertia ends the run if the motion without inertia is at least this share of the accelerations.
+
+In a fall to the centre of polar coordinates its share is zero.
+"""
+
+
+def lost_inertia(problem: Problem, t: float, y: FloatArray) -> str:
+    """Return the message for a run that ends at a state (2n,) because a motion has lost its inertia, else ""."""
+    model, parameters = problem.model, problem.parameter_array
+    if len(model.equations.constraints):
+        return _lost_rank(problem, t, y)
+    kernel = model.kernel("mass_matrix")
+    before, here = kernel(problem.t0, problem.y0, parameters), kernel(t, y, parameters)
+    sizes = np.abs(np.diag(before))
+    units = np.sqrt(np.where(sizes > 0, sizes, 1.0))
+    if not (np.isfinite(before).all() and np.isfinite(here).all()):
+        return ""
+    least = float(np.abs(np.linalg.eigvalsh(before / np.outer(units, units))).min())
+    values, vectors = np.linalg.eigh(here / np.outer(units, units))
+    which = int(np.argmin(np.abs(values)))
+    left, null = float(abs(values[which])), vectors[:, which]
+    if not left < LOST_INERTIA * least or not _moves_along(problem, t, y, null / units, units**2):
+        return ""
+    place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
+    return (
+        f"the mass matrix d2L/dv2 degenerates there, at {place}: a motion with "
+        f"{motion_along(model.layout.rates, null / units)} has {left / least:.2g} of the least inertia at the "
+        "start, and its acceleration grows beyond all bounds. End the run before it, or state a Lagrangian that keeps "
+        "its inertia."
+    )
+
+
+def _lost_rank(problem: Problem, t: float, y: FloatArray) -> str:
+    """Return the message for a run that ends where constraints become dependent, or a motion without inertia, or ""."""
+    here = regularity(problem.model, problem.parameter_array, (problem.t0, problem.y0), (t, y))
+    return "" if here is None or not here[0] < LOST_INERTIA else rank_lost(problem, y, *here)
+
+
+def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) -> str:
+    """Return the message for a run that ends at a state (2n,) where what is singular has a share of its regularity."""
+    place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
+    left = f"{share:.2g} of what it was at the start"
+    if found.motion is not None:
+        return (
+            f"the inertia of a motion with {motion_along(problem.model.layout.rates, found.motion)}, which satisfies "
+            f"the constraints, vanishes there, at {place}: it is {left}. End the run before it, or state a Lagrangian "
+            "that keeps its inertia."
+        )
+    what = f"their least singular value is {left}"
+    if len(found.rows) == 1:
+        what = f"these derivatives are {share:.2g} of what they were at the start"
+    return (
+        f"{dependent_rows(problem.model.equations.constraints.names, found)} there, at {place}: {what}, and the "
+        "accelerations grow beyond all bounds. End the run before it."
+    )
+
+
+def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
+    """Return the message for a run that ends at a state (2n,) where motions cross and its errors choose one."""
+    place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
+    names = problem.model.equations.constraints.names
+    return (
+        f"{dependent_rows(names, dependent)} near there, and an error as small as the tolerance decides how the motion "
+        f"goes on. The state is {place}. End the run before it, or pass it with equal steps, such as those of rk4."
+    )
+
+
+def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, metric: FloatArray) -> bool:
+    """Whether the acceleration at a state is mostly that of one motion, measured by the inertia at the start."""
+    try:
+        rate = problem.model.kernel("rhs")(t, y, problem.parameter_array)[problem.model.layout.v]
+    except SingularMassMatrix:
+        return True
+    size = float(np.sqrt(metric @ rate**2))
+    return not np.isfinite(size) or abs(float((metric * null) @ rate)) >= DOMINANT_SHARE * size
+
+
+NEAR_END = 1e-6
+"""Part of the range of a table within which a run that cannot go on is at its end: adaptive steps come closer."""
+
+
+def table_left(problem: Problem, t: float, y: FloatArray, step: float = 0.0) -> str:
+    """Return a sentence on a table that a state (2n,) is at the end of, or one step later, or ""."""
+    model, statement = problem.model, problem.model.statement
+    stated = (statement.lagrangian, statement.dissipation, *statement.forces)
+    found = dict.fromkeys(one for expression in stated for one in ranges(expression))
+    if not found or not np.isfinite(y).all():
+        return ""
+    q, v = model.layout.split(y)
+    states = np.stack([y, np.concatenate([q + step * v, v])], axis=1)
+    nodes = tuple(model.equations.translate(variable) for variable, _, _ in found)
+    values = model.function("ranges", nodes)(np.array([t, t + step]), states, problem.parameter_array)
+    for (variable, low, high), row in zip(found, values, strict=True):
+        margin = NEAR_END * (high - low)
+        if not (low + margin < row.min() and row.max() < high - margin):
+            name = formula(variable.xreplace(dict(statement.plain)), 60)
+            return (
+                f"{name} = {row[0]:.6g} leaves its table, which has values from {low:.6g} to {high:.6g}: nothing is "
+                "extrapolated. Give a longer table, or end the run before by a terminal event."
+            )
+    return ""
+
+
+AT_THE_END = 1e-6
+"""A place within this last part of a step is its end: there steps of series end on surfaces that they know."""
+
+STEPS_AHEAD, PLACES_AHEAD, MUCH_NEARER = 2.0, 65, 0.1
+"""Where a step fails, a crossing is sought at so many places over so many steps ahead: where the least singular value
+of the constraints falls to that part."""
+
+
+def until_dependent(
+    problem: Problem, rtol: float, found: Trajectory, accepted: tuple[FloatArray, FloatArray]
+) -> Trajectory:
+    """Return a run as it is, or up to a configuration that it passed where rounding decides how the motion goes on."""
+    times, states = accepted
+    stopped = not found.status.complete and found.status is not Status.STEP_TOO_SMALL
+    passed = dependent_passage(problem.model, times, states, problem.parameter_array, rtol, stopped=stopped)
+    if passed is None:
+        return found
+    row, dependent = passed
+    detail = crossing(problem, dependent, states[row])
+    return _shortened(problem, found, (float(times[row]), states[row]), row, detail)
+
+
+def until_discontinuity(problem: Problem, found: Trajectory, passed: Discontinuity, *, series: bool) -> Trajectory:
+    """Return a run up to the last state before a discontinuity of its constraints.
+
+    A step of a `series` that ends there, and is kept, is the motion up to it, whatever the projection makes of its end.
+    """
+    steps = found.steps - passed.steps
+    if not series or passed.part < 1.0 - AT_THE_END:
+        return _shortened(problem, found, (passed.t, passed.y), steps, passed.what)
+    end = math.nextafter(passed.after, passed.t)
+    y = found.dense(np.array([end]))[:, 0]
+    short = _shortened(problem, found, (end, y), steps + 1, passed.what)
+    if problem.t_eval is not None:
+        return short
+    return replace(short, t=np.append(short.t, end), y=np.column_stack([short.y, y]))
+
+
+def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> str:
+    """Return the message for equal steps that find no end of the step over a crossing of motions, or ""."""
+    model, parameters = problem.model, problem.parameter_array
+    if not len(model.equations.constraints):
+        return ""
+    try:
+        slope = model.kernel("rhs")(t, y, parameters)
+    except SingularMassMatrix:
+        return ""
+    start, near = (problem.t0, problem.y0), Independence(model, parameters, (problem.t0, problem.y0))
+    ahead = [(t + s * step, y + s * step * slope) for s in np.linspace(0.0, STEPS_AHEAD, PLACES_AHEAD).tolist()]
+    values = [near.at(*place) for place in ahead]
+    least = int(np.argmin(values))
+    if not values[least] <= MUCH_NEARER * values[0]:
+        return ""
+    found = regularity(model, parameters, start, ahead[least])
+    return "" if found is None or not found[1].rows else crossing(problem, found[1], y)
+
+
+def _shortened(
+    problem: Problem, found: Trajectory, end: tuple[float, FloatArray], steps: int, detail: str
+) -> Trajectory:
+    """Return a run up to a time and a state, as singular there."""
+    t, y = end
+    told = message(Status.SINGULAR, problem, t, y, found.method, detail=detail)
+    return replace(run_until(found, t), status=Status.SINGULAR, message=told, steps=steps)
+
+
+CLEAR = 1e-5
+"""A contact is clearly on a side where its value is more than this fraction of the largest of all contacts.
+
+Bodies that rest side by side drift apart, or into one another, by the error of a step: 1e-9 of it and less.
+"""
+
+_GAP = "Bodies that touch need a small gap between them, such as a millionth of their distance."
+
+
+def with_touching_bodies(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """Return a run with the remedy where contacts act at one time, as unreliable if one of them let a body through."""
+    contacts = [i for i, event in enumerate(problem.events) if event.reset and event.direction]
+    if len(contacts) < 2 or not _coincide([trajectory.t_events[i] for i in contacts]):
+        return trajectory
+    if trajectory.status in (Status.STEP_TOO_SMALL, Status.NON_FINITE):
+        return replace(trajectory, message=f"{trajectory.message} {_GAP}")
+    if not trajectory.status.complete:
+        return trajectory
+    passed = _passed(problem, trajectory, contacts)
+    if passed is None:
+        return trajectory
+    name = str(problem.events[passed].expression.xreplace(dict(problem.model.statement.plain)))[:80]
+    note = (
+        f"The reset where {name} is zero sent the motion back at some times, and let it through at others: it acts at "
+        f"one time with other resets, in an order that rounding decides. {_GAP}"
+    )
+    return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {note}")
+
+
+def _coincide(times: Sequence[FloatArray]) -> bool:
+    """Whether two events, of times (k,) each, happen at one time."""
+    all_times = np.concatenate(times)
+    which = np.repeat(np.arange(len(times)), [len(one) for one in times])
+    order = np.argsort(all_times, kind="stable")
+    all_times, which = all_times[order], which[order]
+    close = np.abs(np.diff(all_times)) <= TOGETHER * np.abs(all_times[1:])
+    return bool((close & (np.diff(which) != 0)).any())
+
+
+def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -> int | None:
+    """Return the first contact that lets the motion through at some of its zeros only, or None."""
+    model, forward = problem.model, 1.0 if problem.t1 >= problem.t0 else -1.0
+    t, y = _between_impacts(trajectory, contacts, forward)
+    nodes = tuple(model.equations.translate(problem.events[i].expression) for i in contacts)
+    with np.errstate(all="ignore"):
+        values = model.function("contacts", nodes)(t, np.ascontiguousarray(y), problem.parameter_array)
+    clear = np.abs(values) > CLEAR * np.abs(values).max(initial=0.0)
+    for i, g, known in zip(contacts, values, clear, strict=True):
+        rows = np.flatnonzero(known)
+        free = -problem.events[i].direction * g[rows] > 0
+        counts = np.searchsorted(forward * trajectory.t_events[i], forward * t[rows])
+        if len(rows) and rows[0] > 0:
+            # A contact that starts at zero is on the side that it is to stay on.
+            free, counts = np.append(True, free), np.append(0, counts)
+        acts, passes = np.diff(counts), free[:-1] & ~free[1:]
+        # A reset that lets the motion through does so each time: it acts once for each passage.
+        if passes.any() and acts[free[:-1]].sum() > passes.sum():
+            return i
+    return None
+
+
+def _between_impacts(trajectory: Trajectory, contacts: Sequence[int], forward: float) -> tuple[FloatArray, FloatArray]:
+    """Return the output times with those halfway between impacts, (k,), and the states there, (2n, k)."""
+    impacts = np.sort(forward * np.concatenate([trajectory.t_events[i] for i in contacts]))
+    t = np.sort(np.concatenate([forward * trajectory.t, (impacts[1:] + impacts[:-1]) / 2]))
+    if isinstance(trajectory.dense, OutputPath) and trajectory.dense.path is None:
+        return trajectory.t, trajectory.y
+    return forward * t, trajectory.dense(forward * t)
+
+
+STANDING = 2.0**-42
+"""A coordinate that ends within this part of its size from its start may be unresolved: a thousand spacings."""
+
+ROUGH = 2.0**-8
+"""Forces are unresolved if a spacing of the coordinate changes them by this fraction of their whole variation.
+
+The variation is that over displacements up to 2**-12 of the coordinate. Smooth forces change by 2**-40 of it. At theta
+= 1e14, where a spacing is a 64th, the energy of a pendulum is wrong by a tenth.
+"""
+
+NEIGHBOURS, OCTAVES = 8, 40
+"""Number of neighbouring doubles, and of displacements of 1, 2, 4, ... spacings, at which forces are evaluated."""
+
+
+def unresolved(problem: Problem, trajectory: Trajectory) -> str:
+    """Return a sentence on a coordinate of a complete run whose spacing of doubles the forces do not bear, or "".
+
+    Neighbours on both sides of a jump differ once only: the median of their differences is small.
+    """
+    if not trajectory.status.complete or not trajectory.y.size:
+        return ""
+    layout = problem.model.layout
+    begin, end = problem.y0.tolist(), trajectory.y[:, -1].tolist()
+    for i in range(layout.q.stop):
+        first, last = begin[i], end[i]
+        if first and abs(last - first) <= STANDING * abs(first) and math.isfinite(first):
+            ends = (problem.t0, problem.y0), (float(trajectory.t[-1]), trajectory.y[:, -1])
+            if all(_is_rough(problem, t, y, i) for t, y in ends):
+                name = layout.coordinates[i]
+                return (
+                    f"{name} is {last:.4g}, where doubles are {math.ulp(last):.2g} apart, and forces change much over "
+                    f"that: the run does not follow the motion. Start {name} nearer to zero, an angle within a turn."
+                )
+    return ""
+
+
+def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
+    """Return a run, as unreliable if a coordinate is too large for its forces."""
+    note = unresolved(problem, trajectory)
+    if not note:
+        return trajectory
+    return replace(trajectory, status=Status.UNRELIABLE, message=f"{trajectory.message} {note}")
+
+
+def _is_rough(problem: Problem, t: float, y: FloatArray, i: int) -> bool:
+    """Whether the accelerations at a state (2n,) change between neighbouring doubles of a coordinate."""
+    steps = np.concatenate([np.arange(NEIGHBOURS + 1.0), 2.0 ** np.arange(OCTAVES)])
+    states = np.repeat(y[:, None], len(steps), axis=1)
+    states[i] += steps * np.spacing(abs(y[i])) * (-1.0 if y[i] > 0 else 1.0)
+    with np.errstate(all="ignore"):
+        slopes = problem.model.kernel("rhs")(t, states, problem.parameter_array)[problem.model.layout.v]
+    near = np.median(np.abs(np.diff(slopes[:, : NEIGHBOURS + 1], axis=1)), axis=1)
+    whole = np.abs(slopes - slopes[:, :1]).max(axis=1)
+    return bool((near > ROUGH * whole).any())
