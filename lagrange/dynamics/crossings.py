@@ -15,10 +15,8 @@ from lagrange.members.chunk import STATUSES, Ends, Engine, Starts, Table
 from lagrange.members.job import ChunkResult
 from lagrange.members.keep import END, OUTPUTS, STATUS
 from lagrange.members.lanes import LaneEngine
-from lagrange.members.work import threads_of
-from lagrange.members.work import ThreadRunner
 from lagrange.members.varied import MemberNumbers
-from lagrange.members.work import run_members
+from lagrange.members.work import ThreadRunner, run_members, threads_of
 from lagrange.statement.event import Event
 from lagrange.trajectory.trajectory import Status, Trajectory
 
