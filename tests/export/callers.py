@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from lagrange.export.languages import (
-    fortran_spelling,
+    fortran,
     javascript_spelling,
-    octave_spelling,
+    octave,
     rust_spelling,
 )
 from lagrange.export.module import SourceModule
@@ -196,8 +196,8 @@ told(status, []);
 }
 
 LITERALS = {
-    "fortran": fortran_spelling.LITERALS.real,
-    "octave": octave_spelling.LITERALS.real,
+    "fortran": fortran.LITERALS.real,
+    "octave": octave.LITERALS.real,
     "javascript": javascript_spelling.LITERALS.real,
     "rust": rust_spelling.LITERALS.real,
     "python": python_source.LITERALS.real,

@@ -63,6 +63,7 @@ BASE: Mapping[str, Any] = {
     "Int64": int,
     "Inf": np.float64(math.inf),
     "NaN": np.float64(math.nan),
+    "nothing": None,
 }
 
 

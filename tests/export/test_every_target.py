@@ -19,10 +19,10 @@ import pytest
 import lagrange as lg
 from lagrange.export.languages import (
     c_spelling,
-    fortran_spelling,
+    fortran,
     javascript_spelling,
-    julia_spelling,
-    octave_spelling,
+    julia,
+    octave,
     python_spelling,
     rust_spelling,
 )
@@ -86,10 +86,10 @@ WORDS = (
     *(f"{stem}{k}" for stem in ("x", "lam", "y", "p", "t", "s", "f", "r") for k in range(20)),
     *keyword.kwlist,
     *c_spelling.RESERVED,
-    *fortran_spelling.RESERVED,
+    *fortran.RESERVED,
     *javascript_spelling.RESERVED,
-    *julia_spelling.RESERVED,
-    *octave_spelling.RESERVED,
+    *julia.RESERVED,
+    *octave.RESERVED,
     *python_spelling.RESERVED,
     *rust_spelling.RESERVED,
 )

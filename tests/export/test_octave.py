@@ -9,7 +9,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.errors import LagrangeError
-from lagrange.export.languages.octave_printer import Names, function
+from lagrange.export.languages.octave import Names, function
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, Callee
 from tests.export.callers import Call, called, run, write
