@@ -308,6 +308,7 @@ def test_fingers(browser: Browser, tmp_path: Path) -> None:
         assert tab.complaints() == []
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("scene", ["double-pendulum", "pleiades", "seven-body-mechanism", "four-bar"])
 def test_a_phone_shows_everything_in_its_width(scene: str, browser: Browser, tmp_path: Path) -> None:
     with browser.open(shared_scene(scene).to_page(tmp_path / "page.html"), *PHONE) as tab:
@@ -352,6 +353,7 @@ def test_a_run_ends_where_a_given_function_does(browser: Browser, tmp_path: Path
         assert tab.value("lagrange.state().t") == 1.5
 
 
+@pytest.mark.slow
 def test_the_change_of_an_energy_that_is_lost_is_negative(browser: Browser, tmp_path: Path) -> None:
     theta = lg.coordinate("theta")
     damped = pendulum(dissipation=theta.dot**2 / 4)
