@@ -119,8 +119,8 @@ def test_every_link_leads_somewhere(page: Path) -> None:
 
 def test_a_link_that_leads_nowhere_is_seen() -> None:
     page = ROOT / "docs" / "tour.md"
-    good = "[a](theory.md) [b](theory.md#2-the-laws) [c](#read) [d](https://www.sympy.org/en/)"
-    bad = ["no.md", "theory.md#no", "#no", "https://nothing", "http:/www.sympy.org"]
+    good = "[a](dev/theory.md) [b](dev/theory.md#2-the-laws) [c](#read) [d](https://www.sympy.org/en/)"
+    bad = ["no.md", "dev/theory.md#no", "#no", "https://nothing", "http:/www.sympy.org"]
     assert nowhere(page, good + "`[e](no.md)`") == []
     assert nowhere(page, good + " ".join(f"[x]({target})" for target in bad)) == bad
 

@@ -123,7 +123,7 @@ ROW = re.compile(r"\| `(lagrange[\w/]*)` \| [^|]{10,} \| ((?:`tests/[\w/.]+` ?)+
 
 def floor_plan() -> dict[str, list[str]]:
     """Return the tests that the page names for each room."""
-    page = (ROOT / "docs" / "extending.md").read_text("utf-8")
+    page = (ROOT / "docs" / "dev" / "extending.md").read_text("utf-8")
     return {match[1]: re.findall(r"`([^`]+)`", match[2]) for match in ROW.finditer(page)}
 
 
@@ -134,7 +134,7 @@ def test_the_floor_plan_has_every_folder_and_tests_that_exist() -> None:
 
 
 def test_every_folder_of_tests_is_in_the_floor_plan() -> None:
-    page = (ROOT / "docs" / "extending.md").read_text("utf-8")
+    page = (ROOT / "docs" / "dev" / "extending.md").read_text("utf-8")
     folders = {path.parent.name for path in ROOT.glob("tests/*/test_*.py")}
     assert [name for name in sorted(folders - {"mutants"}) if f"`tests/{name}" not in page] == []
 

@@ -159,7 +159,7 @@ def pages() -> dict[str, str]:
     made["methods"] = methods_page()
     made["writing-methods"] = (
         heading("Interfaces of a method")
-        + "\nWhat an integration method of another package satisfies; see :doc:`../extending`.\n\n"
+        + "\nWhat an integration method of another package satisfies; see :doc:`../dev/extending`.\n\n"
         + "".join(class_directive(name) for name in WRITING_METHODS)
     )
     made["index"] = index_page()

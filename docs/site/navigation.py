@@ -29,7 +29,7 @@ SECTIONS = {
     ),
     "Hand on": ("recipes/README", "export/README"),
     "Look up": ("reference", "api/index", "commands", "errors", "limits"),
-    "Behind it": ("theory", "benchmarks/README", "extending", "procedures", "changes"),
+    "Behind it": ("dev/theory", "dev/extending", "dev/evidence", "dev/glossary", "benchmarks/README", "changes"),
 }
 """Pages of the sidebar by heading."""
 

@@ -15,7 +15,7 @@ DOCS = ROOT / "docs"
 LINK = re.compile(r"(\]\()([^)\s#:]+)(#[^)\s]*)?(\))")
 OUTSIDE = {"CHANGELOG.md": "changes.md", "README.md": "index.md", "examples": "tutorials/index.md"}
 """What a page outside docs/ is called on the site."""
-COPIED = ("howto", *FOLDERS)
+COPIED = ("howto", "dev", *FOLDERS)
 MADE = ("commands.md",)
 
 

@@ -49,8 +49,8 @@ def test_links_are_those_of_the_site(module: Module) -> None:
     )
     changes = stage.with_links(ROOT / "CHANGELOG.md", "[a](docs/limits.md)\n```\n[b](docs/limits.md)\n```\n")
     assert changes == "[a](limits.md)\n```\n[b](docs/limits.md)\n```\n"
-    notebook = stage.with_links(ROOT / "examples" / "01-first-steps.ipynb", "[a](../docs/theory.md) [b](x.ipynb)")
-    assert notebook == "[a](../theory.md) [b](x.ipynb)"
+    notebook = stage.with_links(ROOT / "examples" / "01-first-steps.ipynb", "[a](../docs/dev/theory.md) [b](x.ipynb)")
+    assert notebook == "[a](../dev/theory.md) [b](x.ipynb)"
     with pytest.raises(ValueError, match=r"pyproject.toml is not on the site"):
         stage.with_links(page, "[a](../../pyproject.toml)")
 
