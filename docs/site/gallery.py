@@ -31,7 +31,7 @@ INTRODUCTION = """\
 # Scenes in motion
 
 The {count} scenes of the library, run and drawn when this page was built. Each has its equations, its file, its source,
-and [a page with sliders](../howto/web-page.md). `lagrange run NAME` runs it, and [scenes](../scenes.md) says how a file
+and [a page with sliders](../seeing.md). `lagrange run NAME` runs it, and [scenes](../scenes.md) says how a file
 of your own is written.
 
 """

@@ -9,10 +9,7 @@ SECTIONS = {
     "How to": (
         "Homework <howto/homework>",
         "Teaching <howto/teaching>",
-        "In a notebook <howto/notebooks>",
-        "Pictures of runs <howto/pictures>",
-        "Pictures that move <howto/animation>",
-        "A web page <howto/web-page>",
+        "Pictures, animations, web pages, notebooks <seeing>",
         "Many runs <howto/ensembles>",
         "States of first order <howto/first-order>",
         "Other solvers <howto/other-solvers>",
