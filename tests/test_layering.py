@@ -36,8 +36,10 @@ STAGES = (
 )
 TOP = len(STAGES)
 """Where lagrange itself and the modules beside it stand: compiler, system, run, cli and the like."""
-TABLES = ("lagrange", "lagrange.__main__", "lagrange.compiler", "lagrange.statement.notebook_page")
-"""The modules that load others by name: public names, the command line, machines by target, pages of results."""
+TABLES = (
+    "lagrange", "lagrange.__main__", "lagrange.compiler", "lagrange.statement.notebook_page", "lagrange.export.target",
+)  # fmt: skip
+"""Modules that load others by name: public names, command line, machines, pages of results, languages of exports."""
 VIEWED = ("lagrange.system", "lagrange.trajectory.solution")
 """Modules of a class whose methods import what shows or analyses it, so that data loads no views of itself.
 

@@ -12,7 +12,7 @@ from lagrange.export.identifiers import ascii_name
 from lagrange.export.module import Integrator, Quantity, Run, SourceModule
 from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
 from lagrange.export.statement_lines import statement_lines
-from lagrange.export.target import QUANTITIES, REGISTERED, Target
+from lagrange.export.target import QUANTITIES, Target, every_target
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import with_zero_inputs
 from lagrange.procedure.bind import bound
@@ -126,7 +126,7 @@ def _refuse(
     for kind, asked in (("steps", steps), ("main", MAIN in names), ("taylor", TAYLOR in names)):
         if asked and kind not in target.contents:
             what = {"steps": listing(methods), "main": "main", "taylor": "taylor"}[kind]
-            able = [name for name, other in REGISTERED.items() if kind in other.contents]
+            able = [name for name, other in every_target().items() if kind in other.contents]
             raise StatementError(
                 f"target {target.name!r} has no {what}: leave it out of contents, or take {listing(able)}."
             )

@@ -5,24 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from lagrange.errors import StatementError, listing
-from lagrange.export.languages.c import C
-from lagrange.export.languages.casadi import CasADi
-from lagrange.export.languages.fmu import Fmu
-from lagrange.export.languages.fortran import Fortran
-from lagrange.export.languages.javascript import JavaScript
-from lagrange.export.languages.jax import Jax
-from lagrange.export.languages.julia import Julia
-from lagrange.export.languages.modelica import Modelica
-from lagrange.export.languages.octave import Octave
-from lagrange.export.languages.python import Python
-from lagrange.export.languages.rust import Rust
 from lagrange.export.module import SourceModule
-from lagrange.export.target import REGISTERED, Target, register
+from lagrange.export.target import Target, every_target, target_names, target_of
 from lagrange.show.notebook.html_card import table
 from lagrange.statement.choice import one_of
-
-for built_in in (C, Fortran, Julia, Octave, JavaScript, Rust, Python, Jax, CasADi, Modelica, Fmu):
-    register(built_in)
 
 ALIASES: Mapping[str, str] = {
     **dict.fromkeys(("c99", "ansi-c", "cpp", "c++", "cxx"), "c"),
@@ -65,14 +51,15 @@ class TargetTable(Mapping[str, str]):
 
 def targets() -> TargetTable:
     """Return the targets of `System.export`, {name: a line about it}."""
-    return TargetTable({name: target.about for name, target in REGISTERED.items()})
+    return TargetTable({name: target.about for name, target in every_target().items()})
 
 
 def find(name: str) -> Target:
     """Return a target by name. Raises StatementError for an unknown one, with the list."""
-    if isinstance(name, str) and name not in REGISTERED:
+    known = target_names()
+    if isinstance(name, str) and name not in known:
         name = ALIASES.get(name.lower(), name)
-    return REGISTERED[one_of(name, REGISTERED, "there is no target {given}; the targets are {known}.")]
+    return target_of(one_of(name, known, "there is no target {given}; the targets are {known}."))
 
 
 def missing_operation(target: Target, module: SourceModule) -> tuple[str, str] | None:
@@ -86,7 +73,7 @@ def check_operations(target: Target, module: SourceModule) -> None:
     found = missing_operation(target, module)
     if found is not None:
         quantity, op = found
-        able = [name for name, other in REGISTERED.items() if op not in other.inexpressible]
+        able = [name for name, other in every_target().items() if op not in other.inexpressible]
         raise StatementError(
             f"{quantity} of {module.name} contains {op}, which target {target.name!r} has no function for: "
             f"{listing(able)} have one."

@@ -1,9 +1,10 @@
-"""What a target is, and which there are."""
+"""The protocol of a target, and the targets by name; the module of a language is loaded when it is asked for."""
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
+from importlib import import_module
 from typing import ClassVar
 
 from lagrange.errors import StatementError
@@ -47,7 +48,39 @@ class Target(ABC):
 
 
 REGISTERED: dict[str, Target] = {}
-"""The targets by name."""
+"""The targets whose modules are loaded, by name."""
+
+BUILT_IN: Mapping[str, str] = {
+    "c": "lagrange.export.languages.c",
+    "fortran": "lagrange.export.languages.fortran",
+    "julia": "lagrange.export.languages.julia",
+    "octave": "lagrange.export.languages.octave",
+    "javascript": "lagrange.export.languages.javascript",
+    "rust": "lagrange.export.languages.rust",
+    "python": "lagrange.export.languages.python",
+    "jax": "lagrange.export.languages.jax",
+    "casadi": "lagrange.export.languages.casadi",
+    "modelica": "lagrange.export.languages.modelica",
+    "fmu": "lagrange.export.languages.fmu",
+}
+"""The modules of targets by name; each registers its target."""
+
+
+def target_of(name: str) -> Target:
+    """Return a target by its name, which is one of `target_names`."""
+    if name not in REGISTERED:
+        import_module(BUILT_IN[name])
+    return REGISTERED[name]
+
+
+def target_names() -> list[str]:
+    """Return the names of all targets, the built-in ones first."""
+    return list(dict.fromkeys((*BUILT_IN, *REGISTERED)))
+
+
+def every_target() -> dict[str, Target]:
+    """Return all targets by name."""
+    return {name: target_of(name) for name in target_names()}
 
 
 def register(target: type[Target]) -> type[Target]:
@@ -57,6 +90,8 @@ def register(target: type[Target]) -> type[Target]:
     """
     if not (isinstance(target, type) and issubclass(target, Target)):
         raise StatementError(f"{target!r} is no target: give a subclass of lagrange.export.target.Target.")
+    if BUILT_IN.get(target.name, target.__module__) != target.__module__:
+        target_of(target.name)
     known = REGISTERED.get(target.name)
     if known is not None and type(known).__qualname__ != target.__qualname__:
         raise StatementError(f"there is a target {target.name!r} already: give another name.")

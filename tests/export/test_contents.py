@@ -99,3 +99,19 @@ def test_lines_are_short(target: str, tmp_path: Path) -> None:
     contents = ["rhs", "jacobian", *steps, *(["taylor"] if target == "c" else [])]
     made = lg.scene("four-bar").export(target, tmp_path, contents)
     assert max(len(line) for file in made.files for line in file.read_text().splitlines()) <= 120
+
+
+LOADED_BY_C = """
+import sys, tempfile
+import lagrange as lg
+with tempfile.TemporaryDirectory() as folder:
+    lg.scene("pendulum").export("c", folder)
+print(*(name.rpartition(".")[2] for name in sys.modules if name.startswith("lagrange.export.languages.")))
+"""
+
+
+def test_an_export_loads_the_language_that_it_writes() -> None:
+    done = subprocess.run([sys.executable, "-c", LOADED_BY_C], capture_output=True, text=True, check=True)
+    loaded = set(done.stdout.split())
+    assert "c" in loaded
+    assert not loaded & {"fortran", "julia", "octave", "javascript", "rust", "python", "modelica", "fmu"}

@@ -28,7 +28,6 @@ from lagrange.export.languages import (
 )
 from lagrange.export.module import Check
 from lagrange.export.registry import find
-from lagrange.export.target import REGISTERED
 from lagrange.program.program import Program
 from tests.export.callers import LANGUAGES, run, write
 from tests.export.graphs import as_module, graph, points, wrong
@@ -119,13 +118,13 @@ def systems(at_once: int) -> Iterator[lg.System]:
         yield named(some[:COORDINATES], some[COORDINATES:], next(titles))
 
 
-@pytest.mark.parametrize("target", [name for name in REGISTERED if name not in (*LANGUAGES, "jax")])
+@pytest.mark.parametrize("target", [name for name in lg.targets() if name not in (*LANGUAGES, "jax")])
 def test_awkward_names(target: str, tmp_path: Path) -> None:
     passes(target, next(systems(60)), tmp_path)
 
 
 @pytest.mark.conformance
-@pytest.mark.parametrize("target", REGISTERED)
+@pytest.mark.parametrize("target", list(lg.targets()))
 def test_more_than_a_thousand_awkward_names(target: str, tmp_path: Path) -> None:
     count = 0
     for k, system in enumerate(systems(AT_ONCE)):
@@ -137,7 +136,7 @@ def test_more_than_a_thousand_awkward_names(target: str, tmp_path: Path) -> None
 
 @pytest.mark.conformance
 @pytest.mark.parametrize("title", TITLES)
-@pytest.mark.parametrize("target", REGISTERED)
+@pytest.mark.parametrize("target", list(lg.targets()))
 def test_awkward_titles(target: str, title: str, tmp_path: Path) -> None:
     passes(target, named(["x"], ["k"], title), tmp_path)
 

@@ -12,10 +12,11 @@ from lagrange.export.languages.c_spelling import KINDS
 from lagrange.export.lines import continued
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import compiled
-from lagrange.export.target import Target
+from lagrange.export.target import Target, register
 from lagrange.procedure.form import Kind, Procedure
 
 
+@register
 class C(Target):
     """C99; see `Target`."""
 

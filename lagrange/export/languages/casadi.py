@@ -14,7 +14,7 @@ from lagrange.export.languages.straight_line import (
 )
 from lagrange.export.languages.straight_line_module import straight_line_module
 from lagrange.export.module import SourceModule
-from lagrange.export.target import Target
+from lagrange.export.target import Target, register
 from lagrange.procedure.spelling import Operator, call
 from lagrange.program.program import Program
 
@@ -72,6 +72,7 @@ def _solved(factors, *right):
 LIBRARY = Library("CasADi", "import casadi as ca", OPERATIONS, HELPERS, SYSTEMS)
 
 
+@register
 class CasADi(Target):
     """CasADi; see `Target`."""
 

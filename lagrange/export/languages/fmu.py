@@ -21,7 +21,7 @@ from lagrange.export.fmu.model_header import model_header
 from lagrange.export.languages.c import header, source
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import compiled
-from lagrange.export.target import Target
+from lagrange.export.target import Target, register
 
 DATE = (1980, 1, 1, 0, 0, 0)
 """Of every file in the archive: the same statement gives the same bytes."""
@@ -32,6 +32,7 @@ COMPILER = ("cc", "-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", 
 ARCHITECTURES = {"x86_64": "x86_64", "AMD64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
 
 
+@register
 class Fmu(Target):
     """FMUs of both versions; see `Target`. An FMU always has a right-hand side and a run, for co-simulation."""
 

@@ -14,7 +14,7 @@ from lagrange.export.lines import continued
 from lagrange.export.module import Check, SourceModule
 from lagrange.export.offset_printer import OffsetPrinter
 from lagrange.export.programs import compiled, macro, tested
-from lagrange.export.target import Target
+from lagrange.export.target import Target, register
 from lagrange.procedure.form import CONSTANT, FLAG, PARTIAL, REAL, WHOLE, Array, Call, Kind, Let, Procedure
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.procedure.source_printer import results_of
@@ -425,6 +425,7 @@ def _quantity_test(module: SourceModule, check: Check) -> Iterator[str]:
     yield ""
 
 
+@register
 class Fortran(Target):
     """Fortran 2008; see `Target`."""
 

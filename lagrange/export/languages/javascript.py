@@ -23,10 +23,11 @@ from lagrange.export.lines import continued
 from lagrange.export.module import Check, SourceModule, StepCheck
 from lagrange.export.offsets import Shifted, shifted_parameters
 from lagrange.export.programs import arguments_in_test, main_fields, tables
-from lagrange.export.target import Target
+from lagrange.export.target import Target, register
 from lagrange.procedure.form import Procedure
 
 
+@register
 class JavaScript(Target):
     """JavaScript; see `Target`."""
 

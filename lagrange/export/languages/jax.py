@@ -14,7 +14,7 @@ from lagrange.export.languages.straight_line import (
 )
 from lagrange.export.languages.straight_line_module import straight_line_module
 from lagrange.export.module import SourceModule
-from lagrange.export.target import Target
+from lagrange.export.target import Target, register
 from lagrange.procedure.spelling import Operator, call
 from lagrange.program.program import Program
 
@@ -113,6 +113,7 @@ def _solved(factors, *right):
 LIBRARY = Library("JAX", HEAD, OPERATIONS, HELPERS, SYSTEMS)
 
 
+@register
 class Jax(Target):
     """JAX; see `Target`."""
 

@@ -12,7 +12,7 @@ from lagrange.export.identifiers import distinct
 from lagrange.export.module import Check, SourceModule
 from lagrange.export.offset_printer import written
 from lagrange.export.programs import results_tested, tested
-from lagrange.export.target import Target
+from lagrange.export.target import Target, register
 from lagrange.procedure.form import FLAG, PARTIAL, REAL, WHOLE, Array, Call, Kind, Let, Parameter, Procedure
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM, Literals, Operator, call
@@ -313,6 +313,7 @@ def _quantity_test(check: Check, name: str) -> Iterator[str]:
     yield ""
 
 
+@register
 class Julia(Target):
     """Julia; see `Target`."""
 

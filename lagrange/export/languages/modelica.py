@@ -12,7 +12,7 @@ from lagrange.export.descriptions import TEST, places, statement_comment
 from lagrange.export.identifiers import distinct
 from lagrange.export.languages.modelica_printer import LITERALS, FunctionPrinter, Hoisted, broken, helpers_of
 from lagrange.export.module import Check, Quantity, SourceModule
-from lagrange.export.target import Target
+from lagrange.export.target import Target, register
 
 TAKEN = """
     algorithm and annotation assert block break class connect connector constant constrainedby der discrete each else
@@ -30,6 +30,7 @@ WORDS = tuple(TAKEN.split())
 WIDTH = 100
 
 
+@register
 class Modelica(Target):
     """Modelica 3.3; see `Target`. A singular matrix ends a simulation by an assertion."""
 

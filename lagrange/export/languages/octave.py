@@ -18,7 +18,7 @@ from lagrange.export.lines import continued
 from lagrange.export.module import Check, SourceModule
 from lagrange.export.offset_printer import written
 from lagrange.export.programs import results_tested, tested
-from lagrange.export.target import Target
+from lagrange.export.target import Target, register
 from lagrange.procedure.form import FLAG, PARTIAL, REAL, WHOLE, Array, Call, Kind, Let, Parameter, Procedure
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM, Literals, Operator, call
@@ -375,6 +375,7 @@ def _quantity_test(check: Check, prefix: str) -> Iterator[str]:
     yield ""
 
 
+@register
 class Octave(Target):
     """MATLAB and Octave; see `Target`."""
 

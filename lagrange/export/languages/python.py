@@ -13,11 +13,12 @@ from lagrange.export.languages.python_spelling import FILES, HELPERS, RESERVED, 
 from lagrange.export.module import Check, SourceModule, StepCheck
 from lagrange.export.programs import arguments_in_test, main_fields, tables
 from lagrange.export.python_module import named_places
-from lagrange.export.target import Target
+from lagrange.export.target import Target, register
 from lagrange.machine.python_source import LITERALS, Printer
 from lagrange.procedure.form import REAL, Array, Part, Procedure
 
 
+@register
 class Python(Target):
     """Python with NumPy only; see `Target`."""
 

@@ -19,10 +19,11 @@ from lagrange.export.languages.rust_spelling import (
 from lagrange.export.lines import continued
 from lagrange.export.module import Check, SourceModule
 from lagrange.export.programs import tables
-from lagrange.export.target import Target
+from lagrange.export.target import Target, register
 from lagrange.procedure.form import Array, Kind, Procedure
 
 
+@register
 class Rust(Target):
     """Rust; see `Target`."""
 
