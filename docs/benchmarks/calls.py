@@ -1,4 +1,4 @@
-"""What calls cost: right-hand sides as others call them, wrappers of SciPy's solvers, and a run beside its steps.
+"""Cost of calls of right-hand sides, of the wrappers of SciPy's solvers, and of a run beside its steps.
 
 python docs/benchmarks/calls.py
 """
@@ -223,15 +223,7 @@ def ballast(page: Page, models: dict[str, lg.Model]) -> None:
 
 def main() -> None:
     """Measure, and write the page."""
-    page = Page(
-        "Calls",
-        __file__,
-        "What a call costs from Python. lambdify is SymPy's, of lagrange's accelerations, with `cse=True` and "
-        'parameters as numbers; with `modules="math"` it computes with floats, with `modules="numpy"` with NumPy\'s '
-        "functions. Its right-hand side takes an array and returns a list, ours returns an array; `as an array` is "
-        "`np.array` of that list. All in one process, "
-        "warm and in turns; the least of many rounds, in processor time.",
-    )
+    page = Page("Calls", __file__)
     right_hand_sides(page, systems())
     quantities(page)
     models = runs_of()

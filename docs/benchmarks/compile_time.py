@@ -150,15 +150,7 @@ def first() -> None:
 
 def main() -> None:
     """Measure, print and write the page."""
-    page = Page(
-        "Statement to compiled model",
-        __file__,
-        "A chain of n pendulums in the plane, from Python expressions to a model whose right-hand side is machine code "
-        "and has passed the quick check against numerical differentiation of T and V. SymPy's caches are emptied "
-        "before each run, and its time for stating T and V is included. Other kernels, the Jacobian say, are compiled "
-        "when they are first used. Times are processor times of one thread, the least of several, since the machine "
-        "has other work to do; what passed on the clock meanwhile is beside them, and is the same on an idle machine.",
-    )
+    page = Page("Statement to compiled model", __file__)
     fastest(2, relative=False, times=2)
     for relative, title in ((False, "Angles from the vertical"), (True, "Relative angles")):
         page.text(f"## {title}")

@@ -332,17 +332,7 @@ def main() -> None:
     parser.add_argument("--rounds", type=int, default=10, help="turns of every run in the timing")
     parser.add_argument("--parts", nargs="+", default=["ida", "cartesian", "ladders", "flat"])
     options = parser.parse_args()
-    page = Page(
-        "Systems with constraints",
-        __file__,
-        "Whole runs to the state at the end, one process, one thread, everything compiled and warm, in processor time; "
-        "the least of several turns. IDA (SUNDIALS, variable-order BDF) integrates the stabilised index-2 form "
-        "q' = v - G^T mu, M v' = h + G^T lambda, G v + b = 0, phi = 0, with a residual and a Jacobian compiled from "
-        "our graph; multipliers are left out of its error test. `IDA, C` calls that machine code from C, `IDA, "
-        "scikit-sundae` through functions of Python. Ours are `lg.flow`, with projection onto the constraints at every "
-        "step. For each rival the largest tolerance counts whose error reaches the goal; an error is the largest of "
-        "the final state relative to the largest size of that entry along the run, against taylor at rtol = 1e-15.",
-    )
+    page = Page("Systems with constraints", __file__)
     page.text(f"scikit-sundae {sksundae.__version__}, SUNDIALS {sksundae.SUNDIALS_VERSION}")
     if "ida" in options.parts:
         against_ida(page, options.rounds)

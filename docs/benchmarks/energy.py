@@ -9,7 +9,7 @@ from collections.abc import Callable
 from time import thread_time
 
 import numpy as np
-from long_runs import CONFIDENCE, LongRun, long_run
+from long_runs import LongRun, long_run
 from matplotlib.figure import Figure
 from measure import Page, saved, shown
 from systems import double_pendulum, henon_heiles
@@ -99,14 +99,7 @@ def picture(found: dict[str, dict[str, LongRun]]) -> None:
 
 def main() -> None:
     """Run, print and write the page and the picture."""
-    page = Page(
-        "Energy over long runs",
-        __file__,
-        "Every registered method that takes equal steps, all with the same step, and the adaptive ones of our own at "
-        "their default tolerances, over the same time. An error is the energy less that at the start. The slope is the "
-        f"mean increment between the means of {BLOCKS} blocks of the run, with the half-width of its {CONFIDENCE:.0%} "
-        "interval by Student's test; there is a drift where that leaves out zero. Times are the processor's.",
-    )
+    page = Page("Energy over long runs", __file__)
     found = {system.name: runs(page, system) for system in (make() for make in SYSTEMS)}
     picture(found)
     page.text("![The largest energy error until each time, for every method, on two systems](energy.png)")

@@ -12,7 +12,7 @@ from typing import Any
 import heyoka as hy
 from ensemble_diffrax import against_diffrax
 from ensemble_heyoka import SMALL, against_heyoka
-from ensemble_measures import SPANS, SPREAD, Array, best, ours, starts
+from ensemble_measures import SPANS, Array, best, ours, starts
 from ensemble_workers import with_workers
 from measure import Page, microseconds, shown
 from taylor_systems import CASES
@@ -64,14 +64,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=60.0, help="how long the work for two workers takes on one")
     options = parser.parse_args()
     hy.set_nthreads(1)
-    page = Page(
-        "Ensembles",
-        __file__,
-        f"Members that start within {SPREAD:.0%} of one state, on one thread: `lg.ensemble(..., workers=1)`, with all "
-        "that it does around the runs, against heyoka's `taylor_adaptive_batch` at the same tolerance, the fastest of "
-        "its modes and of batches of 4, 8 and 16, around which nothing is done. Errors are the root mean square of "
-        "the largest ones of sixteen members, relative to their states, against runs in 80-bit arithmetic.",
-    )
+    page = Page("Ensembles", __file__)
     for part in options.parts:
         PARTS[part](page, options)
     if set(options.only) == set(SPANS) and set(options.parts) == set(PARTS):

@@ -1,4 +1,4 @@
-"""What events, resets and switching surfaces cost: sections, bounces, a billiard and forces that switch.
+"""Cost of events, resets and switching surfaces: sections, bounces, a billiard and switching forces.
 
 python docs/benchmarks/events.py --only pendulum henon-heiles
 """
@@ -327,14 +327,7 @@ def main() -> None:
     if options.million:
         million(options.million)
         return
-    page = Page(
-        "Events",
-        __file__,
-        "What events, resets and switching surfaces cost. heyoka has the same T and V, the same event function and the "
-        "same tolerance, its mode the faster of two, and a callback in Python that keeps the time of an event; our "
-        "runs are `lg.integrate`, and keep time and state of every event and all steps. All in one process, warm and "
-        "in turns; the least of many rounds, in processor time.",
-    )
+    page = Page("Events", __file__)
     sections(page, options)
     other_methods(page, options)
     bounces(page, options)

@@ -184,13 +184,7 @@ def compilation(page: Page, folder: str) -> None:
 
 def main() -> None:
     """Measure, print and write the page."""
-    page = Page(
-        "Exported code",
-        __file__,
-        f"Exported C, gcc {' '.join(FLAGS)}, against our own kernels, which LLVM compiles, and against "
-        "`double_pendulum.c`, which was written by hand; calls from C through a pointer, each at a state that waits "
-        "for the slopes before, as the stages of an integrator do, in turns.",
-    )
+    page = Page("Exported code", __file__)
     with tempfile.TemporaryDirectory() as folder:
         page.text("## Right-hand sides")
         right_sides(page, folder)

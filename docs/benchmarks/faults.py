@@ -1,4 +1,4 @@
-"""Every fault on every registered method: what came of it, cell by cell.
+"""Outcome of every fault with every registered method.
 
 python docs/benchmarks/faults.py
 """
@@ -21,18 +21,6 @@ from tests.faults.matrix import FAULTS, cells
 
 LONGEST = 260
 """Characters of a message that are shown."""
-
-ABOUT = """Each fault is run by each registered method; the faults are defined in `tests/faults/`, with what they
-deserve and an independent truth, and `tests/faults/test_matrix.py` holds every method to it. What may come of a cell:
-
-* **right**: a run to the end that agrees with the truth at every kept state;
-* **refused**: the request, or the system, is refused before the run, for a reason in words;
-* **ended**: the run stops early with a status that is due, at the time that is due; its message names the time, the
-  coordinate and what the fault calls for, and the states that it kept are finite and right;
-* **unreliable**: a run to the end whose status says that its answer is not to be trusted.
-
-What may not: **silent**, a wrong answer without a word; **warned**, one of which the message alone warns while the
-status is success; **endless**, no end in time; **wrong**, any other status, message or kept state than what is due."""
 
 
 def one(index: int) -> list[Cell]:
@@ -80,7 +68,7 @@ def section(page: Page, fault: Fault, found: Iterable[Cell]) -> None:
 
 def main() -> None:
     """Run, print and write the page."""
-    page = Page("Faults", __file__, ABOUT)
+    page = Page("Faults", __file__)
     with ProcessPoolExecutor() as pool:
         rows = list(pool.map(one, range(len(FAULTS))))
     totals(page, [cell for row in rows for cell in row])

@@ -1,4 +1,4 @@
-"""What a first run of a compiled model costs beside its steps, and what further tolerances cost.
+"""Cost of a first run of a compiled model beside its steps, and of further tolerances.
 
 python docs/benchmarks/first_runs.py
 """
@@ -30,17 +30,6 @@ RUNS: dict[str, dict[str, Any]] = {
 }
 
 HEADER = ("system", "method", "first of its dimension, ms", "first of the system, ms", "14 tolerances, ms")
-
-ABOUT = (
-    "What runs over 0.3 time units of a compiled model cost beside their steps, in a process that has run another "
-    "system with another method. A first run compiles the loop over steps if it is the first with as many "
-    "coordinates and events, the series of the system at the order of its tolerance, and the energy. What the loop "
-    "does at events is compiled once per process: a later event is one in a process that has run the other system "
-    "with an event by `taylor`. The tolerances are 1e-3 to 1e-16, that of the first run, 1e-9, among them; each "
-    "order has its own series. Code is compiled quickly at first. What has taken 5,000 steps is compiled well, "
-    "once, and gives the same results to the last bit; these runs are too short for that. The code of the other "
-    "methods does not depend on the tolerance. Each row is measured once, in a process of its own."
-)
 
 
 def systems() -> dict[str, Callable[[], Any]]:
@@ -106,6 +95,6 @@ if __name__ == "__main__":
     if sys.argv[1:]:
         print(json.dumps(measured(*sys.argv[1:])))
     else:
-        page = Page("First runs and further tolerances", __file__, ABOUT)
+        page = Page("First runs and further tolerances", __file__)
         page.table(HEADER, rows())
         page.write()

@@ -12,7 +12,7 @@ from typing import Any
 
 import hard_systems as systems
 import numpy as np
-from long_runs import CONFIDENCE, long_run
+from long_runs import long_run
 from measure import Page, milliseconds, shown
 from numpy.typing import NDArray
 from scipy.optimize import brentq
@@ -292,18 +292,7 @@ CASES = (trust, kepler, three_bodies, kapitza, spherical, thin, stiff, rigid_bod
 
 def main() -> None:
     """Run, print and write the page."""
-    page = Page(
-        "Hard cases",
-        __file__,
-        "Each line is a run by a public method of lagrange against a truth that owes nothing to it: a closed form, a "
-        "published fact, or heyoka's Taylor method in 80-bit arithmetic from the same T and V, whose own doubt is the "
-        f"difference between its tolerances 1e-19 and 1e-18. Adaptive methods run at rtol = {TIGHT['rtol']:g}, atol = "
-        f"{TIGHT['atol']:g} but for the springs (1e-10, 1e-12). An error is the largest of the final state. "
-        "Times are the processor's, of a run that is compiled and warm. For 1e7 steps the error is that of the energy, "
-        f"in blocks of {PER_BLOCK}; its slope is the mean increment of the block means with the half-width of its "
-        f"{CONFIDENCE:.0%} interval by Student's test, which, unlike a fitted line, takes no random walk for a drift. "
-        "The page on faults has runs that cannot succeed.",
-    )
+    page = Page("Hard cases", __file__)
     lines: list[Line] = []
     for case in CASES:
         began = thread_time()

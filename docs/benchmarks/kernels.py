@@ -13,7 +13,6 @@ import numpy as np
 from by_hand import PARAMETERS, ByHand
 from equations import from_lagrangian, from_sympy, textbook
 from measure import Page, best, microseconds, shown, verdict
-from native import FLAGS
 from numpy.typing import NDArray
 from systems import chain, double_pendulum
 
@@ -147,14 +146,7 @@ def _agree(values: Mapping[str, NDArray[Any]], tolerance: float) -> None:
 
 def main() -> None:
     """Measure, print and write the page."""
-    page = Page(
-        "One evaluation of the accelerations",
-        __file__,
-        "The double pendulum, stated with the Lagrangian of the textbooks, in cos(theta1 - theta2), and as sums of "
-        f"Cartesian velocities. C by hand is `double_pendulum.c`, gcc {' '.join(FLAGS)}. Each time is the mean over "
-        "4000 states: those of a run, 0.01 s apart, as an integrator meets them, or random ones, with which the "
-        "processor cannot foresee the branches of the C library's sine.",
-    )
+    page = Page("One evaluation of the accelerations", __file__)
     models = {name: double_pendulum(cartesian=cartesian).compile() for name, cartesian in STATEMENTS.items()}
     page.text("## One state, called from compiled code through a pointer")
     scalar(page, models)

@@ -105,9 +105,13 @@ def _version(name: str) -> str:
 class Page:
     """A page of tables and sentences; it is printed while it grows, and written at the end."""
 
-    def __init__(self, title: str, script: str, about: str) -> None:
+    def __init__(self, title: str, script: str) -> None:
         self.script = Path(script)
-        self.parts = [f"# {title}", about, "\n".join(f"{line}  " for line in machine()).rstrip()]
+        self.parts = [
+            f"# {title}",
+            "`docs/benchmarks` says how this is measured.",
+            "\n".join(f"{line}  " for line in machine()).rstrip(),
+        ]
         for part in self.parts:
             print(part, end="\n\n")
 

@@ -1,4 +1,4 @@
-"""Every method on nine systems: what an error at the end of a run costs.
+"""Time of every method on nine systems for an error at the end of a run.
 
 python docs/benchmarks/methods.py --cache /tmp/cache
 """
@@ -17,7 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from measure import Page, milliseconds, saved
 from taylor import Cache, expected
-from taylor_systems import CASES, REFERENCE, Case
+from taylor_systems import CASES, Case
 
 import lagrange as lg
 
@@ -199,16 +199,7 @@ def request() -> Namespace:
 def main() -> None:
     """Measure, print, and write the page."""
     options = request()
-    page = Page(
-        "Every method on nine systems",
-        __file__,
-        "`lg.race` with every registered method that a system admits: adaptive ones at tolerances (rtol = atol) from "
-        f"{TOLERANCES[0]:.0e} to {TOLERANCES[-1]:.0e}, the others at nine steps, each half of the one before. An error "
-        "is the largest of the final state, every entry relative to its largest magnitude along the run, against "
-        f"heyoka's Taylor method in 80-bit arithmetic with tolerance {REFERENCE:g}. Times are the least of {REPEATS} "
-        f"warm runs of `lg.flow` on one thread; a method's finer runs are left out once one took longer than {LIMIT:g} "
-        "s. SciPy's and SUNDIALS' solvers call the compiled right-hand side from Python.",
-    )
+    page = Page("Every method on nine systems", __file__)
     names = options.methods or lg.methods.names()
     with tempfile.TemporaryDirectory() as folder:
         cache = Cache(options.cache or Path(folder))

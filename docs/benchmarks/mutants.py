@@ -1,12 +1,12 @@
-"""Mutants of the right half: one operator, comparison or number of the source changed, and which test sees it.
+"""Mutants: one operator, comparison or number of the source changed, and the test that detects it.
 
     python docs/benchmarks/mutants.py reach          # which tests call which functions: once, and again for new tests
     python docs/benchmarks/mutants.py run            # the mutants
     python docs/benchmarks/mutants.py run --again    # those that survived once more, after tests were added
     python docs/benchmarks/mutants.py page           # out/benchmarks/mutants.md, the table of all mutants
 
-It works on copies of the tree in `--folder`, never in place, and keeps what it finds there: stopped, it goes on where
-it was. A mutant whose file has changed since meets the test that saw it before first.
+It works on copies of the tree in `--folder` and keeps its verdicts there, so that a stopped run continues. A mutant
+whose file has changed runs the test that killed it first.
 """
 
 from __future__ import annotations
@@ -50,15 +50,6 @@ FIRST = 3
 
 LONGEST = 3600
 """Seconds by the clock that tests of a mutant may take, for one that waits for what does not come."""
-
-ABOUT = """Each mutant changes one thing in `lagrange/machine`, `trajectory`, `program` or `evidence`: a sum becomes a
-difference, a product a quotient, a comparison is turned, a `not` dropped, a whole number one more, `and` becomes `or`;
-the same changes are made in the text of machine code that is emitted. Of all there are, those with the least names are
-taken, where a name is a hash of the seed and of what is changed (`tests/mutants/mutate.py`): {count} with the seed
-{seed}. A mutant meets the test files that call its function: first the one named like its own file, then those of the
-folder, then others, in rising cost, until a test fails or {budget:.0f} s of tests have passed.
-
-**Timed out** is a test that took five times its processor time on the source, and 10 s more."""
 
 
 @dataclass(frozen=True)
@@ -273,17 +264,17 @@ def confirm(folder: Path, verdicts: Iterable[Verdict]) -> str:
     return Copy(folder / "tree0").meet(tests)[1] if tests else ""
 
 
-def write(folder: Path, seed: int, count: int, budget: float) -> None:
+def write(folder: Path, seed: int, count: int) -> None:
     """Write the table of all mutants."""
     mutants, found = sample(ROOT, seed, count), known(folder)
     pairs = [(mutant, found[mutant.name]) for mutant in mutants if mutant.name in found]
     failing = confirm(folder, [verdict for _, verdict in pairs])
     if failing:
         raise SystemExit(f"{failing} fails on the source itself: mend it, and run the mutants that it killed again.")
-    page = Page("Mutants", __file__, ABOUT.format(count=count, seed=seed, budget=budget))
+    page = Page("Mutants", __file__)
     outcomes = [verdict.outcome for _, verdict in pairs]
     totals = ", ".join(f"{outcomes.count(name)} {name}" for name in ("killed", "timed out", "survived"))
-    page.text(f"**{len(pairs)} mutants: {totals}.**")
+    page.text(f"**{len(pairs)} mutants of seed {seed}: {totals}.**")
     survivors = [mutant for mutant, verdict in pairs if verdict.outcome == "survived"]
     page.text("## Survivors")
     rows = [(f"`{m.file}:{m.line}`", f"`{m.function}`", cell(m.before), cell(m.after), why(m)) for m in survivors]
@@ -334,7 +325,7 @@ def main() -> None:
         for mutant in sample(ROOT, given.seed, given.count):
             print(mutant.name, mutant)
     elif given.what == "page":
-        write(given.folder, given.seed, given.count, given.budget)
+        write(given.folder, given.seed, given.count)
     else:
         sample_of = (given.folder, given.processes, given.seed, given.count, given.budget)
         run(*sample_of, again=given.again, only=given.only)

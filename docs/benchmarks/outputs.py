@@ -1,4 +1,4 @@
-"""What states between the steps cost: output times of a run, and states at any times behind it.
+"""Cost of states between the steps: output times of a run, and states at any times after it.
 
 python docs/benchmarks/outputs.py --only pendulum henon-heiles
 """
@@ -162,14 +162,7 @@ def request() -> Namespace:
 def main() -> None:
     """Measure, and write the page."""
     options = request()
-    page = Page(
-        "States between the steps",
-        __file__,
-        f"Runs at rtol {TOLERANCE:g} with output times, side by side with `propagate_grid` of heyoka at the same "
-        "tolerance, from the same T and V, heyoka's mode the faster of two; with SciPy's DOP853 and `t_eval` on our "
-        "compiled right-hand side; and states at random times behind a run. A unit of time is 1, for planets 1000 "
-        "days.",
-    )
+    page = Page("States between the steps", __file__)
     outputs(page, options)
     at_any_time(page, options)
     if set(options.only) == set(SPANS):

@@ -1,4 +1,4 @@
-"""SciPy's solvers on a lambdified right-hand side, heyoka and lagrange: what an error at the end of a run costs.
+"""Time for an error at the end of a run: SciPy's solvers on a lambdified right-hand side, heyoka and lagrange.
 
 python docs/benchmarks/race.py --cache /tmp/cache
 """
@@ -21,7 +21,7 @@ from measure import Page, microseconds, shown
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 from taylor import TRUSTED, Cache, Measured, Point, envelope, error, expected, time_for, winners
-from taylor_systems import CASES, MODES, REFERENCE, STARTS, Case, rival
+from taylor_systems import CASES, MODES, Case, rival
 
 NAMES = ("pendulum", "kepler", "double")
 TOLERANCES = (1e-4, 1e-7, 1e-10, 1e-13)
@@ -192,20 +192,7 @@ def request() -> Namespace:
 def main() -> None:
     """Measure, print, and write the page."""
     options = request()
-    page = Page(
-        "SciPy, heyoka and lagrange",
-        __file__,
-        "Whole runs from the initial state to the state at the end, one process, one thread, everything compiled and "
-        "warm; rtol = atol. SciPy is `solve_ivp`, on the right-hand side that SymPy lambdifies from lagrange's "
-        'accelerations with `modules="math"` and `cse=True`, parameters as numbers; Radau and LSODA make their '
-        "Jacobians by differences, and `solve_ivp` keeps its steps. lagrange is `lg.flow`, heyoka is "
-        "`taylor_adaptive` on the equations of `heyoka.lagrangian`, in the faster of its compact mode and its default; "
-        "both return the state at the end alone. An error is the largest of a final state, against heyoka's Taylor "
-        f"method in 80-bit arithmetic with tolerance {REFERENCE:g}. Errors are geometric means, times and steps are "
-        f"means over {STARTS} initial states that differ a little; lagrange's steps are those from the first. All runs "
-        "take turns, and the least time counts, in processor time; those that are long have fewer turns, at least "
-        f"{FEWEST}. SciPy's runs of more than {LIMIT:g} s were broken off.",
-    )
+    page = Page("SciPy, heyoka and lagrange", __file__)
     with tempfile.TemporaryDirectory() as folder:
         cache = Cache(options.cache or Path(folder))
         found = {case.name: measure(page, case, options.rounds, cache) for case in CASES if case.name in NAMES}

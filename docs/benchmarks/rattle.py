@@ -9,7 +9,7 @@ from time import thread_time
 from typing import Any
 
 import numpy as np
-from long_runs import CONFIDENCE, LongRun
+from long_runs import LongRun
 from measure import Page, shown
 from scipy.special import ellipk
 
@@ -69,16 +69,7 @@ def swings(model: lg.Model, method: str, options: dict[str, Any]) -> tuple[LongR
 def main() -> None:
     """Run, print and write the page."""
     total = BLOCKS * PER_BLOCK
-    page = Page(
-        "Energy with constraints over long runs",
-        __file__,
-        f"A pendulum in Cartesian coordinates, x**2 + y**2 = l**2, that swings to {ANGLE:g} radian, {total} times. "
-        "`rattle`, `constrained-midpoint` and `lobatto4` are symplectic on the constraint and take equal steps; the "
-        "others follow a tolerance, and each of their steps is projected onto the constraint. An energy error is "
-        "relative to the energy of the swing. The slope is the mean increment between the means of "
-        f"{BLOCKS} blocks of the run, per swing, with the half-width of its {CONFIDENCE:.0%} interval by Student's "
-        "test; there is a drift where that leaves out zero. Times are the processor's.",
-    )
+    page = Page("Energy with constraints over long runs", __file__)
     model, rows = pendulum().compile(), []
     for method, options in RUNS:
         run, steps, violated = swings(model, method, options)

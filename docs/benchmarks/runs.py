@@ -14,7 +14,6 @@ import numpy as np
 from by_hand import ByHand
 from equations import from_sympy, lambdified
 from measure import Page, best, microseconds, milliseconds, shown, verdict
-from native import FLAGS
 from numpy.typing import NDArray
 from picture import Curve, work_precision
 from scipy.integrate import solve_ivp
@@ -176,15 +175,7 @@ def _time_for(curve: Curve, goal: float) -> float:
 
 def main() -> None:
     """Measure, print and write the page and the picture."""
-    page = Page(
-        "Whole runs",
-        __file__,
-        f"Runs of {T_END:g} s. The double pendulum starts at rest, both angles at half a radian, and "
-        "is stated with the Lagrangian of the textbooks. Times are those of whole calls, from the request to the "
-        "`Solution` with every step kept, of a model that is compiled and warm. Errors are the largest of a final "
-        "state, against heyoka's Taylor method in 80-bit arithmetic. "
-        f"C by hand is `double_pendulum.c`, gcc {' '.join(FLAGS)}.",
-    )
+    page = Page("Whole runs", __file__)
     pendulum, stars = double_pendulum(), henon_heiles()
     expected = {system.name: reference(system) for system in (pendulum, stars)}
     equal_steps(page, pendulum, expected[pendulum.name])

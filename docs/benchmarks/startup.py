@@ -1,4 +1,4 @@
-"""What a fresh process costs: imports, the command line's help, a cold run.
+"""Time of a new process: imports, the help of the command line, a cold run.
 
 python docs/benchmarks/startup.py
 """
@@ -62,13 +62,7 @@ def fastest(runs: dict[str, Callable[[], Times]]) -> dict[str, Times]:
 
 def main() -> None:
     """Measure, print and write the page."""
-    page = Page(
-        "Starting up",
-        __file__,
-        f"Each line is a new process, the least of {TIMES}; files are in the disk cache and bytecode is compiled. "
-        "Processor time is compared with the bars, since the machine has other work to do; what passed on the clock "
-        "meanwhile is beside it, and is about the same on an idle machine.",
-    )
+    page = Page("Starting up", __file__)
     with tempfile.TemporaryDirectory() as folder:
         lines = {f"python -c '{code}'": code for code in (BARE, SYMPY, LAGRANGE, ALL)}
         runs: dict[str, Callable[[], Times]] = {name: lambda c=code: python(c) for name, code in lines.items()}

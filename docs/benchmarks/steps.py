@@ -1,4 +1,4 @@
-"""Steps: what they cost beside their evaluations, what Newton's method adds, and runs against SciPy's of the same name.
+"""Cost of steps beside their evaluations, cost of Newton's method, and runs against SciPy's methods of the same name.
 
 python docs/benchmarks/steps.py
 """
@@ -177,12 +177,7 @@ def time_for(curve: list[tuple[float, float]], goal: float) -> float:
 
 def main() -> None:
     """Measure, print and write the page."""
-    page = Page(
-        "What steps cost",
-        __file__,
-        "Runs of models that are compiled and warm, one thread, taking turns. Equal steps are those of `lg.flow`, "
-        f"{STEPS} in a call.",
-    )
+    page = Page("Cost of steps", __file__)
     equal_steps(page)
     newton(page)
     namesakes(page)

@@ -224,21 +224,7 @@ def main() -> None:
     options = request()
     here = lg.methods.names()
     methods = [name for name in options.methods if name in here]
-    page = Page(
-        "Stiff runs",
-        __file__,
-        f"The elastic pendulum of the library on a spring of k N/m, from rest at {ANGLE:g} rad to t = {T_END:g}, its "
-        "length such that it hardly springs: the start is on the slow motion up to terms of the order 1/k^3. Whole "
-        "runs to the state at the end, one process, one thread, everything compiled and warm; rtol = atol, or numbers "
-        "of equal steps "
-        f"({', '.join(map(str, STEPS))}) for methods that have no tolerance. Ours are `lg.flow`. All get the same "
-        "compiled right-hand side and Jacobian. "
-        f"`{NATIVE}` is CVODE (BDF) of SUNDIALS with callbacks in C that call that machine code, `{DIRECT}` the same "
-        "through scikit-sundae, which takes functions of Python only, and `cvode` is lagrange's method around "
-        "scikit-sundae, which reads CVODE's interpolant at every step. An error is the largest of the final state, "
-        "against heyoka's Taylor method in 80-bit arithmetic with tolerance 1e-19. All runs take turns, and the least "
-        f"time counts, in processor time. Runs of more than {LIMIT:g} s were broken off.",
-    )
+    page = Page("Stiff runs", __file__)
     system = lg.scene("elastic-pendulum")
     model = system.compile()
     page.text(f"scikit-sundae {sksundae.__version__}, SUNDIALS {sksundae.SUNDIALS_VERSION}")

@@ -21,7 +21,7 @@ import heyoka as hy
 import numpy as np
 from measure import Page, best, microseconds, shown
 from numpy.typing import NDArray
-from taylor_systems import CASES, MODES, REFERENCE, STARTS, Case, Rival, chain_system, reference, relative, rival
+from taylor_systems import CASES, MODES, Case, Rival, chain_system, reference, relative, rival
 
 import lagrange as lg
 
@@ -355,16 +355,7 @@ def run(page: Page, options: Namespace, cache: Cache) -> None:
 def main() -> None:
     """Measure, print, and write the page unless only a part was asked for."""
     options = request()
-    page = Page(
-        "Trajectories against heyoka",
-        __file__,
-        "Whole runs from the initial state to the state at the end, both sides from the same T and V: heyoka by "
-        "`heyoka.lagrangian` with the parameters as numbers, in its compact mode and, where that compiles in a minute, "
-        f"without; the faster counts. Ours is `lg.flow` with method `{options.method}`. An error is the largest of a "
-        f"final state, against heyoka's Taylor method in 80-bit arithmetic with tolerance {REFERENCE:g}. Errors are "
-        f"geometric means and times are means over {STARTS} initial states that differ a little, for an error near "
-        "round-off is chance. Our time at heyoka's error is interpolated between our tolerances.",
-    )
+    page = Page("Trajectories against heyoka", __file__)
     with tempfile.TemporaryDirectory() as folder:
         run(page, options, Cache(options.cache or Path(folder)))
     if options.only is None:

@@ -1,8 +1,8 @@
 """Build, test and run every target with every scene of the library, and write the table to `out`.
 
-Each scene is exported with all contents that it and the target have. A cell says what came of it: the number of results
-that the self-test found right, and the largest difference of the trajectory that `main` writes from ours, relative to
-its largest entries. Without a tool a cell says which one is missing. The script ends with status 1 if a cell fails.
+Each scene is exported with all contents that it and the target have. A cell has the number of results that pass the
+self-test. With `main` it also has the largest difference of the written trajectory from ours, relative to the largest
+entries. If a tool is missing, the cell names it. The script ends with status 1 if a cell fails.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from lagrange.export.target import QUANTITIES
 PAGE = Path(__file__).resolve().parents[2] / "out" / "conformance.md"
 METHODS = ("rk4", "verlet", "dop853")
 TRAJECTORY = 1e-11
-"""What the end of a short trajectory may differ by, relative to the largest entry: both runs have tolerance 1e-13."""
+"""Limit of the difference of a short trajectory, relative to its largest entry: both tolerances are 1e-13."""
 
 STRICT = {
     "c": ("cc -std=c99", "cc -std=c99 -Wall -Wextra -Wconversion -Werror"),
@@ -36,15 +36,15 @@ STRICT = {
     "fortran": ("gfortran ", "gfortran -Wall -Wextra -Werror "),
     "rust": ("rustc ", "rustc -D warnings "),
 }
-"""What makes a warning an error, where the commands of a target do not ask for it."""
+"""Replacements in the commands of a target that turn warnings into errors."""
 
 PACKAGES = {"jax": "jax", "casadi": "casadi"}
-"""What a target needs of Python, beside NumPy."""
+"""Python packages that a target needs beside NumPy."""
 
 
 @dataclass(frozen=True)
 class Cell:
-    """What came of a scene with a target."""
+    """Result of a scene with a target."""
 
     text: str
     good: bool
@@ -68,7 +68,7 @@ def contents_of(system: lg.System, target: str) -> list[str]:
 
 
 def allowed(system: lg.System, target: str, name: str) -> bool:
-    """Whether a method steps a system."""
+    """True if the target can export steps of a method for a system."""
     with tempfile.TemporaryDirectory() as folder:
         try:
             system.export(target, folder, [name])
@@ -103,7 +103,7 @@ def cell(scene: str, target: str) -> Cell:
 
 
 def missing_tool(target: str, commands: Any) -> str:
-    """Return a package or a program of the commands that is not there."""
+    """Return the name of a missing package or program, or an empty string."""
     package = PACKAGES.get(target)
     if package and find_spec(package) is None:
         return package
@@ -112,7 +112,7 @@ def missing_tool(target: str, commands: Any) -> str:
 
 
 def run(commands: Any, target: str, folder: str) -> Any:
-    """Run shell lines of our own in a folder, warnings being errors."""
+    """Run the commands of a target in a folder, with warnings as errors."""
     plain, strict = STRICT.get(target, ("", ""))
     lines = [line.replace(plain, strict, 1) if plain and line.startswith(plain) else line for line in commands]
     environment = {**os.environ, "PYTHONWARNINGS": "error"}
@@ -123,7 +123,7 @@ def run(commands: Any, target: str, folder: str) -> Any:
 
 
 def difference(system: lg.System, table: str) -> float:
-    """Return how far the early part of a table of main is from our run."""
+    """Return the relative difference between the early part of a table that `main` wrote and our run."""
     head, *rows = csv.reader(io.StringIO(table))
     states = np.array(rows, dtype=float)
     few = states[: max(2, len(states) // 100 + 1)]
@@ -134,7 +134,7 @@ def difference(system: lg.System, table: str) -> float:
 
 
 def section(target: str, cells: dict[str, Cell]) -> str:
-    """Return the part of the page about a target."""
+    """Return the section of a target, as Markdown."""
     mine = list(cells.values())
     good, ran = sum(one.good and one.ran for one in mine), sum(one.ran for one in mine)
     told = f"{good} of {ran} scenes that ran are right; {len(mine) - ran} did not run."
@@ -143,13 +143,13 @@ def section(target: str, cells: dict[str, Cell]) -> str:
 
 
 def known_sections() -> dict[str, str]:
-    """Return the parts of the page that is there, by target."""
+    """Return the sections that an earlier run wrote, by target."""
     parts = PAGE.read_text("utf-8").split("\n## ")[1:] if PAGE.exists() else []
     return {part.partition("\n")[0]: f"## {part}".rstrip("\n") for part in parts}
 
 
 def main(names: list[str], scenes: list[str]) -> int:
-    """Write the page for all targets; where some are named, the others keep what the page says of them."""
+    """Write the sections of the named targets, or of all. Other sections of an earlier run stay."""
     sections, bad = known_sections(), []
     for target in names or list(lg.targets()):
         cells = {scene: cell(scene, target) for scene in scenes}
