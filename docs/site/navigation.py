@@ -12,7 +12,6 @@ SECTIONS = {
         "Pictures, animations, web pages, notebooks <seeing>",
         "Many runs <howto/ensembles>",
         "States of first order <howto/first-order>",
-        "Other solvers <howto/other-solvers>",
         "Research <howto/research>",
     ),
     "Subjects": (
@@ -24,7 +23,7 @@ SECTIONS = {
         "scenes",
         "tutorial-methods",
     ),
-    "Hand on": ("recipes/README", "export/README"),
+    "Hand on": ("other-solvers", "export/README"),
     "Look up": ("reference", "api/index", "commands", "errors", "limits"),
     "Behind it": ("dev/theory", "dev/extending", "dev/evidence", "dev/glossary", "benchmarks/README", "changes"),
 }
@@ -33,7 +32,7 @@ SECTIONS = {
 PAGES_WITH_PICTURES = ("tour", "dynamics", "howto/homework", "howto/teaching", "howto/ensembles", "howto/research")
 """Pages whose code draws: what it saves is shown behind it."""
 
-FOLDERS = ("benchmarks", "export", "recipes")
+FOLDERS = ("benchmarks", "export")
 """Folders whose README leads to all pages beside it."""
 
 

@@ -15,7 +15,7 @@ import pytest
 from tests.models import model
 from tests.recipes.agreement import singular
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "recipes" / "c.md"
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "other-solvers.md"
 LAW = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 
 
