@@ -15,7 +15,7 @@ from lagrange.export.languages import (
     fortran,
     javascript_spelling,
     octave,
-    rust_spelling,
+    rust,
 )
 from lagrange.export.module import SourceModule
 from lagrange.export.registry import find
@@ -199,7 +199,7 @@ LITERALS = {
     "fortran": fortran.LITERALS.real,
     "octave": octave.LITERALS.real,
     "javascript": javascript_spelling.LITERALS.real,
-    "rust": rust_spelling.LITERALS.real,
+    "rust": rust.LITERALS.real,
     "python": python_source.LITERALS.real,
 }
 

@@ -24,7 +24,7 @@ from lagrange.export.languages import (
     julia,
     octave,
     python_spelling,
-    rust_spelling,
+    rust,
 )
 from lagrange.export.module import Check
 from lagrange.export.registry import find
@@ -90,7 +90,7 @@ WORDS = (
     *julia.RESERVED,
     *octave.RESERVED,
     *python_spelling.RESERVED,
-    *rust_spelling.RESERVED,
+    *rust.RESERVED,
 )
 TITLES = ("while", "θ", "a" * 64, "end", "math", "numpy", "class", "program", "stdio", "Main", "x0", "lambda", "julia")
 AT_ONCE, COORDINATES = 250, 8

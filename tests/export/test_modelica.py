@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.export.languages.modelica import functions
-from lagrange.export.languages.modelica_printer import Hoisted
+from lagrange.export.languages.modelica import Hoisted, functions
 from tests.export.graphs import as_module, graph, points, wrong
 from tests.export.modelica_reader import Failed, Machine
 from tests.export.systems import held, named

@@ -11,8 +11,8 @@ from lagrange.export.languages.straight_line import (
     Library,
     StraightLinePrinter,
     described,
+    straight_line_module,
 )
-from lagrange.export.languages.straight_line_module import straight_line_module
 from lagrange.export.module import SourceModule
 from lagrange.export.target import Target, register
 from lagrange.procedure.spelling import Operator, call
