@@ -7,8 +7,7 @@ from pathlib import Path
 SECTIONS = {
     "Start": ("tour", "tutorials/index", "gallery/index"),
     "How to": (
-        "Homework <howto/homework>",
-        "Teaching <howto/teaching>",
+        "Teaching and homework <howto/teaching>",
         "Pictures, animations, web pages, notebooks <seeing>",
         "Many runs <howto/ensembles>",
         "States of first order <howto/first-order>",
@@ -29,7 +28,7 @@ SECTIONS = {
 }
 """Pages of the sidebar by heading."""
 
-PAGES_WITH_PICTURES = ("tour", "dynamics", "howto/homework", "howto/teaching", "howto/ensembles", "howto/research")
+PAGES_WITH_PICTURES = ("tour", "dynamics", "howto/teaching", "howto/ensembles", "howto/research")
 """Pages whose code draws: what it saves is shown behind it."""
 
 FOLDERS = ("benchmarks", "export")
