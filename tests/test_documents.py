@@ -89,6 +89,16 @@ def test_every_recipe_has_a_block_that_runs() -> None:
     assert len(bodies) == 8  # NumPy with SciPy, control, Numba, JAX, CasADi, SymPy, ctypes, cffi
 
 
+def test_the_reference_has_the_public_names_and_no_others() -> None:
+    page = (ROOT / "docs" / "reference.md").read_text("utf-8")
+    assert set(lg.__all__) - set(re.findall(r"`(?:lg\.)?(\w+)", page)) == {"__version__"}
+    tables, solutions = page.split("## Solutions")
+    named = [name for row in re.findall(r"^\| (`.*?) \|", tables, re.MULTILINE) for name in re.findall(r"`(\w+)`", row)]
+    assert [name for name in named if not (hasattr(lg, name) or hasattr(lg.System, name))] == []
+    rows = re.findall(r"^\| (`\..*?) \|", solutions, re.MULTILINE)
+    assert [name for row in rows for name in re.findall(r"`\.(\w+)", row) if not hasattr(lg.Solution, name)] == []
+
+
 def test_the_readme_has_a_first_result_in_six_lines() -> None:
     first = next(body for page, body in snippets() if page == "README.md")
     assert len([line for line in first.splitlines() if line.strip()]) <= 6
