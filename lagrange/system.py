@@ -35,10 +35,10 @@ if TYPE_CHECKING:
     from lagrange.export.write import Exported
     from lagrange.mechanics.comparison import EquationsComparison
     from lagrange.mechanics.conserved import Conserved
-    from lagrange.mechanics.eigenvalue_path import EigenvaluePath
     from lagrange.mechanics.equilibria import Equilibrium
     from lagrange.mechanics.hamilton import Hamiltonian
     from lagrange.mechanics.linearization import Linearization
+    from lagrange.mechanics.stability import EigenvaluePath
     from lagrange.recipes.model import Model
     from lagrange.show.dynamics import ShownModes
     from lagrange.trajectory.constraints.consistent import Consistent
@@ -403,7 +403,7 @@ class System:
         expressions contain becomes a parameter without a value. Raises StatementError for what is no parameter, and for
         expressions that are not constant.
         """
-        from lagrange.mechanics.substitution import substituted
+        from lagrange.mechanics.reduction import substituted
 
         return self.from_statement(substituted(self.statement, parameters))
 
@@ -458,7 +458,7 @@ class System:
         They are integrated over the path of the run, to 1e-12 of what they go through, from the initial values here.
         Raises StatementError for a solution of another system, and where the outputs are too far apart for 1e-12.
         """
-        from lagrange.mechanics.ignored import ignored
+        from lagrange.mechanics.routh import ignored
 
         return ignored(self.statement, solution)
 
@@ -492,7 +492,7 @@ class System:
         Lagrangian may change by a total derivative. Raises StatementError, with the rate of the quantity, for what is
         no symmetry, and where no proof is found. Goldstein, Poole, Safko, 3rd ed., section 13.7.
         """
-        from lagrange.mechanics.noether import noether_quantity
+        from lagrange.mechanics.conserved import noether_quantity
 
         require_values(self.statement)
         return noether_quantity(self.compile("numpy", check=False), generator)
@@ -536,8 +536,8 @@ class System:
         `.note` says so. Tested against the Jacobian of the compiled model. Raises StatementError for a point that is
         off the constraints or has no derivatives. Goldstein, Poole, Safko, 3rd ed., section 6.1.
         """
+        from lagrange.mechanics.linearization import check as check_linearization
         from lagrange.mechanics.linearization import linearized_at
-        from lagrange.mechanics.linearization_check import check as check_linearization
         from lagrange.mechanics.point import stated_point, with_inputs_as_parameters
 
         statement, at, inputs = with_inputs_as_parameters(self.statement, at, inputs)
@@ -566,7 +566,7 @@ class System:
         `at` is the equilibrium, as `linearize` takes it: an expression in the parameters, or decimals for one at the
         first value, which is followed. Raises StatementError where there is none at any value.
         """
-        from lagrange.mechanics.eigenvalue_path import eigenvalue_path
+        from lagrange.mechanics.stability import eigenvalue_path
 
         return eigenvalue_path(self._known, parameter, values, at, self.compile("numpy", check=False))
 

@@ -9,7 +9,7 @@ import numpy as np
 import sympy
 
 from lagrange.machine.backend import FloatArray
-from lagrange.mechanics.identity import vanishes
+from lagrange.mechanics.agreement import vanishes
 from lagrange.mechanics.plain_form import PlainForm
 from lagrange.statement.statement import Statement
 

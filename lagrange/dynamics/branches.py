@@ -18,9 +18,9 @@ from lagrange.dynamics.runs import Report
 from lagrange.errors import StatementError, counted
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.mechanics.eigenvalue_path import eigenvalue_path
 from lagrange.mechanics.equilibria import Equilibrium, equilibria
 from lagrange.mechanics.plain_form import number
+from lagrange.mechanics.stability import eigenvalue_path
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import sympy
 
-from lagrange.mechanics.simplification import simplest, size
+from lagrange.mechanics.plain_form import simplest, size
 
 MOST_BRANCHES = 64
 """Branches that are followed; n factors in each of n equations make n to the n."""

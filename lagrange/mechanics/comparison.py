@@ -1,32 +1,150 @@
-"""Whether equations that somebody derived are those of a system, and where they are not, which term is wrong.
-
-An equation is right if the motion satisfies it at every state: it is then a linear combination of the equations of
-motion, whatever it was multiplied by or solved for. Equations are complete if they determine the accelerations, with
-the constraints where there are any. Both are decided by numbers, from derivatives of the stated energies to 30 digits.
-"""
+"""Whether equations that somebody derived are those of a system, in each of their branches; else the wrong term."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+import random
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
+import sympy
 
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
+from lagrange.evidence.laws import solve
 from lagrange.evidence.operations import OutsideDomain
-from lagrange.evidence.switches import describe_way
-from lagrange.mechanics.branch_samples import Way, branch_samples
-from lagrange.mechanics.equation_row import HELD, EquationRow, row_of
-from lagrange.mechanics.motion_samples import MotionSample, motion_samples
-from lagrange.mechanics.multiplier_multiples import multiples_of_multipliers, told_of
-from lagrange.mechanics.slips import slip_of
-from lagrange.mechanics.student_equations import StudentEquation
-from lagrange.mechanics.term_difference import Write
-from lagrange.mechanics.wrong_term import wrong_term
+from lagrange.evidence.sample import Point, Sampler
+from lagrange.evidence.switches import all_ways, describe_way
+from lagrange.mechanics.motion_samples import MotionSample, MotionStates, motion_samples
+from lagrange.mechanics.student_equations import HELD, EquationRow, StudentEquation, row_of
+from lagrange.mechanics.term_difference import LARGEST_FACTOR, Write
+from lagrange.mechanics.wrong_term import SINGULAR, slip_of, wrong_term
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
+
+DRAWS = 1000
+"""Points drawn in search of other branches; most of them cost one evaluation of the conditions."""
+
+MOST = 16
+"""States that may be added for them."""
+
+NEAREST = 8.0
+"""Digits to which an entry may agree with a number of the equations: a branch between 3 and 3.0001 is met."""
+
+Way = tuple[Any, int]
+"""A switch and one of its outcomes."""
+
+
+def branch_samples(
+    statement: Statement, rows: Sequence[EquationRow], known: Sequence[MotionSample]
+) -> tuple[list[MotionSample], list[Way]]:
+    """Return states at which switches of the statement or the equations go together in a way that no state has yet.
+
+    Also the outcomes of switches that no state has. Entries of states are drawn of any size, and near the numbers that
+    stand in the equations, energies and forces.
+    """
+    states = MotionStates(statement)
+    switches = [*states.reference.switches, *(switch for row in rows for switch in row.switches)]
+    if not switches:
+        return [], []
+
+    def ways(point: Point) -> tuple[int | None, ...]:
+        return (*states.reference.inspect(point), *(way for row in rows for way in row.ways(point)))
+
+    found: list[MotionSample] = []
+    seen: set[tuple[int | None, ...]] = set()
+    for sample in known:
+        with suppress(OutsideDomain):
+            seen.add(ways(sample.point))
+    for point in _points(statement, _numbers(statement, rows)):
+        if len(found) == MOST:
+            break
+        with suppress(OutsideDomain):
+            point = states.satisfied(point)
+            if (taken := ways(point)) not in seen:
+                found.append(states.motion(point))
+                seen.add(taken)
+    had = {pair for taken in seen for pair in zip(switches, taken, strict=True)}
+    every = dict.fromkeys((switch, way) for switch in switches for way in all_ways(switch))
+    return found, [pair for pair in every if pair not in had]
+
+
+def _numbers(statement: Statement, rows: Sequence[EquationRow]) -> list[float]:
+    """Return the sizes of the numbers that stand in the equations, the energies and the forces, 1 among them."""
+    expressions = [statement.lagrangian, *statement.forces, *(row.zero for row in rows)]
+    numbers = {abs(float(x)) for one in expressions for x in one.atoms(sympy.Number) if x.is_finite}
+    return sorted(x for x in numbers | {1.0} if x and math.isfinite(x))
+
+
+def _points(statement: Statement, numbers: Sequence[float]) -> Iterator[Point]:
+    """Yield points with entries of any size, half of them near one of the numbers."""
+    sampler, draw = Sampler(statement, 1), random.Random(1)
+
+    def near() -> float:
+        return (
+            draw.choice((-1, 1)) * draw.choice(numbers) * (1 + draw.choice((-1, 1)) * 10 ** -draw.uniform(0, NEAREST))
+        )
+
+    for _ in range(DRAWS):
+        point = sampler.far()
+        q, v = (tuple(near() if draw.random() < 0.5 else x for x in entries) for entries in (point.q, point.v))
+        values = {p: math.copysign(near(), x) if draw.random() < 0.2 else x for p, x in point.parameters.items()}
+        yield replace(point, q=q, v=v, parameters=values)
+
+
+def multiples_of_multipliers(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[list[Any]] | None:
+    """Return how many times each multiplier of some equations is that of the system, at each sample.
+
+    None where the equations do not hold with any multiples, the same in all of them.
+    """
+    try:
+        found = [_multiples(rows, sample) for sample in samples]
+    except OutsideDomain:
+        return None
+    return [one for one in found if one] if all(found) else None
+
+
+def told_of(multiples: Sequence[Sequence[Any]]) -> str:
+    """Return how the multipliers of right equations differ from those of the system, as a sentence."""
+    every = [one for row in multiples for one in row]
+    ratio = Fraction(str(every[0])).limit_denominator(LARGEST_FACTOR)
+    if any(abs(one * ratio.denominator - ratio.numerator) > HELD * (1 + abs(ratio.numerator)) for one in every):
+        return " Their multipliers are multiples of those of the system."
+    if ratio == -1:
+        return " The multipliers have the opposite sign."
+    return f" Their multipliers are {ratio} times those of the system."
+
+
+def _multiples(rows: Sequence[EquationRow], sample: MotionSample) -> list[Any]:
+    """Return the multiples at a sample, in the order of the constraints; empty where there are none."""
+    n = len(sample.mass)
+    found: list[Any] = [None] * len(sample.multipliers)
+    for row in rows:
+        slopes, rest = row.numbers(sample)
+        weights = solve(sample.mass, [slopes[:n]], SINGULAR)[0]
+        exerted = [sum(w * x for w, x in zip(weights, line, strict=True)) for line in sample.gradient]
+        terms = [slope * a for slope, a in zip(slopes, sample.accelerations, strict=False)]
+        terms += [-part * multiplier for part, multiplier in zip(exerted, sample.multipliers, strict=True)]
+        if abs(sum(terms) + rest) > HELD * (sum(map(abs, terms)) + abs(rest)):
+            return []  # other terms than those of multipliers are wrong
+        size = max(map(abs, exerted), default=0)
+        for j, (part, slope) in enumerate(zip(exerted, slopes[n:], strict=True)):
+            none = abs(part) <= HELD * size
+            if none != (slope == 0):
+                return []
+            if none:
+                continue
+            multiple = -part / slope
+            if found[j] is not None and abs(multiple - found[j]) > HELD * (abs(multiple) + abs(found[j])):
+                return []
+            found[j] = multiple
+    return [one for one in found if one is not None]
+
 
 MOST_TOLD = 4
 """Coordinates up to which a message tells the whole state."""

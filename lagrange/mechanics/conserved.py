@@ -1,27 +1,85 @@
-"""What a system conserves: the energy, momenta of ignorable coordinates, momenta of symmetries, the Runge-Lenz vector.
-
-Everything here is proven as an identity, and tested by number: along the compiled motion it does not change.
-"""
+"""What a system conserves: the energy, momenta, quantities of symmetries; their values along a run."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
 import sympy
+from sympy import Abs, Float, Matrix, Rational, S, sqrt
 
-from lagrange.equations.terms import TooLargeError
+from lagrange.equations.identities import canonical
+from lagrange.equations.monomials import MonomialSum
+from lagrange.equations.stated_algebra import StatedAlgebra
+from lagrange.equations.terms import TooLargeError, differentiable
 from lagrange.equations.textbook_algebra import TextbookAlgebra
+from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.machine.model import Model
-from lagrange.mechanics.candidates import body_motions, rotations, shifts
-from lagrange.mechanics.places import Place, place
-from lagrange.mechanics.quantity_rates import check_constant
-from lagrange.mechanics.runge_lenz import runge_lenz
-from lagrange.mechanics.symmetries import Symmetry, SymmetryEquation
-from lagrange.mechanics.symmetry_names import described, oriented, untaken
+from lagrange.machine.parameters import Parameters, some_of
+from lagrange.mechanics.agreement import check_constant, quantity_rates
+from lagrange.mechanics.symmetries import (
+    Place,
+    Symmetry,
+    SymmetryEquation,
+    body_motions,
+    described,
+    oriented,
+    place,
+    rotations,
+    shifts,
+    untaken,
+)
+from lagrange.statement.choice import ByName
+from lagrange.statement.coordinate import t
+from lagrange.statement.expression import expression
 from lagrange.statement.notebook_page import ShownAsPage
+from lagrange.statement.parameters import in_own_parameters, label_of
 from lagrange.statement.statement import Statement
+from lagrange.statement.survey import Survey
+from lagrange.trajectory.trajectory import FloatArray
+
+
+def runge_lenz(stated: StatedAlgebra, place: Place) -> Iterator[tuple[str, MonomialSum]]:
+    """Yield the components of the vector by name; none where the body is not drawn by such a force alone."""
+    statement = stated.statement
+    if statement.constraints or any(statement.forces) or statement.dissipation != 0 or not place.rest:
+        return
+    for distance in _distances(stated, place):
+        strength = _strength(stated, place, distance)
+        if strength is not None:
+            yield from _components(stated, place, strength, distance)
+            return
+
+
+def _strength(stated: StatedAlgebra, place: Place, distance: Any) -> Any:
+    """Return k of L = mass |v|^2 / 2 + k/|r|, or None where L is something else."""
+    algebra, moving = stated.algebra, frozenset((*stated.q, *stated.v, stated.time))
+    found = algebra.merge_angles(algebra.multiply(place.rest, algebra.read(distance)))
+    if any(algebra.free(k) & moving for monomial in found for k, _ in monomial):
+        return None
+    return algebra.write(found)
+
+
+def _distances(stated: StatedAlgebra, place: Place) -> list[Any]:
+    """Return |r| as it may have been written: a coordinate alone, where it is one, or a root."""
+    square = stated.algebra.merge_angles(stated.algebra.read(sum((x**2 for x in place.r), S.Zero)))
+    if not any(stated.algebra.free(k) & frozenset(stated.q) for monomial in square for k, _ in monomial):
+        return []
+    root = sqrt(stated.algebra.write(square))
+    alone = [q for q in stated.q if square == stated.algebra.read(q**2)]
+    return [*alone, root, differentiable(root)]
+
+
+def _components(stated: StatedAlgebra, place: Place, strength: Any, distance: Any) -> Iterator[tuple[str, MonomialSum]]:
+    """Yield p x L - mass k r/|r|, where p x L is mass^2 times r v^2 - v (r . v)."""
+    r, v = Matrix(place.r), Matrix(place.v)
+    square, along = v.dot(v), r.dot(v)
+    for k, axis in enumerate("xyz"[: len(place.r)]):
+        whole = place.mass**2 * (r[k] * square - v[k] * along) - place.mass * strength * r[k] / distance
+        yield f"Runge-Lenz vector {axis}", stated.algebra.merge_angles(stated.algebra.read(whole))
+
 
 MOST_SEARCHED = 24
 """With more coordinates no symmetry is tried beside the ignorable coordinates."""
@@ -118,3 +176,167 @@ def _proven(equation: SymmetryEquation, candidate: Symmetry) -> Symmetry | None:
             return symmetry if symmetry is not None and equation.proven(symmetry) else None
     except TooLargeError:
         return None
+
+
+LONGEST_SHOWN = 200
+"""Characters of a quantity in a message."""
+
+
+def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
+    """Return p . xi - tau E - F of a symmetry {q: xi, t: tau}; raises StatementError where it is none."""
+    statement = model.statement
+    given = _given(statement, generator)
+    stated = TextbookAlgebra(statement)
+    equation = SymmetryEquation(stated)
+    xi = tuple(differentiable(given.get(q, S.Zero).xreplace(stated.plain)) for q in statement.coordinates)
+    try:
+        moved = Symmetry(xi, given.get(t, S.Zero))
+        symmetry = equation.completed(moved) or moved
+        quantity = stated.show(equation.quantity(symmetry))
+        if _kept(model, symmetry) and equation.proven(symmetry):
+            check_constant(model, {"the quantity of this symmetry": quantity})
+            return quantity
+    except TooLargeError:
+        raise StatementError(
+            f"{statement.name} is too large for this symmetry to be tested in symbols: substitute numbers for its "
+            "parameters."
+        ) from None
+    raise StatementError(_refusal(model, stated, equation, symmetry, quantity))
+
+
+def _given(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Return the generator by coordinate, and t, checked."""
+    if not isinstance(generator, Mapping) or not generator:
+        raise StatementError(
+            f"noether takes a dict from coordinates to how they move, as {{x: -y, y: x}}, not {shown(generator)}."
+        )
+    by_name = {**dict(zip(statement.names, statement.coordinates, strict=True)), t.name: t}
+    found: dict[Any, Any] = {}
+    for key, value in generator.items():
+        label = label_of(key)
+        if label not in by_name:
+            raise StatementError(
+                f"{label!r} is no coordinate of this system and not t; its coordinates are {listing(statement.names)}."
+                + suggestion(label, list(statement.names))
+            )
+        what, survey = f"the motion of {label}", Survey()
+        stated = in_own_parameters(expression(value, what), statement.parameters)
+        # Symmetries are proven with exact numbers: a decimal is the fraction that it is written as.
+        found[by_name[label]] = stated.xreplace({number: Rational(str(number)) for number in stated.atoms(Float)})
+        survey.add(found[by_name[label]], what)
+        known = (*statement.coordinates, *statement.parameters)
+        if survey.velocities or (label == t.name and (survey.coordinates or found[t].has(t))):
+            where = "parameters alone" if label == t.name else "coordinates, parameters and t"
+            raise StatementError(f"{what} is {shown(str(value))}: a point symmetry has an expression in {where}.")
+        for leaf in (*survey.coordinates, *survey.parameters):
+            if leaf not in known:
+                raise StatementError(
+                    f"{what} contains {leaf}, which this system does not have; it has {listing(map(str, known))}."
+                )
+    return found
+
+
+def _kept(model: Model, symmetry: Symmetry) -> bool:
+    """Whether the forces of constraints do no work in a shift of time, or there is none."""
+    return symmetry.tau == 0 or model.equations.structure.workless
+
+
+def _refusal(
+    model: Model, stated: TextbookAlgebra, equation: SymmetryEquation, symmetry: Symmetry, quantity: Any
+) -> str:
+    """Return why the generator is no symmetry, with the rate of its quantity."""
+    (found,) = quantity_rates(model, [quantity])
+    worst = found.worst
+    across = [
+        one.name
+        for one, terms in zip(model.statement.constraints, equation.across(symmetry), strict=True)
+        if canonical(stated.algebra, terms)
+    ]
+    if worst is None:
+        return (
+            f"it was not found that this is a symmetry of {model.statement.name}: no proof was found that its quantity "
+            f"{_spelled(model, quantity)} is conserved, and no state at which it changes."
+        )
+    rate = str(stated.show(equation.defect(symmetry)).xreplace(dict(model.statement.plain)))
+    formula = "" if across or len(rate) > LONGEST_SHOWN else f" {rate}, which is"
+    cause = f" It does not keep the constraint {listing(across)}." if across else ""
+    return (
+        f"this is no symmetry of {model.statement.name}: its quantity {_spelled(model, quantity)} changes at the "
+        f"rate{formula} {found.values[worst]:.4g} at {found.described(worst)}.{cause}"
+    )
+
+
+def _spelled(model: Model, quantity: Any) -> str:
+    """Return a quantity in the spelling of scenes, cut where it is long."""
+    return formula(quantity.xreplace(dict(model.statement.plain)), LONGEST_SHOWN)
+
+
+MOST_COORDINATES = 12
+"""With more coordinates no momentum is on the card: deciding which are constant takes 0.3 s for 30 links."""
+
+SAMPLES = 200
+"""Outputs at which the mass matrix is taken, for the size of the terms."""
+
+MOST_LINES = 3
+"""Momenta on the card, and in the plot."""
+
+
+def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, FloatArray]:
+    """Return what the system conserves by name, (N,) each, at states y (2n, N) at the times t (N,)."""
+    found = conserved_quantities(model)
+    if not found:
+        return ByName("invariant")
+    nodes = tuple(model.equations.translate(one.expression) for one in found)
+    with np.errstate(all="ignore"):  # a run that left the finite numbers says so itself
+        values = model.called(model.function("invariants", nodes), t, y, parameters)
+    return ByName("invariant", ((one.name, row) for one, row in zip(found, values, strict=True)))
+
+
+def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, float]:
+    """Return the largest size of the terms of each conserved quantity, which itself may be zero up to round-off."""
+    found = conserved_quantities(model)
+    if not found or not len(t):
+        return {}
+    nodes = tuple(model.equations.translate(_terms(one.expression)) for one in found)
+    some = np.unique(np.linspace(0, len(t) - 1, SAMPLES).astype(int))
+    with np.errstate(all="ignore"):
+        sizes = model.called(model.function("sizes", nodes), t[some], y[:, some], some_of(parameters, some))
+    return {one.name: float(row.max()) for one, row in zip(found, np.abs(sizes), strict=True)}
+
+
+def _terms(given: Any) -> Any:
+    """Return the sum of the sizes of the terms of an expression."""
+    if given.is_Add or given.is_Mul:
+        return given.func(*map(_terms, given.args))
+    if given.is_Pow and given.exp.is_Integer and given.exp > 0:
+        return _terms(given.base) ** given.exp
+    return Abs(given)
+
+
+def momentum_drifts(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, FloatArray]:
+    """Return how far the momenta of ignorable coordinates are from their first values, (N,) each.
+
+    That is relative to the largest of what they are sums of, the entries M_ij v_j: a momentum may be zero. They are few
+    and known without a search, unlike other invariants.
+    """
+    structure = model.equations.structure
+    places = list(structure.cyclic) if len(structure.names) <= MOST_COORDINATES else []
+    if not places or not len(t):
+        return {}
+    q, v = model.layout.split(y)
+    with np.errstate(all="ignore"):
+        momenta = np.asarray(model.momenta(q, v, t, parameters))[places]
+        some = np.unique(np.linspace(0, len(t) - 1, SAMPLES).astype(int))
+        kernel = model.interpreted("mass_matrix")
+        mass = model.called(kernel, t[some], y[:, some], some_of(parameters, some))[places]
+        terms = np.abs(mass * v[:, some]).sum(axis=1).max(axis=1, keepdims=True)
+        scale = np.maximum(np.abs(momenta).max(axis=1, keepdims=True), terms)
+        drifts = np.divide(momenta - momenta[:, :1], scale, out=np.zeros_like(momenta), where=scale > 0)
+    return {f"p_{structure.names[i]}": drift for i, drift in zip(places, drifts, strict=True)}
+
+
+def drift_lines(drifts: Mapping[str, FloatArray]) -> list[tuple[str, str]]:
+    """Return lines of a status card: the largest drift of each momentum, and how many are left out."""
+    lines = [(f"{name} drift", f"{np.abs(drift).max():.1e} of its largest term") for name, drift in drifts.items()]
+    left = len(lines) - MOST_LINES
+    return lines[:MOST_LINES] + ([("other momenta", f"{left} in solution.invariants")] if left > 0 else [])

@@ -25,9 +25,8 @@ from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node
 from lagrange.graph.rebuild import substitute
 from lagrange.mechanics.corners import edges
-from lagrange.mechanics.plain_form import numeric
+from lagrange.mechanics.plain_form import numeric, simplest
 from lagrange.mechanics.point import StatedPoint
-from lagrange.mechanics.simplification import simplest
 from lagrange.statement.coordinate import t
 
 ROUNDING = 1e-9

@@ -16,9 +16,8 @@ import sympy
 
 from lagrange.errors import FAULT, RunError, StatementError, listing
 from lagrange.mechanics.linearization import Linearization
-from lagrange.mechanics.plain_form import number, numeric
+from lagrange.mechanics.plain_form import number, numeric, rational_below, root_of_square, simplest, size
 from lagrange.mechanics.point import StatedPoint
-from lagrange.mechanics.simplification import rational_below, root_of_square, simplest, size
 from lagrange.mechanics.stability import REAL_PART, first_order_matrix, has_inertia, matrix_values, stability_of
 from lagrange.statement.coordinate import t
 from lagrange.statement.notebook_page import ShownAsPage

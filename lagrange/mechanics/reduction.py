@@ -1,27 +1,139 @@
-"""Fewer coordinates: a holonomic constraint solved for a coordinate, which is then put into all that was stated.
-
-With q_c = f(q, t) the velocity is df/dt, a generalized force Q_c acts as Q_c df/dq_j on each other coordinate, and the
-dissipation takes the new velocities. The reactions of the constraint do no virtual work and drop out. A constraint on
-velocities may not be put into the energies: what it forbids is missing in their derivatives.
-Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed., 2002, sections 1.3 and 1.4.
-"""
+"""Fewer coordinates or parameters: constraints solved for coordinates, and expressions put in."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from types import MappingProxyType
 from typing import Any
 
 import sympy
 
 from lagrange.equations.terms import differentiable, printable
-from lagrange.errors import StatementError, listing, shown, suggestion
-from lagrange.mechanics.rewriting import rewritten
+from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.statement.constraint import Constraint
 from lagrange.statement.coordinate import name_of, t, velocity_of
+from lagrange.statement.declare import declare
 from lagrange.statement.expression import expression
-from lagrange.statement.parameters import in_own_parameters
+from lagrange.statement.given import given as given_function
+from lagrange.statement.motion import motion_of
+from lagrange.statement.parameters import in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
+
+
+def rewritten(
+    statement: Statement,
+    put: Callable[[Any], Any],
+    *,
+    coordinates: Sequence[Any] | None = None,
+    forces: Mapping[Any, Any] | None = None,
+    constraints: Sequence[Constraint] | None = None,
+    parameters: Mapping[Any, Any] | None = None,
+    initial: Mapping[Any, float] | None = None,
+) -> Statement:
+    """Return the statement with `put` applied to every expression, checked again.
+
+    `coordinates` are those of the new statement. `forces` are finished; where they are not given, `put` makes them of
+    the old ones, as it does with `constraints`, old ones in any case. `parameters` are all that the new expressions
+    may contain, with None for those that have no value. `initial` is keyed by coordinate and velocity.
+    """
+    chosen = statement.coordinates if coordinates is None else tuple(coordinates)
+    held = statement.constraints if constraints is None else constraints
+    if forces is None:
+        forces = {q: put(force) for q, force in zip(statement.coordinates, statement.forces, strict=True)}
+    if parameters is None:
+        parameters = {p: statement.defaults.get(p) for p in statement.parameters}
+    parameters = {p: parameters[p] for p in (*statement.defaults, *parameters) if p in parameters}  # as stated
+    if initial is None:
+        initial = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
+    alone = statement.potential == 0 and statement.kinetic == statement.lagrangian
+    energies = (
+        {"lagrangian": put(statement.lagrangian)}
+        if alone
+        else {"kinetic": put(statement.kinetic), "potential": put(statement.potential)}
+    )
+    made = declare(
+        **energies,
+        coordinates=chosen,
+        forces={q: force for q, force in forces.items() if force != 0},
+        dissipation=put(statement.dissipation),
+        constraints={one.name: put(one.expression) for one in held},
+        redundant=statement.redundant,
+        parameters=parameters,
+        initial=initial,
+        positions={label: tuple(map(put, point)) for label, point in statement.positions.items()},
+        links=statement.links,
+        name=statement.name,
+    )
+    return with_origin(made, statement)
+
+
+def with_origin(made: Statement, statement: Statement) -> Statement:
+    """Return a statement that was made of another with what that says of itself: text, run, dimensions."""
+    left = {t, *made.coordinates, *made.parameters}
+    sizes = MappingProxyType({symbol: size for symbol, size in statement.dimensions.items() if symbol in left})
+    return replace(made, about=statement.about, source=statement.source, run=statement.run, dimensions=sizes)
+
+
+def substituted(statement: Statement, given: Mapping[Any, Any]) -> Statement:
+    """Return the statement with expressions for some parameters, which are keyed by symbol or name.
+
+    Parameters that only the expressions contain are new, and have no value. Raises StatementError for a key that is no
+    parameter, and for an expression in coordinates or time: the derivatives of what it stands in would lack its own. A
+    given function of time is a key too, with the values of `lagrange.given`.
+    """
+    if not isinstance(given, Mapping) or not given:
+        raise StatementError(f"substitute takes a dict from parameters to values, as {{l: 1}}, not {shown(given)}.")
+    by_name = {symbol.name: symbol for symbol in statement.parameters}
+    functions = {name_of(function): function for function in statement.given}
+    table: dict[Any, Any] = {}
+    for key, value in given.items():
+        name = label_of(key).removesuffix("(t)")
+        if name in functions:
+            table[functions[name]] = given_function(name, value)
+            continue
+        if name not in by_name:
+            raise StatementError(_no_parameter(name, statement, list(by_name)))
+        table[by_name[name]] = _value(by_name[name], value, by_name)
+    for function in statement.given:
+        motion = motion_of(function)
+        if function not in table and motion and motion.expression is not None:
+            table[function] = given_function(name_of(function), motion.expression.subs(table, simultaneous=True))
+    left = {p: statement.defaults.get(p) for p in statement.parameters if p not in table}
+    new = {symbol for value in table.values() for symbol in value.free_symbols} - {*left, t}
+    parameters = left | dict.fromkeys(sorted(new, key=str))
+    return rewritten(statement, lambda stated: stated.subs(table, simultaneous=True), parameters=parameters)
+
+
+def _no_parameter(name: str, statement: Statement, known: list[str]) -> str:
+    if name in statement.names:
+        return (
+            f"{name} is a coordinate: eliminate() solves a constraint for it, transform() states the system in other "
+            "coordinates; substitute() replaces parameters."
+        )
+    parameters = f"its parameters are {listing(known)}." + suggestion(name, known) if known else "it has none."
+    return f"{name!r} is no parameter of this system; {parameters}"
+
+
+def _value(parameter: Any, given: Any, by_name: Mapping[str, Any]) -> Any:
+    """Return the expression for a parameter, with the system's own symbols."""
+    what = f"the value of {parameter}"
+    value, survey = expression(given, what), Survey()
+    survey.add(value, what)
+    if survey.coordinates or survey.velocities or value.has(t):
+        raise StatementError(
+            f"{what} is {formula(value, 60)}, which is not constant: state the system with it, so that its derivatives "
+            "are taken."
+        )
+    value = in_own_parameters(value, tuple(by_name.values()))
+    if parameter.is_nonnegative and value.is_negative:
+        raise StatementError(
+            f"{what} is {value}, but {parameter} was declared positive, and SymPy may have dropped an abs or a root "
+            f"because of it: declare it with lg.parameters({parameter.name!r}, positive=False)."
+        )
+    return value
+
 
 DIGITS = 40
 """Digits of the numbers at which a given branch is tested."""

@@ -1,27 +1,22 @@
-"""Routh's procedure: ignorable coordinates left out, their momenta constant, with an effective potential.
-
-With p_I = M_II v_I + b the function R = L - p_I.v_I, written in p_I, is the Lagrangian of the other coordinates. Its
-part without velocities is minus the effective potential V + (p_I - b) M_II^-1 (p_I - b)/2.
-Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed., 2002, section 8.3.
-"""
+"""Routh's procedure: ignorable coordinates left out, and rebuilt along a run."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
+import numpy as np
 import sympy
 
-from lagrange.errors import StatementError, listing, shown
+from lagrange.errors import RunError, StatementError, listing, shown
+from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.mechanics.identity import vanishes
-from lagrange.mechanics.legendre import half_square, inverse
-from lagrange.mechanics.number_check import compared
-from lagrange.mechanics.plain_form import PlainForm, fresh_name, names_of, number, without_points
-from lagrange.mechanics.rewriting import with_origin
-from lagrange.mechanics.simplification import simplest
+from lagrange.mechanics.agreement import compared, vanishes
+from lagrange.mechanics.hamilton import half_square, inverse
+from lagrange.mechanics.plain_form import PlainForm, fresh_name, names_of, number, simplest, without_points
+from lagrange.mechanics.reduction import with_origin
 from lagrange.statement.coordinate import t, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.parameters import coordinate_name
@@ -206,3 +201,92 @@ def _check(routh: Routh, model: Model) -> None:
         return compiled, [number(x, numbers) for x in (*routh.rates, *slopes, *momenta)]
 
     compared("the Routhian", form.statement, values)
+
+
+NODES = 8
+"""Nodes of Gauss's rule in each part of an interval between outputs; it is exact to degree 15."""
+
+MOST_PARTS = 64
+"""Parts of an interval at most; with eight nodes each, those of a step of Taylor series need two or four."""
+
+TOLERANCE = 1e-12
+"""Difference of two rules, relative to the angle gone through, at which the finer one is taken."""
+
+
+class Run(Protocol):
+    """What is read of a solution."""
+
+    @property
+    def t(self) -> FloatArray:
+        """The output times, (N,)."""
+
+    @property
+    def model(self) -> Model:
+        """The model that ran."""
+
+    @property
+    def parameters(self) -> Any:
+        """The values of its parameters."""
+
+    def at(self, t: Any) -> FloatArray:
+        """Return the states at times of the run, (2n, K)."""
+
+
+def ignored(statement: Statement, solution: Run) -> dict[Any, FloatArray]:
+    """Return ignored coordinates and their velocities at the output times of a run of the Routhian, (N,) each.
+
+    They start at the initial values of the statement. Raises StatementError for a run of another system.
+    """
+    small = getattr(getattr(solution, "model", None), "statement", None)
+    missing = [] if small is None else [q for q in statement.coordinates if q not in small.coordinates]
+    if small is None or not missing or any(q not in statement.coordinates for q in small.coordinates):
+        raise StatementError(
+            f"this is no run of a Routhian of {statement.name}: run routhian(...) of this system, of "
+            f"{listing(statement.names)}, and give that solution."
+        )
+    routh = routh_of(statement, missing)
+    found: dict[Any, FloatArray] = {}
+    for i, rate in zip(routh.places, routh.rates, strict=True):
+        q = statement.coordinates[i]
+        speed = _Speed(solution, routh.form.written(rate))
+        found[q] = statement.initial[i] + _integral(speed, solution.t, statement.names[i])
+        found[velocity_of(q)] = speed(solution.t)
+    return found
+
+
+class _Speed:
+    """The velocity of an ignored coordinate at times of a run."""
+
+    def __init__(self, solution: Run, rate: Any) -> None:
+        self.solution, self.rate = solution, rate
+
+    def __call__(self, times: FloatArray) -> FloatArray:
+        run = self.solution
+        return run.model.evaluate_expression(self.rate, times, run.at(times), run.parameters)
+
+
+def _integral(speed: _Speed, times: FloatArray, name: str) -> FloatArray:
+    """Return the integral of a velocity from the first time to each, with parts halved until two rules agree."""
+    parts, before = 1, _sums(speed, times, 1)
+    while parts < MOST_PARTS:
+        parts *= 2
+        after = _sums(speed, times, parts)
+        scale = float(np.abs(np.diff(after)).sum()) + np.finfo(float).tiny
+        if float(np.abs(after - before).max(initial=0.0)) <= TOLERANCE * scale:
+            return after
+        before = after
+    raise RunError(
+        f"{name} is not rebuilt to {TOLERANCE:g}: its velocity varies too fast between the output times. Run with "
+        "shorter steps, or with t_eval closer together."
+    )
+
+
+def _sums(speed: _Speed, times: FloatArray, parts: int) -> FloatArray:
+    """Return the integral with so many parts in each interval."""
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    inside = ((np.arange(parts)[:, None] + (nodes + 1.0) / 2.0) / parts).ravel()
+    lengths = np.diff(times)
+    at = times[:-1, None] + lengths[:, None] * inside
+    values = speed(at.ravel()).reshape(at.shape)
+    pieces = values @ np.tile(weights / (2.0 * parts), parts) * lengths
+    return np.concatenate([[0.0], np.cumsum(pieces)])

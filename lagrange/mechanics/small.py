@@ -11,9 +11,9 @@ import sympy
 from lagrange.equations.terms import printable
 from lagrange.errors import StatementError, formula, listing, shown
 from lagrange.mechanics.corners import edges
+from lagrange.mechanics.plain_form import simplest
 from lagrange.mechanics.point import StatedPoint, stated_point
-from lagrange.mechanics.rewriting import rewritten
-from lagrange.mechanics.simplification import simplest
+from lagrange.mechanics.reduction import rewritten
 from lagrange.statement.number import whole_number
 from lagrange.statement.statement import Statement
 

@@ -1,27 +1,203 @@
-"""The condition of a point symmetry, and the quantity that it conserves (Noether's theorem).
-
-Moved along xi(q) and in time by tau, a motion keeps p . xi - tau E - F if
-
-    xi . (dL/dq + Q - dD/dv) + (dxi/dt) . p - tau (dE/dt) = dF/dt
-
-at every state, F being a function of q and t. With constraints xi is along them, G xi = 0, so that their forces do no
-work. Source: J. V. Jose, E. J. Saletan, Classical Dynamics, 1998, sections 3.2 and 3.4.
-"""
+"""Point symmetries: which are tried, their condition, the quantity that each conserves, and its name."""
 
 from __future__ import annotations
 
 import random
-from collections.abc import Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations, permutations
 from typing import Any
 
 import sympy
-from sympy import Rational, S
+from sympy import Matrix, Rational, S, cos, diff, expand, sin
 
 from lagrange.equations.identities import canonical, is_identity
 from lagrange.equations.monomials import MonomialSum
 from lagrange.equations.stated_algebra import StatedAlgebra
 from lagrange.equations.terms import printable
+from lagrange.errors import listing
+
+Placing = Callable[..., tuple[Any, ...]]
+
+PLACINGS: dict[int, tuple[Placing, ...]] = {
+    2: (
+        lambda x, y: (x, y),
+        lambda r, a: (r * cos(a), r * sin(a)),
+        lambda r, a: (r * sin(a), -r * cos(a)),
+        lambda b, a: (sin(b) * cos(a), sin(b) * sin(a), cos(b)),
+        lambda b, a: (cos(b) * cos(a), cos(b) * sin(a), sin(b)),
+    ),
+    3: (
+        lambda x, y, z: (x, y, z),
+        lambda r, a, z: (r * cos(a), r * sin(a), z),
+        lambda r, b, a: (r * sin(b) * cos(a), r * sin(b) * sin(a), r * cos(b)),
+        lambda r, b, a: (r * cos(b) * cos(a), r * cos(b) * sin(a), r * sin(b)),
+    ),
+}
+"""Places by the number of coordinates: Cartesian, polar (from x, or hanging), on a sphere of any radius, cylindrical,
+spherical; angles are counted from the pole or from the equator."""
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A body at r, with T = mass |v|^2 / 2, in plain symbols; `rest` is what else L has, linear in velocities."""
+
+    mass: Any
+    r: tuple[Any, ...]
+    v: tuple[Any, ...]
+    rest: MonomialSum
+
+
+def place(stated: StatedAlgebra) -> Place | None:
+    """Return the place of the one body of a statement, or None where no placing gives its kinetic energy."""
+    mass = _mass(stated)
+    for placing in PLACINGS.get(len(stated.q), ()) if mass is not None else ():
+        for order in permutations(range(len(stated.q))):
+            r = placing(*(stated.q[i] for i in order))
+            v = tuple(_rate(stated, x) for x in r)
+            rest = _rest(stated, mass, v)
+            if rest is not None:
+                return Place(mass, r, v, rest)
+    return None
+
+
+def _mass(stated: StatedAlgebra) -> Any:
+    """Return an entry of the mass matrix that is constant: that of a length, or on a sphere of the polar angle."""
+    moving = frozenset((*stated.q, *stated.v, stated.time))
+    for i in range(len(stated.q)):
+        entry = stated.mass[i][i]
+        if entry and not any(stated.algebra.free(k) & moving for monomial in entry for k, _ in monomial):
+            return stated.algebra.write(entry)
+    return None
+
+
+def _rest(stated: StatedAlgebra, mass: Any, v: Sequence[Any]) -> MonomialSum | None:
+    """Return L - mass |v|^2 / 2, or None where velocities are left in it other than to the first power."""
+    algebra = stated.algebra
+    kinetic = algebra.scale(algebra.read(mass * sum(x**2 for x in v) / 2), S.NegativeOne)
+    rest = algebra.merge_angles(algebra.add(stated.lagrangian, kinetic))
+    velocities = frozenset(stated.v)
+    alone = [k for v in stated.v for monomial in algebra.read(v) for k, _ in monomial]
+    for monomial in rest:
+        moving = [(k, power) for k, power in monomial if algebra.free(k) & velocities]
+        if len(moving) > 1 or any(k not in alone or power != 1 for k, power in moving):
+            return None
+    return rest
+
+
+def _rate(stated: StatedAlgebra, given: Any) -> Any:
+    return sum((diff(given, q) * v for q, v in zip(stated.q, stated.v, strict=True)), S.Zero)
+
+
+AXES = {"xy": ("z", 1), "yz": ("x", 1), "zx": ("y", 1), "yx": ("z", -1), "zy": ("x", -1), "xz": ("y", -1)}
+"""The axis of the rotation that moves the second of two axes along the first, and its sense."""
+
+
+def oriented(
+    stated: StatedAlgebra, symmetry: Symmetry, place: Place | None, energy: str = "energy"
+) -> tuple[Symmetry, str]:
+    """Return a symmetry, or the one in the other direction, and a name of its quantity.
+
+    The direction is the one from x to y, and back in time: its quantity is +(v.p - L). `energy` is the name of v.p - L.
+    """
+    found = _axis(stated, symmetry)
+    if found is None and place is not None and symmetry.tau == 0:
+        found = _motion(stated, symmetry, place)
+    if found is None:
+        found = _name(stated, symmetry, energy), -1 if symmetry.tau.is_positive else 1
+    name, sense = found
+    if sense > 0:
+        return symmetry, name
+    return Symmetry(tuple(-xi for xi in symmetry.xi), -symmetry.tau, -symmetry.gauge), name
+
+
+def _motion(stated: StatedAlgebra, symmetry: Symmetry, place: Place) -> tuple[str, int] | None:
+    """Return the name of a rotation about a fixed axis or of a shift along one, as the body's place shows it."""
+    moved = Matrix(
+        [sum((x.diff(q) * xi for q, xi in zip(stated.q, symmetry.xi, strict=True)), S.Zero) for x in place.r]
+    )
+    for k, axis in enumerate("xyz"):
+        unit = Matrix([int(j == k) for j in range(3)])
+        turned = list(unit.cross(Matrix([*place.r, *([0] * (3 - len(place.r)))])))
+        for name, wanted in ((f"angular momentum {axis}", turned), (f"momentum {axis}", list(unit))):
+            if any(wanted[len(place.r) :]):
+                continue
+            for sense in (1, -1):
+                if all(_same(stated, x, sense * y) for x, y in zip(moved, wanted, strict=False)):
+                    return name, sense
+    return None
+
+
+def _same(stated: StatedAlgebra, first: Any, second: Any) -> bool:
+    return is_identity(stated.algebra, stated.algebra.read(first - second))
+
+
+def untaken(name: str, taken: Sequence[str]) -> str:
+    """Return the name, with a number behind it if it is taken."""
+    names = [name, *(f"{name} ({k})" for k in range(2, len(taken) + 2))]
+    return next(one for one in names if one not in taken)
+
+
+def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:
+    """Return a name; only the conjugate momentum dL/dv itself is p_x, of a shift with F = 0."""
+    names, moved = stated.statement.names, [i for i, xi in enumerate(symmetry.xi) if xi != 0]
+    if symmetry.tau != 0:
+        return energy
+    if all(symmetry.xi[i] == 1 for i in moved):
+        if len(moved) == 1:
+            return f"{'p_' if symmetry.gauge == 0 else 'momentum '}{names[moved[0]]}"
+        shared = dict.fromkeys(axis_of(names[i]) for i in moved)
+        return (
+            f"momentum {next(iter(shared))}" if len(shared) == 1 else f"momentum of {listing(names[i] for i in moved)}"
+        )
+    return "momentum of a symmetry"
+
+
+def _axis(stated: StatedAlgebra, symmetry: Symmetry) -> tuple[str, int] | None:
+    """Return the name of a rotation of pairs of coordinates, such as x1 and y1, about an axis, and the sense."""
+    names = dict(zip(stated.q, stated.statement.names, strict=True))
+    found: dict[tuple[str, int], None] = {}
+    for q, xi in zip(stated.q, symmetry.xi, strict=True):
+        if xi == 0:
+            continue
+        partner = next((other for other in stated.q if xi in (other, -other)), None)
+        if partner is None or symmetry.tau != 0:
+            return None
+        # xi_y = x is the positive sense of the plane (x, y).
+        first, second = axis_of(names[partner]), axis_of(names[q])
+        axis, sense = AXES.get(first + second, (f"({names[partner]}, {names[q]})", 1))
+        found[axis, sense * (1 if xi == partner else -1)] = None
+    if len(found) != 1:
+        return None
+    ((axis, sense),) = found
+    return f"angular momentum {axis}", sense
+
+
+def axis_of(name: str) -> str:
+    """Return the axis of a coordinate such as x, x1 or ys: a name without its number, or its first letter."""
+    bare = re.sub(r"_?\d*$", "", name)
+    return bare[0].lower() if bare[0].lower() in "xyz" else bare
+
+
+def described(stated: StatedAlgebra, symmetry: Symmetry) -> str:
+    """Return the motion that changes nothing, in words."""
+    names = stated.statement.names
+    parts = [f"delta {name} = {_text(stated, xi)}" for name, xi in zip(names, symmetry.xi, strict=True) if xi != 0]
+    parts += [f"delta t = {_text(stated, symmetry.tau)}"] if symmetry.tau != 0 else []
+    kept = "changes the Lagrangian by a total derivative" if symmetry.gauge != 0 else "leaves the Lagrangian as it is"
+    forces = any(stated.statement.forces) or stated.statement.dissipation != 0
+    works = " and the forces do no work along it" if forces and symmetry.gauge == 0 else ""
+    held = " It keeps the constraints." if stated.statement.constraints else ""
+    if forces and symmetry.gauge != 0:
+        kept = "changes the Lagrangian, less the work of the forces, by a total derivative"
+    return f"The symmetry {listing(parts)} {kept}{works}.{held}"
+
+
+def _text(stated: StatedAlgebra, given: Any) -> str:
+    plain = {q: sympy.Symbol(name) for q, name in zip(stated.q, stated.statement.names, strict=True)}
+    return str(given.xreplace({**plain, stated.time: sympy.Symbol("t")}))
+
 
 DIGITS = 30
 """Digits of a defect at a state: 20 are compared."""
@@ -176,3 +352,72 @@ class SymmetryEquation:
             parts.append(algebra.multiply(algebra.read(-symmetry.tau), stated.energy))
         parts.append(algebra.read(-symmetry.gauge))
         return algebra.merge_angles(algebra.add({}, *parts))
+
+
+MOST_PAIRED = 6
+"""With more coordinates only those named by axes, such as x1 and y1, are turned."""
+
+
+def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
+    """Yield the shift of time, those of each coordinate, and those of several coordinates together.
+
+    Together are moved the coordinates of one axis, such as x1 and x2, and all coordinates.
+    """
+    n, names = len(stated.q), stated.statement.names
+    yield Symmetry((S.Zero,) * n, S.One)
+    groups = [{i} for i in range(n)]
+    for axis in dict.fromkeys(map(axis_of, names)):
+        groups.append({i for i, name in enumerate(names) if axis_of(name) == axis})
+    groups.append({*range(n)})
+    for k, group in enumerate(groups):
+        if group not in groups[:k]:
+            yield Symmetry(tuple(S.One if i in group else S.Zero for i in range(n)))
+
+
+def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
+    """Yield rotations: of all bodies with coordinates such as x1 and y1 together, and of pairs of other coordinates."""
+    bodies: dict[str, dict[str, int]] = {}
+    for i, name in enumerate(stated.statement.names):
+        axis = axis_of(name)
+        if axis in ("x", "y", "z"):
+            bodies.setdefault(name[1:], {})[axis] = i
+    for first, second in (("x", "y"), ("y", "z"), ("z", "x")):
+        pairs = [(axes[first], axes[second]) for axes in bodies.values() if first in axes and second in axes]
+        if pairs:
+            yield _turned(stated.q, pairs)
+    others = [i for i in range(len(stated.q)) if not any(i in axes.values() for axes in bodies.values())]
+    for pair in combinations(others, 2) if len(stated.q) <= MOST_PAIRED else ():
+        yield _turned(stated.q, [pair])
+
+
+def body_motions(stated: StatedAlgebra, place: Place) -> Iterator[Symmetry]:
+    """Yield the shifts along fixed axes, and the rotations about them, of one body in curved coordinates."""
+    if place.r == tuple(stated.q):
+        return
+    r = Matrix([*place.r, *([S.Zero] * (3 - len(place.r)))])
+    tangents = [r.diff(q) for q in stated.q]
+    squares = [_reduced(tangent.dot(tangent)) for tangent in tangents]
+    units = [Matrix([int(j == k) for j in range(3)]) for k in range(3)]
+    moved = units[: len(place.r)] if len(place.r) == len(tangents) else []  # on a sphere no shift is possible
+    turned = [unit.cross(r) for unit in units[:2]] if len(place.r) == 3 else []  # about z an angle alone is shifted
+    for motion in (*moved, *turned):
+        parts = [_reduced(tangent.dot(motion)) / square for tangent, square in zip(tangents, squares, strict=True)]
+        yield Symmetry(tuple(parts))
+
+
+def _reduced(given: Any) -> Any:
+    """Return an expression with sin^2 + cos^2 = 1 used in the way that makes it shorter."""
+    expanded = expand(given)
+    waves = expanded.atoms(sin)
+    ways = [
+        {sin(wave.args[0]) ** 2: 1 - cos(wave.args[0]) ** 2 for wave in waves},
+        {cos(wave.args[0]) ** 2: 1 - sin(wave.args[0]) ** 2 for wave in waves},
+    ]
+    return min((expanded, *(expand(expanded.xreplace(way)) for way in ways)), key=lambda form: form.count_ops())
+
+
+def _turned(q: Sequence[Any], pairs: Sequence[tuple[int, int]]) -> Symmetry:
+    xi: list[Any] = [S.Zero] * len(q)
+    for first, second in pairs:
+        xi[first], xi[second] = -q[second], q[first]
+    return Symmetry(tuple(xi))

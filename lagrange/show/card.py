@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import Any
 
 from lagrange.errors import counted, listing
-from lagrange.mechanics.invariants import drift_lines
+from lagrange.mechanics.conserved import drift_lines
 from lagrange.show.files.run_files import finite
 from lagrange.show.notebook.html_card import image, pairs
 from lagrange.show.terminal.table import duration, text_table

@@ -171,14 +171,14 @@ class Solution:
     @cached_property
     def invariants(self) -> Mapping[str, FloatArray]:
         """What the system conserves by name, (N,) each: see `System.conserved`, which it looks for when first asked."""
-        from lagrange.mechanics.invariants import invariants
+        from lagrange.mechanics.conserved import invariants
 
         return invariants(self.model, self.t, self.y, self._along)
 
     @cached_property
     def momentum_drift(self) -> Mapping[str, FloatArray]:
         """How far momenta of ignorable coordinates are from their first values, (N,), relative to their terms."""
-        from lagrange.mechanics.invariants import momentum_drifts
+        from lagrange.mechanics.conserved import momentum_drifts
 
         t, y, _ = self._since_start
         found = momentum_drifts(self.model, t, y, self.parameters_at(t))

@@ -10,7 +10,7 @@ import pytest
 from sympy import cos, sin, sqrt
 
 import lagrange as lg
-from lagrange.mechanics.motion_rates import MotionRates, random_rates
+from lagrange.mechanics.agreement import MotionRates, random_rates
 from lagrange.mechanics.symmetries import SymmetryEquation
 from tests.mechanics.conserving_systems import FLAT, POLAR_T, SYSTEMS, T, c, g, k, m, omega, phi, r, u, w, x, y, z
 

@@ -14,8 +14,7 @@ from sympy import cos, sin, sqrt
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import hamilton
-from lagrange.mechanics.hamilton import Hamiltonian
-from lagrange.mechanics.legendre import Legendre, legendre
+from lagrange.mechanics.hamilton import Hamiltonian, Legendre, legendre
 
 m, g, l, c, k, B = lg.parameters("m g l c k B")
 theta, x, y, z = lg.coordinates("theta x y z")

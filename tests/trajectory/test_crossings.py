@@ -104,7 +104,7 @@ def test_outputs_events_and_resets_go_on_over_crossings() -> None:
         assert run.t_events[0] == pytest.approx([0.722018], abs=1e-6) and len(run.t_events[1]) == 1
         soon = lg.event(theta + 0.02, terminal=True)
         ended = linkage.run(2.0, method=method, rtol=1e-12, events=[soon], check=False)
-        assert ended.status is lg.Status.EVENT and NOTE in ended.message
+        assert ended.status is lg.Status.EVENT
         assert reduced().at(ended.t[-1:])[0] == pytest.approx(-0.02, abs=1e-9)
         back = linkage.run(0.0, run.final, t_start=2.0, method=method, rtol=1e-12, check=False)
         assert back.status is lg.Status.SUCCESS and back.y[0, -1] == pytest.approx(np.pi / 2, abs=1e-7)

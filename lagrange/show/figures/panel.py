@@ -13,7 +13,7 @@ import numpy as np
 
 from lagrange.dynamics.angles import TURN
 from lagrange.errors import StatementError, listing, shown
-from lagrange.mechanics.invariants import MOST_LINES, invariant_sizes
+from lagrange.mechanics.conserved import MOST_LINES, invariant_sizes
 from lagrange.show.figures.curve import (
     MOST_ROUNDS,
     Pixels,
