@@ -1,15 +1,166 @@
-"""Write a sum of monomials the way a book sets it: like motions together, their coefficients factored."""
+"""Sums as a book sets them: common factors cancelled, like motions together, their coefficients factored."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from math import lcm, prod
 from typing import Any
 
 import sympy
-from sympy import Add, Mul, S
+from sympy import QQ, Add, Integer, Mul, Rational, S, ring
 
-from lagrange.equations.cancelling import cancelled, shortened
-from lagrange.equations.monomials import ONE, Monomial, MonomialSum, common_factor
-from lagrange.equations.terms import Algebra
+from lagrange.equations.terms import ONE, Algebra, Monomial, MonomialSum, common_factor
+
+LONGEST_DENOMINATOR = 12
+"""Terms of a denominator whose common factor with the numerator is looked for."""
+LARGEST_DEGREE = 5000
+"""Product of the degrees, each plus one, up to which it is: the algorithm makes numbers of so many digits."""
+LONGEST_SUM = 6
+"""Terms of a sum in parentheses that is multiplied out, or divided by, on trial."""
+HIGHEST = 3
+"""By how much powers of such a sum may differ in what is put together."""
+
+
+def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
+    """Return a quotient's sums without the factor that they share, each factor of the algebra taken as a variable.
+
+    `below` has no factor that all its terms share.
+    """
+    variables = _Variables([above, below])
+    parts = _parts(above, below)
+    short = all(len(part) > 1 for part in parts) and 1 < len(below) <= LONGEST_DENOMINATOR
+    if not short or not variables.usable or _Variables([below, *parts]).degree > LARGEST_DEGREE:
+        return above, below
+    shared = variables.polynomial(below)
+    for part in sorted(parts, key=len):
+        shared = shared.gcd(variables.polynomial(part))
+        if shared.is_ground:
+            return above, below
+    first, second = (variables.polynomial(terms).exquo(shared) for terms in (above, below))
+    return variables.terms(first), variables.terms(second)
+
+
+def _parts(above: MonomialSum, below: MonomialSum) -> list[MonomialSum]:
+    """Return the coefficients of `above`, as a polynomial in the factors that `below` has not: it divides each."""
+    common = {k for monomial in below for k, _ in monomial}
+    parts: dict[Monomial, MonomialSum] = {}
+    for monomial, number in above.items():
+        outside = tuple(pair for pair in monomial if pair[0] not in common)
+        parts.setdefault(outside, {})[tuple(pair for pair in monomial if pair[0] in common)] = number
+    return list(parts.values())
+
+
+def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
+    """Return the sum with powers of the same sum in parentheses put together wherever fewer terms are left."""
+    sums = list(dict.fromkeys(k for monomial in terms for k, _ in monomial if algebra.factors[k].is_Add))
+    for k in sums:
+        if len(algebra.factors[k].args) <= LONGEST_SUM and _worthwhile(algebra, terms, k):
+            terms = _put_together(algebra, terms, k)
+    return terms
+
+
+def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
+    """Whether a factor stands in several powers, or in enough terms to be divided by; a whole power may meet none."""
+    exponents = [powers[k] for powers in map(dict, terms) if k in powers]
+    several = len(set(exponents)) > 1 or any(isinstance(exponent, int) for exponent in exponents)
+    return several or len(exponents) >= len(algebra.read(algebra.factors[k]))
+
+
+def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
+    """Return the sum, with the terms that differ in powers of factor k and of its symbols merged where it helps."""
+    inside = algebra.free(k)
+    groups: dict[Any, MonomialSum] = {}
+    for monomial, number in terms.items():
+        exponent = dict(monomial).get(k, 0)
+        rest = tuple(pair for pair in monomial if pair[0] != k and algebra.factors[pair[0]] not in inside)
+        groups.setdefault((rest, exponent - int(exponent // 1)), {})[monomial] = number
+    result: MonomialSum = {}
+    for group in groups.values():
+        result = algebra.add(result, _shorter(algebra, group, k))
+    return result
+
+
+def _shorter(algebra: Algebra, group: MonomialSum, k: int) -> MonomialSum:
+    """Return the group over the lowest power of factor k, divided by it as often as it can be, if that is shorter."""
+    exponents = [dict(monomial).get(k, 0) for monomial in group]
+    lowest, highest = min(exponents), max(exponents)
+    if len(group) < 2 or lowest >= 1 or highest - lowest > HIGHEST:
+        return group
+    base = algebra.read(algebra.factors[k])
+    expanded: MonomialSum = {}
+    for monomial, number in group.items():
+        product: MonomialSum = {tuple(pair for pair in monomial if pair[0] != k): number}
+        for _ in range(int(dict(monomial).get(k, 0) - lowest)):
+            product = algebra.multiply(product, base)
+        expanded = algebra.add(expanded, product)
+    while lowest < 0 and len(expanded) > 1 and (quotient := _divided(expanded, base)) is not None:
+        expanded, lowest = quotient, lowest + 1
+    if len(expanded) >= len(group):
+        return group
+    return algebra.multiply(expanded, {((k, lowest),): Integer(1)} if lowest else {(): Integer(1)})
+
+
+def _divided(terms: MonomialSum, base: MonomialSum) -> MonomialSum | None:
+    """Return terms / base if that is a sum again, else None."""
+    number, monomial, rest = common_factor(terms)
+    variables = _Variables([rest, base])
+    if not variables.usable:
+        return None
+    quotient, remainder = divmod(variables.polynomial(rest), variables.polynomial(base))
+    if remainder:
+        return None
+    return {_joined(left, monomial): value * number for left, value in variables.terms(quotient).items()}
+
+
+def _joined(left: Monomial, right: Monomial) -> Monomial:
+    powers = dict(left)
+    for k, e in right:
+        powers[k] = powers.get(k, 0) + e
+    return tuple(sorted((k, e) for k, e in powers.items() if e != 0))
+
+
+class _Variables:
+    """Sums as polynomials: one variable for each factor, or for its root where it has broken exponents.
+
+    The lowest power of each factor is taken out first, in all sums alike, so that no exponent is negative.
+    """
+
+    def __init__(self, sums: Sequence[MonomialSum]) -> None:
+        self.factors = sorted({k for terms in sums for monomial in terms for k, _ in monomial})
+        powers = {k: [dict(monomial).get(k, 0) for terms in sums for monomial in terms] for k in self.factors}
+        self.roots = {k: lcm(*(int(Rational(e).q) for e in powers[k])) for k in self.factors}
+        self.lowest = {k: min(0, *powers[k]) for k in self.factors}
+        self.degrees = {k: int((max(0, *powers[k]) - self.lowest[k]) * self.roots[k]) + 1 for k in self.factors}
+        self.usable = bool(self.factors) and all(value.is_Rational for terms in sums for value in terms.values())
+        self.ring: Any = ring([f"f{k}" for k in self.factors], QQ)[0] if self.usable else None
+
+    @property
+    def degree(self) -> int:
+        """The product of the degrees in each variable, plus one."""
+        return prod(self.degrees.values())
+
+    def polynomial(self, terms: MonomialSum) -> Any:
+        """Return the polynomial of a sum times the powers that were taken out."""
+        found = {}
+        for monomial, value in terms.items():
+            powers = dict(monomial)
+            key = tuple(int((powers.get(k, 0) - self.lowest[k]) * self.roots[k]) for k in self.factors)
+            found[key] = QQ(int(value.p), int(value.q))
+        return self.ring.from_dict(found)
+
+    def terms(self, polynomial: Any) -> MonomialSum:
+        """Return a quotient of two such polynomials as a sum: what was taken out of both is not in it."""
+        return {
+            tuple(
+                (k, _whole(Rational(e, self.roots[k]))) for k, e in zip(self.factors, exponents, strict=True) if e != 0
+            ): Rational(int(value.numerator), int(value.denominator))
+            for exponents, value in polynomial.terms()
+        }
+
+
+def _whole(exponent: Any) -> Any:
+    return int(exponent) if exponent.is_Integer else exponent
+
 
 FACTORED_TERMS = 16
 """Longer polynomials are not factored: a polynomial this long takes SymPy a few milliseconds."""

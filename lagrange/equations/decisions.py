@@ -17,9 +17,8 @@ from sympy import S
 
 from lagrange.equations.constraints import ConstraintEquations
 from lagrange.equations.identities import is_identity
-from lagrange.equations.monomials import MonomialSum
-from lagrange.equations.stated_algebra import StatedAlgebra
-from lagrange.equations.terms import TooLargeError
+from lagrange.equations.terms import MonomialSum, TooLargeError
+from lagrange.equations.textbook_algebra import StatedAlgebra
 from lagrange.equations.velocity_degrees import (
     proven_homogeneous,
     seen_mixed,

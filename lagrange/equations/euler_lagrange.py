@@ -1,9 +1,4 @@
-"""The laws of motion as graph nodes: p = dL/dv, f = dL/dq + Q - dD/dv, M a = h + G^T lambda, G a + gamma = 0.
-
-M = d2L/dv2 and h = f - (d2L/dv dq) v - d2L/dv dt. The bias in h is one forward sweep over p along (v, 0, 1);
-nothing is expanded and nothing is simplified beyond what the graph does by itself.
-Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed., 2002, sections 1.4, 1.5 and 2.7.
-"""
+"""The laws of motion as graph nodes: p = dL/dv, f = dL/dq + Q - dD/dv, M a = h + G^T lambda, G a + gamma = 0."""
 
 from __future__ import annotations
 
@@ -12,24 +7,171 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from lagrange.equations.augmented import MotionForm, augmentation
 from lagrange.equations.constraints import ConstraintEquations, check_rows, constraint_equations
 from lagrange.equations.decisions import StatedLaws
-from lagrange.equations.first_order import first_order_coordinates, with_ones, with_relations, without
-from lagrange.equations.redundant import least_norm
 from lagrange.equations.solve_plan import SolvePlan, plan_of
 from lagrange.equations.state_layout import StateLayout
 from lagrange.equations.structure import Structure, find_structure
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient, tangents
 from lagrange.graph.from_sympy import Translator
+from lagrange.graph.generic import generic_rank
 from lagrange.graph.node import Binding, Graph, Kind, Node
+from lagrange.graph.rebuild import substitute
 from lagrange.graph.share import share_sums
 from lagrange.graph.to_sympy import to_sympy
 from lagrange.statement.coordinate import acceleration_of, t
 from lagrange.statement.inertia import first_order_remedy
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.statement import Statement
+
+Matrix = Sequence[Sequence[Node]]
+
+
+@dataclass(frozen=True, eq=False)
+class MotionForm:
+    """The momenta and forces, n each, of dp/dt = f + G^T lambda as they are solved, and h of M a = h + G^T lambda."""
+
+    momenta: tuple[Node, ...]
+    forces: tuple[Node, ...]
+    bias: tuple[Node, ...]
+
+
+def augmentation(
+    mass: Matrix, constraints: ConstraintEquations, q: Sequence[Node], v: Sequence[Node], time: Node
+) -> tuple[list[Node], list[Node]] | None:
+    """Return what is added to momenta and forces, None for a mass matrix that is regular by itself."""
+    linear = [name not in constraints.nonlinear for name in constraints.names]
+    if not any(linear) or generic_rank(mass) == len(q):
+        return None
+    graph = time.graph
+    momenta, forces = [graph.zero] * len(q), [graph.zero] * len(q)
+    along = {**dict(zip(q, v, strict=True)), **graph.rates}
+    for psi, row, chosen in zip(constraints.velocities, constraints.gradient, linear, strict=True):
+        if not chosen:
+            continue
+        pushed = psi * _weight(mass, row, (*q, *v, time))
+        moved = tangents(row, along)
+        for i, entry in enumerate(row):
+            momenta[i] = momenta[i] + pushed * entry
+            forces[i] = forces[i] + pushed * moved(entry)
+    return momenta, forces
+
+
+def _weight(mass: Matrix, row: Sequence[Node], symbols: Sequence[Node]) -> Node:
+    """Return the size of the mass matrix over that of G^T G, with all that moves replaced by one."""
+    graph = symbols[0].graph
+    inertia = graph.sum([(1, mass[i][i]) for i in range(len(row))])
+    square = graph.sum([(1, entry * entry) for entry in row])
+    try:
+        above, below = substitute([inertia, square], dict.fromkeys(symbols, graph.one))
+        weight = above / below
+    except StatementError:  # a pole at one
+        return graph.one
+    return weight if weight.binding <= Binding.PARAMETER and weight is not graph.zero else graph.one
+
+
+RELATION = "equation of "
+"""How the names of relations begin; no name of a user's has a space."""
+
+
+def first_order_coordinates(
+    mass: Sequence[Sequence[Node]], bias: Sequence[Node], v: Sequence[Node], constraints: ConstraintEquations
+) -> tuple[int, ...]:
+    """Return the coordinates without inertia that no constraint holds and whose equations determine velocities.
+
+    `bias` is h of M a = h: of these coordinates 0 = h is the relation. What is left out has no inertia at all.
+    """
+    graph = v[0].graph
+    chosen = [
+        i
+        for i, row in enumerate(mass)
+        if all(entry is graph.zero for entry in (*row, *(line[i] for line in constraints.gradient)))
+    ]
+    while True:
+        columns = {j: tangents([bias[i] for i in chosen], {v[j]: graph.one}) for j in chosen}
+        alone = [
+            i
+            for i in chosen
+            if all(columns[j](bias[i]) is graph.zero for j in chosen)
+            or all(columns[i](bias[j]) is graph.zero for j in chosen)
+        ]
+        if not alone:
+            return tuple(chosen)
+        chosen = [i for i in chosen if i not in alone]
+
+
+def without(chosen: Sequence[int], motion: MotionForm) -> MotionForm:
+    """Return the equations to be solved without those of the coordinates chosen, for which relations stand."""
+
+    def cleared(entries: Sequence[Node]) -> tuple[Node, ...]:
+        return tuple(entry.graph.zero if i in chosen else entry for i, entry in enumerate(entries))
+
+    return MotionForm(cleared(motion.momenta), cleared(motion.forces), cleared(motion.bias))
+
+
+def with_ones(chosen: Sequence[int], mass: Matrix) -> Matrix:
+    """Return a mass matrix with an inertia of one for the coordinates chosen, to see whether the others have theirs."""
+    return [
+        [entry.graph.one if i == j and i in chosen else entry for j, entry in enumerate(row)]
+        for i, row in enumerate(mass)
+    ]
+
+
+def with_relations(
+    constraints: ConstraintEquations,
+    chosen: Sequence[int],
+    names: Sequence[str],
+    bias: Sequence[Node],
+    q: Sequence[Node],
+    v: Sequence[Node],
+    time: Node,
+) -> ConstraintEquations:
+    """Return the constraints with the relations of the coordinates chosen behind them."""
+    if not chosen:
+        return constraints
+    graph = time.graph
+    relations = tuple(bias[i] for i in chosen)
+    columns = [tangents(relations, {symbol: graph.one}) for symbol in v]
+    rate = tangents(relations, {**dict(zip(q, v, strict=True)), **graph.rates})
+    return constraints.joined(
+        ConstraintEquations(
+            names=tuple(f"{RELATION}{names[i]}" for i in chosen),
+            positions=tuple(None for _ in chosen),
+            velocities=relations,
+            gradient=tuple(tuple(column(psi) for column in columns) for psi in relations),
+            bias=tuple(map(rate, relations)),
+            rest=tuple(substitute(relations, dict.fromkeys(v, graph.zero))),
+        )
+    )
+
+
+def least_norm(stated: ConstraintEquations, kept: Sequence[int], multipliers: Sequence[Node]) -> list[Node]:
+    """Return the multipliers of all constraints from those of the constraints kept, whose rows span all rows."""
+    others = [i for i in range(len(stated)) if i not in kept]
+    if not others:
+        return list(multipliers)
+    graph = multipliers[0].graph
+    rows = [stated.gradient[i] for i in kept]
+
+    def products(row: Sequence[Node]) -> list[Node]:
+        return [_dot(row, other) for other in rows]
+
+    square = [products(row) for row in rows]
+    shares = [graph.solve(square, products(stated.gradient[i])) for i in others]
+    one = graph.one
+    gram = [
+        [graph.sum([(int(a == b), one), *((1, c[a] * c[b]) for c in shares)]) for b in range(len(rows))]
+        for a in range(len(rows))
+    ]
+    weights = graph.solve(gram, list(multipliers))
+    found = dict(zip(kept, weights, strict=True))
+    found |= {i: _dot(c, weights) for i, c in zip(others, shares, strict=True)}
+    return [found[i] for i in range(len(stated))]
+
+
+def _dot(a: Sequence[Node], b: Sequence[Node]) -> Node:
+    return a[0].graph.sum([(1, x * y) for x, y in zip(a, b, strict=True)])
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,8 +13,7 @@ from typing import Any
 import sympy
 from sympy import Dummy, Rational, S
 
-from lagrange.equations.monomials import ONE, MonomialSum, accumulate
-from lagrange.equations.terms import Algebra, TooLargeError
+from lagrange.equations.terms import ONE, Algebra, MonomialSum, TooLargeError, accumulate
 
 ROUNDS = 6
 """Times that what stands inside a root or a quotient is multiplied out; each round removes one nesting."""

@@ -8,7 +8,7 @@ from typing import Any
 
 from sympy import Add, Mul, Rational, S
 
-from lagrange.equations.monomials import Monomial, MonomialSum, common_factor
+from lagrange.equations.terms import Monomial, MonomialSum, common_factor
 from lagrange.equations.textbook_algebra import TextbookAlgebra
 
 HALF = Rational(1, 2)

@@ -15,8 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.equations.euler_lagrange import Equations
-from lagrange.equations.first_order import RELATION
+from lagrange.equations.euler_lagrange import RELATION, Equations
 from lagrange.errors import listing
 from lagrange.graph.node import Node
 

@@ -14,8 +14,7 @@ import sympy
 from sympy import Add, Derivative, Integer, Mul, Rational, S
 from sympy.core.function import AppliedUndef
 
-from lagrange.equations.monomials import ONE, MonomialSum
-from lagrange.equations.terms import Algebra, TooLargeError, printable
+from lagrange.equations.terms import ONE, Algebra, MonomialSum, TooLargeError, printable
 
 
 def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:

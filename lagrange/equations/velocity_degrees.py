@@ -9,8 +9,8 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.equations.identities import canonical, is_identity
-from lagrange.equations.monomials import Monomial
-from lagrange.equations.stated_algebra import StatedAlgebra
+from lagrange.equations.terms import Monomial
+from lagrange.equations.textbook_algebra import StatedAlgebra
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 

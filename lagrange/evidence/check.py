@@ -10,13 +10,19 @@ from dataclasses import replace
 from typing import Any
 
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.compare import LIMIT, Comparison, computed, computed_batch, entry_labels, is_finite
-from lagrange.evidence.constraint_surface import ConstraintSurface
-from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
-from lagrange.evidence.precise import Precise
+from lagrange.evidence.compare import (
+    LIMIT,
+    Comparison,
+    ReferenceEntries,
+    computed,
+    computed_batch,
+    entry_labels,
+    is_finite,
+)
+from lagrange.evidence.constraint_laws import ConstraintSurface
+from lagrange.evidence.precise import BeyondDoubles, OutsideDomain, Precise
 from lagrange.evidence.quick import quick_check
 from lagrange.evidence.reference import DIGITS, Reference
-from lagrange.evidence.reference_entries import ReferenceEntries
 from lagrange.evidence.report import Report
 from lagrange.evidence.sample import DRAWS_PER_KIND, SAMPLE_KINDS, Point, Sampler
 from lagrange.evidence.switches import all_ways, describe_way

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.evidence.central_differences import Numbers, central, central_mixed
-from lagrange.evidence.operations import OutsideDomain
+from lagrange.evidence.precise import OutsideDomain
 
 StateFunction = Callable[[Sequence[Any], Sequence[Any], Any], Any]
 Nudge = Callable[[str, int], Any]

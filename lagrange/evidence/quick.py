@@ -25,12 +25,10 @@ import numpy as np
 from lagrange.errors import FAULT, RunError
 from lagrange.evidence.compare import LIMIT, TINY, relative_error
 from lagrange.evidence.constraint_laws import StatedConstraints, acceleration_level
-from lagrange.evidence.input_samples import sampled_statement
 from lagrange.evidence.laws import DifferenceSteps, along
-from lagrange.evidence.operations import OutsideDomain
-from lagrange.evidence.precise import Precise
+from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler
+from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler, sampled_statement
 from lagrange.machine.model import Model
 from lagrange.statement.statement import Statement
 

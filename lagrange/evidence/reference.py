@@ -16,6 +16,7 @@ from typing import Any
 
 from lagrange.evidence import laws
 from lagrange.evidence.central_differences import Numbers, extrapolate
+from lagrange.evidence.compare import ReferenceEntries
 from lagrange.evidence.constraint_laws import (
     StatedConstraints,
     acceleration_level,
@@ -27,9 +28,7 @@ from lagrange.evidence.constraint_laws import (
 )
 from lagrange.evidence.laws import DifferenceSteps, Sources
 from lagrange.evidence.local_terms import local_terms
-from lagrange.evidence.operations import BeyondDoubles
-from lagrange.evidence.precise import Precise
-from lagrange.evidence.reference_entries import ReferenceEntries
+from lagrange.evidence.precise import BeyondDoubles, Precise
 from lagrange.evidence.sample import Point
 from lagrange.statement.statement import Statement
 

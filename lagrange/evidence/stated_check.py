@@ -8,8 +8,8 @@ from typing import Any
 
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.check import check
-from lagrange.evidence.independent import solved_statement
 from lagrange.evidence.report import Report
+from lagrange.evidence.sample import solved_statement
 from lagrange.machine.model import Stated
 
 MOST_DERIVED = 100

@@ -17,7 +17,7 @@ import sympy
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve
-from lagrange.evidence.operations import OutsideDomain
+from lagrange.evidence.precise import OutsideDomain
 from lagrange.evidence.sample import Point, Sampler
 from lagrange.evidence.switches import all_ways, describe_way
 from lagrange.mechanics.motion_samples import MotionSample, MotionStates, motion_samples

@@ -11,10 +11,8 @@ import sympy
 from sympy import Abs, Float, Matrix, Rational, S, sqrt
 
 from lagrange.equations.identities import canonical
-from lagrange.equations.monomials import MonomialSum
-from lagrange.equations.stated_algebra import StatedAlgebra
-from lagrange.equations.terms import TooLargeError, differentiable
-from lagrange.equations.textbook_algebra import TextbookAlgebra
+from lagrange.equations.terms import MonomialSum, TooLargeError, differentiable
+from lagrange.equations.textbook_algebra import StatedAlgebra, TextbookAlgebra
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters, some_of

@@ -10,10 +10,9 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError
-from lagrange.evidence.constraint_surface import ConstraintSurface
+from lagrange.evidence.constraint_laws import ConstraintSurface
 from lagrange.evidence.laws import solve
-from lagrange.evidence.operations import OutsideDomain
-from lagrange.evidence.precise import Precise
+from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler
 from lagrange.mechanics.plain_form import PlainForm

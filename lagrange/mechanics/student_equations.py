@@ -10,8 +10,7 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError, listing, suggestion
-from lagrange.evidence.operations import OutsideDomain
-from lagrange.evidence.precise import Precise
+from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.sample import Point
 from lagrange.mechanics.agreement import vanishes_in_symbols as vanishes
 from lagrange.mechanics.motion_samples import MotionSample

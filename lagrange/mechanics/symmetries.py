@@ -13,9 +13,8 @@ import sympy
 from sympy import Matrix, Rational, S, cos, diff, expand, sin
 
 from lagrange.equations.identities import canonical, is_identity
-from lagrange.equations.monomials import MonomialSum
-from lagrange.equations.stated_algebra import StatedAlgebra
-from lagrange.equations.terms import printable
+from lagrange.equations.terms import MonomialSum, printable
+from lagrange.equations.textbook_algebra import StatedAlgebra
 from lagrange.errors import listing
 
 Placing = Callable[..., tuple[Any, ...]]

@@ -15,8 +15,7 @@ import sympy
 
 from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, listing, shown
-from lagrange.evidence.operations import OutsideDomain
-from lagrange.evidence.precise import Precise
+from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.mechanics.agreement import compared

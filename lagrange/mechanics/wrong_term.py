@@ -15,7 +15,7 @@ from sympy.core.function import AppliedUndef
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve
-from lagrange.evidence.operations import OutsideDomain
+from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.motion_samples import MotionSample, motion_samples
 from lagrange.mechanics.plain_form import simplest
 from lagrange.mechanics.small import small

@@ -12,8 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 
-from lagrange.equations.elimination import band_order
-from lagrange.equations.solve_plan import SolvePlan
+from lagrange.equations.solve_plan import SolvePlan, band_order
 
 WRITTEN_OUT = 6
 """Largest matrix without multipliers that is written out. Beyond it a loop is as fast and compiles at once."""

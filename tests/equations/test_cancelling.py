@@ -10,9 +10,8 @@ import sympy
 from sympy import Rational, Symbol, cos, sin, sqrt
 
 import lagrange as lg
-from lagrange.equations.cancelling import cancelled, shortened
-from lagrange.equations.monomials import common_factor
-from lagrange.equations.terms import Algebra
+from lagrange.equations.collect import cancelled, shortened
+from lagrange.equations.terms import Algebra, common_factor
 
 theta, x, y = lg.coordinates("theta x y")
 m, g, R, a, c, k, M = lg.parameters("m g R a c k M")

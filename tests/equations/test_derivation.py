@@ -12,7 +12,7 @@ from sympy import Abs, Float, Heaviside, Integer, Max, Min, Rational, Symbol, co
 
 import lagrange as lg
 from lagrange.equations import derivation as module
-from lagrange.equations import stated_algebra, textbook_algebra
+from lagrange.equations import textbook_algebra
 from lagrange.equations.derivation import derive
 from lagrange.errors import StatementError
 from lagrange.show.notebook.shown_derivation import written_derivation
@@ -279,7 +279,7 @@ def test_nesting_too_deep_for_sympy_is_refused_in_words(monkeypatch: pytest.Monk
     def too_deep(expression: Any) -> Any:
         raise RecursionError
 
-    monkeypatch.setattr(stated_algebra, "differentiable", too_deep)
+    monkeypatch.setattr(textbook_algebra, "differentiable", too_deep)
     with pytest.raises(StatementError, match="is too large for the equations of motion to be written out"):
         left_sides(kinetic=x.dot**2 / 2)
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lagrange.equations.elimination import elimination_order
 from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.equations.solve_plan import elimination_order
 from lagrange.program.elimination import block_eliminations, elimination
 from tests.series_systems import ladder, rods
 

@@ -8,8 +8,7 @@ import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lagrange.evidence.operations import BeyondDoubles, OutsideDomain
-from lagrange.evidence.precise import Precise, _no_value
+from lagrange.evidence.precise import BeyondDoubles, OutsideDomain, Precise, _no_value
 from lagrange.statement.coordinate import coordinate, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.statement.vocabulary import SYMPY_CLASSES, WORDS

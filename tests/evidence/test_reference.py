@@ -8,7 +8,7 @@ import pytest
 import sympy as sp
 
 from lagrange.evidence import laws
-from lagrange.evidence.operations import OutsideDomain
+from lagrange.evidence.precise import OutsideDomain
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler
 from lagrange.statement.coordinate import coordinate, t

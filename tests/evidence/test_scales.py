@@ -13,8 +13,7 @@ import sympy
 import lagrange as lg
 from lagrange.errors import RunError
 from lagrange.evidence.quick import quick_check
-from lagrange.evidence.sample import SAMPLE_KINDS, Sampler
-from lagrange.evidence.scales import Scales
+from lagrange.evidence.sample import SAMPLE_KINDS, Sampler, Scales
 from lagrange.machine.model import Model
 from lagrange.statement.declare import declare
 from tests.evidence.stand_in import StandIn

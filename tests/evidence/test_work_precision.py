@@ -13,7 +13,7 @@ from sympy import exp, sign
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.evidence import reference_solution, work_precision
-from lagrange.evidence.sensitivity import sensitivity
+from lagrange.evidence.trust import sensitivity
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status, Trajectory

@@ -14,7 +14,7 @@ import pytest
 
 from lagrange.errors import StatementError
 from lagrange.evidence.reference_solution import ReferenceSolution
-from lagrange.evidence.sensitivity import Sensitivity
+from lagrange.evidence.trust import Sensitivity
 from lagrange.evidence.work_precision import Entry, Result
 from lagrange.show.race import COLUMNS, Race
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.equations.first_order import RELATION
+from lagrange.equations.euler_lagrange import RELATION
 from lagrange.errors import StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
