@@ -34,8 +34,8 @@ from lagrange.statement.energy import spring as spring
 from lagrange.statement.event import Event as Event
 from lagrange.statement.event import event as event
 from lagrange.statement.given import given as given
+from lagrange.statement.motion import table as table
 from lagrange.statement.multiplier import multiplier as multiplier
-from lagrange.statement.table import table as table
 from lagrange.system import System as System
 from lagrange.trajectory.integrator import Claims as Claims
 from lagrange.trajectory.integrator import Integrator as Integrator

@@ -17,7 +17,7 @@ import pytest
 from sympy import Symbol
 from sympy.core.function import AppliedUndef
 
-from lagrange.statement.declared_order import COORDINATES, PARAMETERS
+from lagrange.statement.coordinate import COORDINATES, PARAMETERS
 from tests import covering
 
 mpl.use("Agg")

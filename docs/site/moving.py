@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from lagrange.show.figures.space import spring, view_of
 from lagrange.show.figures.style import COLOURS, DARK_COLOURS, colours
-from lagrange.statement.link import SPRING, Link
+from lagrange.statement.statement import SPRING, Link
 from lagrange.trajectory.measures.points import points_at
 from lagrange.trajectory.solution import Solution
 

@@ -21,7 +21,7 @@ from lagrange.graph.rebuild import substitute
 from lagrange.graph.share import share_sums
 from lagrange.graph.to_sympy import to_sympy
 from lagrange.statement.coordinate import acceleration_of, t
-from lagrange.statement.inertia import first_order_remedy
+from lagrange.statement.energy import first_order_remedy
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.statement import Statement
 

@@ -6,7 +6,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Container, Iterable, Sequence
 
-from lagrange.statement.letters import GREEK
+from lagrange.statement.lexer import GREEK
 
 LONGEST = 63
 """Characters of a name: what C and Fortran distinguish."""

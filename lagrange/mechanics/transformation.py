@@ -21,8 +21,7 @@ from lagrange.machine.model import Model
 from lagrange.mechanics.agreement import compared
 from lagrange.mechanics.plain_form import PlainForm, number, prescribed, real, simplest
 from lagrange.mechanics.reduction import rewritten
-from lagrange.statement.coordinate import acceleration_of, name_of, t, velocity_of
-from lagrange.statement.declared_order import COORDINATES
+from lagrange.statement.coordinate import COORDINATES, acceleration_of, name_of, t, velocity_of
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.parameters import coordinate_name, in_own_parameters, label_of
 from lagrange.statement.statement import Statement

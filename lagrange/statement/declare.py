@@ -15,18 +15,25 @@ from sympy.core.function import AppliedUndef
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.statement.choice import one_of, text
 from lagrange.statement.constraint import Constraint, declare_constraints
-from lagrange.statement.coordinate import check_name, check_symbol, declared, is_ours, name_of, t, velocity_of
-from lagrange.statement.declared_order import COORDINATES
+from lagrange.statement.coordinate import (
+    COORDINATES,
+    check_name,
+    check_symbol,
+    declared,
+    is_ours,
+    name_of,
+    t,
+    velocity_of,
+)
 from lagrange.statement.dimension_check import with_dimensions
+from lagrange.statement.energy import first_order_remedy, without_velocity
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.given import check_given, coordinate_or_given
-from lagrange.statement.inertia import first_order_remedy, without_velocity
-from lagrange.statement.letters import NAME
-from lagrange.statement.link import KINDS, Link
+from lagrange.statement.lexer import NAME
 from lagrange.statement.motion import motion_of
 from lagrange.statement.number import real_number
 from lagrange.statement.parameters import check_rate, default_values, label_of, parameter_symbols, table_of
-from lagrange.statement.statement import REDUNDANT, REFUSE, RunSettings, Statement
+from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Link, RunSettings, Statement
 from lagrange.statement.survey import Survey
 
 ORIGIN = "origin"

@@ -1,15 +1,11 @@
-"""Whether every term of a statement has the dimension that it must have; the first one that has not is named.
-
-Dimensions that were not stated are found where they can be. All terms of a sum have one dimension, functions have
-arguments without one, and energies are energies. These are linear equations for exponents, which are solved as they
-come. Then every term is checked with all dimensions known, and with units the scale of every product.
-"""
+"""Dimensions of every term of a statement and of its events."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
@@ -310,3 +306,23 @@ class _Checker(_Dimensions):
             return False
         known = [dimension for dimension in map(self.dimension, expression.args) if dimension is not None]
         return any(not dimension.like(known[0]) for dimension in known)
+
+
+def check_event_dimensions(place: int, zero: Any, resets: Sequence[tuple[Any, Any]], statement: Statement) -> None:
+    """Refuse an event, or a reset of it, with a term in another dimension or unit than those beside it.
+
+    `zero` is the expression of event number `place`, `resets` are pairs of a symbol and the value that it is set to.
+    """
+    if statement.dimensions:
+        _check(place, zero, tuple(resets), statement)
+
+
+@lru_cache(maxsize=64)
+def _check(place: int, zero: Any, resets: tuple[tuple[Any, Any], ...], statement: Statement) -> None:
+    parts = [CheckedPart(f"event {place}", without_own_numbers(zero), None)]
+    parts += [
+        CheckedPart(f"the reset of event {place}", without_own_numbers(value), symbol) for symbol, value in resets
+    ]
+    known = dict(statement.dimensions) | dict(multiplier_dimensions(statement, statement.dimensions))
+    known |= {symbol: one for symbol, _ in resets if (one := dimension_of(symbol, known)) is not None}
+    check_dimensions(parts, known, statement.plain)

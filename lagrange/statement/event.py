@@ -15,7 +15,7 @@ import sympy
 from lagrange.errors import StatementError, formula, listing, shown
 from lagrange.statement.coordinate import t
 from lagrange.statement.declare import state_rows
-from lagrange.statement.event_dimensions import check_event_dimensions
+from lagrange.statement.dimension_check import check_event_dimensions
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.multiplier import check_multipliers
 from lagrange.statement.number import real_number

@@ -10,9 +10,8 @@ import sympy
 from sympy.core.relational import Relational
 
 from lagrange.errors import formula
-from lagrange.statement.guard import RefusalError
-from lagrange.statement.lexer import DEEPEST
-from lagrange.statement.vocabulary import WORDS
+from lagrange.statement.lexer import DEEPEST, WORDS
+from lagrange.statement.text import RefusalError
 
 LONG = 300
 """Operations of an expression whose terms are not put into an order for people, which takes seconds for thousands."""

@@ -12,15 +12,13 @@ from lagrange.errors import SceneError, StatementError
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.dimension import Dimension, named
 from lagrange.statement.expression_text import expression_text
-from lagrange.statement.guard import RefusalError
-from lagrange.statement.letters import NAME
-from lagrange.statement.link import ROD
-from lagrange.statement.motion import motion_of
+from lagrange.statement.lexer import NAME
+from lagrange.statement.motion import Table, motion_of
 from lagrange.statement.multiplier import constraint_of
 from lagrange.statement.same_statement import difference
 from lagrange.statement.scene import scene_from_text
-from lagrange.statement.statement import REFUSE, Statement
-from lagrange.statement.table import Table
+from lagrange.statement.statement import REFUSE, ROD, Statement
+from lagrange.statement.text import RefusalError
 
 BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_")
 """The characters of a TOML key without quotation marks."""

@@ -1,4 +1,4 @@
-"""What the user said, checked and frozen: the record that every later stage reads."""
+"""The frozen record of a statement, and links between its points."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import inf
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 from sympy import Expr, Symbol
 
@@ -14,8 +14,19 @@ from lagrange.errors import abridged, listing
 from lagrange.statement.constraint import Constraint
 from lagrange.statement.coordinate import acceleration_of, name_of, velocity_of
 from lagrange.statement.dimension import Dimension
-from lagrange.statement.link import Link
 from lagrange.statement.motion import motion_of
+
+ROD, SPRING = "rod", "spring"
+KINDS = (ROD, SPRING)
+
+
+class Link(NamedTuple):
+    """A line from one named point to another, drawn as a rod or as a spring. It exerts no force."""
+
+    start: str
+    end: str
+    kind: str = ROD
+
 
 REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
 """What is done with constraints that follow from others: they are refused, or share the forces."""

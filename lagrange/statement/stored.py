@@ -19,11 +19,10 @@ from lagrange.statement.coordinate import coordinate, name_of, t
 from lagrange.statement.declare import declare
 from lagrange.statement.dimension import Dimension
 from lagrange.statement.given import given
-from lagrange.statement.guard import Guard, RefusalError, check_arguments, check_power
-from lagrange.statement.motion import motion_of
+from lagrange.statement.lexer import SYMPY_CLASSES
+from lagrange.statement.motion import Table, motion_of
 from lagrange.statement.statement import RunSettings, Statement
-from lagrange.statement.table import Table
-from lagrange.statement.vocabulary import SYMPY_CLASSES
+from lagrange.statement.text import Guard, RefusalError, check_arguments, check_power
 
 FORM = 1
 """The version of the form, which is stored with it."""

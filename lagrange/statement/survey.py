@@ -14,9 +14,9 @@ from sympy.logic.boolalg import ITE, And, BooleanAtom, Not, Or
 
 from lagrange.errors import StatementError, formula, listing
 from lagrange.statement.coordinate import check_symbol, name_of, t, velocity_of
+from lagrange.statement.lexer import SYMPY_CLASSES, WORDS
 from lagrange.statement.motion import Motion, motion_of
 from lagrange.statement.multiplier import constraint_of
-from lagrange.statement.vocabulary import SYMPY_CLASSES, WORDS
 
 _PLAIN = (sympy.Add, sympy.Mul, sympy.Pow, ExprCondPair, Relational, And, Or, Not, ITE, BooleanAtom)
 

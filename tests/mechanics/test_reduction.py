@@ -11,7 +11,7 @@ from sympy import cos, exp, sin, sqrt
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.statement.link import Link
+from lagrange.statement.statement import Link
 
 m, g, l, a, c = lg.parameters("m g l a c")
 x, y, z, u, theta = lg.coordinates("x y z u theta")

@@ -12,7 +12,7 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import routh
-from lagrange.statement.link import Link
+from lagrange.statement.statement import Link
 
 m, g, l, I1, I3, k, c = lg.parameters("m g l I1 I3 k c")
 theta, phi, psi, x, y = lg.coordinates("theta phi psi x y")

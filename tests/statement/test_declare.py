@@ -14,10 +14,9 @@ from sympy.physics.mechanics import dynamicsymbols
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare, initial_state
-from lagrange.statement.link import Link
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.parameters import parameter_values
-from lagrange.statement.statement import Statement
+from lagrange.statement.statement import Link, Statement
 
 theta, x, y = coordinates("theta x y")
 m, g, l = parameters("m g l")

@@ -8,7 +8,7 @@ import pytest
 from sympy.physics.mechanics import dynamicsymbols
 
 import lagrange as lg
-from lagrange.statement.declared_order import DeclaredOrder
+from lagrange.statement.coordinate import DeclaredOrder
 
 
 @pytest.mark.parametrize("names", ["alpha_1 beta_1 zeta_1", "zeta_1 beta_1 alpha_1", "beta_1 zeta_1 alpha_1"])

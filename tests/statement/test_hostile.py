@@ -14,8 +14,8 @@ from typing import Any
 import pytest
 
 from lagrange.errors import SceneError
+from lagrange.statement.lexer import WORDS
 from lagrange.statement.scene import read_scene
-from lagrange.statement.vocabulary import WORDS
 from tests.statement.attacks import ATTACKS, CANARY
 from tests.statement.scenes import DROP, LEAN, write
 

@@ -12,9 +12,8 @@ import pytest
 import sympy
 
 from lagrange.statement.coordinate import t
-from lagrange.statement.link import Link
 from lagrange.statement.scene import LIBRARY, library
-from lagrange.statement.statement import Statement
+from lagrange.statement.statement import Link, Statement
 from tests.mechanisms.scenes import FORMULATIONS
 from tests.models import loaded
 

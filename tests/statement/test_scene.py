@@ -11,9 +11,8 @@ import sympy
 from lagrange.errors import SceneError, StatementError
 from lagrange.statement import scene as module
 from lagrange.statement.coordinate import coordinate, t, velocity_of
-from lagrange.statement.link import Link
 from lagrange.statement.scene import library, library_path, load, read_scene
-from lagrange.statement.statement import RunSettings
+from lagrange.statement.statement import Link, RunSettings
 from tests.statement.scenes import DROP, write
 
 theta = coordinate("theta")

@@ -15,8 +15,8 @@ import lagrange as lg
 from lagrange.errors import SceneError, StatementError
 from lagrange.statement import text
 from lagrange.statement.coordinate import PREDEFINED
+from lagrange.statement.lexer import ALIASES, WORDS
 from lagrange.statement.scene import read_scene
-from lagrange.statement.vocabulary import ALIASES, WORDS
 from tests.statement.scenes import write
 
 MEANT = {

@@ -12,7 +12,7 @@ from lagrange.show.animation.sheet import DOT, GRID, PAPER, QUIET, Chart, Sheet,
 from lagrange.show.figures.new_figure import new_figure
 from lagrange.show.figures.space import spring
 from lagrange.show.figures.style import Style
-from lagrange.statement.link import SPRING
+from lagrange.statement.statement import SPRING
 from lagrange.trajectory.trajectory import FloatArray
 
 if TYPE_CHECKING:

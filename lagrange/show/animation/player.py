@@ -33,7 +33,7 @@ from lagrange.show.animation.sheet import FIXED, Sheet, Words, palette
 from lagrange.show.figures.space import spring
 from lagrange.show.figures.style import DARK, LIGHT, Style
 from lagrange.show.files.template import as_json, filled
-from lagrange.statement.link import SPRING
+from lagrange.statement.statement import SPRING
 
 CONTROLS = 46
 """Pixels in height of the controls under the picture."""

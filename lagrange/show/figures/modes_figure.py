@@ -18,8 +18,8 @@ from lagrange.show.figures.space import spring, view_of
 from lagrange.show.figures.style import Style, colours, dress, mixed, on_paper, style_of
 from lagrange.show.notation.names import letters
 from lagrange.statement.declare import ORIGIN
-from lagrange.statement.link import SPRING
 from lagrange.statement.number import real_number
+from lagrange.statement.statement import SPRING
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import FloatArray
 

@@ -30,7 +30,7 @@ from lagrange.show.figures.space import View, spring, view_of
 from lagrange.show.figures.style import LINES, Style, colours, dress, few_ticks, legend, mixed, number_labels, parts_of
 from lagrange.show.units import length_unit, with_unit
 from lagrange.statement.declare import ORIGIN
-from lagrange.statement.link import SPRING, Link
+from lagrange.statement.statement import SPRING, Link
 from lagrange.trajectory.measures.points import fixed_points, points_at
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray

@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from lagrange.statement.letters import GREEK as LETTERS
+from lagrange.statement.lexer import GREEK as LETTERS
 
 UNICODE_GREEK = {name: letter for letter, name in LETTERS.items()} | {"Pi": "Π"}
 """Names that LaTeX has a letter for, and the letter. Not pi, which is a number wherever it is printed."""

@@ -19,9 +19,8 @@ from lagrange.show.notebook.html_card import text
 from lagrange.show.sliders import PARAMETER, Slider, asked_bounds, places
 from lagrange.show.units import length_unit, unit_of, with_unit
 from lagrange.statement.declare import ORIGIN
-from lagrange.statement.link import SPRING
 from lagrange.statement.number import flag, real_number
-from lagrange.statement.statement import Statement
+from lagrange.statement.statement import SPRING, Statement
 from lagrange.trajectory.measures.points import fixed_points, points_at
 from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.solution import Solution
