@@ -45,6 +45,7 @@ def test_kepler_over_a_hundred_thousand_orbits() -> None:
     assert exponent(flow, orbit, starts, (2e3 * math.pi, 2e5 * math.pi)) < FASTEST
 
 
+@pytest.mark.slow
 def test_henon_heiles_over_a_million_steps() -> None:
     potential = (x**2 + y**2) / 2 + x**2 * y - y**3 / 3
     galaxy = build(kinetic=(x.dot**2 + y.dot**2) / 2, potential=potential)

@@ -407,6 +407,7 @@ VORTICES = (
 """Kirchhoff's equations of two point vortices: Saffman, Vortex Dynamics (1992), section 7.1."""
 
 
+@pytest.mark.slow
 def test_equations_of_first_order() -> None:
     vortices = system("two-point-vortices")
     assert vortices.compare(vortices.equations()) and vortices.compare("\n".join(VORTICES))

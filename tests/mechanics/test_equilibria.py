@@ -293,6 +293,7 @@ def test_corners_and_poles_leave_the_verdict_open() -> None:
     assert "the forces of curved, or their derivatives, have no value at" in curved.equilibria()[0].reason
 
 
+@pytest.mark.slow
 def test_flat_places_are_found_and_surfaces_are_not_listed() -> None:
     flat = lg.System(m * x.dot**2 / 2, k * cos(x**2), parameters={m: 1, k: 1})
     assert 0.0 in [float(one.coordinates[x]) for one in flat.equilibria()]

@@ -319,6 +319,7 @@ def test_triangular_points() -> None:
     assert same((lin.M * rate**2 + lin.C * rate + lin.K).det(), book)
 
 
+@pytest.mark.slow
 def test_critical_mass_ratio() -> None:
     """Szebehely, section 5.4 (Routh 1875): no linear motion grows below mu = (1 - sqrt(23/27))/2."""
     modes = three_bodies().modes(TRIANGLE)

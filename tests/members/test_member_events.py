@@ -192,6 +192,7 @@ def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(
         assert np.array_equal(found, expected, equal_nan=column.kind == "f8"), column.name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", FIRST)
 def test_events_at_both_ends_of_a_run(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Zeros from which a motion begins are no events; some that lie at its very end are, as in a run."""
@@ -206,6 +207,7 @@ def test_events_at_both_ends_of_a_run(method: str, monkeypatch: pytest.MonkeyPat
                 agree(together, lg.ensemble(ball(), 1.0, start, workers=1, **given))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", FIRST)
 def test_what_a_member_keeps_depends_on_it_alone(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Chunks, threads, order, and neighbours that escape or are left to runs of their own: the same bytes."""
@@ -241,6 +243,7 @@ def test_a_root_in_the_forces_is_watched_in_lanes_too(monkeypatch: pytest.Monkey
     agree(together, alone)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", FIRST)
 def test_a_limit_of_steps_holds_with_events(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     (x,) = oscillator().coordinates

@@ -27,6 +27,7 @@ def spring(name: str, **options: Any) -> lg.Ensemble:
     return lg.ensemble(system, 1.0, {"theta": [1.0, 1.0]}, parameters={name: [1.0, 2.0]}, **options)
 
 
+@pytest.mark.slow
 def test_expressions_that_begin_alike_are_kept_apart() -> None:
     nearly, more = ONE * theta, ONE * theta**2
     runs = pendulum(keep=(("max", nearly), ("max", more), ("max", nearly)))

@@ -55,6 +55,7 @@ def test_xarray_opens_a_store(tmp_path: Path, whole: lg.Ensemble) -> None:
         assert np.array_equal(data["y_end"].to_numpy(), whole.y[1]) and data["y_end"].dims == ("member",)
 
 
+@pytest.mark.slow
 def test_a_store_has_the_dimensions_of_a_data_set(tmp_path: Path) -> None:
     xarray = pytest.importorskip("xarray")
     system = lg.scene("henon-heiles")
