@@ -23,13 +23,13 @@ DOCS = Path(__file__).resolve().parent
 
 def scene_table() -> str:
     """Return one row per scene of the library."""
-    lines = ["| scene | coordinates | what it shows | source |", "|---|---|---|---|", *map(_scene_row, library())]
+    lines = ["| scene | coordinates | what it shows |", "|---|---|---|", *map(_scene_row, library())]
     return "\n".join(lines)
 
 
 def _scene_row(scene: LibraryScene) -> str:
     names = ", ".join(f"`{name}`" for name in lg.scene(scene.name).statement.names)
-    return f"| `{scene.name}` | {names} | {scene.about} | {scene.source} |"
+    return f"| `{scene.name}` | {names} | {scene.about} |"
 
 
 TABLES = {
