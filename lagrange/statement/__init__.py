@@ -1,1 +1,1 @@
-"""What the user said: coordinates, energies, forces, parameters; checked, in the user's symbols."""
+"""The statement of a system: coordinates, energies, forces and parameters, checked, in the user's symbols."""

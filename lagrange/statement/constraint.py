@@ -1,4 +1,4 @@
-"""Constraints as stated: expressions that are zero along the motion, holonomic or in velocities, and their names."""
+"""Constraints as stated: named expressions that are zero along the motion, with or without velocities."""
 
 from __future__ import annotations
 
@@ -27,26 +27,27 @@ class Constraint:
 
     @property
     def multiplier(self) -> Any:
-        """Its multiplier as a symbol."""
+        """Symbol of its multiplier."""
         return multiplier(self.name)
 
 
 def declare_constraints(given: Any, survey: Survey) -> tuple[Constraint, ...]:
-    """Return the constraints of a list, or of a dict by name; their leaves are added to the survey.
+    """Return the constraints of a list, or of a dict by name, and add their symbols and functions to the survey.
 
-    Those of a list are called constraint_1, constraint_2, ... Raises StatementError for what is no constraint.
+    In a list they are named constraint_1, constraint_2, ... Raises StatementError for an entry that is not an
+    equation or an expression, or that contains no coordinate.
     """
-    found: dict[str, Constraint] = {}
+    constraints: dict[str, Constraint] = {}
     for name, stated in _named(given):
         what = f"constraint {name!r}"
         zero = _zero(stated, what)
-        own = Survey()
-        own.add(zero, what)
+        leaves = Survey()
+        leaves.add(zero, what)
         survey.add(zero, what)
-        if not own.coordinates:
+        if not leaves.coordinates:
             raise StatementError(_without_coordinates(what, zero))
-        found[name] = Constraint(name, zero, not own.velocities)
-    return tuple(found.values())
+        constraints[name] = Constraint(name, zero, not leaves.velocities)
+    return tuple(constraints.values())
 
 
 def _named(given: Any) -> Iterator[tuple[str, Any]]:
@@ -66,12 +67,12 @@ def _named(given: Any) -> Iterator[tuple[str, Any]]:
 
 
 def _zero(stated: Any, what: str) -> Any:
-    """Return the expression that is zero, of an equation too."""
+    """Return the expression that is zero: the expression itself, or left minus right side of an equation."""
     if isinstance(stated, sympy.Eq):
         return expression(stated.lhs, f"the left side of {what}") - expression(stated.rhs, f"the right side of {what}")
     if isinstance(stated, (BooleanAtom, bool)):
-        held = "always true: it constrains nothing. Leave it out" if stated else "never true: no motion satisfies it"
-        raise StatementError(f"{what} is {held}. Where == was meant, write sympy.Eq(left, right).")
+        verdict = "always true: it constrains nothing. Leave it out" if stated else "never true: no motion satisfies it"
+        raise StatementError(f"{what} is {verdict}. Where == was meant, write sympy.Eq(left, right).")
     if isinstance(stated, Relational):
         raise StatementError(
             f"{what} is {shown(str(stated))}, an inequality. Constraints are equations: state the equation that holds, "
@@ -83,7 +84,7 @@ def _zero(stated: Any, what: str) -> Any:
 
 
 def _without_coordinates(what: str, zero: Any) -> str:
-    """Return the refusal of a constraint that no coordinate and no velocity stands in."""
+    """Return the message for a constraint that contains no coordinate and no velocity."""
     if zero.is_zero:
         return f"{what} is 0 = 0, which always holds: leave it out."
     if zero.is_number:

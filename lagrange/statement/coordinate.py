@@ -18,11 +18,11 @@ from lagrange.statement.number import flag
 
 
 class DeclaredOrder:
-    """The calls that declared names, and the order that they give to the names of one statement.
+    """Register of the calls that declared names; it orders the names of a statement.
 
-    A statement reads the latest calls back to the first that, together, declare all its names. Its names are in the
-    order of these calls, and earlier declarations are without effect: a program that declares its names gets the same
-    order whatever other programs declared before in the same process.
+    For a statement it reads back the latest calls that together declare all its names, and takes their order. Earlier
+    declarations have no effect. So a program that declares its names gets the same order, whatever other programs
+    declared before in the same process.
     """
 
     def __init__(self) -> None:
@@ -44,7 +44,7 @@ class DeclaredOrder:
                     del self.calls[call]
 
     def of(self, leaves: Iterable[tuple[str, Any]]) -> list[Any]:
-        """Return what is given with its names in the order of declaration, then the others as they come."""
+        """Return the leaves of (name, leaf) pairs: declared names in their order, then the others as they come."""
         pairs = list(leaves)
         names = {name for name, _ in pairs}
         with self._lock:
@@ -62,10 +62,10 @@ t = Symbol("t")
 """Time; the same symbol as SymPy's ``dynamicsymbols._t``."""
 
 PREDEFINED = {t.name: "time", "pi": "a constant"}
-"""Names that mean something in every statement, and what."""
+"""Names with a fixed meaning in every statement, and this meaning as the words of a message."""
 
 MOST_LETTERS = 10_000
-"""Letters of an expression as the name of a row: as many as two expressions may need to differ in."""
+"""Most letters of an expression as the label of a row: enough that the labels of two expressions differ."""
 
 
 def check_name(name: str, what: str) -> str:
@@ -97,13 +97,13 @@ def coordinate(name: str) -> Any:
     It equals SymPy's ``dynamicsymbols`` of that name; its velocity is ``.dot``, its acceleration ``.ddot``. Raises
     StatementError for a name that is not an identifier, or that has a meaning: ``t``, ``pi``, ``sin``, ``lambda``.
     """
-    made = coordinate_of(name)
+    symbol = coordinate_of(name)
     COORDINATES.declare([name])
-    return made
+    return symbol
 
 
 def coordinate_of(name: str) -> Any:
-    """Return what `coordinate` does, and leave the order in which coordinates were declared as it is."""
+    """Return the coordinate of that name, as `coordinate` does, without entering it in the order of declaration."""
     check_symbol(name, "coordinate")
     if name not in _DECLARED:
         _DECLARED[name] = function_of_time(name)
@@ -111,40 +111,40 @@ def coordinate_of(name: str) -> Any:
 
 
 def declared(coordinate: Any) -> bool:
-    """Return whether a function of time has the name of a coordinate that `coordinate` made."""
+    """Return True if a coordinate with the name of this function of time was made by `coordinate`."""
     return name_of(coordinate) in _DECLARED
 
 
 def is_ours(function: Any) -> bool:
-    """Return whether a function of time was made here, and not by SymPy."""
+    """Return True if a function of time was made by this module, and not by SymPy."""
     return "ddot" in type(function).__dict__
 
 
 _DECLARED: dict[str, Any] = {}
-"""The coordinates that were made, by name."""
+"""Coordinates made so far, by name."""
 
 
 def function_of_time(name: str, marks: Mapping[str, Any] | None = None) -> Any:
     """Return the function of time of that name, with its derivatives as attributes.
 
-    Functions with other `marks`, which are attributes, are other functions to SymPy.
+    `marks` are attributes of the function. SymPy treats functions with different marks as different.
 
-    SymPy keeps what it made: asked for name(t), it gives an equal function that was made without the attributes, by
-    `dynamicsymbols` for one. So this one is made without asking it.
+    SymPy caches functions: for name(t) it returns an equal function from its cache, which may lack the attributes,
+    such as one of `dynamicsymbols`. So this function is built without the cache.
     """
     shorthand: dict[str, Any] = {"dot": property(velocity_of), "ddot": property(acceleration_of)}
     shorthand |= {numpy: _refusing(numpy, ours) for numpy, ours in _NUMPY.items()}
-    made = UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand, **(marks or {}))
-    return inspect.unwrap(Application.__new__)(made, t)
+    function = UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand, **(marks or {}))
+    return inspect.unwrap(Application.__new__)(function, t)
 
 
 _NUMPY = {name: name for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh", "sign", "sinc")}
 _NUMPY |= {f"arc{name}": f"a{name}" for name in ("sin", "cos", "tan", "sinh", "cosh", "tanh")}
-"""Functions of NumPy, which calls a method of that name of what it does not know, and what SymPy calls them."""
+"""Functions of NumPy and their names in SymPy. For an unknown object NumPy calls its method of the same name."""
 
 
 def _refusing(numpy: str, ours: str) -> Callable[[Any], NoReturn]:
-    """Return the method that `numpy.cos` calls."""
+    """Return the method that NumPy calls for its function `numpy`; it raises StatementError with the name `ours`."""
 
     def refuse(self: Any) -> NoReturn:
         name = name_of(self)
@@ -161,29 +161,29 @@ def coordinates(names: str) -> Any:
 
     Raises StatementError for a name that `coordinate` refuses.
     """
-    given = _names(names, "coordinate")
-    found = tuple(map(coordinate_of, given))
-    COORDINATES.declare(given)
-    return found[0] if len(found) == 1 else found
+    labels = _names(names, "coordinate")
+    symbols = tuple(map(coordinate_of, labels))
+    COORDINATES.declare(labels)
+    return symbols[0] if len(symbols) == 1 else symbols
 
 
 def parameters(names: str, *, positive: bool = True) -> Any:
-    """Return parameters named in a text such as ``"m g l"``: real symbols, positive unless told otherwise.
+    """Return parameters named in a text such as ``"m g l"``: real symbols, positive by default.
 
     One name gives one symbol, several give a tuple. Raises StatementError for a name that is not an identifier, or that
     has a meaning.
     """
-    found = []
-    positive, given = flag(positive, "positive"), _names(names, "parameter")
-    for name in given:
+    symbols = []
+    positive, labels = flag(positive, "positive"), _names(names, "parameter")
+    for name in labels:
         check_symbol(name, "parameter")
-        found.append(Symbol(name, real=True, positive=True) if positive else Symbol(name, real=True))
-    PARAMETERS.declare(given)
-    return found[0] if len(found) == 1 else tuple(found)
+        symbols.append(Symbol(name, real=True, positive=True) if positive else Symbol(name, real=True))
+    PARAMETERS.declare(labels)
+    return symbols[0] if len(symbols) == 1 else tuple(symbols)
 
 
 def velocity_of(coordinate: Any) -> Any:
-    """Return dq/dt of any function of time, a ``dynamicsymbols`` too."""
+    """Return dq/dt of any function of time, also of one made by ``dynamicsymbols``."""
     return Derivative(coordinate, t)
 
 
@@ -205,7 +205,7 @@ def _names(text: str, what: str) -> list[str]:
 
 
 def row_label(key: Any) -> str:
-    """Return what a row is called: ``theta`` for theta(t), ``theta_dot`` for its derivative."""
+    """Return the label of a row: ``theta`` for theta(t), ``theta_dot`` for its derivative, else the expression."""
     if isinstance(key, Derivative) and isinstance(key.expr, AppliedUndef) and key == velocity_of(key.expr):
         return f"{name_of(key.expr)}_dot"
     if isinstance(key, AppliedUndef):

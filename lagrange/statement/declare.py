@@ -1,4 +1,4 @@
-"""Build a `Statement` from what a user passes to `lagrange.System`, refusing what cannot be meant."""
+"""Build a `Statement` from the arguments of `lagrange.System`, and refuse those without a meaning."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Link, RunSett
 from lagrange.statement.survey import Survey
 
 ORIGIN = "origin"
-"""The point at zero, which links may name and no position may redefine."""
+"""Name of the point at zero. Links may name it; no position may redefine it."""
 
 
 def declare(
@@ -67,19 +67,19 @@ def declare(
     survey.add(kinetic, main)
     survey.add(potential, "the potential energy")
     moving = dict.fromkeys(survey.velocities)
-    held = declare_constraints(constraints, survey)
+    constraint_list = declare_constraints(constraints, survey)
     chosen = _coordinates(coordinates, survey)
     by_name = {name_of(q): q for q in chosen}
     force_table = _forces(forces, by_name, survey)
     dissipation = _dissipation(dissipation, by_name, survey)
-    _check_velocities(chosen, moving, held, (kinetic, lagrangian), force_table, dissipation, main)
-    _check_constraints(held, chosen, redundant)
+    _check_velocities(chosen, moving, constraint_list, (kinetic, lagrangian), force_table, dissipation, main)
+    _check_constraints(constraint_list, chosen, redundant)
     points = _positions(positions, survey)
     _check_declared(survey, chosen)
     values = table_of(parameters, "parameters", "parameter to value")
     symbols, unify = parameter_symbols(survey, values, by_name | {name_of(f): f for f in survey.given})
     clean = partial(_unified, unify)
-    made = Statement(
+    statement = Statement(
         coordinates=chosen,
         kinetic=clean(kinetic),
         potential=clean(potential),
@@ -87,7 +87,7 @@ def declare(
         forces=tuple(clean(force_table.get(q, sympy.S.Zero)) for q in chosen),
         dissipation=clean(dissipation),
         redundant=redundant,
-        constraints=tuple(replace(one, expression=clean(one.expression)) for one in held),
+        constraints=tuple(replace(one, expression=clean(one.expression)) for one in constraint_list),
         parameters=tuple(symbols.values()),
         defaults=MappingProxyType(default_values(values, symbols)),
         initial=initial_state({} if initial is None else initial, chosen, (0.0,) * (2 * len(chosen))),
@@ -99,11 +99,14 @@ def declare(
         run=run or RunSettings(),
         **_functions(survey, chosen if coordinates is None else ()),
     )
-    return made if dimensions is None else with_dimensions(made, dimensions)
+    return statement if dimensions is None else with_dimensions(statement, dimensions)
 
 
 def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
-    """Return what a statement says of functions that are no coordinates, and of coordinates that nobody declared."""
+    """Return the fields of `Statement` on given and undefined functions, and on coordinates without a declaration.
+
+    `inferred` are the coordinates taken from the energies, empty if the user listed the coordinates.
+    """
     return {
         "given": tuple(survey.given),
         "orders": tuple(survey.given.values()),
@@ -120,7 +123,7 @@ def _unified(replacements: Mapping[Any, Any], expression: Any) -> Any:
 def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: tuple[float, ...]) -> tuple[float, ...]:
     """Return (q, v) as 2n floats: `base` overlaid with entries keyed by coordinate, velocity or name.
 
-    A name is a coordinate's, or with ``_dot`` behind it its velocity's.
+    The name of a velocity is that of its coordinate with the suffix ``_dot``.
     """
     if not isinstance(given, Mapping):
         what = "an array" if isinstance(given, np.ndarray) else f"a {type(given).__name__}"
@@ -143,7 +146,7 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
 
 @lru_cache(maxsize=256)
 def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
-    """Return the row of the state for each coordinate, velocity and name; made once, since SymPy takes 20 us each."""
+    """Return the row of the state for each coordinate, velocity and name. Cached: SymPy takes 20 us for each."""
     n = len(coordinates)
     rows: dict[Any, int] = {}
     for i, q in enumerate(coordinates):
@@ -171,21 +174,21 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]
         raise StatementError(f"coordinates is {shown(given)}: give a list, such as [{shown(given)}].")
     if given is None:
         _check_inferred(survey)
-    found: dict[str, Any] = {}
+    by_name: dict[str, Any] = {}
     for q in _in_order(survey.coordinates) if given is None else given:
         if not isinstance(q, AppliedUndef) or q.args != (t,) or motion_of(q) is not None:
             raise StatementError(
                 f"coordinates contains {shown(q)}, which is no coordinate: make one with lg.coordinate('x')."
             )
         name = check_symbol(name_of(q), "coordinate")
-        if name in found:
+        if name in by_name:
             raise StatementError(f"coordinate {name} is listed twice: name each coordinate once.")
-        found[name] = q
-    if not found:
+        by_name[name] = q
+    if not by_name:
         raise StatementError(f"no coordinates: the energies contain no function of time. {_make_one(survey)}")
-    for name in found:
-        check_rate(name, found, "coordinate")
-    return tuple(found.values())
+    for name in by_name:
+        check_rate(name, by_name, "coordinate")
+    return tuple(by_name.values())
 
 
 def _in_order(coordinates: Iterable[Any]) -> list[Any]:
@@ -193,9 +196,9 @@ def _in_order(coordinates: Iterable[Any]) -> list[Any]:
 
 
 def _check_inferred(survey: Survey) -> None:
-    """Ask what a function of time is that nobody declared, where others stand that `lagrange.coordinate` made.
+    """Refuse to guess: an undeclared function of time beside those of `lagrange.coordinate` may be a given motion.
 
-    SymPy's functions alone are taken for coordinates, as `dynamicsymbols` makes them.
+    If all functions are SymPy's, such as those of `dynamicsymbols`, all are coordinates.
     """
     unsaid = [q for q in survey.coordinates if not declared(q)]
     if unsaid and any(map(is_ours, survey.coordinates)):
@@ -204,7 +207,7 @@ def _check_inferred(survey: Survey) -> None:
 
 
 def _make_one(survey: Survey) -> str:
-    """Return how to make a coordinate: that of a plain symbol which is named like its velocity, if there is one."""
+    """Return the remedy of an error: for a symbol named `theta_dot`, to make `theta` by `lg.coordinate('theta')`."""
     for symbol in survey.parameters:
         name = symbol.name.removesuffix("dot").removesuffix("_")
         if symbol.name.endswith("dot") and NAME.fullmatch(name):
@@ -282,7 +285,7 @@ def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Su
 
 
 def _dissipation(given: Any, by_name: Mapping[str, Any], survey: Survey) -> Any:
-    """Return Rayleigh's D, which has no force unless it contains velocities."""
+    """Return Rayleigh's dissipation function D. Raise StatementError for a D without velocities: it has no force."""
     dissipation, own = expression(given, "the dissipation"), Survey()
     own.add(dissipation, "the dissipation")
     survey.add(dissipation, "the dissipation")
@@ -319,7 +322,7 @@ def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link
     given = entries(links, "links")
     if given is None:
         raise StatementError(f"links is {shown(links)}: give a list of pairs of point names.")
-    made = []
+    checked = []
     for link in given:
         if not _has_length(link, 2, 3):
             raise StatementError(
@@ -331,8 +334,8 @@ def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link
             one_of(point, known, "links names {given}, which is no position; they are {known}.")
         for given_kind in kind:
             one_of(given_kind, KINDS, "links has the kind {given}; the kinds are {known}.")
-        made.append(Link(*map(str, link)))
-    return tuple(made)
+        checked.append(Link(*map(str, link)))
+    return tuple(checked)
 
 
 def _has_length(value: Any, *lengths: int) -> bool:

@@ -1,4 +1,4 @@
-"""Energies of common parts: bodies, springs, gravity; and what a coordinate without velocity is told."""
+"""Energies of bodies, springs and gravity, and the check for coordinates without velocity."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ def without_velocity(
 ) -> Any | None:
     """Return the first coordinate whose acceleration no equation can determine, or None.
 
-    `velocities` are those in the energies, and `held` the expressions of the constraints. `kinetic` is T, or L where
-    that was stated `alone`. A coordinate without inertia is determined by a constraint, or by a velocity in its own
-    equation 0 = dL/dq + Q - dD/dv: in p*q.dot - H the equation of q determines the velocity of p, and with
-    D = e.dot**2/2 that of e is e.dot = Q. An energy that is not zero and has no velocity was meant to have one: then
-    friction is no reason to go on.
+    `velocities` are those in the energies, and `held` the expressions of the constraints. `kinetic` is T, or L if that
+    was stated `alone`. A coordinate without inertia is determined by a constraint, or by a velocity in its own equation
+    0 = dL/dq + Q - dD/dv. Example: in p*q.dot - H the equation of q determines the velocity of p. Example: with
+    D = e.dot**2/2 the equation of e is e.dot = Q. A kinetic energy that is not zero and has no velocity is taken for a
+    mistake: then friction does not suffice.
     """
     mistaken = kinetic != 0 and not (kinetic.has(*coordinates) if alone else velocities)
     rates = [velocity_of(q) for q in coordinates]
@@ -48,7 +48,7 @@ def without_velocity(
 
 
 def first_order_remedy(rate: str) -> str:
-    """Return how a state of first order is stated."""
+    """Return the sentence on how to state a state of first order, whose rate is written `rate`."""
     return (
         f"If it is a state of first order, such as a current, give its rate as the force on it and {rate}**2/2 as "
         f"dissipation, or the constraint {rate} - (its rate)."
@@ -58,7 +58,7 @@ def first_order_remedy(rate: str) -> str:
 def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
     """Return m |dr/dt|^2 / 2 of a point mass at `position`, a vector (k,) of any length or one expression.
 
-    Units are those of the mass and the position. Raises StatementError for what is no expression, such as a text.
+    Units are those of the mass and the position. Raises StatementError for other types, such as a text.
     """
     point = vector(position, "the position")
     return expression(mass, "the mass") * sum((sympy.diff(x, t) ** 2 for x in point), sympy.S.Zero) / 2
@@ -68,7 +68,7 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
     """Return w . I w / 2.
 
     `inertia` is a scalar, a vector of principal moments (k,) or a matrix (k, k). `angular_velocity` is a scalar
-    or a vector (k,) in the same axes: rates such as theta.dot, where `kinetic_energy` takes a place. Raises
+    or a vector (k,) in the same axes. Give rates such as theta.dot, whereas `kinetic_energy` takes a position. Raises
     StatementError for a component that is an angle, and for shapes that do not fit together. Goldstein, Poole, Safko,
     Classical Mechanics, 3rd ed., section 5.3.
     """
@@ -80,9 +80,9 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
 
 
 def _check_rate(rate: Any, what: str) -> None:
-    """Refuse an angle for a rate: a component, or a term of it, in which coordinates stand without velocities.
+    """Raise StatementError if a component, or a term of it, is an angle: it has coordinates and no velocities.
 
-    Beside a velocity a parameter may make a rate of an angle, as in phi.dot + Omega*theta for a small tilt.
+    In a sum with a velocity, an angle times a parameter may be a rate, as in phi.dot + Omega*theta for a small tilt.
     """
     alone = not rate.has(sympy.Derivative)
     for term in sympy.Add.make_args(sympy.expand_mul(rate)):
@@ -97,9 +97,10 @@ def _check_rate(rate: Any, what: str) -> None:
 
 
 def _angles(term: Any) -> list[Any]:
-    """Return the coordinates of a term without velocities that stand outside of functions such as sin.
+    """Return the coordinates outside of functions such as sin, in a term without velocities.
 
-    In Omega*sin(theta) the parameter is a rate. An inverse function such as atan(y/x) is an angle again.
+    Omega*sin(theta) has none: there the parameter is the rate. An inverse function such as atan(y/x) is an angle, so
+    its coordinates count.
     """
     if term.has(sympy.Derivative):
         return []
@@ -113,28 +114,28 @@ def _angles(term: Any) -> list[Any]:
 
 
 def _is_ratio(factor: Any) -> bool:
-    """Return whether a factor is a number, or a ratio of parameters such as R/r."""
+    """Return True if a factor is a number, or a ratio of parameters such as R/r (tested by doubling them)."""
     doubled = factor.xreplace({symbol: 2 * symbol for symbol in factor.free_symbols})
     return bool(sympy.cancel(doubled - factor) == 0)
 
 
 def _tensor(inertia: Any, k: int) -> Any:
-    """Return the tensor of inertia (k, k) of a scalar, of moments or of rows."""
-    given = entries(inertia, "the inertia")
-    if given is None:
+    """Return the inertia tensor (k, k) from a scalar, from k principal moments, or from k rows."""
+    listed = entries(inertia, "the inertia")
+    if listed is None:
         return expression(inertia, "the inertia") * sympy.eye(k)
-    rows = [entries(row, f"row {i} of the inertia") for i, row in enumerate(given)]
+    rows = [entries(row, f"row {i} of the inertia") for i, row in enumerate(listed)]
     lengths = [1 if row is None else len(row) for row in rows]
     if any(row is not None for row in rows) and (len(rows), *set(lengths)) != (k, k):
         shape = (len(rows), lengths[0])
         what = f"has shape {shape}" if len(set(lengths)) == 1 else f"has rows of {listing(map(str, lengths))} entries"
         raise StatementError(f"the inertia {what} and the angular velocity {k} components: give a ({k}, {k}) tensor.")
-    if len(given) != k:
+    if len(listed) != k:
         raise StatementError(
-            f"the inertia has {len(given)} entries and the angular velocity {k}: give as many moments as components."
+            f"the inertia has {len(listed)} entries and the angular velocity {k}: give as many moments as components."
         )
     if rows[0] is None:
-        return sympy.diag(*vector(given, "the inertia"))
+        return sympy.diag(*vector(listed, "the inertia"))
     return sympy.Matrix([vector(row, f"row {i} of the inertia") for i, row in enumerate(rows)])
 
 

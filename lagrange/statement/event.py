@@ -1,4 +1,4 @@
-"""Events: expressions whose zeros along a run are located, and what happens there."""
+"""Events: expressions whose zeros along a run are located. A zero may end the run or reset the state."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class Event:
     """A zero of an expression in coordinates, velocities, accelerations, multipliers, parameters and time.
 
     `direction` is 1 for zeros at which the expression rises in the direction of the run, -1 where it falls, 0 for
-    both and for touches. The run ends at the `terminal`-th occurrence (0: never). `reset` maps coordinates and
-    velocities to expressions of the state before the event. `declare_events` moves the parameters that `reset` sets to
-    `settings`.
+    both and for touches, which are zeros without change of sign. The run ends at the `terminal`-th occurrence (0:
+    never). `reset` maps coordinates and velocities to expressions of the state before the event. `declare_events` moves
+    the entries of `reset` that set parameters to `settings`.
     """
 
     expression: Any
@@ -74,23 +74,23 @@ def event(
 
     `expression` is a SymPy expression (or an equation) in coordinates, velocities, accelerations such as x.ddot, the
     multipliers of constraints, parameters and t; the event is where it becomes zero. `direction` is positive for rising
-    zeros only, negative for falling ones, as in SciPy's solve_ivp. `terminal` ends the run at the event, or with a
-    whole number at its occurrence of that number. `reset` maps coordinates, velocities and parameters, or their names,
-    to expressions of the state before, such as {y.dot: -0.9*y.dot} for an impact, or {k: 0} for a spring that breaks;
-    what is not named goes on as it was.
+    zeros only, negative for falling ones, as in SciPy's solve_ivp. With `terminal=True` the run ends at the event,
+    with a whole number k at its k-th occurrence. `reset` maps coordinates, velocities and parameters, or their names,
+    to expressions of the state before, such as {y.dot: -0.9*y.dot} for an impact, or {k: 0} for a spring that breaks.
+    Entries that it does not name keep their values.
 
-    Raises StatementError for what cannot be meant.
+    Raises StatementError for an expression, a direction, a `terminal` or a reset of the wrong type.
     """
     return Event(expression, _sign(direction), terminal, {} if reset is None else reset)
 
 
 def _sign(direction: float) -> int:
-    side = direction if type(direction) is int else real_number(direction, "direction")
-    return (side > 0) - (side < 0)
+    number = direction if type(direction) is int else real_number(direction, "direction")
+    return (number > 0) - (number < 0)
 
 
 def _zero(given: Any) -> Any:
-    """Return the expression whose zero is the event, of an equation too."""
+    """Return the expression whose zero is the event: the expression itself, or left minus right side of an equation."""
     if isinstance(given, sympy.Eq):
         return expression(given.lhs, "the left side of the event") - expression(
             given.rhs, "the right side of the event"
@@ -101,7 +101,7 @@ def _zero(given: Any) -> Any:
 
 
 def _instead_of(given: Any) -> str:
-    """Return what was given for the expression of an event, and what to write in its place."""
+    """Return the end of the message for an event that is not an expression: its text, its type, and the remedy."""
     written = _written(given)
     match given:
         case str() | bytes():
@@ -128,7 +128,7 @@ def _written(given: Any) -> str:
 
 
 def _value(value: Any) -> Any:
-    """Return what a reset sets a coordinate or velocity to."""
+    """Return the new value of a reset as an expression. Raises StatementError for other types."""
     if isinstance(value, sympy.Expr):
         return expression(value, "the value of a reset")
     if isinstance(value, (numbers.Number, np.ndarray)):
@@ -142,7 +142,7 @@ def _value(value: Any) -> Any:
 def declare_events(events: Any, statement: Statement, *, constant: str = "") -> tuple[Event, ...]:
     """Return the events of a run, checked against a statement; a bare expression is an event of either direction.
 
-    `constant` names what has constant parameters, so that events may not set any.
+    `constant` names the kind of run whose parameters are constant: its events may not set any. Empty: they may.
     """
     if events is None:
         return ()
@@ -153,26 +153,26 @@ def declare_events(events: Any, statement: Statement, *, constant: str = "") -> 
     if listed is None:
         raise StatementError(f"events is {shown(events)!r}: give a list of expressions, or of lg.event(...).")
     stated = (given if isinstance(given, Event) else _either_way(given) for given in listed)
-    found = tuple(_in_own_parameters(one, statement.parameters) for one in stated)
-    for place, one in enumerate(found):
-        survey = _check(one.expression, f"event {place}", statement, motion=True)
-        if not survey.coordinates and not survey.multipliers and not one.expression.has(t):
+    checked = tuple(_in_own_parameters(e, statement.parameters) for e in stated)
+    for place, e in enumerate(checked):
+        survey = _check(e.expression, f"event {place}", statement, motion=True)
+        if not survey.coordinates and not survey.multipliers and not e.expression.has(t):
             raise StatementError(
-                f"event {place} is {formula(one.expression, 80)}, which stays as it is along a run: give an expression "
+                f"event {place} is {formula(e.expression, 80)}, which stays as it is along a run: give an expression "
                 "in coordinates, velocities and t that becomes zero on the way."
             )
-        _check_resets(place, one, statement)
-        if constant and one.settings:
-            name = next(iter(one.settings)).name
+        _check_resets(place, e, statement)
+        if constant and e.settings:
+            name = next(iter(e.settings)).name
             raise StatementError(
                 f"the reset of event {place} sets the parameter {name}, and {constant} has constant parameters: leave "
                 f"{name} out of the reset, or call system.run(), whose events set parameters."
             )
-    return found
+    return checked
 
 
 def _check_resets(place: int, one: Event, statement: Statement) -> None:
-    """Raise StatementError for a reset of what the system does not have, or of one entry twice."""
+    """Raise StatementError for a reset that names an unknown quantity, or the same coordinate or velocity twice."""
     rows = state_rows(statement.coordinates)
     if len({rows[key] for key in one.reset if key in rows}) < sum(key in rows for key in one.reset):
         raise StatementError(f"the reset of event {place} names the same coordinate or velocity twice.")
@@ -192,7 +192,7 @@ def _check_resets(place: int, one: Event, statement: Statement) -> None:
 
 
 def _either_way(given: Any) -> Event:
-    """Return the event of a bare expression, the same whenever it is given: what is prepared for it is found again."""
+    """Return the event of a bare expression. Equal expressions give the same object, for caches keyed by it."""
     return _kept(given) if isinstance(given, sympy.Expr) else event(given)
 
 
@@ -201,7 +201,10 @@ _kept = lru_cache(maxsize=256)(event)
 
 @lru_cache(maxsize=256)
 def _in_own_parameters(one: Event, parameters: tuple[Any, ...]) -> Event:
-    """Return an event in a system's own parameters, itself where it is; kept, as what is prepared for it is."""
+    """Return an event in a system's own parameters, the same object if it is so already.
+
+    Cached, so that caches keyed by the result work.
+    """
     by_name = {p.name: p for p in parameters}
     zero = in_own_parameters(one.expression, parameters)
     values = {key: in_own_parameters(value, parameters) for key, value in one.reset.items()}
@@ -217,14 +220,17 @@ def _in_own_parameters(one: Event, parameters: tuple[Any, ...]) -> Event:
 
 @lru_cache(maxsize=256)
 def _surveyed(expression: Any, what: str, *, motion: bool) -> Survey:
-    """Return what an expression is made of; kept, since many runs have the same events."""
+    """Return the coordinates, parameters and functions in an expression. Cached: many runs have the same events."""
     survey = Survey()
     survey.add(expression, what, accelerations=motion, multipliers=motion)
     return survey
 
 
 def _check(expression: Any, what: str, statement: Statement, *, motion: bool = False) -> Survey:
-    """Return what an expression is made of; with `motion` it may contain accelerations and multipliers."""
+    """Return the coordinates, parameters and functions in an expression; raise StatementError for unknown ones.
+
+    With `motion` it may contain accelerations and multipliers.
+    """
     survey = _surveyed(expression, what, motion=motion)
     known = (*statement.coordinates, *statement.given, *statement.parameters)
     for leaf in (*survey.coordinates, *survey.given, *survey.unknown, *survey.parameters):

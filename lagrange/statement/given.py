@@ -1,4 +1,4 @@
-"""Given functions of time: a motion that is known, or an input; open, as an expression in t, or as a table."""
+"""Given functions of time: known motions and inputs. Each is an expression in t, a table, or open (without values)."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
 DEGREE = 3
-"""Degree of the polynomials that stand for an open function where it is asked what the equations depend on."""
+"""Degree of the polynomial that replaces an open function while the structure of the equations is analysed."""
 ORDERS_BEHIND = 2
-"""Derivatives of an input behind the highest that a statement contains: equations contain no higher ones."""
+"""Orders of derivatives of an input beyond the highest in the statement: equations contain no higher ones."""
 
 
 def given(name: str, values: Any = None) -> Any:
     """Return a given function of time of that name: a motion that is known, or an input.
 
-    `values` is an expression in `lagrange.t` and parameters, or a table (times, values) of 4 to 200 times that rise,
-    which a cubic spline joins: its first and second derivatives are continuous. Without `values` the function stays
-    open: derivations contain it with its derivatives, and a run is refused. `.dot` and `.ddot` are its derivatives.
-    Raises StatementError for what is none of these.
+    `values` is an expression in `lagrange.t` and parameters, or a table (times, values) of 4 to 200 increasing times.
+    A cubic spline joins the values of a table: its first and second derivatives are continuous. Without `values` the
+    function stays open: derivations contain it with its derivatives, and a run raises StatementError. `.dot` and
+    `.ddot` are its derivatives. Raises StatementError for other values.
     """
     check_symbol(name, "given function")
     return function_of_time(name, {MARK: Motion(_values(f"the given function {name}", values))})
@@ -54,7 +54,7 @@ def _values(what: str, values: Any) -> Any:
 
 
 def coordinate_or_given(name: str, coordinates: Sequence[str]) -> str:
-    """Return the question about a function of time that nobody declared."""
+    """Return the message for an undeclared function of time: it asks for a coordinate or a given motion."""
     return (
         f"{name} is a function of time, and the coordinates that were declared are {listing(coordinates)}. Is {name} a "
         f"coordinate or a given motion? A coordinate, whose motion is found, is lg.coordinate({name!r}) and stands in "
@@ -79,10 +79,10 @@ def check_given(survey: Survey, coordinates: Collection[str]) -> None:
 
 
 def with_values(statement: Statement) -> Statement:
-    """Return the statement with its given functions put in as functions of t.
+    """Return the statement with its given functions replaced by their expressions in t.
 
-    An open one becomes a polynomial with unknown coefficients, and so does a function of coordinates that nobody wrote
-    out: that says what the equations depend on, and `require_values` refuses to run it.
+    Open functions, and undefined functions of coordinates, become polynomials with symbols as coefficients. These show
+    what the equations depend on; `require_values` refuses to run them.
     """
     coefficients: dict[Any, None] = {}
 
@@ -93,9 +93,9 @@ def with_values(statement: Statement) -> Statement:
 
 
 def with_inputs(statement: Statement) -> Statement:
-    """Return the statement with its given functions put in, the open ones as inputs: `X`, and its rates `X_dot`, ...
+    """Return the statement with its given functions replaced, the open ones by inputs: `X`, `X_dot`, ...
 
-    An input is a parameter whose value changes along a motion; its rate is the next one.
+    An input is a parameter whose value changes along a motion. Its rate is the next input.
     """
     rates: dict[Any, Any] = {}
 
@@ -105,16 +105,17 @@ def with_inputs(statement: Statement) -> Statement:
         rates.update(zip(chain, [*chain[1:], None], strict=True))
         return chain.__getitem__
 
-    made = _put_in(statement, symbols, rates)
-    return made if made is statement else replace(made, inputs=tuple(rates.items()))
+    filled = _put_in(statement, symbols, rates)
+    return filled if filled is statement else replace(filled, inputs=tuple(rates.items()))
 
 
 def _put_in(
     statement: Statement, open_values: Callable[[Any], Callable[[int], Any]], symbols: dict[Any, Any]
 ) -> Statement:
-    """Return the statement with its given functions put in.
+    """Return the statement with its given functions replaced by values, and undefined functions by polynomials.
 
-    `open_values` gives the derivatives of an open function by order, and enters the new parameters in `symbols`.
+    `open_values` maps an open function to its derivatives by order, and enters their new symbols in `symbols`. These
+    become the last parameters.
     """
     if statement.prescribed or not (statement.given or statement.unknown):
         return statement
@@ -149,33 +150,33 @@ def _put_in(
 
 
 def _polynomial(name: str, arguments: Sequence[Any], coefficients: dict[Any, None]) -> Any:
-    """Return a polynomial in the arguments, each of whose coefficients is a symbol of its own."""
+    """Return a polynomial of degree `DEGREE` in the arguments; its coefficients are new symbols, added to the dict."""
     terms = sorted(sympy.itermonomials(arguments, DEGREE), key=str) if len(arguments) > 1 else None
-    made = terms if terms is not None else [arguments[0] ** k for k in range(DEGREE + 1)]
-    symbols = [sympy.Symbol(f"{name}[{k}]", real=True) for k in range(len(made))]
+    monomials = terms if terms is not None else [arguments[0] ** k for k in range(DEGREE + 1)]
+    symbols = [sympy.Symbol(f"{name}[{k}]", real=True) for k in range(len(monomials))]
     coefficients.update(dict.fromkeys(symbols))
-    return sympy.Add(*(c * term for c, term in zip(symbols, made, strict=True)))
+    return sympy.Add(*(c * term for c, term in zip(symbols, monomials, strict=True)))
 
 
 def _written_out(expression: Any, coefficients: dict[Any, None]) -> Any:
     """Return the expression with polynomials for its undefined functions of coordinates."""
-    found = [node for node in expression.atoms(AppliedUndef) if node.args != (t,)]
-    for function in sorted({node.func for node in found}, key=str):
-        arguments = [sympy.Dummy(real=True) for _ in range(max(len(n.args) for n in found if n.func == function))]
+    functions = [node for node in expression.atoms(AppliedUndef) if node.args != (t,)]
+    for function in sorted({node.func for node in functions}, key=str):
+        arguments = [sympy.Dummy(real=True) for _ in range(max(len(n.args) for n in functions if n.func == function))]
         polynomial = _polynomial(function.__name__, arguments, coefficients)
         expression = expression.replace(function, sympy.Lambda(tuple(arguments), polynomial))
     return expression.replace(_pending, lambda node: node.doit())
 
 
 def _pending(node: Any) -> bool:
-    """Return whether a node is a derivative to be taken, and none of a coordinate."""
+    """Return True for a derivative or substitution that SymPy has not carried out, except derivatives in time."""
     return isinstance(node, sympy.Subs) or (
         isinstance(node, sympy.Derivative) and not (isinstance(node.expr, AppliedUndef) and node.expr.args == (t,))
     )
 
 
 def require_values(statement: Statement) -> None:
-    """Raise StatementError if a run of the statement would lack the values of a function."""
+    """Raise StatementError if a given function has no values, or a function of coordinates no formula."""
     names = [name_of(function) for function in open_functions(statement)]
     if names:
         is_open = "is a given function" if len(names) == 1 else "are given functions"
@@ -203,7 +204,7 @@ def open_functions(statement: Statement) -> list[Any]:
 
 
 def check_span(statement: Statement, t0: float, t1: float) -> None:
-    """Raise StatementError for a run that leaves the times of a table."""
+    """Raise StatementError for a run from t0 to t1 that leaves the times of a table."""
     for function in statement.given:
         motion = motion_of(function)
         first, last = motion.span if motion else (-np.inf, np.inf)
@@ -215,5 +216,5 @@ def check_span(statement: Statement, t0: float, t1: float) -> None:
 
 
 def replaced(function: Any, values: Any) -> Mapping[Any, Any]:
-    """Return the replacement of a given function by one of that name with values."""
+    """Return {function: given function of the same name with these values}."""
     return {function: given(name_of(function), values)}

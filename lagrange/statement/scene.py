@@ -29,12 +29,12 @@ from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Link, RunSett
 from lagrange.statement.text import read_expression, read_number
 
 LARGEST_FILE = 1_048_576
-"""The most bytes of a file."""
+"""Largest size of a file, in bytes."""
 MOST_DOTS = 20_000_000
-"""The largest sum over all lines of the square of their number of dots: the time and the memory that tomllib takes for
-a key such as a.a.a grow like this sum."""
+"""Largest sum over the lines of (number of dots)**2. The time and memory of tomllib for keys such as a.a.a grow like
+this sum."""
 MOST_HEADERS = 5_000
-"""The most lines that start with a bracket; tomllib takes 30 us for each."""
+"""Largest number of lines that start with a bracket; tomllib takes 30 us for each."""
 
 _POSITION = re.compile(r"(?s)(.*) \(at (?:line (\d+), column (\d+)|end of document)\)")
 _DECIMAL = re.compile(r"(?<![\w.])[+-]?[0-9][0-9_]*(?:\.[0-9_]+)?(?:[eE][+-]?[0-9_]+)?(?![\w.])")
@@ -53,7 +53,7 @@ _KINDS = (
 class Document:
     """A TOML file as data. Raises SceneError for a file that cannot be read or is not TOML.
 
-    `text` is what the file holds, where that is known.
+    `text` is the content of the file; None reads it from `path`.
     """
 
     def __init__(self, path: str | os.PathLike[str], text: str | None = None) -> None:
@@ -65,7 +65,10 @@ class Document:
         self.data = self._parse()
 
     def refuse(self, reason: str, *path: str | int, column: int | None = None, key: bool = False) -> NoReturn:
-        """Raise a SceneError at a value (or its key), at a column inside its text, or at what is around it."""
+        """Raise a SceneError with line and column of the value at `path`, or of the nearest table around it.
+
+        `key` points at the key instead; `column` points into the text of the value.
+        """
         keys, values = self._places
         offset = 0
         for known in (path[:length] for length in range(len(path), 0, -1)):
@@ -78,7 +81,7 @@ class Document:
         raise SceneError(reason, file=self.file, line=line, column=place)
 
     def check_keys(self, table: Mapping[str, Any], known: Collection[str], what: str, *path: str | int) -> None:
-        """Refuse a key of the table at `path` that is not known."""
+        """Raise SceneError for a key of the table at `path` that is not in `known`."""
         for name in table:
             if name not in known:
                 self.refuse(
@@ -89,7 +92,7 @@ class Document:
                 )
 
     def table(self, key: str, known: Collection[str] | None = None, what: str = "") -> Mapping[str, Any]:
-        """Return a table of the file, empty if it is not there, with none but the known keys."""
+        """Return a table of the file, empty if it is missing. Raises SceneError for a key that is not in `known`."""
         table = self.data.get(key, {})
         if not isinstance(table, Mapping):
             self.refuse(f"{key} is {kind_of(table)}: write a table [{key}] of names and values.", key)
@@ -98,21 +101,24 @@ class Document:
         return table
 
     def text(self, *path: str | int) -> str:
-        """Return a text."""
+        """Return the text at a path. Raises SceneError for another type."""
         value = self.value(*path)
         if not isinstance(value, str):
             self.refuse(f"{path[-1]} is {kind_of(value)}: give a text in quotation marks.", *path)
         return value
 
     def words(self, key: str) -> str:
-        """Return a text for people, on one line; a terminal would obey control characters, so there are none."""
+        """Return the text of a key on one line, empty if it is missing.
+
+        Raises SceneError for control characters, which a terminal would act on.
+        """
         text = " ".join(self.text(key).split()) if key in self.data else ""
         if not text.isprintable():
             self.refuse(f"{key} contains a control character: write plain text.", key)
         return text
 
     def number(self, *path: str | int) -> float:
-        """Return a number, or the value of a constant expression such as "pi/6"."""
+        """Return the number at a path, or the value of a constant expression such as "pi/6"."""
         value, what = self.value(*path), _dotted(path)
         if not isinstance(value, (int, float, str)) or isinstance(value, bool):
             self.refuse(f'{what} is {kind_of(value)}: give a number, or a constant expression such as "pi/6".', *path)
@@ -124,7 +130,7 @@ class Document:
             self.refuse(str(error), *path)
 
     def expression(self, names: Mapping[str, Any], *path: str | int) -> Any:
-        """Return the SymPy expression that a text, or a number, states in these names."""
+        """Return the text or number at a path as a SymPy expression; `names` maps names to symbols."""
         value, what = self.value(*path), _dotted(path)
         if not isinstance(value, (int, float, str)) or isinstance(value, bool):
             self.refuse(f'{what} is {kind_of(value)}: give an expression as a text, such as "2*x".', *path)
@@ -136,7 +142,7 @@ class Document:
             self.refuse(f"{what}: {error.reason}", *path, column=error.column)
 
     def equation(self, names: Mapping[str, Any], *path: str | int) -> Any:
-        """Return the expression that a text says is zero: itself, or the difference of the sides of left == right."""
+        """Return the expression that is zero: the one at a path, or left minus right side of a text "left == right"."""
         value = self.value(*path)
         if not isinstance(value, str) or value.count("==") != 1 or _CONDITION.search(value):
             if isinstance(value, str) and _INEQUALITY.search(value) and not _CONDITION.search(value):
@@ -158,7 +164,7 @@ class Document:
         return left - right
 
     def value(self, *path: str | int) -> Any:
-        """Return the value at a path that is there."""
+        """Return the value at an existing path."""
         value: Any = self.data
         for key in path:
             value = value[key]
@@ -169,7 +175,7 @@ class Document:
         return places.places(self.content)
 
     def _read(self, path: str | os.PathLike[str]) -> bytes:
-        """Return the bytes of a regular file; a pipe would block, and a device may have no end."""
+        """Return the bytes of a regular file. Other kinds are refused: a pipe would block, a device may have no end."""
         data, mode = b"", 0
         try:
             mode = Path(path).stat().st_mode
@@ -216,11 +222,14 @@ class Document:
             reason, line, column = _split(str(error), len(lines))
             self._fail(f"this is not TOML: {reason}.", line, column)
         except ValueError:
-            # Python reads no integer of more digits than its limit, and `_double` none of these.
+            # An integer has more digits than Python's limit, or `_double` refused a float.
             self._refuse_number()
 
     def _refuse_number(self) -> NoReturn:
-        """Refuse the first number of the file that is none in doubles; the file is TOML up to there, if no further."""
+        """Raise SceneError at the first number of the file that is out of the range of doubles.
+
+        The file is valid TOML up to this number.
+        """
         for path, offset in sorted(self._places[1].items(), key=itemgetter(1)):
             match = _DECIMAL.match(self.content, offset)
             if match and (reason := _out_of_range(match.group())):
@@ -233,7 +242,7 @@ class Document:
 
 
 def kind_of(value: Any) -> str:
-    """Return what a TOML value is, in words."""
+    """Return the type of a TOML value in words, such as "a list"."""
     return next((word for kind, word in _KINDS if isinstance(value, kind)), "a date or time")
 
 
@@ -243,14 +252,17 @@ def _dotted(path: tuple[str | int, ...]) -> str:
 
 
 def _double(text: str) -> float:
-    """Return the double of a TOML float. Raises ValueError where it is infinite, or zero, and the text is not."""
+    """Return the double of a TOML float. Raises ValueError if it overflows to infinity or underflows to zero."""
     if _out_of_range(text):
         raise ValueError(text)
     return float(text)
 
 
 def _out_of_range(text: str) -> str:
-    """Return why a decimal has no double, or nothing; tomllib reads no integer of more digits than Python's limit."""
+    """Return the words of a message if a decimal has no double, else "".
+
+    Also for an integer with more digits than Python's limit, which tomllib cannot read.
+    """
     digits = sum(map(str.isdigit, text))
     shown = text if len(text) <= 20 else f"a number of {digits} digits"
     if text.lstrip("+-").replace("_", "").isdigit():
@@ -285,7 +297,7 @@ _TITLE = re.compile(r"(?=.*[^\W_])(?![.\s]).{0,63}\S")
 
 @dataclass(frozen=True)
 class LibraryScene:
-    """A scene of the library: what it shows, where it was published, and its file."""
+    """A scene of the library: its name, a description, its published source, and its file."""
 
     name: str
     about: str
@@ -296,7 +308,8 @@ class LibraryScene:
 def read_scene(path: str | os.PathLike[str]) -> Statement:
     """Return the statement in a scene file.
 
-    A scene is data: reading it runs, imports and opens nothing. Raises SceneError with file, line and column.
+    A scene is data: reading it runs no code, imports nothing, and opens no other file.
+    Raises SceneError with file, line and column.
     """
     return _Scene(Document(path)).statement()
 
@@ -329,7 +342,7 @@ def library() -> list[LibraryScene]:
 
 
 class _Scene:
-    """Reads the fields of one document; each method refuses at the place of what it reads."""
+    """Reads the fields of one document. Each method raises SceneError with line and column of its field."""
 
     def __init__(self, document: Document) -> None:
         self.document = document
@@ -425,7 +438,7 @@ class _Scene:
         return names
 
     def check_free(self, name: str, what: str, coordinates: Any, *path: str | int) -> None:
-        """Refuse a name that is malformed or means something else already."""
+        """Raise SceneError for a name that is malformed, or that has a meaning already."""
         key = path[0] != "coordinates"
         try:
             check_symbol(name, what)
@@ -455,7 +468,7 @@ class _Scene:
     def check_velocities(
         self, coordinates: Mapping[str, Any], energies: Mapping[str, Any], forces: Mapping[Any, Any], dissipation: Any
     ) -> None:
-        """Refuse a coordinate whose velocity stands nowhere, at the energy that lacks it."""
+        """Raise SceneError, at the energy, for a coordinate whose acceleration no equation determines."""
         if "constraints" in self.data:
             return
         main, *_ = energies
@@ -472,9 +485,9 @@ class _Scene:
 
     def constraints(self, names: Mapping[str, Any]) -> dict[str, Any] | list[Any]:
         """Return the constraints: a list of expressions that are zero, or of equations with ==, or a table by name."""
-        given = self.data.get("constraints", [])
-        if isinstance(given, list):
-            return [self.document.equation(names, "constraints", i) for i in range(len(given))]
+        stated = self.data.get("constraints", [])
+        if isinstance(stated, list):
+            return [self.document.equation(names, "constraints", i) for i in range(len(stated))]
         table = self.document.table("constraints")
         for name in table:
             try:
@@ -484,14 +497,14 @@ class _Scene:
         return {name: self.document.equation(names, "constraints", name) for name in table}
 
     def redundant(self) -> str:
-        """Return what is done with constraints that follow from others."""
-        given: Any = self.data.get("redundant", REFUSE)
-        if not isinstance(given, str) or given not in REDUNDANT:
-            self.document.refuse(f"redundant is {kind_of(given)}: write one of {listing(REDUNDANT)}.", "redundant")
-        return str(given)
+        """Return the treatment of constraints that follow from others: one of `REDUNDANT`."""
+        choice: Any = self.data.get("redundant", REFUSE)
+        if not isinstance(choice, str) or choice not in REDUNDANT:
+            self.document.refuse(f"redundant is {kind_of(choice)}: write one of {listing(REDUNDANT)}.", "redundant")
+        return str(choice)
 
     def dimensions(self, names: Mapping[str, Any]) -> dict[str, str] | None:
-        """Return the dimensions or units by name, None where there are none."""
+        """Return the dimensions or units by name, None if the scene states none."""
         if "dimensions" not in self.data:
             return None
         known = ["t", *(name for name in names if names[name].is_Symbol or names[name].is_Function)]
@@ -525,7 +538,7 @@ class _Scene:
         return points
 
     def links(self) -> list[Link]:
-        """Return the pairs of points between which to draw, with what to draw."""
+        """Return the links: pairs of points, each drawn as a rod or as a spring."""
         known = [ORIGIN, *self.document.table("positions")]
         links = self.data.get("links", [])
         if not isinstance(links, list):
@@ -548,7 +561,7 @@ class _Scene:
         return [Link(*link) for link in links]
 
     def run(self) -> RunSettings:
-        """Return how the scene asks to be run."""
+        """Return the settings of a run from the table [run]."""
         table = self.document.table("run", RUN_KEYS, "setting of [run]")
         numbers = {key: self.document.number("run", key) for key in table if key != "method"}
         if numbers.get("t_end") == 0.0:

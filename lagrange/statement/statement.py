@@ -29,16 +29,16 @@ class Link(NamedTuple):
 
 
 REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
-"""What is done with constraints that follow from others: they are refused, or share the forces."""
+"""Treatment of constraints that follow from others: refuse them, or let them share the constraint forces."""
 
 
 _VIEWS = ("defaults", "positions", "dimensions")
-"""The fields of a statement that are read-only views of dicts."""
+"""Fields of a statement that are read-only views of dicts."""
 
 
 @dataclass(frozen=True)
 class RunSettings:
-    """How a scene asks to be run; whatever the caller says goes first."""
+    """Settings of a run that a scene states; arguments of the caller override them."""
 
     t_end: float = 10.0
     method: str | None = None
@@ -53,14 +53,17 @@ class Statement:
 
     Expressions are SymPy, in the coordinates q(t), their velocities Derivative(q(t), t), the parameters and t.
     `forces` has one entry per coordinate, in the order of `coordinates`; `initial` holds (q, v), 2n numbers.
-    `constraints` are expressions that stay zero; `redundant` says what is done with those that follow from others.
-    `defaults` lacks the parameters that were given no value. `dimensions` has those of coordinates, parameters and
-    t that were stated or follow from those, empty where none were. `given` are given functions of time, `orders` the
-    highest derivatives in which they stand, `unknown` undefined functions of coordinates, such as U(r). Where values
-    were put in their places, `prescribed` has what each given function and derivative has become, and `open_form` is
-    the statement without them. `inputs` are pairs of an input, which is a parameter whose value changes, and of its
-    rate, an input too or None; they are the last parameters. `inferred` are the names of functions of time that were
-    taken for coordinates since the energies contain them, and that nobody declared.
+
+    - `constraints` are expressions that stay zero. `redundant` refuses or allows those that follow from others.
+    - `defaults` lacks the parameters without a value.
+    - `dimensions` has those of coordinates, parameters and t that were stated, or follow from these; it may be empty.
+    - `given` are given functions of time, and `orders` the order of the highest derivative of each.
+    - `unknown` are undefined functions of coordinates, such as U(r).
+    - `prescribed` pairs each given function and derivative with the values that replaced it, and `open_form` is the
+      statement before this replacement; without one they are empty and None.
+    - `inputs` pairs each input, a parameter whose value changes, with its rate, which is an input too or None. Inputs
+      are the last parameters.
+    - `inferred` are the names of undeclared functions of time in the energies, which were taken for coordinates.
     """
 
     coordinates: tuple[Any, ...]
@@ -117,21 +120,21 @@ class Statement:
 
     @property
     def lagrangian_alone(self) -> bool:
-        """Whether the Lagrangian was stated, and not T and V."""
+        """True if the Lagrangian was stated, and not T and V."""
         return bool(self.potential == 0 and self.kinetic == self.lagrangian)
 
     def highest(self, function: Any) -> int:
-        """Return the highest derivative of a given function that may be asked for: equations contain one more."""
+        """Return the highest order of derivatives of a given function in the equations: 2, or one more than stated."""
         return max(2, self.orders[self.given.index(function)] + 1)
 
     @property
     def span(self) -> tuple[float, float]:
-        """The times at which all given functions have values."""
+        """First and last time at which all given functions have values; -inf and inf without a table."""
         spans = [known.span for known in map(motion_of, self.given) if known is not None]
         return max((first for first, _ in spans), default=-inf), min((last for _, last in spans), default=inf)
 
     def remarks(self) -> list[str]:
-        """Return what the reader of the statement may not have meant, in sentences."""
+        """Return sentences on likely mistakes: unused parameters, and functions that were taken for coordinates."""
         unused = [p.name for p in self.unused]
         stands = "The parameter {} stands" if len(unused) == 1 else "The parameters {} stand"
         said = [f"{stands.format(listing(unused))} in no energy, force, constraint or position."] * bool(unused)
@@ -145,7 +148,7 @@ class Statement:
 
     @property
     def unused(self) -> tuple[Symbol, ...]:
-        """The parameters that stand in no energy, force, constraint or position."""
+        """Parameters that no energy, force, constraint, position or given function contains."""
         stated = [self.kinetic, self.potential, self.dissipation, *self.forces]
         stated += [one.expression for one in self.constraints]
         stated += [entry for point in self.positions.values() for entry in point]
