@@ -1,1 +1,1 @@
-"""What happens over time: integrators, drivers, dense output."""
+"""Integration over time: integrators, drivers, dense output."""

@@ -1,4 +1,4 @@
-"""From a model and a request to a trajectory; the request is checked here for every method."""
+"""Run a model by any method and return the trajectory; the request is checked here."""
 
 from __future__ import annotations
 
@@ -46,7 +46,8 @@ def integrate(
 ) -> tuple[Trajectory, dict[Any, float]]:
     """Run a model over a span of time; return the trajectory and the parameters' values.
 
-    Raises StatementError for a request that cannot be meant; what happens along the way ends in a status.
+    `progress` is called with the time reached; `began` is the time of the request by `time.perf_counter`. Raises
+    StatementError for an invalid request. A failure during the run sets the status of the trajectory.
     """
     if not isinstance(model, Model):
         raise StatementError(f"{shown(model)} is no compiled model: give system.compile(), or call system.run().")
@@ -89,7 +90,7 @@ def integrate(
 
 
 def _run(integrator: Integrator, problem: Problem) -> Trajectory:
-    """Return the run of a problem with constant parameters, tested."""
+    """Run a problem with constant parameters, check its result, and return the trajectory."""
     model, constrained = problem.model, bool(problem.model.equations.constraints)
     before = _check_start(problem)
     if constrained:
@@ -106,7 +107,7 @@ def _run(integrator: Integrator, problem: Problem) -> Trajectory:
 
 
 def _on_constraints(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Return a trajectory, as unreliable if its last state is off the constraints."""
+    """Return a trajectory, with the status UNRELIABLE if its last state violates the constraints."""
     if not trajectory.y.size:
         return trajectory
     end = float(trajectory.t[-1]), np.ascontiguousarray(trajectory.y[:, -1])
@@ -117,7 +118,7 @@ def _on_constraints(problem: Problem, trajectory: Trajectory) -> Trajectory:
 
 
 def _check_events(problem: Problem, integrator: Integrator) -> None:
-    """Refuse events for a method that cannot locate them."""
+    """Raise StatementError for events if the method cannot locate them."""
     if problem.events and not locates_events(integrator):
         raise StatementError(
             f"{integrator.name} does not locate events: use {DEFAULT} or another method with a plan of its own, such "
@@ -126,7 +127,7 @@ def _check_events(problem: Problem, integrator: Integrator) -> None:
 
 
 def _check_memory(problem: Problem) -> None:
-    """Refuse output times that do not fit into the memory of the run."""
+    """Raise StatementError for output times that do not fit into the memory of the run."""
     if problem.t_eval is None:
         return
     taken, limit = 8 * len(problem.t_eval) * (len(problem.y0) + 1), memory_limit(problem)
@@ -138,7 +139,7 @@ def _check_memory(problem: Problem) -> None:
 
 
 def _check_start(problem: Problem) -> float:
-    """Return the energy of the initial state; refuse a state whose energy is not finite."""
+    """Return the energy of the initial state. Raises StatementError if it is not finite."""
     model, y0 = problem.model, problem.y0
     value = energy(problem, y0)
     if math.isfinite(value):
@@ -155,21 +156,24 @@ def _check_start(problem: Problem) -> float:
 
 def time_span(span: Sequence[float]) -> tuple[float, float]:
     """Return the first and the last time. Raises StatementError if these are not two numbers."""
-    many = type(span) is tuple or (span.ndim == 1 if isinstance(span, np.ndarray) else isinstance(span, Sequence))
-    if not many or isinstance(span, (str, bytes)) or len(span) != 2:
+    is_list = type(span) is tuple or (span.ndim == 1 if isinstance(span, np.ndarray) else isinstance(span, Sequence))
+    if not is_list or isinstance(span, (str, bytes)) or len(span) != 2:
         raise StatementError(f"the time span is {shown(span)}: give two times, such as (0.0, 10.0).")
     return real_number(span[0], "the first time"), real_number(span[1], "the last time")
 
 
 def span_or_end(span: float | Sequence[float]) -> tuple[float, float]:
-    """Return the first and the last time; an end alone is that of a run from 0."""
+    """Return the first and the last time of a span, or 0 and the end if `span` is a number."""
     if isinstance(span, (Sequence, np.ndarray)):
         return time_span(span)
     return 0.0, real_number(span, "t_end")
 
 
 def output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) -> FloatArray | None:
-    """Return the output times, checked; `width` numbers are wanted at each."""
+    """Return the output times as an array (N,), or None; the state has `width` entries at each.
+
+    Raises StatementError for times outside the span and times that are not sorted in the direction of the run.
+    """
     if t_eval is None:
         return None
     times = real_array(t_eval, "t_eval", width=width)

@@ -32,7 +32,7 @@ _SENTENCES: dict[Status, str] = {
 }
 
 _GIVEN_UP = "Raise {limit}, {other}{events}{jumps}{stiff}."
-"""The remedy for a run that reached a limit."""
+"""Template of the remedy for a run that reached a limit."""
 
 _STIFF = "; a stiff system wants an implicit method such as radau5"
 
@@ -48,22 +48,22 @@ _SINGULARITY = "The solution probably has a singularity there: end the run befor
 _JUMPS = "where forces jump, as with sign(v), a step may have no solution: smooth the jump, such as by tanh(v/0.001)."
 
 LOOSE_RTOL = 1e-5
-"""From this rtol on, errors may lead a run into a singularity that the motion does not reach."""
+"""Smallest rtol at which errors may lead a run into a singularity that the exact motion does not reach."""
 
 BLOW_UP_GROWTH = 1e6
-"""A state that grew by this factor has blown up; smaller steps may show that the motion does not."""
+"""Growth of a state that counts as a blow-up. Smaller steps may show that the exact motion stays bounded."""
 
 SLOW_RESIDUAL = 1e-6
-"""If the last correction is below this fraction of the unknowns, Newton's method converges too slowly.
+"""Largest last correction, relative to the unknowns, that means slow convergence of Newton's method.
 
-A larger one means that the solution is far away.
+A larger correction means that the solution is far away.
 """
 
 COARSE_ATOL = 1e3
-"""Mention an absolute tolerance that exceeds rtol times an entry by this factor: it ignores three digits."""
+"""Ratio of atol to rtol times an entry from which a note mentions it: the entry loses three digits."""
 
 CANCELLATION_NOISE = 2.0**-40
-"""An entry below this fraction of the largest coordinate, or velocity, may be round-off."""
+"""Fraction of the largest coordinate, or velocity, below which an entry may be round-off."""
 
 UNITS = "choose units in which its numbers are larger"
 """The remedy if a tolerance would be below the smallest normal numbers."""
@@ -94,7 +94,7 @@ def message(
     """Return the message for a run of `method` that ended with `status` at time t.
 
     `y` (2n,) is the state with entries that are not finite, else the last accepted state. `slope` (2n,) is its
-    derivative, if that failed. `detail` is a further cause in a sentence of its own; for a singular mass matrix it
+    derivative if that is not finite. `detail` is a further cause as a separate sentence; for a singular mass matrix it
     replaces the message. `cause` replaces cause and remedy. `rtol` is the relative tolerance, None for equal steps.
     """
     if status.complete and not (detail or cause):
@@ -124,7 +124,7 @@ def message(
 
 
 def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: float | None) -> str:
-    """Return the remedy for an end of a run, or ""."""
+    """Return the remedy for an end of a run, "" if there is none to give."""
     if status.at_end or status is Status.INTERRUPTED:
         return ""
     finer = "shorten the step" if rtol is None else f"lower rtol (now {rtol:g}) and atol"
@@ -155,13 +155,13 @@ def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: 
 
 
 def _forces_jump(problem: Problem) -> bool:
-    """Return whether a sign stands in the accelerations."""
+    """Return True if the accelerations contain a sign function."""
     nodes = reachable(problem.model.equations.accelerations)
     return any(node.kind is Kind.CALL and node.data == "sign" for node in nodes)
 
 
 def _grown(problem: Problem, y: FloatArray) -> bool:
-    """Return whether the finite entries of a state have blown up."""
+    """Return True if the finite entries of a state have grown by `BLOW_UP_GROWTH` since the start."""
     sizes = np.abs(y[np.isfinite(y)])
     return bool(sizes.max(initial=0.0) > BLOW_UP_GROWTH * (float(np.abs(problem.y0).max()) or 1.0))
 
@@ -188,14 +188,14 @@ def outputs_alone(problem: Problem) -> str:
 
 
 def interrupted(run: Trajectory, span: Sequence[float]) -> Trajectory:
-    """Return a run over a span that was interrupted while the cause of its end was looked for."""
+    """Return a run over a span as interrupted: Ctrl-C came during the search for the cause of its end."""
     end = f"at t = {number(run.span[1])} on the way from {number(span[0])} to {number(span[1])}"
     sentence = f"{run.method} {_SENTENCES[Status.INTERRUPTED].format(where=end)}"
     return replace(run, status=Status.INTERRUPTED, message=sentence)
 
 
 def events_fill(problem: Problem) -> str:
-    """Return the cause and the remedy where a run that keeps no steps has no memory for more events."""
+    """Return the cause and the remedy for a run that keeps no steps and has no memory for more events."""
     return (
         f"The times and states of its events have used up max_memory = {number(memory_limit(problem))} bytes. Raise "
         "max_memory, end the run earlier and go on from there, or watch fewer zeros, as by a direction."
@@ -203,13 +203,13 @@ def events_fill(problem: Problem) -> str:
 
 
 def event_behind_outputs(t: FloatArray) -> str:
-    """Return the note on a run that an event has ended behind its last output, of the output times (N,)."""
+    """Return the note on a run that an event ended after the last output; `t` (N,) are the output times."""
     last = f"The last output before it is at t = {number(t[-1])}" if len(t) else "No output lies before it"
     return f"{last}; y_events has the state at the event."
 
 
 def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, y: FloatArray) -> str:
-    """Return the cause and the remedy if a step failed where an entry of the state (2n,) may not be wrong at all."""
+    """Return the cause and the remedy if a step failed because an entry of the state (2n,) has zero tolerance."""
     failed = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
     if not failed or not tolerances.rtol or tolerances.atol > LEAST_ATOL or tolerances.share or y.all():
         return ""
@@ -218,9 +218,10 @@ def without_tolerance(problem: Problem, status: Status, tolerances: Tolerances, 
 
 
 def limited(problem: Problem, status: Status, y: FloatArray, which: tuple[int, int], atol: float) -> str:
-    """Return the cause and the remedy where a small entry of the state (2n,) limits the step; see `limiting_entry`.
+    """Return the cause and the remedy where a small entry of the state `y` (2n,) limits the step.
 
-    `atol` is the present absolute tolerance of the largest entry of its kind.
+    `which` has the row of this entry and the row of the largest of its kind, a coordinate or a velocity; `atol` is the
+    present absolute tolerance of the latter.
     """
     limit = "max_steps" if status is Status.MAX_STEPS else "max_wall"
     names, (row, largest) = row_names(problem), which
@@ -254,7 +255,7 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
     if tolerances.share or lower < sys.float_info.min:
         yield f"{entry}, near the smallest of all doubles, and has fewer digits than {asked}: {UNITS}."
     else:
-        # Without atol the steps would follow an entry that is rounding, too.
+        # Without atol the steps would also follow entries that are rounding noise.
         rounded = any(0 < size <= least for size, least in zip(sizes, noise, strict=True))
         leave = "" if rounded else "leave atol out, and it follows the size of each entry, or "
         yield (
@@ -264,12 +265,12 @@ def coarse(problem: Problem, status: Status, states: FloatArray, tolerances: Tol
 
 
 def row_names(problem: Problem) -> tuple[str, ...]:
-    """Return what to call the 2n rows of the state: theta, then theta_dot."""
+    """Return the names of the 2n rows of the state: theta, then theta_dot."""
     return problem.model.layout.names()
 
 
 def non_finite(problem: Problem, y: FloatArray, slope: FloatArray | None = None) -> str:
-    """Return which entries of a state, or else of its derivative, are not finite: ``theta_dot is nan``."""
+    """Return the entries of a state that are not finite, else those of its derivative: ``theta_dot is nan``."""
     names = row_names(problem)
     if bad := [f"{name} is {value}" for name, value in zip(names, y, strict=True) if not np.isfinite(value)]:
         return _few(bad)

@@ -30,13 +30,16 @@ from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status,
 
 
 def last_state(part: Trajectory) -> FloatArray:
-    """Return the state at the end of a run, which is no output of each."""
+    """Return the state (2n,) at the end of a run, from the dense output if the end is not an output time."""
     known = len(part.t) > 0 and part.t[-1] == part.span[1]
     return np.ascontiguousarray(part.y[:, -1] if known else part.dense(np.array([part.span[1]]))[:, 0])
 
 
 def rest_of(problem: Problem, parts: Sequence[Trajectory], begin: float, y: FloatArray) -> Problem:
-    """Return what is left of a problem behind a time, at which it is in a state."""
+    """Return the rest of a problem from the time `begin` and the state `y` (2n,) on.
+
+    The steps, wall time and events of the `parts` so far are subtracted from its limits.
+    """
     forward = 1.0 if problem.t1 >= problem.t0 else -1.0
     wanted = None if problem.t_eval is None else problem.t_eval[forward * (problem.t_eval - begin) > 0]
     steps = sum(part.steps + part.rejected for part in parts)
@@ -56,16 +59,17 @@ def rest_of(problem: Problem, parts: Sequence[Trajectory], begin: float, y: Floa
 
 
 def _counted(event: Event, count: int) -> Event:
-    """Return an event that has happened so often."""
+    """Return an event whose limit `terminal` is reduced by the number of its occurrences so far."""
     return replace(event, terminal=max(event.terminal - count, 1)) if event.terminal else event
 
 
 def joined(
     problem: Problem, parts: Sequence[Trajectory], note: str = "", *, both_at_joints: bool = False
 ) -> Trajectory:
-    """Return the parts of a run as one, with a note behind its message.
+    """Return the parts of a run joined to one run, with a note after its message.
 
-    Without output times each part has its first state, where the one before may end; `both_at_joints` keeps the two.
+    Without output times the last state of a part and the first of the next may have the same time. The second is
+    dropped, unless `both_at_joints`.
     """
     first, last = parts[0], parts[-1]
     t, y = np.concatenate([part.t for part in parts]), np.concatenate([part.y for part in parts], axis=1)
@@ -97,39 +101,52 @@ def joined(
 
 
 FAR = 0.03
-"""Equal steps begin where the least singular value of the constraints is this part of that at the start.
+"""Least singular value of the constraints at which equal steps begin, as a fraction of the value at the start.
 
-Rounding leaves velocities errors of 1e-13 there."""
+Rounding errors of velocities are 1e-13 there."""
 
 FIRST_DISTANCE, FARTHER = 1e-6, 1.5
-"""The place is sought from this part of the run before its end on, each time so much farther away."""
+"""First distance from the end at which that place is searched, as a fraction of the run, and its growth factor."""
 
 SAMPLES, NEAREST_SAMPLE = 8, 0.25
-"""The crossing is where the singular value vanishes, as so many values say, from that distance to this part of it."""
+"""Number of singular values whose extrapolated zero is the crossing, and the nearest of them.
+
+They are taken between that distance and this fraction of it before the end.
+"""
 
 OFFSET = 0.3
-"""The part of a step at which the crossing lies: the stages of rk4 are at 0, 1/2 and 1."""
+"""Fraction of a step at which the crossing lies, away from the stages of rk4 at 0, 1/2 and 1."""
 
 FEWEST_STEPS, DOUBLINGS = 8, 6
-"""Steps to the crossing; twice as many until two ways agree to the tolerance, or better than the next two. With 64 and
-128 errors were 1e-13 to 1e-12."""
+"""First number of steps to the crossing, and the most numbers that are tried, each twice the one before.
+
+The search ends if two successive results agree to the tolerance, or better than the next two. With 64 and 128 steps
+errors were 1e-13 to 1e-12.
+"""
 
 AGREEMENT, LEAST_AGREEMENT = 10.0, 1e-11
-"""Two ways agree if their ends differ by so many tolerances of the largest coordinate, and velocity, or by rounding."""
+"""Largest accepted difference of two results: multiple of rtol, and least value, which is rounding noise.
+
+It is relative to the largest coordinate, and to the largest velocity.
+"""
 
 MOST_NAMED = 3
-"""A note names no more crossings, and constraints."""
+"""Largest number of crossings, and of constraints, that a note names."""
 
 MOST_CROSSINGS = 1000
-"""So many crossings are passed in one run."""
+"""Largest number of crossings that one run passes."""
 
 ENDS = (Status.SINGULAR, Status.STEP_TOO_SMALL, Status.DIVERGED)
-"""How a run may end on the way to a crossing."""
+"""Statuses of a run that ends before a crossing."""
 
 
 @dataclass(frozen=True, eq=False)
 class _Crossing:
-    """Where equal steps begin, a time and a state (2n,), when motions cross, and the constraints dependent there."""
+    """A configuration where motions cross because constraints become dependent.
+
+    Equal steps begin at the time `begin` in the state `y` (2n,). Motions cross at `time`, where the constraints `names`
+    are dependent.
+    """
 
     begin: float
     y: FloatArray
@@ -138,7 +155,7 @@ class _Crossing:
 
 
 def run_over_crossings(integrator: Integrator, problem: Problem) -> Trajectory:
-    """Run a problem by a method with error control, and by equal steps over crossings of motions; see the module."""
+    """Run a problem by a method; a method with error control passes crossings of motions by equal steps of rk4."""
     found = run_by(integrator, problem)
     constrained = len(problem.model.equations.constraints) > 0
     if not constrained or found.status not in ENDS or not found.rtol or may_be_discontinuous(problem.model):
@@ -162,7 +179,7 @@ def run_over_crossings(integrator: Integrator, problem: Problem) -> Trajectory:
 
 
 def _crossing_at_end(problem: Problem, part: Trajectory) -> _Crossing | None:
-    """Return the crossing towards which a run ended, or None if there is none, or no path to go back on."""
+    """Return the crossing before which a run ended, or None without a crossing or without dense output."""
     path = part.dense.path if isinstance(part.dense, OutputPath) else part.dense
     (begin, end), near = part.span, Independence(problem.model, problem.parameter_array, (problem.t0, problem.y0))
     if path is None or near.at(end, last_state(part)) > NEAR:
@@ -190,7 +207,7 @@ def _crossing_at_end(problem: Problem, part: Trajectory) -> _Crossing | None:
 
 
 def _led_over(rest: Problem, crossing: _Crossing, rtol: float) -> Trajectory | None:
-    """Return the run by equal steps over a crossing, or None if no two ways over it agree."""
+    """Return the run by equal steps over a crossing, or None if no two step lengths agree."""
     before, best, least = None, None, math.inf
     for way in _ways(rest, crossing):
         apart = math.inf if before is None else _apart(rest, before, way)
@@ -203,7 +220,7 @@ def _led_over(rest: Problem, crossing: _Crossing, rtol: float) -> Trajectory | N
 
 
 def _ways(rest: Problem, crossing: _Crossing) -> Iterator[Trajectory]:
-    """Yield runs over a crossing by more and more equal steps."""
+    """Yield runs over a crossing by equal steps, each with half the step of the one before."""
     ahead = crossing.time - crossing.begin
     end = crossing.begin + 2.0 * ahead
     end = min(end, rest.t1) if ahead > 0 else max(end, rest.t1)
@@ -215,7 +232,10 @@ def _ways(rest: Problem, crossing: _Crossing) -> Iterator[Trajectory]:
 
 
 def _apart(rest: Problem, one: Trajectory, other: Trajectory) -> float:
-    """Return how far apart two runs end, relative to the largest coordinate, and velocity; infinity if one failed."""
+    """Return the distance of the ends of two runs, relative to the largest coordinate, and velocity.
+
+    It is infinite if one of them failed.
+    """
     if not (one.status.complete and one.status is other.status):
         return math.inf
     a, b = (rest.model.layout.split(last_state(part)) for part in (one, other))
@@ -236,7 +256,7 @@ def _crossed(crossings: Sequence[_Crossing]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class _Behind:
-    """The state (2n,) and the parameters behind an event, and how the run ends where these are none."""
+    """The state `y` (2n,) and the parameters after an event. `result` ends the run if the reset is impossible."""
 
     y: FloatArray
     parameters: Mapping[Any, float]
@@ -249,7 +269,7 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
     An event that sets parameters ends a segment. All resets at its time are computed from the state and the parameters
     before it.
     """
-    # The same events in each segment: what methods prepare for them is kept.
+    # Each segment has the same event objects, so methods prepare them once.
     ending = tuple(_ending(event, problem) if event.settings else event for event in problem.events)
     segment, counter, acting = replace(problem, events=ending), ChangeCounter(), list[int]()
     parts, begins, values, added, tries = list[Trajectory](), [problem.t0], [problem.parameter_array], [0.0], 0
@@ -291,16 +311,17 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
 
 
 def _ending(event: Event, problem: Problem) -> Event:
-    """Return an event that sets parameters as one that ends a segment.
+    """Return an event that sets parameters as a terminal event, which ends a segment.
 
-    Its reset makes it a contact. States behind a reset meet constraints with the new parameters, not with the old.
+    Its reset marks it as a contact. With constraints the reset is left out: the state after it must satisfy them with
+    the new parameters.
     """
     reset = {} if problem.model.equations.constraints else event.reset
     return Event(event.expression, event.direction, 1, reset)
 
 
 def _acting(problem: Problem, part: Trajectory) -> list[int]:
-    """Return the events with resets, by number, at the end of a segment."""
+    """Return the numbers of the events with resets or settings that occurred at the end of a segment."""
     if part.status not in (Status.EVENT, Status.SUCCESS):
         return []
     end = part.span[1]
@@ -309,13 +330,13 @@ def _acting(problem: Problem, part: Trajectory) -> list[int]:
 
 
 def _is_begin(problem: Problem, met: Sequence[int], begin: float, end: float) -> bool:
-    """Return whether events that have begun a segment and end it are one zero, which rounding leaves ahead of it."""
+    """Return True if the end of a segment is the zero at its beginning, found again because of rounding."""
     moved = any(problem.events[i].reset for i in met)
     return bool(met) and not moved and abs(end - begin) <= CLOSEST * max(abs(end), EARLIEST)
 
 
 def _last(problem: Problem, parts: Sequence[Trajectory]) -> Status | None:
-    """Return the status of a run that ends with these segments, or None."""
+    """Return the status if the run ends with these segments, or None if it goes on."""
     for i, event in enumerate(problem.events):
         if event.terminal and sum(len(part.t_events[i]) for part in parts) >= event.terminal:
             return Status.EVENT
@@ -323,7 +344,7 @@ def _last(problem: Problem, parts: Sequence[Trajectory]) -> Status | None:
 
 
 def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float, before: FloatArray) -> _Behind:
-    """Return the state and the parameters behind the events that act at a time."""
+    """Return the state and the parameters after the events `acting` at time t; `before` (2n,) is the state there."""
     model, y, resets = problem.model, before.copy(), [problem.events[i] for i in acting]
     for impact in impacts(model, resets, segment.parameter_array):
         impact.apply(t, before, y)
@@ -348,7 +369,7 @@ def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float,
 
 
 def _told(problem: Problem, parts: Sequence[Trajectory]) -> str:
-    """Return the note on the step of the first segment, where the user left it to the method; the others have it."""
+    """Return the note on the step that the method chose for the first segment; the others use it, too."""
     step = parts[0].step
     if problem.step is not None or step is None or len(parts) == 1:
         return ""
@@ -360,7 +381,7 @@ def _name(problem: Problem, i: int) -> str:
 
 
 def _before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
-    """Return a segment that ends at an event with one state there, that before, or without it at an output time."""
+    """Return a segment with one state at the event that ends it, the state before; with output times, with none."""
     count = int(np.searchsorted(abs(part.t - part.span[0]), abs(part.span[1] - part.span[0])))
     count += problem.t_eval is None
     return replace(part, t=part.t[:count], y=part.y[:, :count])
@@ -373,7 +394,7 @@ def _outputs_from(problem: Problem, begin: float) -> FloatArray | None:
 
 
 def _point(problem: Problem, part: Trajectory, y: FloatArray, status: Status, cause: str = "") -> Trajectory:
-    """Return the end of a run behind a segment, a state alone."""
+    """Return a part of zero length after the segment `part`: the state `y` (2n,) with a status, as the end of a run."""
     end, outputs = part.span[1], problem.t_eval is None or part.span[1] in problem.t_eval
     t = np.full(int(outputs), end)
     return replace(

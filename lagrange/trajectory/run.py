@@ -41,13 +41,14 @@ def integrate(
 ) -> Solution:
     """Integrate a model over `span` = (t0, t1), which may run backwards, and return the Solution.
 
-    `initial` overlays the statement's initial state, by coordinate, velocity or name. `method` is a registered name
-    or an instance; `lg.methods.table()` lists them. Adaptive methods take `rtol` and `atol`, others a `step`;
-    without `atol` the absolute tolerance of an entry of the state follows its largest size so far.
-    `t_eval` (k,) are the output times; without it every accepted step is kept. `max_steps` counts tried steps,
-    `max_wall` is in seconds, for the steps and before them for compiling; `max_memory` bounds the bytes of the steps
-    that are kept, and is a quarter of the machine's memory unless given. Whatever happens along the way ends in
-    `solution.status` with what was computed until then. Raises StatementError for a request that cannot be meant.
+    `initial` replaces entries of the statement's initial state, by coordinate, velocity or name. `method` is a
+    registered name or an instance; `lg.methods.table()` lists them. Adaptive methods take `rtol` and `atol`, others a
+    `step`. Without `atol` the absolute tolerance of an entry of the state follows its largest size so far.
+    `t_eval` (k,) are the output times; without it every accepted step is kept. `max_steps` is the largest number of
+    tried steps. `max_wall` is the time limit in seconds for the steps, and for compiling before them. `max_memory`
+    is the largest number of bytes for kept steps, by default a quarter of the machine's memory. A failure during the
+    run ends it: `solution.status` says how, and the states until then are kept. Raises StatementError for an invalid
+    request.
     """
     return integrate_since(
         time.perf_counter(),
@@ -62,17 +63,17 @@ def integrate(
 def integrate_since(
     began: float, model: Model, span: Sequence[float], initial: Any, options: RunOptions, *, progress: bool
 ) -> Solution:
-    """Integrate as `integrate` does, for a request that was made at a time by `time.perf_counter`."""
+    """Integrate as `integrate` does; `began` is the time of the request by `time.perf_counter`."""
     if flag(progress, "progress"):
         with progress_bar(time_span(span), wanted=True) as report:
             trajectory, values = trajectory_of(model, span, initial, options, progress=report, began=began)
     else:
         trajectory, values = trajectory_of(model, span, initial, options, began=began)
     try:
-        found = with_stiff_end(model, trajectory, values, float(span[1]))
+        explained = with_stiff_end(model, trajectory, values, float(span[1]))
     except KeyboardInterrupt:
-        found = interrupted(trajectory, span)
-    return Solution(found, model, values)
+        explained = interrupted(trajectory, span)
+    return Solution(explained, model, values)
 
 
 def run_stated(
@@ -86,7 +87,7 @@ def run_stated(
     check: bool,
     progress: bool,
 ) -> Solution:
-    """Compile a system and run it; see `lagrange.System.run`. Options that are None come from its scene."""
+    """Compile a system and run it, as `lagrange.System.run`. Options that are None come from the system's scene."""
     began, scene = time.perf_counter(), system.statement.run
     end = scene.t_end if t_end is None else real_number(t_end, "t_end, the time at which the run ends,")
     chosen = scene.method or DEFAULT if options.method is None else options.method
@@ -111,9 +112,9 @@ def flow(
     step: float | None = None,
     max_steps: int | None = None,
 ) -> Flow:
-    """Prepare the flow of a model: a function of (y0, t0, t1, parameters=None) that gives y1, (2n,) to (2n,).
+    """Prepare the flow of a model: a function of (y0, t0, t1, parameters=None) that maps y0 (2n,) to y1 (2n,).
 
-    It is prepared once: a call costs a few microseconds beside the steps themselves. Calls raise RunError when the
-    run does not get to t1. Raises StatementError for an unknown method or a setting that it has no use for.
+    The driver is prepared once: a call costs a few microseconds beside the steps themselves. Calls raise RunError if
+    the run does not reach t1. Raises StatementError for an unknown method or a setting that it does not take.
     """
     return Flow(model, RunOptions(method, rtol, atol, step, max_steps=max_steps))

@@ -50,8 +50,10 @@ FIRST_STEPS_PER_CALL, MOST_STEPS_PER_CALL = 64, 16384
 small because a step may be slow; the largest bounds the memory for rows that may stay unused."""
 
 MOST_GROWTH = 16
-"""So many times as many steps after a call of which so many fit into `SECONDS_PER_CALL`, else twice as many: a call
-costs some 10 us, as much as 50 steps of a small system."""
+"""Factor on the steps per call if the next call would still be shorter than `SECONDS_PER_CALL`, else 2.
+
+A call costs some 10 us, as much as 50 steps of a small system.
+"""
 
 _STATUS = {
     Outcome.NON_FINITE: Status.NON_FINITE,
@@ -63,19 +65,19 @@ _STATUS = {
 
 
 NOTHING = np.empty(0)
-"""What the driver has written before its first call."""
+"""Times and states before the first call of the driver: none."""
 
 GOES_ON, REACHED = EventResult(), EventResult(Status.SUCCESS)
-"""What comes of a call of the driver without events, where the run goes on or is at its end."""
+"""Results of a call of the driver without events: continue, or the end is reached."""
 
 
 def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
-    """Run a problem by a plan; see `Integrator.integrate` for the result."""
+    """Run a problem by a plan and return its trajectory; `name` is the method's name in messages."""
     return _driven(problem, Prepared(plan), name)
 
 
 def drive_by(method: Planned, problem: Problem, name: str) -> Trajectory:
-    """Run a problem by the plan of a method, which the model keeps for other runs; see `Integrator.integrate`."""
+    """Run a problem by the plan of a method and return its trajectory; the model keeps the plan for other runs."""
     return _driven(problem, prepared(method, problem), name)
 
 
@@ -117,7 +119,7 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
     try:
         found = end(status, detail, sentence)
     except KeyboardInterrupt:
-        # It came behind the last step. What is left to do is done again, and what only explains the end is left out.
+        # The interrupt came after the last step. Finish the trajectory again, without an explanation of its end.
         found = end(Status.INTERRUPTED, "", "")
     if found.status is Status.SUCCESS:
         tried = min(found.steps + found.rejected + 2, MOST_STEPS_PER_CALL)
@@ -144,7 +146,7 @@ def _ended(
     rows.follow(last=True)
     accepted = rows.joined()
     found = _trajectory(problem, plan, state, rows, accepted, watch, (name, status, sentence, began))
-    # Who interrupts a run does not want it led over crossings.
+    # An interrupted run is not continued over crossings.
     looked_at = len(problem.model.equations.constraints) > 0 and status is not Status.INTERRUPTED
     if looked_at and not rows.dropped:
         found = until_dependent(problem, plan.tolerances.rtol, found, accepted)
@@ -157,7 +159,7 @@ def _ended(
 def _why(
     problem: Problem, plan: Plan, state: DriverState, rows: AcceptedStates, ended: tuple[Status, str]
 ) -> tuple[Status, str]:
-    """Return a status and its detail, or SINGULAR with what the equations have where the run stopped."""
+    """Return the status and detail `ended`, or SINGULAR and a detail if the equations are singular at the end."""
     status, detail = ended
     stuck = status in (Status.STEP_TOO_SMALL, Status.DIVERGED)
     given_up = status is Status.MAX_STEPS and len(problem.model.equations.constraints) > 0
@@ -181,7 +183,7 @@ def _trajectory(
     watch: Watcher | None,
     ended: tuple[str, Status, str, float],
 ) -> Trajectory:
-    """Return the trajectory of a run that has ended: the method's name, the status, its sentence, and the begin."""
+    """Return the trajectory of a run. `ended` has the method's name, status, message and start by `perf_counter`."""
     name, status, sentence, began = ended
     tolerances, counts = plan.tolerances, state.integers
     times, states = accepted
@@ -223,7 +225,7 @@ def _outputs(
     accepted: tuple[FloatArray, FloatArray],
     watch: Any,
 ) -> tuple[FloatArray, FloatArray, PathFunction]:
-    """Return the output times (N,), the states there (2n, N) and the dense output, which has them to the last bit."""
+    """Return the output times (N,), the states there (2n, N), and a dense output that returns exactly these states."""
     times, states = accepted
     path = None if rows.dropped else plan.path(problem, times, states, watch)
     if problem.t_eval is None and path is not None:
@@ -234,7 +236,7 @@ def _outputs(
     def at_end(rest: FloatArray) -> FloatArray:
         return np.repeat(states[-1:].T, len(rest), axis=1)
 
-    # Where outputs are written on the way, those that are left lie at the end itself.
+    # If outputs are written during the run, the remaining output times are the end itself.
     if rows.followed is not None:
         y = rows.followed.joined(len(t), states[-1])
     elif plan.writes_outputs or path is None:
@@ -247,7 +249,10 @@ def _outputs(
 def _check_first_slope(
     problem: Problem, name: str, parameters: FloatArray, *, inertia: bool
 ) -> tuple[Status | None, str]:
-    """Return a status and its message if the first slope does not exist; `inertia` says to look for one of zero."""
+    """Return a status and message if the right-hand side has no value at the start, else None and "".
+
+    With `inertia`, a velocity without inertia is searched for as well.
+    """
     model, y0 = problem.model, problem.y0
     kernel = model.kernel("rhs")
     try:
@@ -275,7 +280,7 @@ def _advance_to_end(
     began: float,
     per_call: int,
 ) -> tuple[Status, str]:
-    """Advance until the run ends; return its status, and a detail for the message. `per_call` steps come first."""
+    """Advance until the run ends, first by `per_call` steps; return its status and a detail for the message."""
     limit, counts, dimension = memory_limit(problem), state.integers, len(problem.y0)
     times, states, call, pace = NOTHING, NOTHING, 0, Pace(problem)
     result = GOES_ON if watch is None else watch.begin(state)
@@ -299,7 +304,7 @@ def _advance_to_end(
             if state.t != problem.t1 and room <= 0:
                 return Status.MAX_MEMORY, events_fill(problem) if rows.dropped else ""
             budget = min(per_call, left, room, pace.next_look - tries) if left > 0 and room > 0 else 1
-            # A reset is written as a row too: steps and resets are one for each turn of the loop, and the last step.
+            # Resets are rows, too: each turn of the driver's loop writes a step or a reset, and then the last step.
             times, states = np.empty(budget + 1), np.empty((budget + 5, dimension))
             counts[DriverState.ROWS] = 0
             call += 1
@@ -328,7 +333,7 @@ def _advance_to_end(
 
 
 def _lost_on_the_way(problem: Problem, rows: AcceptedStates, state: DriverState) -> str:
-    """Return what the new states have passed that no motion leads over, or never get to; or ""."""
+    """Return a sentence if the new states passed a discontinuity or approach dependent constraints, else ""."""
     rows.passed = rows.discontinuity()
     if rows.passed is not None:
         return rows.passed.what
@@ -337,7 +342,7 @@ def _lost_on_the_way(problem: Problem, rows: AcceptedStates, state: DriverState)
 
 
 def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> EventResult:
-    """Return the result of a call of the driver before the end, without an event; raise floors at its request."""
+    """Return the result of a driver call that ended before the end without an event; raise floors at its request."""
     if outcome is Outcome.PAUSED:
         return GOES_ON
     if outcome is Outcome.UNSCALED:
@@ -357,14 +362,14 @@ def _after_call(problem: Problem, outcome: Outcome, state: DriverState) -> Event
 
 
 def _taken_over(watch: Watcher | None, state: DriverState, detail: str = "") -> str:
-    """Have the events on all rows taken over, where the loop ends on the way, as by Ctrl-C; return a detail."""
+    """Record the events on all rows if the loop ends early, as by Ctrl-C; return `detail`."""
     if watch is not None:
         watch.is_due(state)
     return detail
 
 
 def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState, status: Status, cause: str) -> str:
-    """Return the message of the end of a run; the failed step is taken again to find the cause."""
+    """Return the message of the end of a run. A failed step is repeated to find its cause."""
     if status is Status.SUCCESS and not cause:
         return message(status, problem, state.t, state.y, name)
     told = partial(message, status, problem, rtol=plan.tolerances.rtol or None)
@@ -394,6 +399,6 @@ def _final_sentence(problem: Problem, plan: Plan, name: str, state: DriverState,
 
 
 def _slope_ahead(problem: Problem, state: DriverState) -> FloatArray:
-    """Return the right-hand side a little ahead of a state; see `slope_ahead`."""
+    """Return the right-hand side (2n,) a little ahead of the state of a driver, by `slope_ahead`."""
     length = float(state.reals[DriverState.END]) - problem.t0
     return slope_ahead(problem.model, state.t, state.y, problem.parameter_array, length)

@@ -1,4 +1,4 @@
-"""A run's result as a person uses it: rows by name, states at any time, the energy, files and pictures."""
+"""The result of a run for users: rows by name, states at any time, the energy, files and pictures."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ class Solution:
     """States of a model along a run, with N output times.
 
     `solution[theta]`, `solution[theta.dot]`, `solution["theta"]` and `solution["theta_dot"]` are rows (N,).
-    Units are those of the statement; times may fall. A run that ended early has what it had computed, and
-    `status` and `message` say why.
+    Units are those of the statement. Times fall in a run backwards. A run that ended early keeps the states computed
+    until then; `status` and `message` say why it ended.
     """
 
     trajectory: Trajectory
@@ -65,12 +65,12 @@ class Solution:
 
     @property
     def status(self) -> Status:
-        """How the run ended."""
+        """The way in which the run ended, such as `Status.SUCCESS`."""
         return self.trajectory.status
 
     @property
     def message(self) -> str:
-        """How the run ended in a sentence: coordinate, time, cause and remedy."""
+        """The end of the run in words: coordinate, time, cause and remedy."""
         return self.trajectory.message
 
     @property
@@ -90,7 +90,7 @@ class Solution:
 
     @property
     def wall(self) -> float:
-        """The duration of the run in seconds."""
+        """The duration of the run in seconds, without compilation."""
         return self.trajectory.wall
 
     @property
@@ -105,11 +105,11 @@ class Solution:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the 2n rows: the coordinates, then their velocities with `_dot`."""
+        """The names of the 2n rows: the coordinates, then their velocities with the suffix `_dot`."""
         return self.model.layout.names()
 
     def __getitem__(self, key: Any) -> FloatArray:
-        """Return the row (N,) of a coordinate or a velocity, given as SymPy expression or by name."""
+        """Return the row (N,) of a coordinate or a velocity, which `key` gives as SymPy expression or by name."""
         label = row_label(key)
         if label not in self.names:
             raise StatementError(
@@ -120,7 +120,7 @@ class Solution:
         return row
 
     def at(self, t: ArrayLike) -> FloatArray:
-        """Return the states at one time, (2n,), or at K times in any order, (2n, K), between the outputs too.
+        """Return the states at one time, (2n,), or at K times in any order, (2n, K), by the dense output.
 
         Raises StatementError for a time that the run did not reach: nothing is extrapolated.
         """
@@ -137,14 +137,15 @@ class Solution:
     def parameters_at(self, t: ArrayLike) -> Parameters:
         """Return the parameters at times (K,), as the methods of a model take them.
 
-        They are `parameters` itself, or if an event of the run set some, the values (k, K) in the statement's order.
+        Without events that set parameters this is `parameters` itself. Otherwise it is the values (k, K), with rows
+        in the statement's order.
         Raises StatementError for times that are not numbers.
         """
         return self.trajectory.parameters_at(np.atleast_1d(real_array(t, "t")), self.parameters)
 
     @property
     def parameter_changes(self) -> list[tuple[float, dict[str, float]]]:
-        """The times of events that set parameters, each with the new values by name, which hold from then on."""
+        """The times of events that set parameters, each with the values by name that hold from then on."""
         names, history = [symbol.name for symbol in self.model.statement.parameters], self.trajectory.history
         return [] if history is None else history.changes(names)
 
@@ -160,7 +161,7 @@ class Solution:
 
     @cached_property
     def drift(self) -> EnergyDrift:
-        """How far the energy moved from the start over the output times, or from the first if no start is known."""
+        """The change of the energy since the start of the run, or since the first output if no start is known."""
         self._check_output()
         return energy_drift(self.model, *self._since_start, self.parameters, self.trajectory)
 
@@ -170,33 +171,33 @@ class Solution:
 
     @cached_property
     def invariants(self) -> Mapping[str, FloatArray]:
-        """What the system conserves by name, (N,) each: see `System.conserved`, which it looks for when first asked."""
+        """The conserved quantities by name, (N,) each. `System.conserved` finds them at the first access."""
         from lagrange.mechanics.conserved import invariants
 
         return invariants(self.model, self.t, self.y, self._along)
 
     @cached_property
     def momentum_drift(self) -> Mapping[str, FloatArray]:
-        """How far momenta of ignorable coordinates are from their first values, (N,), relative to their terms."""
+        """The change of the momentum of each ignorable coordinate since the start, (N,), relative to its terms."""
         from lagrange.mechanics.conserved import momentum_drifts
 
         t, y, _ = self._since_start
-        found = momentum_drifts(self.model, t, y, self.parameters_at(t))
-        return {name: drift[-len(self.t) :] for name, drift in found.items()}
+        drifts = momentum_drifts(self.model, t, y, self.parameters_at(t))
+        return {name: drift[-len(self.t) :] for name, drift in drifts.items()}
 
     @property
     def constraint_error(self) -> FloatArray:
-        """The largest violation of the constraints, (N,), relative to the sizes of their terms; 0 without any."""
+        """The largest violation of the constraints, (N,), relative to their terms. Zero without constraints."""
         return np.zeros(len(self.t)) if self.constraint_drift is None else self.constraint_drift.error
 
     @cached_property
     def constraint_drift(self) -> ConstraintDrift | None:
-        """How far the run is from its constraints; None without constraints, and without output."""
+        """The violation of the constraints along the run. None without constraints and without output."""
         return constraint_drift(self.model, self.t, self.y, self._along)
 
     @cached_property
     def has_energy(self) -> bool:
-        """Whether the energy is a finite number at every output."""
+        """True if the energy is finite at every output."""
         try:
             return len(self.t) > 0 and math.isfinite(self.drift.absolute)
         except LagrangeError:
@@ -204,7 +205,7 @@ class Solution:
 
     @cached_property
     def stiff(self) -> Stiffness | None:
-        """What was found if the run was stiff, for an explicit method: its steps limited by stability, not accuracy."""
+        """The analysis of a stiff run: stability, not accuracy, limited the steps of an explicit method. Else None."""
         return stiffness(self.model, self.trajectory, self.parameters)
 
     def evaluate(self, expression: Any) -> FloatArray:
@@ -221,26 +222,26 @@ class Solution:
 
     @property
     def multipliers(self) -> Mapping[str, FloatArray]:
-        """The multiplier of each constraint by its name, (N,) at the output times; empty without constraints.
+        """The multiplier of each constraint by name, (N,) at the output times. Empty without constraints.
 
-        It is NaN at a state where the constraints are dependent, at which a run may have ended.
+        A multiplier is NaN where the constraints are dependent. A run may end at such a state.
         """
         return self._exerted.multipliers
 
     def constraint_force(self, name: str, at: str | None = None) -> FloatArray:
-        """Return what a constraint exerts along the run: generalized forces G^T lambda, (n, N), in coordinate order.
+        """Return the forces of a constraint along the run: generalized forces G^T lambda, (n, N), in coordinate order.
 
-        With `at`, the force on that named point, (2, N) or (3, N): lambda dphi/dr where the constraint relates named
-        points alone, so that G^T lambda is the sum of (dr/dq)^T F over them; zero on the others. Raises StatementError
-        for a name that is none, and where forces on points are not determined.
+        With `at`, return the force on that named point, (2, N) or (3, N): lambda dphi/dr where the constraint relates
+        only named points. G^T lambda is then the sum of (dr/dq)^T F over these points; the force on all others is
+        zero. Raises StatementError for an unknown name, and where forces on points are not determined.
         """
         return self._exerted.generalized(name) if at is None else self._exerted.on_point(name, at)
 
     @property
     def final(self) -> dict[str, float]:
-        """The state at the last output by name: `other.run(t_end, solution.final, t_start=solution.t[-1])` goes on.
+        """The state at the last output by name. Continue by `other.run(t_end, solution.final, t_start=solution.t[-1])`.
 
-        With `t_eval` an event may end the run behind that; `y_events` has the state there.
+        With `t_eval` an event may end the run after the last output; `y_events` has the state there.
         """
         self._check_output()
         return dict(zip(self.names, self.y[:, -1].tolist(), strict=True))
@@ -260,10 +261,9 @@ class Solution:
     def to_csv(self, path: str | os.PathLike[str], *, rate: float | None = None, t: ArrayLike | None = None) -> Path:
         """Write t, the coordinates, their velocities and the multipliers, one line per output time; numbers round-trip.
 
-        With `rate` there are so many lines to a unit of time from the first output on, with `t` (K,) lines at those
-        times, both from the dense output. Like all files here it is written whole or not at all. Raises
-        StatementError for a path that cannot be written and a time that the run did not reach, RunError if the disk
-        is full.
+        `rate` is the number of lines per unit of time, from the first output on. `t` (K,) are the times of the lines.
+        Both read the dense output. A file is written whole or not at all. Raises StatementError for a path that
+        cannot be written and for a time that the run did not reach, RunError if the disk is full.
         """
         from lagrange.show.files.run_files import write_csv
 
@@ -272,40 +272,41 @@ class Solution:
     def to_npz(self, path: str | os.PathLike[str]) -> Path:
         """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,), card and statement (JSON); none needs pickle.
 
-        t_between (K,) and y_between (2n, K) are states between these, for pictures that move, of runs of few steps.
-        With m constraints also constraint_error (N,), multipliers (m, N), and constraints (m,), their names; with
-        events t_event_0 (k,), y_event_0 (k, 2n), and so on. `lagrange.load` reads it. Raises what `to_csv` does.
+        For runs of few steps, t_between (K,) and y_between (2n, K) are states between the outputs, for animations.
+        With m constraints there are also constraint_error (N,), multipliers (m, N), and constraints (m,), their names;
+        with events t_event_0 (k,), y_event_0 (k, 2n), and so on. `lagrange.load` reads the file. Raises the errors of
+        `to_csv`.
         """
         from lagrange.show.files.run_files import write_npz
 
         return write_npz(self, path)
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int | None = None) -> Path:
-        """Write the picture of `plot()`, of `dpi` dots to an inch, 150 unless given; raises what `to_csv` does."""
+        """Write the picture of `plot()` with `dpi` dots per inch, 150 by default. Raises the errors of `to_csv`."""
         from lagrange.show.files.run_files import write_png
 
         return write_png(self, path, dpi)
 
     def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:
-        """Write trajectory.csv, trajectory.png and, last, card.json, which marks a whole run; return their paths.
+        """Write trajectory.csv, trajectory.png and, last, card.json, which marks a complete folder; return their paths.
 
-        The folder exists, and keeps its other files. A run without output has no picture, and one of an earlier run
-        is removed. Raises StatementError for a folder that cannot be written to, RunError if the disk is full.
+        The folder must exist; its other files stay. A run without output has no picture, and the picture of an earlier
+        run is removed. Raises StatementError for a folder that cannot be written to, RunError if the disk is full.
         """
         from lagrange.show.files.run_files import write_folder
 
         return write_folder(self, folder)
 
     def to_pandas(self) -> pandas.DataFrame:
-        """Return a DataFrame: index t, a column per row of the state and multiplier; the status card is in `.attrs`."""
+        """Return a DataFrame: index t, a column for each row of the state and each multiplier, the card in `.attrs`."""
         from lagrange.show.files.run_files import columns_of, data_frame
 
         return data_frame(self.t, columns_of(self), self.card())
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return a Dataset over the dimension t; how the run ended is in `.attrs`.
+        """Return a Dataset over the dimension t, with the status card in `.attrs`.
 
-        It has a variable per row of the state, and one for each multiplier, called lambda[name].
+        It has a variable for each row of the state, and for each multiplier, called lambda[name].
         """
         from lagrange.show.files.run_files import columns_of, data_set
 
@@ -321,14 +322,15 @@ class Solution:
         style: str = "light",
         dpi: int | None = None,
     ) -> Figure:
-        """Return a Matplotlib figure of the run, every curve from dense output and within a pixel.
+        """Return a Matplotlib figure of the run; curves come from the dense output and are exact within a pixel.
 
         `what` is one of "coordinates", "velocities", "phase", "energies" (T, V and E), "drift" (of the energy),
-        "invariants", "path", "multipliers" and "violation", a coordinate or any SymPy expression, or a list of them;
-        else it is the coordinates, the drifts and the paths of named points. `of` chooses coordinates. With `ax`,
-        Matplotlib axes or a list of them, one panel is drawn in each and their figure returned. The look is
-        `size=(width, height)` in inches, `style="light"` or "dark", and `dpi`, dots to an inch for which curves are
-        drawn, 200 unless given. Raises StatementError for a run without output, and for what the system does not have.
+        "invariants", "path", "multipliers" and "violation", a coordinate or any SymPy expression, or a list of them.
+        The default is the coordinates, the drifts and the paths of named points. `of` chooses coordinates. `ax` is
+        Matplotlib axes or a list of them: one panel is drawn in each and their figure returned. `size` is (width,
+        height) in inches, `style` is "light" or "dark", and `dpi` is the dots per inch for which curves are drawn,
+        200 by default. Raises StatementError for a run without output, and for quantities that the system does not
+        have.
         """
         from lagrange.show.figures.run_figure import plot_runs
 
@@ -345,14 +347,15 @@ class Solution:
         trail: float | None = None,
         progress: bool = False,
     ) -> Animation:
-        """Return the run as a picture that moves, which a notebook shows; with a path it is written as well.
+        """Return the animation of the run, which a notebook shows; with a path it is written as well.
 
-        The ending of the path says how: .html is a page with a player, .gif a picture, .mp4 a film, which needs ffmpeg.
-        Drawn are the stated positions with rods and springs, without any the coordinates; and the energies.
-        `speed` is time of the run per time on the screen: without it 1 where the run has 1 to 100 s, else a round one.
-        `size` is (width, height) in pixels, `trail` the time that trails go back, 0 for none; `style` is light, dark,
-        or auto, with which a page follows its reader. At most 3000 frames are shown; what is not as asked for is said
-        in `.notes`. Raises StatementError for what cannot be drawn or written, RunError if the disk is full.
+        The suffix of the path sets the format: .html is a page with a player, .gif a picture, .mp4 a film, which needs
+        ffmpeg. The stated positions are drawn with rods and springs, or the coordinates if there are none; and the
+        energies. `speed` is time of the run per time on the screen. Its default is 1 for runs of 1 to 100 s, else a
+        round number. `size` is (width, height) in pixels, `trail` the duration of trails, 0 for none. `style` is
+        light, dark, or auto, with which a page follows the setting of the browser. At most 3000 frames are shown;
+        `.notes` lists deviations from the request. Raises StatementError for a run that cannot be drawn and a path
+        that cannot be written, RunError if the disk is full.
         """
         from lagrange.show.animation.animation import animate
 

@@ -22,8 +22,8 @@ FloatArray = NDArray[np.float64]
 class ParameterHistory:
     """The parameters of each segment of a run, from one event that sets parameters to the next.
 
-    `begins` (s,) are the times at which the segments begin, in the direction of the run, and `values` (s, k) their
-    parameters in the statement's order. `added` (s,) is the energy that the events before have added to the first.
+    `begins` (s,) are the times at which the segments begin, in the direction of the run. `values` (s, k) are their
+    parameters in the statement's order. `added` (s,) is the total energy that the events before each segment added.
     """
 
     begins: FloatArray
@@ -43,14 +43,14 @@ class ParameterHistory:
     def segments(self, times: FloatArray, *, forward: bool) -> NDArray[np.intp]:
         """Return the number of the segment at each of some times (K,).
 
-        The later segment begins at the time of an event. Where that time stands twice, as it does among the outputs of
-        a run, the first is the state before the event.
+        The time of an event belongs to the later segment. Where the outputs of a run have this time twice, the first
+        is the state before the event and belongs to the earlier segment.
         """
         sign = 1.0 if forward else -1.0
-        found = np.searchsorted(sign * self.begins[1:], sign * times, side="right")
+        numbers = np.searchsorted(sign * self.begins[1:], sign * times, side="right")
         before = np.flatnonzero(times[:-1] == times[1:])
-        found[before] -= np.isin(times[before], self.begins[1:])
-        return found
+        numbers[before] -= np.isin(times[before], self.begins[1:])
+        return numbers
 
     def changes(self, names: Sequence[str]) -> list[tuple[float, dict[str, float]]]:
         """Return the begin of each segment but the first, with the new values of parameters, by their `names` (k,)."""
@@ -61,7 +61,7 @@ class ParameterHistory:
 
 
 class Status(enum.Enum):
-    """How a run ended.
+    """The way in which a run ended.
 
     UNRELIABLE: the run reached its end but violated a conservation law, so it does not follow the motion.
     """
@@ -80,30 +80,30 @@ class Status(enum.Enum):
 
     @property
     def complete(self) -> bool:
-        """Whether the run reached its end or event, and passed all tests."""
+        """True if the run reached its end or event, and passed all tests."""
         return self is _SUCCESS or self is _EVENT
 
     @property
     def at_end(self) -> bool:
-        """Whether the run reached its end, reliable or not."""
+        """True if the run reached its end, reliable or not."""
         return self.complete or self is Status.UNRELIABLE
 
 
 _SUCCESS, _EVENT = Status.SUCCESS, Status.EVENT
-"""What every run asks for several times: to look a member up in its class takes longer than the test."""
+"""Members that every run compares with: access by the class takes longer than the comparison."""
 
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """States at the output times, and what it took to get them.
+    """States at the output times, the dense output, and the cost of the run.
 
     `t` has shape (N,), `y` (2n, N) with rows as in the right-hand side, [q, v]. `span` is the first and the last
-    accepted time, and `dense` maps times (K,) between them to states (2n, K). `steps` were accepted and `rejected`
-    were not; `evaluations` are those of the right-hand side, or of the series. `wall` is in seconds, what is
-    compiled once for many runs apart. `form` says how the method computed its steps, where it has a choice. For
+    accepted time, and `dense` maps times (K,) between them to states (2n, K). `steps` and `rejected` are the numbers of
+    accepted and rejected steps; `evaluations` are those of the right-hand side, or of the series. `wall` is the
+    duration in seconds without compilation. `form` says how the method computed its steps, if it has a choice. For
     each event, `t_events` has its times (k,) and `y_events` the states there, (k, 2n), before any reset. `step` is the
-    length of equal steps, `rtol` and `atol` are the tolerances of the others; what a method does not have is None.
-    `history` has the parameters of a run whose events set some.
+    length of equal steps, `rtol` and `atol` are the tolerances of adaptive methods; each is None if the method does
+    not have it. `history` has the parameters of each segment if events set some.
     """
 
     t: FloatArray
@@ -160,7 +160,7 @@ class Trajectory:
         return np.ascontiguousarray(self.history.values[self._segments(self.history, times)].T)
 
     def added_energy(self, times: FloatArray) -> FloatArray:
-        """Return the energy that events have added until times (K,) by setting parameters."""
+        """Return the energy (K,) that events added up to each of some times (K,) by setting parameters."""
         times = real_array(times, "times")
         return (
             np.zeros(times.shape) if self.history is None else self.history.added[self._segments(self.history, times)]
@@ -175,7 +175,7 @@ class Trajectory:
 
 
 def run_until(run: Trajectory, end: float) -> Trajectory:
-    """Return the outputs and events of a run up to a time that it reached."""
+    """Return a run cut at an earlier time `end`, with its outputs and events up to there."""
     forward = 1.0 if run.span[1] >= run.span[0] else -1.0
     kept = forward * (run.t - end) <= 0
     events = [forward * (times - end) <= 0 for times in run.t_events]
@@ -184,6 +184,6 @@ def run_until(run: Trajectory, end: float) -> Trajectory:
         t=run.t[kept],
         y=run.y[:, kept],
         span=(run.span[0], end),
-        t_events=tuple(times[few] for times, few in zip(run.t_events, events, strict=True)),
-        y_events=tuple(states[few] for states, few in zip(run.y_events, events, strict=True)),
+        t_events=tuple(times[rows] for times, rows in zip(run.t_events, events, strict=True)),
+        y_events=tuple(states[rows] for states, rows in zip(run.y_events, events, strict=True)),
     )
