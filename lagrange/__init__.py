@@ -6,10 +6,10 @@ Run it: `system.run()`, or `integrate` and `flow` with a compiled `Model`; `load
 Run many: `ensemble`, with `grid` or `sample`.
 See dynamics: `phase_portrait`, `poincare`, `bifurcation`.
 Judge: `race` compares methods, `trust_horizon` says how long a run can be trusted.
-Draw: `plot` and `figure`, beside the pictures that results draw of themselves.
+Draw: `plot` and `figure`, and the `plot` methods of results.
 Extend: `methods`, and `Integrator` with `Problem` and `Claims`.
 
-Names are loaded when they are first used, so that importing the package costs nothing.
+Names are loaded when they are first used, so that `import lagrange` is fast.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ __version__ = "0.1.0"
 
 
 def _homes() -> dict[str, str]:
-    """Return the module of each public name, as the stub file beside this one states it."""
+    """Return the module of each public name, read from the stub file `__init__.pyi`."""
     homes = {}
     with open(f"{__path__[0]}/__init__.pyi", encoding="utf-8") as stub:
         for line in stub:

@@ -1,6 +1,6 @@
 """The command line as a program: `python -m lagrange`, and the script `lagrange`.
 
-Nothing but what handles signals is imported before they are handled.
+Before the signal handlers are installed, only the modules that they need are imported.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import sys
 from importlib import import_module
 
 PROGRAM = "lagrange.cli.program"
-"""The command line, imported when signals are handled."""
+"""Module of the command line, imported after the signal handlers are installed."""
 
 try:
     from lagrange.cli.interruption import SENTENCE, Interruption
@@ -21,8 +21,8 @@ except KeyboardInterrupt:
 def main() -> int:
     """Run the command line and return its exit code, or 128 + the number of a signal.
 
-    Once a signal has asked for the end, whatever ends the command is that interruption: libraries may have made
-    another exception of it.
+    After a signal every exception counts as the interruption, because libraries may have replaced KeyboardInterrupt by
+    another exception.
     """
     interruption, code = Interruption(), 0
     try:

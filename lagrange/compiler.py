@@ -1,15 +1,17 @@
-"""The compiler on one page: every stage, what goes in, what comes out, and why. Every stage is called here.
+"""The compiler on one page: every stage, its input, its output, and its purpose. Every stage is called here.
 
     statement   T, V, forces, ... in SymPy   -> Statement    checked once, in the user's symbols
     equations   Statement                    -> Equations    p, f, M, h, a as nodes of one graph, each computed once
     program     Equations, a name            -> Program      straight-line, parameters hoisted, checked
     machine     Program                      -> Kernel       numpy or machine code, behind one protocol
-    model       all of these                 -> Model        numbers in, numbers out; kernels made when asked for
+    model       all of these                 -> Model        numbers in, numbers out; kernels compiled at first use
     evidence    Model, Statement             -> report       compiled against numerical differentiation of T and V
     export      Model, a target              -> files        source text for other solvers, each with a self-test
     page        Model, Derivation            -> file         a web page that computes with exported JavaScript
 
-A stage knows nothing of the stages behind it. A run goes on from here: `lagrange.trajectory.run` takes a Model to a
+With coordinates q, velocities v and L = T - V: p = dL/dv are the momenta, f = dL/dq plus the generalized forces,
+M = d2L/dv2 the mass matrix, h the right-hand side of M a = h, and a the accelerations.
+A stage imports only the stages above it. To run a model, `lagrange.trajectory.run` takes a Model and returns a
 Solution.
 """
 
@@ -40,48 +42,48 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.projection import Projection
 
 MACHINES = {"llvm": "lagrange.machine.llvm_machine:LlvmMachine", "numpy": "lagrange.machine.numpy_machine:NumpyMachine"}
-"""Every target by name. A machine is imported when it is first asked for: numpy runs where llvmlite is missing."""
+"""Every target by name, with the "module:class" of its machine, imported at first use: numpy runs without llvmlite."""
 
 
 @dataclass(frozen=True)
 class Stages:
-    """The stages behind the equations, each run when a model asks for it; see `lagrange.machine.model.Made`."""
+    """Stages after the equations, each run when a model first needs it: the `KernelProvider` of a model."""
 
     equations: Equations
     machine: Machine
 
     def kernel(self, name: str) -> Kernel:
-        """Return the kernel of a quantity."""
+        """Return the compiled kernel of a quantity, such as "rhs"."""
         return self.machine.load(program_of(name, self.equations))
 
     def interpreted(self, name: str) -> Kernel:
-        """Return a quantity for a few states, for which compiling would take longer."""
+        """Return the interpreted kernel of a quantity, for few evaluations: compilation would take longer."""
         return InterpretedKernel(program_of(name, self.equations))
 
     def function(self, name: str, nodes: Sequence[Node]) -> Kernel:
-        """Return any nodes of the equations' graph as a function, interpreted."""
+        """Return an interpreted kernel that evaluates nodes of the equations' graph."""
         return InterpretedKernel(lower_nodes(name, nodes, self.equations))
 
     def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
-        """Return the Taylor series of the motion with what is watched, and its switching surfaces."""
+        """Return the Taylor series of the motion and of the nodes `watched`, with the switching surfaces."""
         program, switched = series_program(self.equations, watched)
         return self.machine.series(program), switched
 
     @property
     def again(self) -> Callable[[Statement], Model]:
-        """What makes the model of a statement on the same machine; it pickles without the equations of this one."""
+        """Function that makes the model of a statement on the same machine; it pickles without these equations."""
         return partial(_on_machine, self.machine.name)
 
 
 def reached(statement: Statement, equations: Equations, states: FloatArray, parameters: FloatArray) -> list[FloatArray]:
-    """Return the projections of states (2n, k) onto the constraints, those that exist."""
+    """Return the nearest states on the constraints for states (2n, k), without those whose projection fails."""
     projection = Projection(Model(statement, equations, Stages(equations, machine("numpy"))), 0.0, parameters)
-    found = (projection.reached(state) for state in states.T)
-    return [state for state in found if state is not None]
+    projected = (projection.reached(state) for state in states.T)
+    return [state for state in projected if state is not None]
 
 
 def _on_machine(target: str, statement: Statement) -> Model:
-    """Return a model that was pickled, on its machine; by numpy, as its target says, where that is not installed."""
+    """Return the model of a pickled statement on its machine, or on numpy where that machine is not installed."""
     try:
         on = machine(target)
     except StatementError:
@@ -90,10 +92,10 @@ def _on_machine(target: str, statement: Statement) -> Model:
 
 
 def model_of(statement: Statement, on: Machine, equations: Equations | None = None) -> Model:
-    """Return a model whose kernels are compiled when they are first used; open given functions are inputs.
+    """Return a model whose kernels are compiled at first use; open given functions become inputs.
 
-    `equations` are those of the statement, made anew where it has inputs. Raises StatementError for a statement with
-    functions of coordinates that are not written out.
+    `equations` are those of the statement; with inputs they are derived again. Raises StatementError for undefined
+    functions of coordinates.
     """
     require_formulas(statement)
     statement = with_solved_multipliers(with_inputs(statement))
@@ -104,7 +106,7 @@ def model_of(statement: Statement, on: Machine, equations: Equations | None = No
 
 
 def compile_model(statement: Statement, equations: Equations, target: str = "llvm", *, check: bool = True) -> Model:
-    """Compile the right-hand side for a target, and check it at a point unless told not to.
+    """Compile the right-hand side for a target, and check it at a point if `check` is true.
 
     Other kernels of the model (energy, Jacobian, a batch of states) are compiled when they are first used.
     Raises StatementError for an unknown target, RunError if the check fails.
@@ -117,18 +119,18 @@ def compile_model(statement: Statement, equations: Equations, target: str = "llv
 
 
 def machine(target: str) -> Machine:
-    """Return the machine of a target. Raises StatementError for an unknown one, or one that is not installed."""
+    """Return the machine of a target. Raises StatementError for a target that is unknown or not installed."""
     one_of(target, MACHINES, "there is no target {given}; the targets are {known}.")
     try:
-        made: Machine = _loaded(MACHINES[target])()
+        result: Machine = _loaded(MACHINES[target])()
     except ImportError as error:
         raise StatementError(
             f"target {target!r} needs a package that is missing ({error}): use target='numpy'."
         ) from error
-    return made
+    return result
 
 
 def _loaded(place: str) -> Any:
-    """Return what a module has under a name, from "module:name"."""
+    """Return an attribute of a module, from "module:name"."""
     module, _, name = place.partition(":")
     return getattr(import_module(module), name)

@@ -37,10 +37,10 @@ from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.progress import compiling, counter, wanted_progress
 
 TIGHT, USUAL = 1e-12, 1e-9
-"""Default relative tolerances: of portraits and sections, whose orbits are seen to close, and of bifurcations."""
+"""Default relative tolerances: for portraits and sections, whose orbits visibly close, and for bifurcations."""
 
 ORBIT_STEPS = 20_000
-"""Default limit of the steps of an orbit of a portrait, where the method chooses them: thousands of oscillations."""
+"""Default limit of steps for an orbit of a portrait with an adaptive method: thousands of oscillations."""
 
 
 def phase_portrait(
@@ -58,26 +58,27 @@ def phase_portrait(
     max_steps: int | None = None,
     progress: bool | str = False,
 ) -> PhasePortrait:
-    """Return the phase portrait on a plane of the state: field, zero lines, equilibria, separatrices and orbits.
+    """Return the phase portrait on a plane of the state: field, nullclines, equilibria, separatrices and orbits.
 
-    `window` gives two entries of the state with their ranges, {theta: (-3, 3), theta.dot: (-5, 5)}, the first to the
-    right; (low, high, count) says how many arrows there are. Without it a system with one coordinate has its
-    equilibria and the motions between them in it. A system with more coordinates is cut: `at` holds all other entries,
-    {phi: 0, phi.dot: 0}, and orbits leave the plane. `starts` are initial states, dicts or rows (m, 2n); without them
-    orbits fill the plane evenly. Each is followed forwards and backwards for `t_end`, 20 periods of small motions by
-    default, until it leaves the window or closes, or for `max_steps` steps, 20,000 unless `step` is
-    given: the message says so. A coordinate with a period of 2 pi is an angle, and wrapped.
+    `window` gives two entries of the state with their ranges, {theta: (-3, 3), theta.dot: (-5, 5)}. The first is the
+    horizontal axis; (low, high, count) sets the number of arrows. By default, for a system with one coordinate, the
+    window contains the equilibria and the motions between them. For more coordinates the portrait is a slice: `at`
+    fixes all other entries, {phi: 0, phi.dot: 0}, and orbits leave the plane. `starts` are initial states, dicts or
+    rows (m, 2n); by default orbits fill the plane evenly. Each orbit is followed forwards and backwards until it leaves
+    the window, closes, or ends after the time `t_end` or after `max_steps` steps, which the message reports. Their
+    defaults are 20 periods of small motions and, unless `step` is given, 20,000 steps. A coordinate with a period of 2
+    pi is an angle, and is wrapped.
 
-    Separatrices begin on the eigenvectors of a saddle, where they are off by less than 1e-10 of the window. For a
-    system that depends on time the field is that of the time `t`, at which orbits begin. Ctrl-C keeps what is there,
-    as `Status.INTERRUPTED`. Raises StatementError for a plane that cannot be.
+    Separatrices begin on the eigenvectors of a saddle, with an error below 1e-10 of the window. For a system that
+    depends on time, the field is that of the time `t`, at which orbits begin. Ctrl-C keeps the finished parts, with
+    `Status.INTERRUPTED`. Raises StatementError for an invalid plane.
     """
     _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress, _limit(max_steps, step))
     reach = None if t_end is None else _positive(t_end, "t_end, the time for which orbits are followed,")
     total, noun = (CELLS_OF_PLANE**2, "cell") if starts is None else (_length(starts), "orbit")
     with counter(total, noun, wanted=progress) as report:
-        found = portrait(runs, window, at, starts, time=real_number(t, "t"), reach=reach, progress=report)
-    return shown_as(PhasePortrait, found)
+        data = portrait(runs, window, at, starts, time=real_number(t, "t"), reach=reach, progress=report)
+    return shown_as(PhasePortrait, data)
 
 
 def poincare(
@@ -98,20 +99,20 @@ def poincare(
 ) -> PoincareSection:
     """Return the Poincare section of orbits from many starts: their states each time an event happens.
 
-    `event` is an expression that is zero on the section, or `lg.event(x, direction=1)` for one way through it; a
-    number, or an expression in parameters such as 2*pi/w, is a time after which the states are taken again and again,
-    as for a driven system. `starts` are initial states, a list of dicts or rows (m, 2n); what a dict does not name is
-    the system's own. With `energy` all starts have that energy: the velocity `solve_for` follows from it, in the
-    direction of the event. Each orbit is followed for `skip` crossings, and then `crossings` that are kept; it ends
-    where it waits for one longer than `longest`, 200 periods of small motions by default. States at equal times of many
-    starts, 300,000 points or more, are computed side by side as `lagrange.ensemble` does.
+    `event` is an expression that is zero on the section, or `lg.event(x, direction=1)` for one direction of crossing. A
+    number, or an expression in parameters such as 2*pi/w, is a sampling period instead, as for a driven system.
+    `starts` are initial states, a list of dicts or rows (m, 2n); a dict overlays the initial state of the system. With
+    `energy` all starts have that energy: the velocity `solve_for` follows from it, in the direction of the event. Each
+    orbit is followed for `skip` crossings, and then for `crossings` that are kept. It ends early if no crossing occurs
+    within the time `longest`, 200 periods of small motions by default. With a sampling period, 300,000 points or more
+    of several starts are computed in parallel as in `lagrange.ensemble`.
 
     The result has `times` and `states`, (k,) and (k, 2n) for each start, `points` of all, and `plot(x, y)`. Ctrl-C
-    keeps what is there. Raises StatementError for a section that cannot be, and for starts above the energy.
+    keeps the finished orbits. Raises StatementError for an invalid section, and for starts whose energy is too high.
     """
     _, runs = _runs(system, (method, rtol, step), TIGHT, parameters, progress)
     with counter(_length(starts), "orbit", wanted=progress) as report:
-        found = section_of(
+        data = section_of(
             runs,
             event,
             starts,
@@ -122,7 +123,7 @@ def poincare(
             longest=longest,
             progress=report,
         )
-    return shown_as(PoincareSection, found)
+    return shown_as(PoincareSection, data)
 
 
 def bifurcation(
@@ -143,18 +144,18 @@ def bifurcation(
 ) -> Bifurcation | EquilibriumBranches:
     """Return the bifurcation diagram of a system along a parameter.
 
-    `values` are a list, or (low, high, count), in any order. What is shown depends on the system. One that is driven in
-    time is looked at after each period of its driving, which is found in its sines and cosines, or given as `section`.
-    With an event as `section`, as `poincare` takes it, any system is looked at where it happens. At each value the
-    orbits from `starts` are followed `skip` times and then `points` times, which are kept; with `follow` they begin
-    where those at the value before ended, so that rising and falling values show hysteresis; without it values of one
-    period, 300,000 points or more, are computed side by side as `lagrange.ensemble` does. The result has `states`
-    (k, m, points, 2n) and `cycles` (k, m), with how many points each orbit comes again.
+    `values` are a list, or (low, high, count), in any order. A system that is driven in time is sampled after each
+    period of its driving. The period follows from the sines and cosines of time, or is given as `section`. With an
+    event as `section`, as in `poincare`, any system is sampled at its crossings. At each value the orbits from `starts`
+    are followed for `skip` samples, and then for `points` samples that are kept. With `follow` they begin where the
+    orbits of the previous value ended, so that rising and falling values show hysteresis. Without it, if all values
+    have one period, 300,000 points or more are computed in parallel as in `lagrange.ensemble`. The result has `states`
+    (k, m, points, 2n), and `cycles` (k, m), the number of points after which each orbit repeats.
 
-    A system without driving and without a section is shown by its equilibria: `branches`, with formulas where these
-    are found, and where they are stable.
+    For a system without driving and without a section the result shows its equilibria: `branches`, with formulas where
+    they are found, and stability.
 
-    Ctrl-C keeps what is there. Raises StatementError for what is no parameter, and for an empty range.
+    Ctrl-C keeps the finished values. Raises StatementError for an unknown parameter, and for an empty range.
     """
     model, runs = _runs(system, (method, rtol, step), USUAL, parameters, progress)
     name = parameter_of(model.statement, parameter)
@@ -163,7 +164,7 @@ def bifurcation(
     followed = flag(follow, "follow")
     place = [p.name for p in model.statement.parameters].index(name)
     for value in chosen.tolist():
-        with_value(runs, place, value)  # a value that the parameter may not have is refused before the first run
+        with_value(runs, place, value)  # refuse an invalid value of the parameter before the first run
     if section is None and not depends_on_time(model.statement):
         if starts is not None:
             raise StatementError(
@@ -173,10 +174,10 @@ def bifurcation(
         with counter(3, "value", wanted=progress) as report:
             return shown_as(EquilibriumBranches, equilibrium_branches(name, chosen, _at(model, runs, name), report))
     with counter(len(chosen), "value", wanted=progress) as report:
-        found = sweep(
+        data = sweep(
             runs, name, chosen, section, starts, count=count, dropped=dropped, followed=followed, progress=report
         )
-    return shown_as(Bifurcation, found)
+    return shown_as(Bifurcation, data)
 
 
 def _runs(
@@ -187,7 +188,7 @@ def _runs(
     progress: bool | str,
     max_steps: int | None = None,
 ) -> tuple[Model, Runs]:
-    """Return the model of a system, and runs of it by a method with its tolerance or step, of so many steps at most."""
+    """Return the model of a system, and its runs. `how` is (method, rtol, step); `tight` is the default of rtol."""
     if not isinstance(system, (System, Model)):
         raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene('pendulum').")
     require_values(system.statement)
@@ -206,28 +207,28 @@ def _runs(
 
 
 def _limit(max_steps: int | None, step: float | None) -> int | None:
-    """Return the most steps of an orbit: what is given, else `ORBIT_STEPS` where the method chooses the steps."""
+    """Return the limit of steps of an orbit: `max_steps`, else `ORBIT_STEPS` for adaptive methods."""
     return ORBIT_STEPS if max_steps is None and step is None else max_steps
 
 
 def _at(model: Model, runs: Runs, name: str) -> Callable[[float], tuple[Statement, Model]]:
-    """Return what gives the statement and a model with a value for a parameter."""
+    """Return a function of a value of the parameter `name` that returns the statement and a model with that value."""
     statement = model.statement
     values = dict(zip(statement.parameters, runs.parameters.tolist(), strict=True))
     chosen = next(p for p in statement.parameters if p.name == name)
 
     def stated(value: float) -> tuple[Statement, Model]:
-        made = System.from_statement(replace(statement, defaults=MappingProxyType({**values, chosen: value})))
-        return made.statement, made.compile("numpy", check=False)
+        system = System.from_statement(replace(statement, defaults=MappingProxyType({**values, chosen: value})))
+        return system.statement, system.compile("numpy", check=False)
 
     return stated
 
 
 def _positive(given: Any, what: str) -> float:
-    found = real_number(given, what)
-    if found <= 0:
-        raise StatementError(f"{what} is {found:g}: give a positive number.")
-    return found
+    number = real_number(given, what)
+    if number <= 0:
+        raise StatementError(f"{what} is {number:g}: give a positive number.")
+    return number
 
 
 def _length(starts: Any) -> int:

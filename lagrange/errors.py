@@ -1,4 +1,4 @@
-"""The few errors a person meets, each named after who can act on it."""
+"""The exceptions of the package, named after their cause: the statement, a scene file, or the run."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ from difflib import get_close_matches
 from typing import Any
 
 MOST_DIGITS = 60
-"""A whole number of more digits is shown by its length."""
+"""Longest whole number, in digits, that a message shows; of a longer number it gives the number of digits."""
 
 LONGEST_NAME = 80
-"""Characters of a text that are compared with known names, for a suggestion."""
+"""Longest part of a text, in characters, that is compared with known names for a suggestion."""
 
 LONGEST_SENTENCE, END_OF_SENTENCE = 400, 150
-"""Characters of a message, and of its end, which says what to do and is kept where the middle is left out."""
+"""Longest message, and the part kept at its end, in characters. The end says what to do; the middle is cut."""
 
 MOST_PARTS, MOST_LEVELS = 400, 30
-"""Parts of an expression that a message quotes, and levels of nesting: SymPy writes more in minutes, or not at all."""
+"""Largest expression that a message quotes: its parts, and levels of nesting. SymPy prints larger ones in minutes, or
+not at all."""
 
 
 class LagrangeError(Exception):
@@ -28,17 +29,17 @@ class LagrangeError(Exception):
 
 
 class StatementError(LagrangeError, ValueError):
-    """What was stated or asked for cannot be: the message says what to change."""
+    """An invalid statement or request: the message says what to change."""
 
 
 class UnknownKey(StatementError, KeyError):
-    """A mapping has no such entry, of which `get` and `in` of Python's mappings need to hear as a KeyError."""
+    """A key that is missing from a mapping. It is a KeyError too, which `get` and `in` of Python's mappings need."""
 
-    __str__ = Exception.__str__  # that of KeyError adds quotation marks
+    __str__ = Exception.__str__  # KeyError.__str__ would add quotation marks
 
 
 class SceneError(StatementError):
-    """A scene file cannot be used: the message names file, line and column."""
+    """A scene file that cannot be used: the message names file, line and column."""
 
     def __init__(self, reason: str, *, file: str = "", line: int | None = None, column: int | None = None) -> None:
         place = ":".join(str(part) for part in (shortened(file), line, column) if part not in ("", None))
@@ -50,11 +51,11 @@ class SceneError(StatementError):
 
 
 class RunError(LagrangeError):
-    """A run, or one evaluation of a model, did not give a usable answer."""
+    """A run, or one evaluation of a model, without a usable result."""
 
 
 class _Short(reprlib.Repr):
-    """Writes any value in a few words, however long it is and whatever its own repr does."""
+    """A short repr of any value, however long the value is and even if its own repr raises."""
 
     def __init__(self, most: int) -> None:
         super().__init__()
@@ -73,12 +74,12 @@ class _Short(reprlib.Repr):
 
 
 def shown(value: Any, most: int = 80) -> str:
-    """Return a value as a message quotes it: its repr, cut where it is long."""
+    """Return a short repr of a value for a message, cut to about `most` characters."""
     return _Short(most).repr(value)
 
 
 def shortened(text: str, most: int = 160) -> str:
-    """Return a text, such as a path, without its middle where it has more than `most` characters."""
+    """Return a text, such as a path, without its middle if it has more than `most` characters."""
     return text if len(text) <= most else f"{text[: most // 2 - 3]}...{text[-(most // 2) :]}"
 
 
@@ -86,7 +87,7 @@ MANY_PARTS = "an expression of many parts"
 
 
 def has_many_parts(expression: Any) -> bool:
-    """Return whether a SymPy expression is too large, or nested too deeply, to be quoted."""
+    """Return whether a SymPy expression is too large, or nested too deeply, for a message."""
     waiting, count = [(expression, 0)], 0
     while waiting:
         node, level = waiting.pop()
@@ -94,7 +95,7 @@ def has_many_parts(expression: Any) -> bool:
         if count > MOST_PARTS or level > MOST_LEVELS:
             return True
         arguments = getattr(node, "args", ())
-        waiting += [(one, level + 1) for one in arguments] if isinstance(arguments, tuple) else []
+        waiting += [(part, level + 1) for part in arguments] if isinstance(arguments, tuple) else []
     return False
 
 
@@ -109,7 +110,7 @@ def formula(expression: Any, most: int = 80) -> str:
 
 
 def _sentence(text: str) -> str:
-    """Return a text without characters that a terminal acts on, and without its middle where it is long."""
+    """Return a text with control characters escaped, and without its middle if it is longer than a message may be."""
     if not text.isprintable():
         text = " ".join(text.split("\n"))
         text = "".join(c if c.isprintable() else ascii(c)[1:-1] for c in text)
@@ -127,11 +128,11 @@ def suggestion(given: str, known: Iterable[str]) -> str:
 
 
 FAULT = "This is a fault of lagrange, please report it with this message."
-"""How a message ends where two ways to compute the same thing disagree."""
+"""End of a message about two computations of the same quantity that disagree."""
 
 
 def listing(names: Iterable[str], most: int | None = None) -> str:
-    """Return the names as ``a, b and c`` for a sentence; of many the first `most`, and how many others there are."""
+    """Return the names as ``a, b and c``; of many the first `most` names and the number of others."""
     words = list(names)
     if most is not None and len(words) > most + 1:
         words = [*words[:most], f"{len(words) - most} others"]
@@ -141,7 +142,7 @@ def listing(names: Iterable[str], most: int | None = None) -> str:
 
 
 def abridged(names: Iterable[str], most: int = 8) -> str:
-    """Return the names as ``a, b, c``; of many the first ones, and how many others there are."""
+    """Return the names as ``a, b, c``; of many the first `most` names and the number of others."""
     words = list(names)
     left = len(words) - most
     return ", ".join(words) if left <= 1 else f"{', '.join(words[:most])} and {left} others"

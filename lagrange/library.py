@@ -1,4 +1,4 @@
-"""The library of scenes: names, and the system of each."""
+"""The library of scenes: their names, and the system of each."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lagrange.system import System
 def scene(name: str) -> System:
     """Return a system of the scene library; `lagrange.scenes()` lists the names.
 
-    Raises StatementError for a name that is not there, with those that are.
+    Raises StatementError for an unknown name, with the known ones.
     """
     return System.from_statement(scene_files.load(name))
 

@@ -1,4 +1,4 @@
-"""Runs from files: what `solution.to_npz` wrote becomes a Solution again."""
+"""Runs from files: read the Solution that `solution.to_npz` wrote."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory
 
 NEEDED = ("t", "y", "names", "card", "statement")
-"""The arrays without which a file is no run."""
+"""Arrays that every file of a run contains."""
 
 OUTPUTS_ALONE = "a file has the outputs of a run alone. Ask at these times, or run the system again."
 
@@ -29,9 +29,9 @@ OUTPUTS_ALONE = "a file has the outputs of a run alone. Ask at these times, or r
 def load(path: str | os.PathLike[str]) -> Solution:
     """Return the run that `solution.to_npz` wrote, with its system: a Solution.
 
-    Between its outputs it has the states alone that the file has for pictures that move.
-    Nothing in the file is run: it holds numbers and texts, and the system is built from them as one of a scene is.
-    Raises StatementError for a file that cannot be read, or holds something else.
+    Between its outputs it has only the states that the file stores for animations.
+    No code in the file is run: it holds numbers and texts, from which the system is built like that of a scene.
+    Raises StatementError for a file that cannot be read, or that is not from `to_npz`.
     """
     if not isinstance(path, (str, os.PathLike)):
         raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
@@ -55,7 +55,7 @@ def load(path: str | os.PathLike[str]) -> Solution:
 
 
 def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model) -> Trajectory:
-    """Return the states of a file. Raises StatementError where they are not those of the model."""
+    """Return the trajectory of a file. Raises StatementError where its states do not fit the model."""
     t, y = arrays["t"], arrays["y"]
     if y.shape != (len(model.layout.names()), len(t)):
         raise StatementError(
@@ -85,7 +85,7 @@ def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model
 
 
 def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None:
-    """Return the parameters over a run whose events set some."""
+    """Return the parameters along a run whose events set some, or None."""
     if "history_begins" not in arrays:
         return None
     names = ("history_begins", "history_values", "history_added")
@@ -98,7 +98,7 @@ def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None
 
 
 def _known(arrays: Mapping[str, Any], t: FloatArray, y: FloatArray) -> OutputPath:
-    """Return the states at the outputs, and those between them, which older files lack."""
+    """Return the states at the outputs, and the stored states between them, which older files lack."""
     t_between, y_between = arrays.get("t_between", np.empty(0)), arrays.get("y_between", np.empty((len(y), 0)))
     if y_between.shape != (len(y), len(t_between)):
         raise StatementError(f"it has states of shape {y_between.shape} at {len(t_between)} times between its outputs.")

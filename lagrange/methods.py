@@ -1,8 +1,7 @@
 """Integration methods: `lg.methods.RK4(step=0.01)`, `lg.methods.table()`.
 
-Every method stands here under the name of the function or class that makes it, without being listed again. The classes
-of SciPy's solvers carry its name: `lg.methods.ScipyRadau(max_step=0.1)`. `lg.methods.CVODE()` needs
-`pip install scikit-sundae`.
+Every method is available here under the name of the function or class that makes it. The classes of SciPy's solvers
+carry its name: `lg.methods.ScipyRadau(max_step=0.1)`. `lg.methods.CVODE()` needs `pip install scikit-sundae`.
 """
 
 from typing import TYPE_CHECKING
@@ -18,7 +17,7 @@ from lagrange.trajectory.methods.registry import BUILT_IN, names, register, tabl
 from lagrange.trajectory.methods.splitting import Splitting, composition
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 
-if TYPE_CHECKING:  # for their signatures; when this runs, the methods that are built in are entered below
+if TYPE_CHECKING:  # signatures for type checkers; at run time the built-in methods are added below
     from lagrange.trajectory.methods.constrained import *
     from lagrange.trajectory.methods.explicit import *
     from lagrange.trajectory.methods.implicit import *

@@ -48,8 +48,8 @@ if TYPE_CHECKING:
 class System:
     """A mechanical system: n coordinates, kinetic and potential energy, forces, parameters, initial state.
 
-    Units are the user's own, consistent ones. Raises StatementError, in the user's symbols, for anything that
-    cannot be meant: an undeclared symbol, a coordinate without inertia, a force on a coordinate that is not there.
+    Units are the user's own and must be consistent. Raises StatementError, in the user's symbols, for a statement that
+    is not a valid system: an undeclared symbol, a coordinate without inertia, a force on an unknown coordinate.
     """
 
     def __init__(
@@ -72,16 +72,16 @@ class System:
     ) -> None:
         """State a system.
 
-        Give `kinetic` and `potential`, or `lagrangian`. `coordinates`, unless given, are those that appear, in order of
-        declaration.
-        `forces` maps a coordinate to its generalized force, `dissipation` is Rayleigh's D with force -dD/dv.
-        `constraints` are expressions that stay zero, or Eq, in a list or by name; those free of velocities are
-        holonomic. With `redundant="allow"` some may follow from others, and share their forces.
-        `parameters` maps symbols or names to default values, `initial` coordinates and velocities to numbers; what is
-        not named starts at 0. `positions` names points (x, y) or (x, y, z) to draw, `links` pairs of them, or
-        triples such as ("origin", "bob", "spring").
-        `dimensions` maps symbols or names to dimensions or units, {m: "mass", l: "m"}: every term is then checked, and
-        axes have units where units were given.
+        Give `kinetic` and `potential`, or `lagrangian`. `coordinates` are by default those that appear in the
+        expressions, in order of declaration.
+        `forces` maps a coordinate to its generalized force. `dissipation` is Rayleigh's D, with force -dD/dv.
+        `constraints` are expressions that stay zero, or Eq, in a list or by name. Those without velocities are
+        holonomic. With `redundant="allow"` some constraints may follow from others; they share their forces.
+        `parameters` maps symbols or names to default values. `initial` maps coordinates and velocities to numbers, 0 by
+        default. `positions` names points (x, y) or (x, y, z) to draw. `links` are pairs of these names, or triples such
+        as ("origin", "bob", "spring").
+        `dimensions` maps symbols or names to dimensions or units, {m: "mass", l: "m"}. Every term is then checked, and
+        axes have units where units were stated.
         """
         self._adopt(
             declare(
@@ -109,7 +109,7 @@ class System:
 
     @classmethod
     def from_statement(cls, statement: Statement) -> System:
-        """Return the system of a checked statement, the `.statement` of another; else StatementError is raised."""
+        """Return the system of a checked statement, such as `system.statement`. Raises StatementError otherwise."""
         if not isinstance(statement, Statement):
             raise StatementError(f"{shown(statement)} is no statement: give the .statement of a system.")
         system = cls.__new__(cls)
@@ -139,30 +139,30 @@ class System:
 
     @property
     def name(self) -> str:
-        """The system's name."""
+        """Name of the system."""
         return self.statement.name
 
     @property
     def coordinates(self) -> tuple[Any, ...]:
-        """The coordinates, n SymPy functions of time, in the order of every array."""
+        """Coordinates, n SymPy functions of time, in the order of every array."""
         return self.statement.coordinates
 
     @property
     def parameters(self) -> dict[Any, float]:
-        """The parameters that have a default value, and the values."""
+        """Default values of the parameters, {name: number}; parameters without a default are left out."""
         return dict(self.statement.defaults)
 
     @property
     def structure(self) -> list[str]:
-        """What kind of system it is, in sentences: mass matrix, conserved energy and momenta, unused parameters."""
+        """Properties of the system, in sentences: mass matrix, conserved energy and momenta, unused parameters."""
         return [*self.laws.structure.sentences(), *self.statement.remarks()]
 
     def derivation(self, detail: str = "full") -> ShownDerivation:
         """Return the textbook derivation in SymPy, independent of the compiled equations.
 
-        Its parts are expressions. It prints as text, has `.text()`, `.unicode()`, `.latex()`, `.markdown()` and
-        `.html()`, and a notebook shows it. `detail` is "full" or "short", which leaves out the steps for each
-        coordinate. Raises StatementError for another detail.
+        Its attributes are SymPy expressions. print() shows it as text, a notebook as formulas; `.text()`, `.unicode()`,
+        `.latex()`, `.markdown()` and `.html()` return it in that format. `detail` is "full", or "short" without the
+        steps for each coordinate. Raises StatementError for another detail.
         """
         chosen = one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")
         return replace(self._derivation, findings=tuple(self.structure), detail=chosen)
@@ -175,33 +175,33 @@ class System:
         """Return the Euler-Lagrange equations, a list of n SymPy Eq, one per coordinate, as in a textbook.
 
         Goldstein, Poole, Safko, Classical Mechanics, 3rd ed., sections 1.4 and 1.5, with constraints section 2.4.
-        The forces of constraints stand on the right, with their multipliers `lagrange.multiplier(name)`. The
+        The right-hand sides are the constraint forces, with their multipliers `lagrange.multiplier(name)`. The
         constraints themselves are `derivation().constraints`.
         """
         return EquationList(self._derivation.equations, self.statement)
 
     def accelerations(self) -> dict[Any, Any]:
-        """Return the accelerations, {coordinate: SymPy expression}; the multipliers are solved for and gone.
+        """Return the accelerations, {coordinate: SymPy expression}, with the multipliers eliminated.
 
-        Raises StatementError for a singular mass matrix, and where the formulas would be too long to print; the
-        compiled model has no such bound.
+        Raises StatementError for a singular mass matrix, and where the formulas would be too long to print. The
+        compiled model has no limit of length.
         """
         second = {q: acceleration_of(q) for q in self.statement.coordinates}
         return ExpressionDict(self._derivation.accelerations, self.statement, second)
 
     @property
     def constraint_forces(self) -> dict[str, dict[Any, Any]]:
-        """What each constraint exerts, {name: {coordinate: SymPy expression in lagrange.multiplier(name)}}.
+        """Forces of each constraint, {name: {coordinate: SymPy expression in lagrange.multiplier(name)}}.
 
         These are generalized forces, G^T lambda: lambda dphi/dq of a constraint phi = 0 on positions, lambda dpsi/dv of
         a constraint psi = 0 on velocities (Chetaev's rule where psi is not linear in them).
         """
-        found = self._derivation.constraint_forces.items()
-        return ByName("constraint", ((name, dict(forces)) for name, forces in found))
+        by_constraint = self._derivation.constraint_forces.items()
+        return ByName("constraint", ((name, dict(forces)) for name, forces in by_constraint))
 
     @property
     def kinetic(self) -> Any:
-        """T, with like terms merged; the whole of L where a Lagrangian was stated alone."""
+        """T, with like terms merged; all of L where a Lagrangian was stated alone."""
         return self._derivation.kinetic
 
     @property
@@ -216,25 +216,25 @@ class System:
 
     @property
     def momenta(self) -> dict[Any, Any]:
-        """The conjugate momenta dL/dv, {coordinate: SymPy expression}."""
+        """Conjugate momenta dL/dv, {coordinate: SymPy expression}."""
         letters = {q: ShownQuantity("p", (name_of(q),)) for q in self.statement.coordinates}
         return ExpressionDict(self._derivation.momenta, self.statement, letters)
 
     @property
     def mass_matrix(self) -> Any:
-        """The mass matrix d2L/dv2, a SymPy Matrix (n, n)."""
+        """Mass matrix d2L/dv2, a SymPy Matrix (n, n)."""
         return self._derivation.mass_matrix
 
     @property
     def energy(self) -> Any:
-        """The energy v.p - L (the Jacobi integral), which is T + V where T is quadratic in the velocities."""
+        """Energy v.p - L (the Jacobi integral), which is T + V where T is quadratic in the velocities."""
         return self._derivation.energy
 
     def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
-        """Compile for a target, "llvm" or "numpy"; the model is kept for the next call.
+        """Compile for a target, "llvm" or "numpy". The model is kept for the next call.
 
-        A quick check of the compiled accelerations against numerical differentiation of T and V runs unless `check`
-        is false. Raises RunError if it fails, StatementError for another target and one whose package is missing.
+        A quick check compares the compiled accelerations with numerical differentiation of T and V, unless `check` is
+        false. Raises RunError if it fails, StatementError for an unknown target or a missing package.
         """
         from lagrange.compiler import compile_model
 
@@ -265,8 +265,8 @@ class System:
     ) -> Solution:
         """Compile, run from `t_start` to `t_end`, and return the Solution; see `lagrange.integrate` for the options.
 
-        Times are in the units of the statement. What is not given comes from the scene, where there is one. Raises
-        StatementError for a request that cannot be meant; what happens along the way is in the Solution.
+        Times are in the units of the statement. A scene supplies defaults of the options. Raises StatementError for
+        invalid arguments. A run that ends early returns a Solution with a status and a message.
         """
         from lagrange.trajectory.options import RunOptions
         from lagrange.trajectory.run import run_stated
@@ -275,11 +275,11 @@ class System:
         return run_stated(self, t_start, t_end, initial, options, target, check=check, progress=progress)
 
     def check(self, *, target: str = "llvm", points: int = 5, seed: int = 0) -> Report:
-        """Compare everything compiled with numerical differentiation of the stated energies, and return a report.
+        """Compare all compiled quantities with numerical differentiation of the stated energies, and return a report.
 
-        It also compares with the textbook derivation and with the other machine. The report prints as a table and is
-        truthy when everything holds. `points` is the number of random states, which follow from `seed`. Raises
-        StatementError for numbers that are none and for another target.
+        They are also compared with the textbook derivation and with the other machine (llvm or numpy). The report
+        prints as a table and is truthy if all comparisons pass. `points` is the number of random states; `seed`
+        determines them. Raises StatementError for invalid numbers and for an unknown target.
         """
         from lagrange.evidence.stated_check import check_stated
 
@@ -296,9 +296,9 @@ class System:
     ) -> Consistent:
         """Return the nearest state on the constraints: `.initial` is complete, `.moved` the largest change.
 
-        `initial` overlays the statement's initial state as in `run`. The coordinates move first, by the least amount
-        that the kinetic energy measures, then the velocities; those in `hold`, such as `[x, y.dot]`, stay as they are.
-        Raises StatementError where no such state is near, with the constraints that are not met.
+        `initial` overlays the statement's initial state as in `run`. First the coordinates move, by the least distance
+        in the metric of the kinetic energy, then the velocities. Entries in `hold`, such as `[x, y.dot]`, stay as they
+        are. Raises StatementError if there is no such state nearby, with the violated constraints.
         """
         from lagrange.compiler import machine, model_of
         from lagrange.trajectory.constraints.consistent import consistent
@@ -319,10 +319,10 @@ class System:
         `contents` are names of quantities ("rhs", "accelerations", "energy", "energies", "jacobian", "mass_matrix",
         "momenta", "multipliers", "positions", "events"), of explicit methods ("rk4": a step, "dop853": a run with error
         control), "main" (a program that runs the initial state and writes CSV) and, for some targets, "taylor"; the
-        default is rhs and energy. `events` are expressions as for a run. `parameters` overlay the default values, which
-        stand in the file.
+        default is rhs and energy. `events` are expressions as for a run. `parameters` overlay the default values; both
+        are written into the file.
         The result has `.files`, and `.commands` that build and run the self-test in that folder. Raises StatementError
-        for what a target cannot express, and for a parameter without a value.
+        for quantities that a target cannot express, and for a parameter without a value.
         """
         from lagrange.export.write import export
 
@@ -336,12 +336,12 @@ class System:
         initial: Mapping[Any, Any] | None = None,
         sliders: Mapping[Any, Any] | None = None,
     ) -> Path:
-        """Write a web page on which the system moves: one HTML file that needs nothing else. Returns its path.
+        """Write a web page on which the system moves: one HTML file that needs no other file. Returns its path.
 
-        It computes in JavaScript, with the exported right-hand side and dop853. `parameters` and `initial` overlay the
-        stated values. Every parameter and initial value has a slider; `sliders` maps those that shall stand first to
-        their bounds, {l: (0.5, 2), theta.dot: (-3, 3)}. Raises StatementError for what has no slider, for functions
-        that JavaScript has not, and for a path that cannot be written.
+        The page computes in JavaScript, with the exported right-hand side and dop853. `parameters` and `initial`
+        overlay the stated values. Every parameter and initial value has a slider. `sliders` maps those that come first
+        to their bounds, {l: (0.5, 2), theta.dot: (-3, 3)}. Raises StatementError for names without a slider, for
+        functions that JavaScript lacks, and for a path that cannot be written.
         """
         from lagrange.page.write import write_page
 
@@ -349,12 +349,12 @@ class System:
         return write_page(self.compile("numpy", check=False), self.derivation(), path, parameters, initial, sliders)
 
     def to_scene(self, path: str | os.PathLike[str]) -> Path:
-        """Write the statement as a scene file, which `System.from_scene` reads as the same one. Returns its path.
+        """Write the statement as a scene file, which `System.from_scene` reads back. Returns its path.
 
-        The file holds energies, forces, constraints, values, initial state, points, links, units, given functions, what
-        is said of the system, and how it asks to be run; not what SymPy was told of the signs of parameters. Raises
-        StatementError for what no scene can hold, such as a parameter without a value or a function without a formula,
-        and for a path that cannot be written.
+        The file holds energies, forces, constraints, values, initial state, points, links, units, given functions, the
+        description of the system, and its default options of a run. SymPy assumptions, such as positive parameters, are
+        not stored. Raises StatementError for content that a scene cannot hold, such as a parameter without a value or a
+        function without a formula, and for a path that cannot be written.
         """
         from lagrange.show.files.atomic_file import write_atomically
         from lagrange.statement.scene_text import scene_text
@@ -371,13 +371,13 @@ class System:
         style: str = "light",
         **sliders: Any,
     ) -> Any:
-        """Return sliders for parameters and initial values in a notebook, over a picture that follows them.
+        """Return sliders for parameters and initial values in a notebook, with a picture that follows them.
 
-        `explore(l=(0.1, 2), theta=(0, 3))` has a slider for the parameter l and one for the value of theta at t = 0;
-        `ranges` are those by symbol, {theta.dot: (-1, 1)}. The picture has the named positions, or the coordinates
-        where none are stated, beside the energy, from t = 0 to `t_end`; `play` moves through it. A run that fails, or
-        takes longer than a second, says so below. Needs ipywidgets, which the extra `notebook` has.
-        Raises StatementError for a slider of what is no parameter, coordinate or velocity, and without ipywidgets.
+        `explore(l=(0.1, 2), theta=(0, 3))` has a slider for the parameter l and one for the value of theta at t = 0.
+        `ranges` gives bounds by symbol, {theta.dot: (-1, 1)}. The picture shows the named positions, or the coordinates
+        if there are none, beside the energy, from t = 0 to `t_end`; `play` adds a button that moves through time. A
+        message below the picture reports a run that fails or takes longer than a second. Needs ipywidgets (the extra
+        `notebook`). Raises StatementError without it, and for a name that is not a parameter, coordinate or velocity.
         """
         from lagrange.show.notebook.explore import explore, explored_sliders
 
@@ -387,10 +387,10 @@ class System:
     def eliminate(self, *coordinates: Any) -> System:
         """Return a smaller System: holonomic constraints solved for coordinates, and both left out.
 
-        Each of `coordinates` is a coordinate or its name, the name of a constraint, or {coordinate: expression} where
-        the constraint has several solutions and one is meant. Energies, forces, dissipation, positions and the initial
-        state of the other coordinates are carried over. Raises StatementError where a constraint does not determine the
-        coordinate: it must be linear in it, with a coefficient that never vanishes.
+        Each of `coordinates` is a coordinate or its name, the name of a constraint, or {coordinate: expression} to
+        choose one of several solutions. Energies, forces, dissipation, positions and the initial state of the other
+        coordinates are kept. Raises StatementError where a constraint does not determine the coordinate: it must be
+        linear in the coordinate, with a coefficient that never vanishes.
         """
         from lagrange.mechanics.reduction import reduced
 
@@ -399,9 +399,9 @@ class System:
     def substitute(self, parameters: Mapping[Any, Any]) -> System:
         """Return the System with numbers or expressions for some parameters, such as {l: 1, m2: mu*m1}.
 
-        Keys are symbols or names. A given function of time is replaced too, as in {X: sin(t)}. What only the
-        expressions contain becomes a parameter without a value. Raises StatementError for what is no parameter, and for
-        expressions that are not constant.
+        Keys are symbols or names. A given function of time can be replaced too, as in {X: sin(t)}. Symbols that are new
+        in the expressions become parameters without a value. Raises StatementError for a key that is not a parameter,
+        and for expressions that are not constant.
         """
         from lagrange.mechanics.reduction import substituted
 
@@ -410,11 +410,11 @@ class System:
     def small(self, about: Mapping[Any, Any] | None = None, *, order: int = 2) -> System:
         """Return the System expanded about a point, to an order in changes of coordinates and velocities.
 
-        `about` has values of coordinates and of velocities, numbers or expressions in parameters; what it does not name
-        is zero. L, the dissipation and the constraints are expanded to that order, forces to one less: order 2 gives
-        linear equations. The coordinates stay what they are. The point need not be an equilibrium; the description on
-        the page says whether it is, since elsewhere the accelerations are right at the point alone. Raises
-        StatementError where there is no expansion: at corners and poles, off the constraints, and where a coordinate
+        `about` has values of coordinates and of velocities, numbers or expressions in parameters; the default of each
+        is zero. L, the dissipation and the constraints are expanded to `order`, forces to one order less: order 2 gives
+        linear equations. The coordinates stay the same. The point need not be an equilibrium: the notebook page of the
+        result says whether it is, because elsewhere the accelerations are right at the point alone. Raises
+        StatementError where no expansion exists: at corners and poles, off the constraints, and where a coordinate
         loses its inertia.
         """
         from lagrange.mechanics.small import small
@@ -429,12 +429,12 @@ class System:
         parameters: Mapping[Any, Any] | None = None,
         initial: Mapping[Any, Any] | None = None,
     ) -> System:
-        """Return the System in new coordinates, given {x: r*cos(phi), y: r*sin(phi)}; t may stand there too.
+        """Return the System in new coordinates, given {x: r*cos(phi), y: r*sin(phi)}; expressions may contain t.
 
-        Energies, forces by virtual work, dissipation, constraints and positions are carried over; the initial state is
-        solved for by number, unless `initial` gives it in the new coordinates. Those in `positive`, such as [r], are
-        taken for positive, so that sqrt(r**2) is r. `parameters` has values of those that only the expressions contain.
-        Raises StatementError where the new coordinates are singular.
+        Energies, forces (by virtual work), dissipation, constraints and positions are transformed. The initial state is
+        found numerically, unless `initial` gives it in the new coordinates. Coordinates in `positive`, such as [r], are
+        assumed positive, so that sqrt(r**2) is r. `parameters` gives values of parameters that are new in the
+        expressions. Raises StatementError where the new coordinates are singular.
         """
         from lagrange.mechanics.transformation import transformed
 
@@ -442,11 +442,11 @@ class System:
         return self.from_statement(transformed(self._known, coordinates, positive, parameters, initial, model))
 
     def routhian(self, *coordinates: Any) -> System:
-        """Return a smaller System without ignorable coordinates; the momentum p_phi of each is a parameter.
+        """Return a smaller System without ignorable coordinates; the momentum p_phi of each becomes a parameter.
 
-        Its value is that of the initial state. The `potential` is the effective one. Points that an ignored coordinate
-        places are left out. Raises StatementError, with the rate of its momentum, for one that is not ignorable.
-        Goldstein, Poole, Safko, 3rd ed., section 8.3.
+        The value of p_phi is that of the initial state. The `potential` is the effective one. Points that depend on an
+        ignored coordinate are left out. Raises StatementError, with the rate of its momentum, for a coordinate that is
+        not ignorable. Goldstein, Poole, Safko, 3rd ed., section 8.3.
         """
         from lagrange.mechanics.routh import routhian
 
@@ -455,7 +455,7 @@ class System:
     def ignored(self, solution: Any) -> dict[Any, Any]:
         """Return the ignored coordinates and their velocities along a run of the Routhian, {symbol: (N,)}.
 
-        They are integrated over the path of the run, to 1e-12 of what they go through, from the initial values here.
+        They are integrated along the run, to 1e-12 relative to their total change, from the initial values here.
         Raises StatementError for a solution of another system, and where the outputs are too far apart for 1e-12.
         """
         from lagrange.mechanics.routh import ignored
@@ -473,11 +473,11 @@ class System:
         return hamiltonian(self._known, self.compile("numpy", check=False), self.from_statement)
 
     def conserved(self) -> list[Conserved]:
-        """Return what is found to be conserved: records with `.name`, `.expression` and `.reason`.
+        """Return the conserved quantities: records with `.name`, `.expression` and `.reason`.
 
-        The energy or Jacobi integral, momenta of ignorable coordinates, of shifts and of rotations, and the Runge-Lenz
-        vector. Each is proven as an identity and tested along the compiled motion. What is not in
-        the list was not found; nothing is said of it.
+        Candidates are the energy or Jacobi integral, momenta of ignorable coordinates, of shifts and of rotations, and
+        the Runge-Lenz vector. Each result is proven as an identity and tested along the compiled motion. A quantity
+        that is missing from the list may still be conserved.
         """
         from lagrange.mechanics.conserved import conserved_quantities
         from lagrange.show.notebook.result_pages import ConservedList
@@ -486,11 +486,11 @@ class System:
         return ConservedList(conserved_quantities(self.compile("numpy", check=False)))
 
     def noether(self, generator: Mapping[Any, Any]) -> Any:
-        """Return the conserved quantity of a symmetry that moves coordinates so: {x: -y, y: x}.
+        """Return the conserved quantity of a symmetry, given its generator: {x: -y, y: x} for a rotation.
 
         Keys are coordinates, their names, or t for a shift in time; values depend on coordinates, parameters and t. The
-        Lagrangian may change by a total derivative. Raises StatementError, with the rate of the quantity, for what is
-        no symmetry, and where no proof is found. Goldstein, Poole, Safko, 3rd ed., section 13.7.
+        Lagrangian may change by a total derivative. Raises StatementError, with the rate of the quantity, for a
+        generator that is not a symmetry, and where no proof is found. Goldstein, Poole, Safko, 3rd ed., section 13.7.
         """
         from lagrange.mechanics.conserved import noether_quantity
 
@@ -500,27 +500,27 @@ class System:
     def compare(self, derived: Any) -> EquationsComparison:
         """Compare equations of motion that somebody derived, such as a student, with those of the system.
 
-        Each is a text as people type it, such as "l theta'' + g sin theta = 0", a SymPy expression that is zero, or an
-        Eq; give a list, {coordinate: equation}, or one text with several lines. Equations are right if they are
-        equivalent: in any order, multiplied by anything, combined linearly or solved for the accelerations. The result
-        is truthy if so. Its `.message` names the first wrong term, `.read` has the equations as they were understood,
-        `.details` a state at which one does not hold. Raises StatementError for what cannot be read, with all faults
-        and their places, and for equations that are not linear in the accelerations.
+        Each equation is a text such as "l theta'' + g sin theta = 0", a SymPy expression that is zero, or an Eq. Give a
+        list, {coordinate: equation}, or one text with several lines. Equations are right if they are equivalent: in any
+        order, multiplied by any factor, combined linearly or solved for the accelerations. The result is truthy if they
+        are right. Its `.message` names the first wrong term, `.read` has the equations as they were understood,
+        `.details` a state at which an equation does not hold. Raises StatementError for a text that cannot be read,
+        with all faults and their places, and for equations that are not linear in the accelerations.
         """
         from lagrange.show.notation.graded_answer import graded_answer
 
         return graded_answer(self._known, self._known_derivation, derived)
 
     def compare_text(self, text: str) -> EquationsComparison:
-        """Compare equations of motion in a text, as `compare` does. Raises StatementError for what is no text."""
+        """Compare equations of motion in a text, as `compare` does. Raises StatementError if `text` is not a string."""
         return self.compare(checked_text(text, "the text of the equations"))
 
     def equilibria(self, rates: Mapping[Any, Any] | None = None) -> list[Equilibrium]:
         """Return the equilibria, each with `.coordinates`, `.stable`, `.energy` and the `.condition` for it to exist.
 
-        They are found in symbols where factors of the forces give them, else by number from many starts, at the values
-        of the parameters. `rates` gives ignorable coordinates steady velocities, as {phi: w}: the others rest then.
-        Raises StatementError where none is found, with what was tried.
+        They are found symbolically where factors of the forces allow it, else numerically from many starts, at the
+        values of the parameters. `rates` gives ignorable coordinates constant velocities, as {phi: w}; the others are
+        at rest. Raises StatementError, with the attempts, where none is found.
         """
         from lagrange.mechanics.equilibria import equilibria
         from lagrange.show.notebook.result_pages import EquilibriumList
@@ -528,13 +528,13 @@ class System:
         return EquilibriumList(equilibria(self._known, rates, self.compile("numpy", check=False)))
 
     def linearize(self, at: Mapping[Any, Any] | None = None, *, inputs: Any = ()) -> Linearization:
-        """Return M, C, K and A, B of small changes about a point, SymPy matrices.
+        """Return the linear equations of small changes about a point: SymPy matrices M, C, K and A, B.
 
         `at` has values of coordinates, of velocities of steady motions and of inputs, numbers or expressions in
-        parameters; what it does not name is zero. `inputs` are parameters or given functions of time. With constraints
-        the equations are those of independent coordinates. Away from equilibrium the matrices hold at that instant, and
-        `.note` says so. Tested against the Jacobian of the compiled model. Raises StatementError for a point that is
-        off the constraints or has no derivatives. Goldstein, Poole, Safko, 3rd ed., section 6.1.
+        parameters; the default of each is zero. `inputs` are parameters or given functions of time. With constraints
+        the equations are those of independent coordinates. Away from equilibrium the matrices hold at that instant
+        only, which `.note` reports. They are tested against the Jacobian of the compiled model. Raises StatementError
+        for a point that is off the constraints or has no derivatives. Goldstein, Poole, Safko, 3rd ed., section 6.1.
         """
         from lagrange.mechanics.linearization import check as check_linearization
         from lagrange.mechanics.linearization import linearized_at
@@ -543,28 +543,28 @@ class System:
         statement, at, inputs = with_inputs_as_parameters(self.statement, at, inputs)
         system = self if statement is self.statement else self.from_statement(statement)
         model, point = system.compile("numpy", check=False), stated_point(system._known, at, inputs)
-        found = linearized_at(point)
-        check_linearization(found, point, model)
-        return found
+        linearization = linearized_at(point)
+        check_linearization(linearization, point, model)
+        return linearization
 
     def modes(self, at: Mapping[Any, Any] | None = None) -> ShownModes:
         """Return frequencies, shapes and stability of small oscillations about an equilibrium; `plot()` draws them.
 
-        They are symbolic while roots of degree two give them, else numbers at the values of the parameters, in radians
-        per unit of time. Raises StatementError away from equilibrium. Goldstein, Poole, Safko, 3rd ed., section 6.2.
+        Results are symbolic where roots of degree two suffice, else numbers at the values of the parameters.
+        Frequencies are in radians per unit of time. Raises StatementError away from equilibrium. Goldstein, Poole,
+        Safko, 3rd ed., section 6.2.
         """
         from lagrange.mechanics.modes import modes
         from lagrange.mechanics.point import stated_point
         from lagrange.show.dynamics import ShownModes, shown_as
 
-        found = modes(self.linearize(at), stated_point(self._known, at))
-        return shown_as(ShownModes, found)
+        return shown_as(ShownModes, modes(self.linearize(at), stated_point(self._known, at)))
 
     def eigenvalues(self, parameter: Any, values: ArrayLike, at: Mapping[Any, Any] | None = None) -> EigenvaluePath:
         """Return the eigenvalues about an equilibrium at values (k,) of a parameter: `.eigenvalues`, (k, 2n).
 
-        `at` is the equilibrium, as `linearize` takes it: an expression in the parameters, or decimals for one at the
-        first value, which is followed. Raises StatementError where there is none at any value.
+        `at` is the equilibrium, as in `linearize`: expressions in the parameters, or decimals for the first value, from
+        which it is followed. Raises StatementError if it exists at no value.
         """
         from lagrange.mechanics.stability import eigenvalue_path
 
@@ -575,7 +575,7 @@ class System:
     ) -> Figure:
         """Return a Matplotlib figure of the eigenvalues about an equilibrium along a parameter.
 
-        The arguments, and what is raised, are those of `System.eigenvalues`; `style` is "light" or "dark".
+        Arguments and raised errors are those of `System.eigenvalues`; `style` is "light" or "dark".
         """
         from lagrange.show.figures.modes_figure import plot_eigenvalues
 
@@ -583,7 +583,7 @@ class System:
 
     @property
     def _known(self) -> Statement:
-        """The statement with values for its given functions; StatementError where one is open."""
+        """The statement with values for its given functions. Raises StatementError where one has no values."""
         require_values(self.statement)
         return known_statement(self.statement)
 
@@ -593,7 +593,7 @@ class System:
 
 
 def _reached(*given: Any) -> list[Any]:
-    """Return the states on constraints that are nearest to others; see `lagrange.compiler.reached`."""
+    """Return the nearest states on the constraints; see `lagrange.compiler.reached`."""
     from lagrange.compiler import reached
 
     return reached(*given)

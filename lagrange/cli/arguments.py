@@ -1,4 +1,4 @@
-"""What the commands of the command line share: options, numbers, scenes and folders, and how they answer."""
+"""Shared parts of the commands: options, numbers, scenes, folders, and the answer of a command."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ if TYPE_CHECKING:
 DONE, FAILED, WRONG, INTERRUPTED = 0, 1, 2, 130
 
 NUMBER = re.compile(r"([+-]?)(?:([0-9.]+(?:[eE][+-]?[0-9]+)?)\*?)?(pi|deg)?(?:/([0-9.]+))?")
-"""A number, with pi or deg behind it and a divisor if need be: 9.81, -1e-3, 30deg, pi/6, 2*pi/3."""
+"""A number with an optional factor pi or deg and an optional divisor: 9.81, -1e-3, 30deg, pi/6, 2*pi/3."""
 
 PICTURES = (".png", ".svg", ".pdf")
-"""Endings of files of still pictures."""
+"""Suffixes of files of still pictures."""
 
 
 @dataclass(frozen=True)
 class Answer:
-    """What a command found: its exit code, what people read, and the same as data."""
+    """Result of a command: its exit code, its text, and the same as data for --json."""
 
     code: int
     text: str
@@ -38,20 +38,20 @@ class Answer:
 
 
 class Help(argparse.HelpFormatter):
-    """Help whose column of commands is as wide as the longest: argparse forgets that they are indented."""
+    """Help with a column of commands as wide as the longest name: argparse does not count their indentation."""
 
     def add_argument(self, action: argparse.Action) -> None:
-        """Add an argument, and with commands their indent."""
+        """Add an argument; for commands, count their indentation."""
         super().add_argument(action)
         if action.nargs == argparse.PARSER:
             self._action_max_length += self._indent_increment
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose refusals suggest the word that was meant, and fit the terminal."""
+    """A parser whose error messages suggest the nearest known word, and fit the width of the terminal."""
 
     def error(self, message: str) -> NoReturn:
-        """Print how the command is used and what was wrong, and end with the code of a wrong request."""
+        """Print the usage and the error, and exit with code 2."""
         self.print_usage(sys.stderr)
         text = str(LagrangeError(f"{self.prog}: error: {message.rstrip('.')}.{self._hint(message)}"))
         self.exit(WRONG, fitted(text, sys.stderr) + "\n")
@@ -65,7 +65,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_command(commands: Any, name: str, function: Any, summary: str, *, takes_scene: bool = True) -> Any:
-    """Add a command with the options that all have, and return its parser."""
+    """Add a command with the options that all commands share, and return its parser."""
     command = commands.add_parser(
         name, help=summary, description=f"{summary[0].upper()}{summary[1:]}.", allow_abbrev=False, formatter_class=Help
     )
@@ -76,26 +76,26 @@ def add_command(commands: Any, name: str, function: Any, summary: str, *, takes_
 
 
 def add_json(command: Any) -> None:
-    """Add the option that asks for data."""
+    """Add the option --json, which prints the answer as data."""
     command.add_argument("--json", action="store_true", help="print one JSON document instead of text")
 
 
 def add_start(command: Any) -> None:
-    """Add the options that say what is run: parameters, initial state and end."""
+    """Add the options of a run: parameters, initial state and end time."""
     add_parameters(command)
     add_initial(command)
     command.add_argument("--t-end", metavar="T", help="time at which the run ends")
 
 
 def add_parameters(command: Any) -> None:
-    """Add the option for values of parameters, `request.set`."""
+    """Add the option --set for values of parameters, `request.set`."""
     command.add_argument(
         "--set", metavar="NAME=VALUE", action="append", default=[], help="value of a parameter, such as m=2"
     )
 
 
 def add_initial(command: Any) -> None:
-    """Add the option for initial values, `request.initial`."""
+    """Add the option --initial for initial values, `request.initial`."""
     command.add_argument(
         "--initial",
         metavar="NAME=VALUE",
@@ -106,7 +106,7 @@ def add_initial(command: Any) -> None:
 
 
 def start(request: argparse.Namespace) -> dict[str, Any]:
-    """Return what the options of `add_start` say, by the names that a run takes."""
+    """Return the values of the options of `add_start` as keyword arguments of a run."""
     return {
         "initial": assignments("--initial", request.initial),
         "parameters": assignments("--set", request.set),
@@ -116,7 +116,7 @@ def start(request: argparse.Namespace) -> dict[str, Any]:
 
 def load_scene(scene: str) -> System:
     """Return the system of a scene file, or of a name of the library."""
-    # a library name has neither; anything else is meant as a file, there or not
+    # A library name has no suffix and no separator; everything else is taken as the path of a file.
     if (
         scene.endswith(".toml")
         or "/" in scene
@@ -128,9 +128,9 @@ def load_scene(scene: str) -> System:
 
 
 def folder(name: str) -> Path:
-    """Return a folder to write to, made if need be, without what a killed run left half changed in it.
+    """Return a folder to write to, created if missing. Remains of a killed run are removed from it.
 
-    Raises StatementError for one that cannot be.
+    Raises StatementError for a folder that cannot be used.
     """
     if not name:
         raise StatementError("--out: the name of the folder is empty. Give one, such as --out out, or . for this one.")
@@ -145,7 +145,7 @@ def folder(name: str) -> Path:
 
 
 def assignments(option: str, given: Sequence[str]) -> dict[str, float]:
-    """Return the values of an option that was given as NAME=VALUE, any number of times."""
+    """Return the values of a repeated option NAME=VALUE, by name."""
     values: dict[str, float] = {}
     for text in given:
         name, equals, value = text.partition("=")
@@ -158,7 +158,7 @@ def assignments(option: str, given: Sequence[str]) -> dict[str, float]:
 
 
 def bounds(option: str, given: Sequence[str]) -> dict[str, tuple[float, float]]:
-    """Return the bounds of an option that was given as NAME=LOW:HIGH, any number of times."""
+    """Return the bounds of a repeated option NAME=LOW:HIGH, by name."""
     found: dict[str, tuple[float, float]] = {}
     for text in given:
         name, equals, pair = text.partition("=")
@@ -173,12 +173,12 @@ def bounds(option: str, given: Sequence[str]) -> dict[str, tuple[float, float]]:
 
 
 def given_number(option: str, text: str | None) -> float | None:
-    """Return an option's number, None if it was not given."""
+    """Return the number of an option, None if the option is absent."""
     return None if text is None else number(option, text)
 
 
 def number(option: str, text: str) -> float:
-    """Return the number that a text means, with pi and deg. Raises StatementError for none."""
+    """Return the value of a text such as 30deg or 2*pi/3. Raises StatementError if it is not a number."""
     wrong = StatementError(f"{option}: {text[:80]!r} is not a number. Write one such as 2, 1e-3, 30deg or pi/6.")
     match = NUMBER.fullmatch(text)
     if not match or not (match[2] or match[3] == "pi"):
@@ -192,7 +192,7 @@ def number(option: str, text: str) -> float:
 
 
 def count(option: str, text: str | None) -> int | None:
-    """Return an option's whole number from 2 up, None if it was not given."""
+    """Return the whole number of an option, at least 2, or None if the option is absent."""
     if text is None:
         return None
     if not re.fullmatch(r"[0-9]{1,8}", text) or int(text) < 2:
@@ -203,12 +203,12 @@ def count(option: str, text: str | None) -> int | None:
 
 
 def number_list(option: str, text: str | None) -> list[float] | None:
-    """Return the numbers of a list with commas, None for no list."""
+    """Return the numbers of a list with commas, None if the option is absent."""
     return None if text is None else [number(option, part.strip()) for part in text.split(",")]
 
 
 def add_method(command: Any) -> None:
-    """Add the options that say how a scene is run."""
+    """Add the options of the integration method."""
     command.add_argument("--method", metavar="NAME", help="integrator, such as dop853 or rk4 (default: taylor)")
     command.add_argument("--rtol", metavar="X", help="relative tolerance of an adaptive method")
     command.add_argument(
@@ -220,7 +220,7 @@ def add_method(command: Any) -> None:
 
 
 def method(request: argparse.Namespace) -> dict[str, Any]:
-    """Return what the options of `add_method` say, by the names that a run takes."""
+    """Return the values of the options of `add_method` as keyword arguments of a run."""
     numbers = {key: given_number(f"--{key}", getattr(request, key)) for key in ("rtol", "atol", "step")}
     return {"method": request.method, **numbers}
 

@@ -17,16 +17,16 @@ if TYPE_CHECKING:
     from lagrange.system import System
 
 LARGEST_FILE = 1_000_000
-"""Bytes of a file of equations."""
+"""Largest size of a file of equations, in bytes."""
 
 LONGEST_SHOWN = 250
-"""Characters of a file's name in a message."""
+"""Longest name of a file in a message, in characters."""
 
 COLUMNS = ("student", "verdict", "finding", "reading")
 """Columns of the table of a folder of answers."""
 
 UNREADABLE = "cannot be read"
-"""Verdict for an answer that is refused."""
+"""Verdict for an answer that cannot be read."""
 
 
 def add_grade(commands: Any) -> None:
@@ -61,7 +61,7 @@ def grade(request: argparse.Namespace) -> Answer:
 
 
 def _is_folder(name: str) -> bool:
-    """Return whether a name is that of a folder; a name that is too long for a file is not."""
+    """Return whether a name is that of a folder; false for a name that is too long for the file system."""
     try:
         return Path(name).is_dir()
     except (OSError, ValueError):
@@ -69,7 +69,7 @@ def _is_folder(name: str) -> bool:
 
 
 def _grade_folder(system: System, folder: Path, out: str | None) -> Answer:
-    """Compare every file of a folder; a file that cannot be read spoils no other."""
+    """Compare every file of a folder; a file that cannot be read does not stop the others."""
     files = list(_answers(folder))
     if not files:
         raise StatementError(f"{folder}: the folder has no files. Put one file with equations for each student in it.")
@@ -89,12 +89,12 @@ def _grade_folder(system: System, folder: Path, out: str | None) -> Answer:
 
 
 def _answers(folder: Path) -> Iterator[Path]:
-    """Yield the files of a folder by name, without hidden ones."""
+    """Yield the files of a folder, sorted by name, without hidden files."""
     yield from (path for path in sorted(folder.iterdir()) if not path.name.startswith(".") and not path.is_dir())
 
 
 def _graded(system: System, path: Path) -> dict[str, Any]:
-    """Return what is found about one file, by column, with the whole comparison for --json."""
+    """Return the row of one file: an entry for each column, and the whole comparison for --json."""
     found: dict[str, Any] = {"student": path.stem, "file": str(path), "right": False, "reading": ""}
     try:
         result = system.compare_text(_text(path))

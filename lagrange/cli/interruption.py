@@ -1,9 +1,9 @@
 """The signals that ask a program to end: SIGINT, which is Ctrl-C, SIGTERM and SIGHUP.
 
-Python raises KeyboardInterrupt wherever a signal finds it. Raised inside an import or a finalizer it is lost or becomes
-another error. So such a signal is noted, and comes again until it finds other code.
+Python raises KeyboardInterrupt in whatever code runs when a signal arrives. Inside an import or a finalizer the
+exception is lost or becomes another error. So such a signal is stored, and sent again until other code runs.
 
-Few modules are imported here: until they are there, Ctrl-C prints a traceback.
+Few modules are imported here: until the handlers are installed, Ctrl-C prints a traceback.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 SENTENCE = "interrupted; no file was left half written."
 
 INTERVAL = 0.01
-"""Seconds after which a signal that could not be raised comes again."""
+"""Seconds after which a signal that could not be raised is sent again."""
 
 _IMPORTING = "<frozen importlib"
 
@@ -32,8 +32,8 @@ _IMPORTING = "<frozen importlib"
 class Signalled(KeyboardInterrupt):
     """A signal asked the program to end.
 
-    It is a class of its own, since Python remembers a plain KeyboardInterrupt that ended code given as text, such as
-    that of a named tuple, and kills the process with SIGINT in the end, caught or not.
+    It is a subclass, because Python treats a plain KeyboardInterrupt specially: if one ended code that was passed as
+    text, such as that of a named tuple, the process is killed with SIGINT at its end, even if it was caught.
     """
 
     def __init__(self, number: int) -> None:
@@ -42,18 +42,18 @@ class Signalled(KeyboardInterrupt):
 
 
 class Interruption:
-    """The handler of the signals, for a program that ends with the first of them. Library code knows nothing of it."""
+    """Signal handlers for a program that ends at the first signal. Library code does not depend on them."""
 
     def __init__(self) -> None:
         self.number: int | None = None
 
     @property
     def code(self) -> int:
-        """The exit code that tells which signal ended the program."""
+        """Exit code for the signal that ended the program."""
         return 128 + (self.number or 0)
 
     def listen(self) -> None:
-        """Handle the signals from now on, but for those that the program was started to ignore."""
+        """Handle the signals from now on, except those that are ignored since the start of the program."""
         for number in self._numbers():
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, self.handle)
@@ -61,12 +61,12 @@ class Interruption:
         occupy_standard_streams()
 
     def close(self) -> None:
-        """Raise no more: the program ends by itself. Its last milliseconds are those of the interpreter."""
+        """Ignore signals from now on: the program is ending. Those in its last milliseconds go to the interpreter."""
         for number in self._numbers():
             signal.signal(number, signal.SIG_IGN)
 
     def handle(self, number: int, frame: FrameType | None) -> None:
-        """Raise `Signalled`, or note a signal that comes during an import."""
+        """Raise `Signalled`; during an import, send the signal again later."""
         self.number = self.number or number
         if _importing(frame):
             self._come_again()
@@ -79,7 +79,7 @@ class Interruption:
         return [names[name] for name in ("SIGINT", "SIGTERM", "SIGHUP") if name in names]
 
     def _come_again(self) -> None:
-        """Let the signal come to the main thread, which is the one here, once more after `INTERVAL`."""
+        """Send the signal to the main thread, which runs this code, again after `INTERVAL`."""
         number, main_thread = self.number or signal.SIGINT, _thread.get_ident()
 
         def wait() -> None:
@@ -87,14 +87,14 @@ class Interruption:
             if sys.platform == "win32":
                 _thread.interrupt_main(number)
             else:
-                signal.pthread_kill(main_thread, number)  # ends a wait of the main thread too
+                signal.pthread_kill(main_thread, number)  # also ends a blocking call of the main thread
 
         _thread.start_new_thread(wait, ())
 
     def _lost(self, unraisable: Any) -> None:
-        """Let a signal that was raised where nothing can be raised come again; see `sys.unraisablehook`.
+        """Send a signal again if its exception was lost, for example in a finalizer; see `sys.unraisablehook`.
 
-        Other complaints of finalizers, while the program is interrupted, come from objects that were half made.
+        After a signal, other unraisable exceptions are dropped: they come from partly initialized objects.
         """
         if self.number is None:
             sys.__unraisablehook__(unraisable)

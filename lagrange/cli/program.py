@@ -1,6 +1,6 @@
 """The command line: run, derive, check, race, export, list and start scenes.
 
-Only argparse is imported before the request is understood, so that help is there at once.
+Only argparse is imported before the arguments are parsed, so that help appears at once.
 """
 
 from __future__ import annotations
@@ -89,9 +89,9 @@ t_end = 10.0
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Do what the arguments ask for and return the exit code.
+    """Run the command of the arguments and return the exit code.
 
-    It is 0 for done, 1 for failed, 2 for a wrong request, 130 for interrupted, 141 if nobody reads the output.
+    It is 0 for done, 1 for failed, 2 for a wrong request, 130 for interrupted, 141 for a broken pipe.
     """
     as_json = False
     try:
@@ -172,7 +172,7 @@ def check(request: argparse.Namespace) -> Answer:
 
 
 def new(request: argparse.Namespace) -> Answer:
-    """Write a scene to start from, and never over one that is there."""
+    """Write a new scene to start from; existing files are not overwritten."""
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", request.name):
         raise StatementError(
             f"{request.name[:80]!r} cannot name a scene: use 1 to 64 letters, digits, - and _, such as double-pendulum."

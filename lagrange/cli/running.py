@@ -53,7 +53,7 @@ def add_run(commands: Any) -> None:
 
 
 def run(request: argparse.Namespace) -> Answer:
-    """Run a scene, write what came of it, and return its status card."""
+    """Run a scene, write the requested files, and return its status card."""
     begun, how = start(request), method(request)
     points = count("--points", request.points)
     system = load_scene(request.scene)
@@ -95,7 +95,7 @@ def add_race(commands: Any) -> None:
 
 
 def race(request: argparse.Namespace) -> Answer:
-    """Race methods on a scene, write the table and the picture, and return what was measured."""
+    """Race methods on a scene, write the table and the picture, and return the measurements."""
     given: dict[str, Any] = {
         "methods": None if request.methods is None else [name.strip() for name in request.methods.split(",")],
         **{key: number_list(f"--{key}", getattr(request, key)) for key in ("tolerances", "steps")},
@@ -114,7 +114,7 @@ def race(request: argparse.Namespace) -> Answer:
 
 
 TABLE, STORE = ".csv", ".zarr"
-"""Endings of a file with a line for each member, and of a folder that results are written to block by block."""
+"""Suffixes of a table with a line for each member, and of a folder to which results are written block by block."""
 
 
 def add_ensemble(commands: Any) -> None:
@@ -156,7 +156,7 @@ def add_ensemble(commands: Any) -> None:
 
 
 def ensemble(request: argparse.Namespace) -> Answer:
-    """Run a scene many times, and say how the runs ended."""
+    """Run a scene many times, and report how the runs ended."""
     begun, how = start(request), method(request)
     axes, out = _axes(request.vary), _target(request)
     points = count("--points", request.points)
@@ -188,7 +188,7 @@ def ensemble(request: argparse.Namespace) -> Answer:
 
 
 def _target(request: argparse.Namespace) -> Path | None:
-    """Return the file or the folder to write; what cannot be written is refused before the runs, which take long."""
+    """Return the file or folder to write, or None. A path that cannot be written is refused before the long runs."""
     if request.out is None:
         return None
     out = Path(request.out)
@@ -205,7 +205,7 @@ def _target(request: argparse.Namespace) -> Path | None:
 
 
 def _written(runs: Ensemble, out: Path, what: str | None, style: str, *, stopped: bool) -> str:
-    """Write the picture or the table, and return the line that says so."""
+    """Write the picture or the table, and return a line of text about it."""
     ending = out.suffix.lower()
     if ending == STORE:
         return f"\nwritten to {out}{'; the same command goes on from here' if stopped else ''}"
@@ -218,7 +218,7 @@ def _written(runs: Ensemble, out: Path, what: str | None, style: str, *, stopped
 
 
 def _axes(given: list[str]) -> dict[str, tuple[float, float, int]]:
-    """Return the values of what varies, by name."""
+    """Return (low, high, count) of each varied quantity, by name."""
     if not given:
         raise StatementError("nothing varies: give --vary NAME=LOW:HIGH:COUNT, such as --vary theta=-3:3:100.")
     axes = dict(_axis(text) for text in given)
@@ -228,7 +228,7 @@ def _axes(given: list[str]) -> dict[str, tuple[float, float, int]]:
 
 
 def _axis(text: str) -> tuple[str, tuple[float, float, int]]:
-    """Return the name and the values of an option such as theta=-3:3:100."""
+    """Return the name and (low, high, count) of an option such as theta=-3:3:100."""
     name, _, rest = text.partition("=")
     parts = rest.split(":")
     if not name.strip() or len(parts) != 3 or not re.fullmatch(r"[0-9]{1,12}", parts[2].strip()):
@@ -240,14 +240,14 @@ def _axis(text: str) -> tuple[str, tuple[float, float, int]]:
 
 
 def _varied(axes: dict[str, tuple[float, float, int]], held: dict[str, float]) -> Any:
-    """Return the grid of all members, in which what is held has one value."""
+    """Return the grid of all members; quantities in `held` have one value."""
     if twice := next((name for name in axes if name in held), None):
         raise StatementError(f"{twice} varies, and has a value as well: give one of the two.")
     return lg.grid({**{name: [value] for name, value in held.items()}, **axes})
 
 
 def _kept(system: System, text: str) -> Any:
-    """Return what is kept by a name, or by a pair such as max:theta."""
+    """Return the `keep` entry for an option: a name, or a pair (reduction, name) for max:theta."""
     how, colon, name = text.partition(":")
     if not colon:
         return text
@@ -261,7 +261,7 @@ def _kept(system: System, text: str) -> Any:
 
 
 def _columns(kept: dict[str, Any]) -> list[str]:
-    """Return the names under which what is kept can be drawn."""
+    """Return the names of kept quantities that can be drawn."""
     counted = ("steps", "rejected", "evaluations") if "counts" in kept else ()
     return [text for text in kept if text == "drift" or ":" in text] + ["t_end", *counted]
 
@@ -269,7 +269,7 @@ def _columns(kept: dict[str, Any]) -> list[str]:
 def _drawn(
     request: argparse.Namespace, out: Path | None, axes: dict[str, Any], known: list[str], points: int | None
 ) -> str | None:
-    """Return what a picture shows, None for what there is. What cannot be drawn is refused before the runs."""
+    """Return the quantity that a picture shows, None for the default. Invalid requests are refused before the runs."""
     ending = "" if out is None else out.suffix.lower()
     if ending not in PICTURES:
         if request.what is not None:

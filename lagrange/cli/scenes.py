@@ -1,4 +1,4 @@
-"""The command `lagrange scenes`: the library, from the files alone."""
+"""The command `lagrange scenes`: list the library from its files, without building systems."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def add_scenes(commands: Any) -> None:
 
 
 def scenes(request: argparse.Namespace) -> Answer:
-    """Return the scenes of the library. Only the files are read, which takes no time."""
+    """Return the scenes of the library. Only the files are read, which is fast."""
     found = [_entry(path, long=request.long) for path in sorted(SCENES.glob("*.toml"))]
     if request.long:
         return Answer(DONE, "\n\n".join(map(_paragraph, found)), found)

@@ -1,4 +1,4 @@
-"""Standard output and standard error of the program, also where they are closed, full, or read by nobody."""
+"""Standard output and standard error of the program, also where they are closed, full, or a broken pipe."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ import sys
 from contextlib import suppress
 
 UNWRITTEN, UNREAD = 1, 141
-"""Exit codes of an answer that cannot be written, and of one whose reader went away: 128 + the number of SIGPIPE."""
+"""Exit codes: the output cannot be written; broken pipe, 128 + the number of SIGPIPE."""
 
 
 def output(text: str, code: int) -> int:
-    """Print to standard output and return the exit code: of an answer that nobody got it is not 0.
+    """Print to standard output and return the exit code, which is not 0 if the text could not be written.
 
-    A reader who went away is no reason for words.
+    A broken pipe is not reported.
     """
     try:
         if sys.stdout is None:
@@ -31,21 +31,21 @@ def output(text: str, code: int) -> int:
 
 
 def complain(message: str) -> None:
-    """Print a sentence to standard error, if that is there."""
+    """Print an error message to standard error, if it is open."""
     if sys.stderr is not None:
         with suppress(OSError):
             print(f"lagrange: {message}", file=sys.stderr, flush=True)
 
 
 def occupy_standard_streams() -> None:
-    """Open nothing else under the number of a standard stream that the program was started without."""
+    """Open the null device on closed standard streams, so that no other file gets their descriptors."""
     while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
         continue
     os.close(descriptor)
 
 
 def _silence() -> None:
-    """Let nothing more go to standard output, not even what Python flushes when it ends."""
+    """Discard all further standard output, including what Python flushes at exit."""
     if sys.stdout is not None:
         with suppress(OSError, ValueError):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -49,7 +49,7 @@ def add_export(commands: Any) -> None:
 
 
 def export(request: argparse.Namespace) -> Answer:
-    """Write a scene for a target, and say how its self-test is run."""
+    """Write a scene for a target, and print the commands of its self-test."""
     system = load_scene(request.scene)
     contents = None if request.contents is None else [name.strip() for name in request.contents.split(",")]
     values: Any = assignments("--set", request.set)
@@ -58,7 +58,7 @@ def export(request: argparse.Namespace) -> Answer:
 
 
 def targets(request: argparse.Namespace) -> Answer:
-    """List the targets, each with a line about it."""
+    """List the targets, each with a one-line description."""
     del request
     table = lg.targets()
     return Answer(DONE, str(table), dict(table))
@@ -125,7 +125,7 @@ def add_pictures(commands: Any) -> None:
 
 
 def plot(request: argparse.Namespace) -> Answer:
-    """Run a scene, write its picture, and say where it is."""
+    """Run a scene, write its picture, and print the path."""
     wanted = _file(request, ".png")
     if wanted.suffix.lower() not in PICTURES:
         raise StatementError(f"--out {request.out}: name a file that ends in .png, .svg or .pdf.")
@@ -139,13 +139,13 @@ def plot(request: argparse.Namespace) -> Answer:
 
 
 def animate(request: argparse.Namespace) -> Answer:
-    """Run a scene, write its animation, and say what it shows and where it is."""
+    """Run a scene, write its animation, and print its content and its path."""
     wanted = named_kind(_file(request, ".html"))
     options = {key: given_number(f"--{key}", getattr(request, key)) for key in ("speed", "trail")}
     fps, size = given_number("--fps", request.fps), _size(request.size)
     solution = _solution(request)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", UserWarning)  # the notes below say it
+        warnings.simplefilter("ignore", UserWarning)  # the notes below report it
         made = solution.animate(
             wanted,
             fps=30.0 if fps is None else fps,
@@ -165,11 +165,11 @@ def _solution(request: argparse.Namespace) -> lg.Solution:
 
 
 def _file(request: argparse.Namespace, ending: str) -> Path:
-    """Return the file to write: that which was named, or one in this folder with the name of the scene."""
+    """Return the path to write: the named file, or a file in the current folder named after the scene."""
     if request.out == "":
         raise StatementError(f"--out: the name of the file is empty. Give one, such as --out run{ending}.")
     wanted = Path(Path(request.scene).stem + ending if request.out is None else request.out)
-    check_place(wanted)  # what cannot be written is refused before the run, which may take long
+    check_place(wanted)  # refuse a path that cannot be written before the run, which may take long
     return wanted
 
 
@@ -184,7 +184,7 @@ def _size(text: str | None) -> tuple[int, int] | None:
 
 
 def _remark(solution: lg.Solution) -> str:
-    """Return how a run ended that did not get to its end, in a line of its own."""
+    """Return a line on a run that did not reach its end, else an empty text."""
     return "" if code_of(solution) == DONE else f"{solution.message}\n"
 
 
