@@ -1,1 +1,1 @@
-"""What a course of mechanics asks of a system: other forms of it and findings about it, in SymPy, tested by number."""
+"""Symbolic analysis in SymPy: conserved quantities, equilibria, modes, transformations; all verified numerically."""

@@ -1,4 +1,4 @@
-"""Whether equations that somebody derived are those of a system, in each of their branches; else the wrong term."""
+"""Compare equations of motion that a user derived with those of a system, in every branch; name the wrong term."""
 
 from __future__ import annotations
 
@@ -28,13 +28,16 @@ from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
 DRAWS = 1000
-"""Points drawn in search of other branches; most of them cost one evaluation of the conditions."""
+"""Random points drawn to reach other branches; most of them cost one evaluation of the switches."""
 
 MOST = 16
-"""States that may be added for them."""
+"""Largest number of states added to cover other branches."""
 
 NEAREST = 8.0
-"""Digits to which an entry may agree with a number of the equations: a branch between 3 and 3.0001 is met."""
+"""Largest number of leading digits that a drawn entry shares with a number of the equations.
+
+A branch that holds only between 3 and 3.0001 is then reached.
+"""
 
 Way = tuple[Any, int]
 """A switch and one of its outcomes."""
@@ -43,10 +46,10 @@ Way = tuple[Any, int]
 def branch_samples(
     statement: Statement, rows: Sequence[EquationRow], known: Sequence[MotionSample]
 ) -> tuple[list[MotionSample], list[Way]]:
-    """Return states at which switches of the statement or the equations go together in a way that no state has yet.
+    """Return states with new combinations of switch outcomes, and the outcomes that no state reaches.
 
-    Also the outcomes of switches that no state has. Entries of states are drawn of any size, and near the numbers that
-    stand in the equations, energies and forces.
+    Switches are the conditions in the statement and in the equations. Entries of a state are drawn from all magnitudes,
+    and near the numbers that the equations, energies and forces contain.
     """
     states = MotionStates(statement)
     switches = [*states.reference.switches, *(switch for row in rows for switch in row.switches)]
@@ -56,33 +59,33 @@ def branch_samples(
     def ways(point: Point) -> tuple[int | None, ...]:
         return (*states.reference.inspect(point), *(way for row in rows for way in row.ways(point)))
 
-    found: list[MotionSample] = []
+    samples: list[MotionSample] = []
     seen: set[tuple[int | None, ...]] = set()
     for sample in known:
         with suppress(OutsideDomain):
             seen.add(ways(sample.point))
     for point in _points(statement, _numbers(statement, rows)):
-        if len(found) == MOST:
+        if len(samples) == MOST:
             break
         with suppress(OutsideDomain):
             point = states.satisfied(point)
             if (taken := ways(point)) not in seen:
-                found.append(states.motion(point))
+                samples.append(states.motion(point))
                 seen.add(taken)
-    had = {pair for taken in seen for pair in zip(switches, taken, strict=True)}
+    reached = {pair for taken in seen for pair in zip(switches, taken, strict=True)}
     every = dict.fromkeys((switch, way) for switch in switches for way in all_ways(switch))
-    return found, [pair for pair in every if pair not in had]
+    return samples, [pair for pair in every if pair not in reached]
 
 
 def _numbers(statement: Statement, rows: Sequence[EquationRow]) -> list[float]:
-    """Return the sizes of the numbers that stand in the equations, the energies and the forces, 1 among them."""
+    """Return the magnitudes of the numbers in the equations, energies and forces, and 1, sorted."""
     expressions = [statement.lagrangian, *statement.forces, *(row.zero for row in rows)]
-    numbers = {abs(float(x)) for one in expressions for x in one.atoms(sympy.Number) if x.is_finite}
+    numbers = {abs(float(x)) for term in expressions for x in term.atoms(sympy.Number) if x.is_finite}
     return sorted(x for x in numbers | {1.0} if x and math.isfinite(x))
 
 
 def _points(statement: Statement, numbers: Sequence[float]) -> Iterator[Point]:
-    """Yield points with entries of any size, half of them near one of the numbers."""
+    """Yield `DRAWS` points with entries of all magnitudes, half of the entries near one of the numbers."""
     sampler, draw = Sampler(statement, 1), random.Random(1)
 
     def near() -> float:
@@ -98,22 +101,22 @@ def _points(statement: Statement, numbers: Sequence[float]) -> Iterator[Point]:
 
 
 def multiples_of_multipliers(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[list[Any]] | None:
-    """Return how many times each multiplier of some equations is that of the system, at each sample.
+    """Return the ratios of the equations' multipliers to those of the system, one list for each sample.
 
-    None where the equations do not hold with any multiples, the same in all of them.
+    None if the equations do not hold for any such ratios, common to all equations.
     """
     try:
-        found = [_multiples(rows, sample) for sample in samples]
+        ratios = [_multiples(rows, sample) for sample in samples]
     except OutsideDomain:
         return None
-    return [one for one in found if one] if all(found) else None
+    return ratios if all(ratios) else None
 
 
 def told_of(multiples: Sequence[Sequence[Any]]) -> str:
-    """Return how the multipliers of right equations differ from those of the system, as a sentence."""
-    every = [one for row in multiples for one in row]
+    """Return a sentence on the ratio of the multipliers in right equations to those of the system."""
+    every = [multiple for row in multiples for multiple in row]
     ratio = Fraction(str(every[0])).limit_denominator(LARGEST_FACTOR)
-    if any(abs(one * ratio.denominator - ratio.numerator) > HELD * (1 + abs(ratio.numerator)) for one in every):
+    if any(abs(x * ratio.denominator - ratio.numerator) > HELD * (1 + abs(ratio.numerator)) for x in every):
         return " Their multipliers are multiples of those of the system."
     if ratio == -1:
         return " The multipliers have the opposite sign."
@@ -121,9 +124,12 @@ def told_of(multiples: Sequence[Sequence[Any]]) -> str:
 
 
 def _multiples(rows: Sequence[EquationRow], sample: MotionSample) -> list[Any]:
-    """Return the multiples at a sample, in the order of the constraints; empty where there are none."""
+    """Return the ratios of the multipliers at a sample, in the order of the constraints.
+
+    Empty if no ratios make the equations hold.
+    """
     n = len(sample.mass)
-    found: list[Any] = [None] * len(sample.multipliers)
+    multiples: list[Any] = [None] * len(sample.multipliers)
     for row in rows:
         slopes, rest = row.numbers(sample)
         weights = solve(sample.mass, [slopes[:n]], SINGULAR)[0]
@@ -140,32 +146,37 @@ def _multiples(rows: Sequence[EquationRow], sample: MotionSample) -> list[Any]:
             if none:
                 continue
             multiple = -part / slope
-            if found[j] is not None and abs(multiple - found[j]) > HELD * (abs(multiple) + abs(found[j])):
+            known = multiples[j]
+            if known is not None and abs(multiple - known) > HELD * (abs(multiple) + abs(known)):
                 return []
-            found[j] = multiple
-    return [one for one in found if one is not None]
+            multiples[j] = multiple
+    return [multiple for multiple in multiples if multiple is not None]
 
 
 MOST_TOLD = 4
-"""Coordinates up to which a message tells the whole state."""
+"""Largest number of coordinates for which a message lists the whole state."""
 
 MOST_READ = 2
-"""Equations with several readings whose reading a message shows; `.read` has all of them."""
+"""Largest number of ambiguous equations whose reading a message shows; `.read` has all of them."""
 
 LONGEST_MESSAGE = 400
-"""Characters of a message. What is longer goes to `.details`."""
+"""Longest message, in characters. The rest goes to `.details`."""
 
 SAMPLES = 5
-"""States at which equations without switches are compared: a wrong one would have to hold by chance at all of them."""
+"""Number of random states at which equations without switches are compared.
+
+A wrong equation passes only if it holds by chance at all of them.
+"""
 
 
 @dataclass(frozen=True, repr=False)
 class EquationsComparison(ShownAsPage):
-    """The result: true if the equations are those of the system, else `message` names the first wrong term.
+    """Result of a comparison: true if the equations are those of the system, else `message` names the first wrong term.
 
-    `counterexample` has a state, by name, at which the first wrong equation does not hold, with the true accelerations;
-    it is empty where there is none. `details` tells it in a sentence. `wrong` has the places of the wrong equations.
-    `read` has the equations as they were understood, one a line, in the notation of scene files.
+    `counterexample` maps names to values: a state at which the first wrong equation fails, and the true accelerations.
+    It is empty if no such state is known. `details` is the same as a sentence. `wrong` lists the indices of the wrong
+    equations. `read` is the text of the equations as they were understood, one per line, in the notation of scene
+    files.
     """
 
     right: bool
@@ -188,9 +199,9 @@ class EquationsComparison(ShownAsPage):
 def compare_equations(
     statement: Statement, derivation: Derivation, equations: Sequence[StudentEquation], write: Write
 ) -> EquationsComparison:
-    """Compare equations with those of a statement. `write` returns the text of an expression for messages.
+    """Compare equations with those of a statement. `write` turns an expression into text for messages.
 
-    Raises StatementError where they are not linear in accelerations.
+    Raises StatementError if an equation is not linear in the accelerations.
     """
     samples = motion_samples(statement, SAMPLES)
     understood = [_likeliest(equation, statement, samples) for equation in equations]
@@ -198,30 +209,30 @@ def compare_equations(
     further, untried = branch_samples(statement, rows, samples)
     samples += further
     result, alone = _compared(derivation, rows, samples, untried, write)
-    told = ""
+    remark = ""
     if result.wrong:
-        slip = slip_of([one for one, _ in understood], statement, samples, alone=alone)
-        told = f" {slip}" if slip else ""
-    shown = [i for i, given in enumerate(equations) if given.others and (i in result.wrong or not result.wrong)]
-    told += f" Read as {listing(understood[i][0].read for i in shown[:MOST_READ])}." if shown else ""
+        slip = slip_of([reading for reading, _ in understood], statement, samples, alone=alone)
+        remark = f" {slip}" if slip else ""
+    shown = [i for i, equation in enumerate(equations) if equation.others and (i in result.wrong or not result.wrong)]
+    remark += f" Read as {listing(understood[i][0].read for i in shown[:MOST_READ])}." if shown else ""
     read = "\n".join(equation.read for equation, _ in understood)
-    if len(result.message + told) <= LONGEST_MESSAGE:
-        return replace(result, message=result.message + told, read=read)
+    if len(result.message + remark) <= LONGEST_MESSAGE:
+        return replace(result, message=result.message + remark, read=read)
     short = result.message.partition(": it ")[0].rstrip(".") + "."
     if not result.wrong:
-        told = ""
-    elif len(short + told) > LONGEST_MESSAGE:
+        remark = ""
+    elif len(short + remark) > LONGEST_MESSAGE:
         label = equations[result.wrong[0]].label
-        short, told = f"{label[0].upper()}{label[1:]} does not hold: .details names its first wrong term.", ""
-    return replace(result, message=short + told, details=f"{result.message} {result.details}".strip(), read=read)
+        short, remark = f"{label[0].upper()}{label[1:]} does not hold: .details names its first wrong term.", ""
+    return replace(result, message=short + remark, details=f"{result.message} {result.details}".strip(), read=read)
 
 
 def _likeliest(
     equation: StudentEquation, statement: Statement, samples: Sequence[MotionSample]
 ) -> tuple[StudentEquation, EquationRow]:
-    """Return the first reading of an equation that the motion satisfies, or the first one if it satisfies none.
+    """Return the first reading of an equation that holds at all samples, or else its first linear reading.
 
-    A reading that is not linear in the accelerations counts only if all are. Raises StatementError then.
+    A reading that is not linear in the accelerations is skipped. Raises StatementError if all readings are such.
     """
     rows: list[tuple[StudentEquation, EquationRow]] = []
     refused: StatementError | None = None
@@ -246,14 +257,14 @@ def _compared(
     untried: Sequence[Way],
     write: Write,
 ) -> tuple[EquationsComparison, bool]:
-    """Return the result for one reading of each equation, and whether one term alone is wrong.
+    """Return the result for one reading of each equation, and True if exactly one term is wrong.
 
-    `untried` are branches without a sample.
+    `untried` lists outcomes of switches that no sample has.
     """
     statement = rows[0].statement
     wrong = tuple(i for i, row in enumerate(rows) if not row.holds(samples))
     names = len(statement.names)
-    # Beside them may stand the constraints, and equations without multipliers that hold.
+    # The list of equations may also contain the constraints, and equations without multipliers that hold.
     open_rows = [row for i, row in enumerate(rows) if i in wrong or any(list(row.slopes.values())[names:])]
     moving = all(any(rows[i].slopes.values()) for i in wrong)
     multiples = multiples_of_multipliers(open_rows, samples) if wrong and moving else None
@@ -273,11 +284,11 @@ def _compared(
 def _with_their_multipliers(
     rows: Sequence[EquationRow], wrong: tuple[int, ...], samples: Sequence[MotionSample], write: Write
 ) -> tuple[Sequence[EquationRow], tuple[int, ...], Write]:
-    """Return equations, places of the wrong ones and the writer, with the sign of the multipliers that fits best.
+    """Return the equations, the indices of the wrong ones and the writer, for the better sign of the multipliers.
 
-    A tension counts against the gradient of its constraint: more equations may hold with the other sign.
+    A tension acts against the gradient of its constraint, so more equations may hold with the opposite sign.
     """
-    turned = {one.multiplier: -one.multiplier for one in rows[0].statement.constraints}
+    turned = {constraint.multiplier: -constraint.multiplier for constraint in rows[0].statement.constraints}
     if not any(row.zero.has(*turned) for row in rows):
         return rows, wrong, write
     others = [row.with_symbols(turned) for row in rows]
@@ -288,7 +299,7 @@ def _with_their_multipliers(
 
 
 def _without_sample(left: Sequence[Way], statement: Statement) -> str:
-    """Return a sentence on the branches of which no state was found, empty if there are none."""
+    """Return a sentence on the branches that no state reaches, or an empty string."""
     if not left:
         return ""
     more = f", nor for {len(left) - 1} other branches" if len(left) > 1 else ""
@@ -296,9 +307,9 @@ def _without_sample(left: Sequence[Way], statement: Statement) -> str:
 
 
 def _undetermined(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[str]:
-    """Return the coordinates whose accelerations the equations leave open, with the constraints, at every state.
+    """Return names of the coordinates whose accelerations the equations and the constraints do not determine.
 
-    An equation of first order counts with its rate of change.
+    An equation without accelerations enters by its derivative with respect to time.
     """
     names, sample = rows[0].statement.names, samples[0]
     n, unknowns = len(names), len(rows[0].slopes)
@@ -312,20 +323,20 @@ def _undetermined(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) 
 
 
 def _incomplete(statement: Statement, rows: Sequence[EquationRow], free: Sequence[str]) -> str:
-    """Return what is missing of equations that all hold."""
-    given, needed = len(rows), len(statement.names)
+    """Return a sentence for equations that hold but are too few or dependent; `free` are undetermined coordinates."""
+    count, needed = len(rows), len(statement.names)
     rate = "acceleration" if any(any(row.slopes.values()) for row in rows) else "motion"
-    held = "The equation holds" if given == 1 else "The equations hold"
-    if given < needed and not statement.constraints:
-        counted = "1 equation is" if given == 1 else f"{given} equations are"
-        return f"{held}, but {counted} given and {needed} are needed: the {rate} of {listing(free)} is left open."
-    return f"{held}, but not all are independent: the {rate} of {listing(free)} is left open."
+    start = "The equation holds" if count == 1 else "The equations hold"
+    if count < needed and not statement.constraints:
+        counted = "1 equation is" if count == 1 else f"{count} equations are"
+        return f"{start}, but {counted} given and {needed} are needed: the {rate} of {listing(free)} is left open."
+    return f"{start}, but not all are independent: the {rate} of {listing(free)} is left open."
 
 
 def _refuted(
     rows: Sequence[EquationRow], wrong: tuple[int, ...], samples: Sequence[MotionSample], named: str
 ) -> EquationsComparison:
-    """Return the result for equations of which some do not hold; `named` is the sentence on the first wrong term."""
+    """Return the result if some equations do not hold; `named` is the sentence on the first wrong term."""
     row = rows[wrong[0]]
     sample = _where_it_fails(row, samples)
     example = {} if sample is None else _counterexample(row, sample)
@@ -344,7 +355,7 @@ def _refuted(
 
 
 def _where_it_fails(row: EquationRow, samples: Sequence[MotionSample]) -> MotionSample | None:
-    """Return a state at which an equation does not hold, None where it has no value at any."""
+    """Return the first sample at which an equation has a value and does not hold, or None."""
     for sample in samples:
         try:
             left, size = row.residual(sample)

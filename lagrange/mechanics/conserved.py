@@ -1,4 +1,4 @@
-"""What a system conserves: the energy, momenta, quantities of symmetries; their values along a run."""
+"""Conserved quantities: the energy, momenta, quantities of symmetries; their values along a run."""
 
 from __future__ import annotations
 
@@ -40,7 +40,10 @@ from lagrange.trajectory.trajectory import FloatArray
 
 
 def runge_lenz(stated: StatedAlgebra, place: Place) -> Iterator[tuple[str, MonomialSum]]:
-    """Yield the components of the vector by name; none where the body is not drawn by such a force alone."""
+    """Yield the components of the Runge-Lenz vector by name; none unless the only force is that of a potential k/|r|.
+
+    `place` is the position of the single body.
+    """
     statement = stated.statement
     if statement.constraints or any(statement.forces) or statement.dissipation != 0 or not place.rest:
         return
@@ -52,16 +55,16 @@ def runge_lenz(stated: StatedAlgebra, place: Place) -> Iterator[tuple[str, Monom
 
 
 def _strength(stated: StatedAlgebra, place: Place, distance: Any) -> Any:
-    """Return k of L = mass |v|^2 / 2 + k/|r|, or None where L is something else."""
+    """Return k if L = mass |v|^2 / 2 + k/|r|, or None if L has another form."""
     algebra, moving = stated.algebra, frozenset((*stated.q, *stated.v, stated.time))
-    found = algebra.merge_angles(algebra.multiply(place.rest, algebra.read(distance)))
-    if any(algebra.free(k) & moving for monomial in found for k, _ in monomial):
+    strength = algebra.merge_angles(algebra.multiply(place.rest, algebra.read(distance)))
+    if any(algebra.free(k) & moving for monomial in strength for k, _ in monomial):
         return None
-    return algebra.write(found)
+    return algebra.write(strength)
 
 
 def _distances(stated: StatedAlgebra, place: Place) -> list[Any]:
-    """Return |r| as it may have been written: a coordinate alone, where it is one, or a root."""
+    """Return the forms in which |r| may occur in L: a coordinate if it equals |r|, and the square root."""
     square = stated.algebra.merge_angles(stated.algebra.read(sum((x**2 for x in place.r), S.Zero)))
     if not any(stated.algebra.free(k) & frozenset(stated.q) for monomial in square for k, _ in monomial):
         return []
@@ -80,10 +83,10 @@ def _components(stated: StatedAlgebra, place: Place, strength: Any, distance: An
 
 
 MOST_SEARCHED = 24
-"""With more coordinates no symmetry is tried beside the ignorable coordinates."""
+"""Largest number of coordinates for which symmetries other than ignorable coordinates are searched."""
 
 LARGEST = 60_000
-"""Monomials that are made for one symmetry, 1 s of them."""
+"""Largest number of monomials formed in the proof of one symmetry: about 1 s of computing."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -107,18 +110,18 @@ class Conserved(ShownAsPage):
 
 
 def conserved_quantities(model: Model) -> list[Conserved]:
-    """Return what is found to be conserved; nothing is claimed of what is not in the list.
+    """Return the conserved quantities that are proven. The list may be incomplete.
 
-    Raises RunError where a proven quantity changes along the compiled motion, which is a fault.
+    Raises RunError if a proven quantity changes along the compiled motion, which is a fault of this library.
     """
     if "conserved" not in model.prepared:
-        found = list(_found(model))
-        check_constant(model, {one.name: one.expression for one in found})
-        model.prepared["conserved"] = found
+        quantities = list(_proven_quantities(model))
+        check_constant(model, {quantity.name: quantity.expression for quantity in quantities})
+        model.prepared["conserved"] = quantities
     return list(model.prepared["conserved"])
 
 
-def _found(model: Model) -> Iterator[Conserved]:
+def _proven_quantities(model: Model) -> Iterator[Conserved]:
     structure, stated = model.equations.structure, TextbookAlgebra(model.statement)
     taken = [f"p_{structure.names[i]}" for i in structure.cyclic]
     if structure.conservative:
@@ -131,13 +134,13 @@ def _found(model: Model) -> Iterator[Conserved]:
     if len(stated.q) > MOST_SEARCHED:
         return
     equation, body = SymmetryEquation(stated), place(stated)
-    for one in _symmetries(model, equation, body):
-        symmetry, name = oriented(stated, one, body, structure.energy_name)
+    for proven in _symmetries(model, equation, body):
+        symmetry, name = oriented(stated, proven, body, structure.energy_name)
         taken.append(untaken(name, taken))
         yield Conserved(
             taken[-1],
             stated.show(equation.quantity(symmetry)),
-            described(stated, one if one.tau != 0 else symmetry),
+            described(stated, proven if proven.tau != 0 else symmetry),
             model.statement,
         )
     for name, terms in runge_lenz(stated, body) if body is not None else ():
@@ -148,7 +151,7 @@ RUNGE_LENZ = "The force falls with the square of the distance, so the axis of th
 
 
 def _symmetries(model: Model, equation: SymmetryEquation, body: Place | None) -> Iterator[Symmetry]:
-    """Yield the symmetries that are proven, beside the known ones, without sums of shifts that were yielded before."""
+    """Yield the proven symmetries, without those of ignorable coordinates and linear combinations of earlier shifts."""
     structure, stated = model.equations.structure, equation.stated
     n = len(stated.q)
     known: list[list[Any]] = [[int(j == i) for j in range(n)] for i in structure.cyclic]
@@ -167,7 +170,7 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: Place | None) ->
 
 
 def _proven(equation: SymmetryEquation, candidate: Symmetry) -> Symmetry | None:
-    """Return a symmetry with its F, None where no proof is found."""
+    """Return the symmetry completed with its gauge function F(q, t), or None if no proof succeeds."""
     try:
         with equation.stated.algebra.at_most(LARGEST):
             symmetry = equation.completed(candidate)
@@ -177,18 +180,21 @@ def _proven(equation: SymmetryEquation, candidate: Symmetry) -> Symmetry | None:
 
 
 LONGEST_SHOWN = 200
-"""Characters of a quantity in a message."""
+"""Largest number of characters of a quantity in a message."""
 
 
 def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
-    """Return p . xi - tau E - F of a symmetry {q: xi, t: tau}; raises StatementError where it is none."""
+    """Return the conserved p . xi - tau E - F of a symmetry {q: xi, t: tau}.
+
+    Raises StatementError if the generator is not a symmetry of the system.
+    """
     statement = model.statement
-    given = _given(statement, generator)
+    shift = _checked_generator(statement, generator)
     stated = TextbookAlgebra(statement)
     equation = SymmetryEquation(stated)
-    xi = tuple(differentiable(given.get(q, S.Zero).xreplace(stated.plain)) for q in statement.coordinates)
+    xi = tuple(differentiable(shift.get(q, S.Zero).xreplace(stated.plain)) for q in statement.coordinates)
     try:
-        moved = Symmetry(xi, given.get(t, S.Zero))
+        moved = Symmetry(xi, shift.get(t, S.Zero))
         symmetry = equation.completed(moved) or moved
         quantity = stated.show(equation.quantity(symmetry))
         if _kept(model, symmetry) and equation.proven(symmetry):
@@ -202,14 +208,14 @@ def noether_quantity(model: Model, generator: Mapping[Any, Any]) -> Any:
     raise StatementError(_refusal(model, stated, equation, symmetry, quantity))
 
 
-def _given(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return the generator by coordinate, and t, checked."""
+def _checked_generator(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Return the generator as exact expressions, keyed by coordinate or t. Raises StatementError for bad entries."""
     if not isinstance(generator, Mapping) or not generator:
         raise StatementError(
             f"noether takes a dict from coordinates to how they move, as {{x: -y, y: x}}, not {shown(generator)}."
         )
     by_name = {**dict(zip(statement.names, statement.coordinates, strict=True)), t.name: t}
-    found: dict[Any, Any] = {}
+    shift: dict[Any, Any] = {}
     for key, value in generator.items():
         label = label_of(key)
         if label not in by_name:
@@ -219,11 +225,11 @@ def _given(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]
             )
         what, survey = f"the motion of {label}", Survey()
         stated = in_own_parameters(expression(value, what), statement.parameters)
-        # Symmetries are proven with exact numbers: a decimal is the fraction that it is written as.
-        found[by_name[label]] = stated.xreplace({number: Rational(str(number)) for number in stated.atoms(Float)})
-        survey.add(found[by_name[label]], what)
+        # Proofs need exact numbers: a decimal becomes the fraction that its digits denote.
+        shift[by_name[label]] = stated.xreplace({number: Rational(str(number)) for number in stated.atoms(Float)})
+        survey.add(shift[by_name[label]], what)
         known = (*statement.coordinates, *statement.parameters)
-        if survey.velocities or (label == t.name and (survey.coordinates or found[t].has(t))):
+        if survey.velocities or (label == t.name and (survey.coordinates or shift[t].has(t))):
             where = "parameters alone" if label == t.name else "coordinates, parameters and t"
             raise StatementError(f"{what} is {shown(str(value))}: a point symmetry has an expression in {where}.")
         for leaf in (*survey.coordinates, *survey.parameters):
@@ -231,23 +237,23 @@ def _given(statement: Statement, generator: Mapping[Any, Any]) -> dict[Any, Any]
                 raise StatementError(
                     f"{what} contains {leaf}, which this system does not have; it has {listing(map(str, known))}."
                 )
-    return found
+    return shift
 
 
 def _kept(model: Model, symmetry: Symmetry) -> bool:
-    """Whether the forces of constraints do no work in a shift of time, or there is none."""
+    """Return True if the generator does not shift time, or if the constraint forces do no work."""
     return symmetry.tau == 0 or model.equations.structure.workless
 
 
 def _refusal(
     model: Model, stated: TextbookAlgebra, equation: SymmetryEquation, symmetry: Symmetry, quantity: Any
 ) -> str:
-    """Return why the generator is no symmetry, with the rate of its quantity."""
-    (found,) = quantity_rates(model, [quantity])
-    worst = found.worst
+    """Return the error message for a generator that is not a symmetry: the rate of change of its quantity."""
+    (rates,) = quantity_rates(model, [quantity])
+    worst = rates.worst
     across = [
-        one.name
-        for one, terms in zip(model.statement.constraints, equation.across(symmetry), strict=True)
+        constraint.name
+        for constraint, terms in zip(model.statement.constraints, equation.across(symmetry), strict=True)
         if canonical(stated.algebra, terms)
     ]
     if worst is None:
@@ -260,62 +266,65 @@ def _refusal(
     cause = f" It does not keep the constraint {listing(across)}." if across else ""
     return (
         f"this is no symmetry of {model.statement.name}: its quantity {_spelled(model, quantity)} changes at the "
-        f"rate{formula} {found.values[worst]:.4g} at {found.described(worst)}.{cause}"
+        f"rate{formula} {rates.values[worst]:.4g} at {rates.described(worst)}.{cause}"
     )
 
 
 def _spelled(model: Model, quantity: Any) -> str:
-    """Return a quantity in the spelling of scenes, cut where it is long."""
+    """Return a quantity in the notation of scene files, truncated if it is long."""
     return formula(quantity.xreplace(dict(model.statement.plain)), LONGEST_SHOWN)
 
 
 MOST_COORDINATES = 12
-"""With more coordinates no momentum is on the card: deciding which are constant takes 0.3 s for 30 links."""
+"""Largest number of coordinates for which the status card has momenta: the test for 30 links takes 0.3 s."""
 
 SAMPLES = 200
-"""Outputs at which the mass matrix is taken, for the size of the terms."""
+"""Largest number of output times at which the sizes of terms are evaluated."""
 
 MOST_LINES = 3
-"""Momenta on the card, and in the plot."""
+"""Largest number of momenta on the status card, and in the plot."""
 
 
 def invariants(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, FloatArray]:
-    """Return what the system conserves by name, (N,) each, at states y (2n, N) at the times t (N,)."""
-    found = conserved_quantities(model)
-    if not found:
+    """Return the values of the conserved quantities by name, (N,) each, for states y (2n, N) at times t (N,)."""
+    quantities = conserved_quantities(model)
+    if not quantities:
         return ByName("invariant")
-    nodes = tuple(model.equations.translate(one.expression) for one in found)
-    with np.errstate(all="ignore"):  # a run that left the finite numbers says so itself
+    nodes = tuple(model.equations.translate(quantity.expression) for quantity in quantities)
+    with np.errstate(all="ignore"):  # the status of the run reports states that are not finite
         values = model.called(model.function("invariants", nodes), t, y, parameters)
-    return ByName("invariant", ((one.name, row) for one, row in zip(found, values, strict=True)))
+    return ByName("invariant", ((quantity.name, row) for quantity, row in zip(quantities, values, strict=True)))
 
 
 def invariant_sizes(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, float]:
-    """Return the largest size of the terms of each conserved quantity, which itself may be zero up to round-off."""
-    found = conserved_quantities(model)
-    if not found or not len(t):
+    """Return by name the largest sum of the magnitudes of the terms of each conserved quantity.
+
+    It is a scale for drifts, since the quantity itself may be zero up to rounding. States y are (2n, N), times t (N,).
+    """
+    quantities = conserved_quantities(model)
+    if not quantities or not len(t):
         return {}
-    nodes = tuple(model.equations.translate(_terms(one.expression)) for one in found)
+    nodes = tuple(model.equations.translate(_terms(quantity.expression)) for quantity in quantities)
     some = np.unique(np.linspace(0, len(t) - 1, SAMPLES).astype(int))
     with np.errstate(all="ignore"):
         sizes = model.called(model.function("sizes", nodes), t[some], y[:, some], some_of(parameters, some))
-    return {one.name: float(row.max()) for one, row in zip(found, np.abs(sizes), strict=True)}
+    return {quantity.name: float(row.max()) for quantity, row in zip(quantities, np.abs(sizes), strict=True)}
 
 
-def _terms(given: Any) -> Any:
-    """Return the sum of the sizes of the terms of an expression."""
-    if given.is_Add or given.is_Mul:
-        return given.func(*map(_terms, given.args))
-    if given.is_Pow and given.exp.is_Integer and given.exp > 0:
-        return _terms(given.base) ** given.exp
-    return Abs(given)
+def _terms(expression: Any) -> Any:
+    """Return the sum of the magnitudes of the terms of an expression."""
+    if expression.is_Add or expression.is_Mul:
+        return expression.func(*map(_terms, expression.args))
+    if expression.is_Pow and expression.exp.is_Integer and expression.exp > 0:
+        return _terms(expression.base) ** expression.exp
+    return Abs(expression)
 
 
 def momentum_drifts(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> Mapping[str, FloatArray]:
-    """Return how far the momenta of ignorable coordinates are from their first values, (N,) each.
+    """Return the relative changes of the momenta of ignorable coordinates since the first time, (N,) each, by name.
 
-    That is relative to the largest of what they are sums of, the entries M_ij v_j: a momentum may be zero. They are few
-    and known without a search, unlike other invariants.
+    They are relative to the largest magnitude of the momentum or of its terms M_ij v_j, since a momentum may be zero.
+    Ignorable coordinates need no search, unlike other symmetries. States y are (2n, N), times t (N,).
     """
     structure = model.equations.structure
     places = list(structure.cyclic) if len(structure.names) <= MOST_COORDINATES else []
@@ -334,7 +343,7 @@ def momentum_drifts(model: Model, t: FloatArray, y: FloatArray, parameters: Para
 
 
 def drift_lines(drifts: Mapping[str, FloatArray]) -> list[tuple[str, str]]:
-    """Return lines of a status card: the largest drift of each momentum, and how many are left out."""
+    """Return lines of a status card: the largest drift of each momentum, and the number of omitted momenta."""
     lines = [(f"{name} drift", f"{np.abs(drift).max():.1e} of its largest term") for name, drift in drifts.items()]
     left = len(lines) - MOST_LINES
     return lines[:MOST_LINES] + ([("other momenta", f"{left} in solution.invariants")] if left > 0 else [])

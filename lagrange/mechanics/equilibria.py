@@ -26,39 +26,46 @@ from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
 STARTS = 256
-"""Starts of the search, the initial state among them."""
+"""Number of starting points of the search. The initial state is one of them."""
 
 STEPS = 60
-"""Steps of Newton's method from each; near an equilibrium it takes five."""
+"""Largest number of Newton steps from each start; near an equilibrium five suffice."""
 
 CLOSE = 1e-9
-"""The last step of a start that ended, relative to its coordinates and to 1."""
+"""Largest last Newton step of a converged start, relative to 1 plus the largest coordinate."""
 
 SAME = 1e-6
-"""Distance of two ends that are one equilibrium, in the same measure."""
+"""Largest distance, in the same measure, between two end points that count as the same equilibrium."""
+
 FLAT = 1e-6
-"""The least slope of the forces, relative to the largest, at which an end is flat: as that of y^3 is near zero."""
+"""Ratio of the least to the largest singular value of the slopes below which an end point is flat, as for y^3 at 0."""
 
 SAME_FLAT = 1e-3
-"""Distance of two flat ends that are one equilibrium: forces like y^3 leave 1e-4 of y open. The one of least force
-stands for them."""
+"""As `SAME`, for two flat end points: a force like y^3 determines y to about 1e-4 only.
+
+The end point with the smallest force is kept.
+"""
+
 WITHIN = 1e-3
-"""How far off, in the same measure, forces and slopes may put the end: far out a force may be small and never zero."""
+"""Largest ratio of force to slope at an equilibrium, relative to 1 plus the largest coordinate.
+
+It rejects end points far out, where a force is small but never zero.
+"""
 
 DIFFERENCE = 1e-6
-"""Step of central differences, relative to 1 and to the coordinates: Newton's method then gains nine digits a step."""
+"""Step of central differences, relative to 1 plus the coordinate: Newton's method then gains nine digits per step."""
 
 SMALL_FORCE = 1e-8
-"""Forces left at an equilibrium, relative to those at the starts."""
+"""Largest residual force at an equilibrium, relative to the typical forces at the starts."""
 
 
 @dataclass(frozen=True, eq=False)
 class Search:
-    """The search for coordinates at which the forces vanish, on the constraints.
+    """Numerical search for coordinates at which all forces vanish and the constraints hold.
 
-    `unknowns` are the rows of the coordinates that are sought, `angles` says which come round after a full turn.
-    `forces` are the residuals of the equations of motion at rest, `gradient` the rows of G and `zeros` the constraints,
-    expressions of the model's system; `state` (2n,) has the coordinates that stay, and steady velocities.
+    `unknowns` are the indices of the k unknown coordinates; `angles` is true for those with period 2 pi. `forces` are
+    the residuals of the equations of motion at rest, `gradient` the rows of G, and `zeros` the constraints, all as
+    expressions of the model's system. `state` (2n,) has the fixed coordinates and the steady velocities.
     """
 
     model: Model
@@ -71,7 +78,7 @@ class Search:
     zeros: tuple[Any, ...]
 
     def found(self) -> list[FloatArray]:
-        """Return the unknowns at distinct equilibria, (k,) each, in their order."""
+        """Return the unknowns at distinct equilibria, (k,) each, sorted by their values."""
         ends: list[FloatArray] = []
         with np.errstate(all="ignore"):
             q, good = self._newton(self._starts())
@@ -82,19 +89,19 @@ class Search:
             here, sizes = self._wrapped(q[:, i]), np.linalg.svd(slopes[i], compute_uv=False)
             level = bool(sizes[-1] <= FLAT * sizes[0])
             same = (
-                self._same(here, end, SAME_FLAT if level and other else SAME)
-                for end, other in zip(ends, flat, strict=True)
+                self._same(here, end, SAME_FLAT if level and flat_end else SAME)
+                for end, flat_end in zip(ends, flat, strict=True)
             )
             if not any(same):
                 ends.append(here)
                 flat.append(level)
         return sorted(ends, key=lambda end: [round(float(x), 6) for x in end])
 
-    def _same(self, one: FloatArray, other: FloatArray, close: float) -> bool:
-        return bool(np.abs(self._wrapped(one - other)).max() <= close * (1 + np.abs(other).max()))
+    def _same(self, end: FloatArray, other: FloatArray, close: float) -> bool:
+        return bool(np.abs(self._wrapped(end - other)).max() <= close * (1 + np.abs(other).max()))
 
     def _wrapped(self, q: FloatArray) -> FloatArray:
-        """Return angles between -pi and pi, the upper end included, and zeros without round-off."""
+        """Return coordinates with angles reduced to (-pi, pi] and values below 1e-12 set to zero."""
         turns = np.ceil(q / (2 * math.pi) - 0.5 - 1e-9)
         wrapped = np.where(self.angles, q - 2 * math.pi * turns, q)
         return np.where(np.abs(wrapped) < 1e-12, 0.0, wrapped)
@@ -105,7 +112,7 @@ class Search:
         return np.where(self.angles, 1.0, size)
 
     def _starts(self) -> FloatArray:
-        """Return the starts, (k, STARTS): the initial state, zero, and random ones of several sizes."""
+        """Return the starts (k, STARTS): the initial state, zero, and random points of several magnitudes."""
         draw = np.random.default_rng(0)
         k = len(self.unknowns)
         sizes = self._scale[:, None] * 10.0 ** draw.uniform(-1.0, 1.0, STARTS)
@@ -116,7 +123,7 @@ class Search:
         return starts
 
     def _residuals(self, q: FloatArray) -> FloatArray:
-        """Return what vanishes at an equilibrium: forces that the constraints leave, then the constraints."""
+        """Return the residuals for columns q (k, N): the forces tangent to the constraints, then the constraints."""
         columns = q.shape[1]
         y = np.repeat(self.state[:, None], columns, axis=1)
         y[list(self.unknowns)] = q
@@ -136,7 +143,7 @@ class Search:
         return np.vstack([left, rows(self.zeros)])
 
     def _slopes(self, q: FloatArray) -> FloatArray:
-        """Return the derivatives of the residuals, (columns, residuals, k)."""
+        """Return the Jacobians of the residuals for columns q (k, N), (N, residuals, k)."""
         slopes = []
         for i in range(len(q)):
             step = np.zeros_like(q)
@@ -145,7 +152,7 @@ class Search:
         return np.moveaxis(np.array(slopes), (0, 1, 2), (2, 1, 0))
 
     def _newton(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return where the starts end, and which of them did at an equilibrium."""
+        """Return the end points of Newton's method from q (k, N), and True for each that converged, (N,)."""
         good = np.zeros(q.shape[1], dtype=bool)
         first = self._residuals(q)
         sizes = np.array([np.median(np.abs(row[np.isfinite(row)])) if np.isfinite(row).any() else 1.0 for row in first])
@@ -166,28 +173,28 @@ class Search:
 
 
 FORCE_LEFT = 1e-15
-"""Force left at a symbolic equilibrium, relative to its terms, in thirty digits."""
+"""Largest residual force at a symbolic equilibrium, relative to its terms, evaluated with 30 digits."""
 
 FORCE_LEFT_BY_SEARCH = 1e-6
-"""Force left at an equilibrium in decimals, relative to its terms."""
+"""Largest residual force at an equilibrium in decimals, relative to its terms."""
 
 ROUNDING = 1e-15
-"""Error of a coordinate in decimals, relative to it: pi as a double leaves sin(pi) = 1.2e-16, of which all is error."""
+"""Relative rounding error of a coordinate in decimals: for pi as a double, sin(pi) = 1.2e-16 is only rounding."""
 
 MOST_PLACES = 64
-"""Equilibria found by number that are listed, each of which takes some 0.2 s."""
+"""Largest number of numerical equilibria in a list: each takes about 0.2 s to analyse."""
 
 
 @dataclass(frozen=True, eq=False)
 class Equilibrium(ShownAsPage):
-    """A place where the system stays, or a steady motion with `velocities` of ignorable coordinates.
+    """An equilibrium at rest, or a steady motion with `velocities` of ignorable coordinates.
 
-    `coordinates` maps each coordinate to an expression in parameters; one that may have any value is mapped to itself.
-    `energy` is v.p - L there. `condition` says where the equilibrium exists, and `exists` whether it does at the values
-    of the parameters, None where these are missing. `stable` is True, False or None, and `reason` says why; `criterion`
-    are the leading minors of the stiffness, at fixed momenta of ignorable coordinates: if all are positive, the energy
-    has a minimum. `exact` is false for one that was found by number.
-    `statement` is that of the system.
+    `coordinates` maps each coordinate to an expression in parameters; an arbitrary coordinate is mapped to itself.
+    `energy` is v.p - L at the equilibrium. `condition` is the condition on the parameters under which it exists.
+    `exists` is its truth at the values of the parameters, or None if a value is missing. `stable` is True, False, or
+    None if undecided, and `reason` says why. `criterion` has the leading minors of the stiffness, at fixed momenta of
+    ignorable coordinates: if all are positive, the energy has a minimum. `exact` is false if the equilibrium was found
+    numerically. `statement` is the statement of the system.
     """
 
     coordinates: Mapping[Any, Any]
@@ -213,7 +220,7 @@ class Equilibrium(ShownAsPage):
 
     @property
     def at(self) -> dict[Any, Any]:
-        """The point as `linearize` and `modes` take it; coordinates that may have any value are zero in it."""
+        """The point as an argument for `linearize` and `modes`; arbitrary coordinates are zero in it."""
         return {q: x for q, x in self.coordinates.items() if x != q} | dict(self.velocities)
 
 
@@ -223,19 +230,22 @@ def _again(values: dict[str, Any]) -> Equilibrium:
 
 
 def equilibria(statement: Statement, rates: Any, model: Model) -> list[Equilibrium]:
-    """Return the equilibria, in symbols or by number; see `Analysis.equilibria`. Raises StatementError for none."""
+    """Return the equilibria: symbolic if the equations can be solved, else numerical, sorted by energy.
+
+    `rates` maps ignorable coordinates to steady velocities, or is None. Raises StatementError if there are none.
+    """
     problem = _Problem(statement, rates)
     branches = solved(problem.equations, (*problem.unknowns, *problem.multipliers))
     if branches is None:
         places = problem.searched(model)
         if len(places) > MOST_PLACES:
             raise StatementError(problem.too_many(len(places)))
-        made = [problem.record(values, exact=False) for values in places]
+        records = [problem.record(values, exact=False) for values in places]
     else:
-        made = [problem.record(branch.values, exact=True) for branch in branches]
-    if not made:
+        records = [problem.record(branch.values, exact=True) for branch in branches]
+    if not records:
         raise StatementError(problem.none_found(symbolic=branches is not None))
-    return sorted(made, key=problem.order)
+    return sorted(records, key=problem.order)
 
 
 class _Problem:
@@ -246,15 +256,15 @@ class _Problem:
         form = self.form
         self.free = ignorable(form)
         self.speeds = self.steady(rates)
-        held = [one for one in statement.constraints if not one.holonomic]
-        if held:
+        nonholonomic = [constraint.name for constraint in statement.constraints if not constraint.holonomic]
+        if nonholonomic:
             raise StatementError(
-                f"{statement.name} has constraints on velocities ({listing(one.name for one in held)}), and where it "
+                f"{statement.name} has constraints on velocities ({listing(nonholonomic)}), and where it "
                 "stays at rest is a whole region: linearize(...) tells of one place whether it is an equilibrium."
             )
         at_rest = {**dict.fromkeys((*form.a, *form.v), sympy.S.Zero), **self.speeds}
         forces = [simplest(r.subs(at_rest, simultaneous=True)) for r in form.residuals]
-        self.zeros = [form.read(one.expression) for one in statement.constraints]
+        self.zeros = [form.read(constraint.expression) for constraint in statement.constraints]
         if any(x.has(t) for x in (*forces, *self.zeros)):
             raise StatementError(
                 f"the forces of {statement.name} depend on time, and no place stays an equilibrium: transform(...) may "
@@ -263,7 +273,7 @@ class _Problem:
         places = [i for i in range(len(form.q)) if i not in self.free]
         self.unknowns = tuple(form.q[i] for i in places)
         self.rows = tuple(places)
-        self.multipliers = tuple(sympy.Dummy(one.name, real=True) for one in statement.constraints)
+        self.multipliers = tuple(sympy.Dummy(constraint.name, real=True) for constraint in statement.constraints)
         self.gradient = [[zero.diff(form.q[i]) for i in range(len(form.q))] for zero in self.zeros]
         self.forces = forces
         pushed = [
@@ -273,7 +283,7 @@ class _Problem:
         self.equations = [in_fractions(equation) for equation in (*pushed, *self.zeros)]
 
     def steady(self, rates: Any) -> dict[Any, Any]:
-        """Return the velocities of ignorable coordinates that a user gives, by symbol."""
+        """Return the user's steady velocities {velocity symbol: value}. Raises StatementError for bad `rates`."""
         if rates is None:
             return {}
         if not isinstance(rates, Mapping):
@@ -292,7 +302,7 @@ class _Problem:
         return {form.v[i]: in_fractions(point.q[i]) for i in named}
 
     def searched(self, model: Model) -> list[dict[Any, Any]]:
-        """Return equilibria by number. Raises StatementError where parameters have no values."""
+        """Return equilibria found numerically, {symbol: value} each. Raises StatementError for missing parameters."""
         statement, form = self.statement, self.form
         missing = [p.name for p in statement.parameters if p not in statement.defaults]
         if missing:
@@ -320,12 +330,12 @@ class _Problem:
         return [dict(zip(self.unknowns, map(sympy.Float, end), strict=True)) for end in search.found()]
 
     def is_angle(self, symbol: Any) -> bool:
-        """Return whether a full turn of a coordinate changes nothing."""
+        """Return True if L, the forces and the constraints have period 2 pi in a coordinate."""
         turn = {symbol: symbol + 2 * sympy.pi}
         return all(x.xreplace(turn) == x for x in (self.form.lagrangian, *self.form.forces, *self.zeros))
 
     def none_found(self, *, symbolic: bool) -> str:
-        """Return the sentence for no equilibrium, with what was tried."""
+        """Return the error message for no equilibrium; it says how the search was done."""
         statement = self.statement
         named = listing(statement.names[i] for i in self.rows)
         if symbolic:
@@ -340,7 +350,7 @@ class _Problem:
         )
 
     def too_many(self, count: int) -> str:
-        """Return the sentence for equilibria that fill a region."""
+        """Return the error message for `count` equilibria, which probably form a curve or a surface."""
         return (
             f"{self.statement.name} has too many equilibria to list: {STARTS} starts of Newton's method ended at "
             f"{count} different places, as they do where equilibria fill a curve or a surface. linearize(...) tells of "
@@ -348,7 +358,7 @@ class _Problem:
         )
 
     def record(self, values: Mapping[Any, Any], *, exact: bool) -> Equilibrium:
-        """Return the record of one solution."""
+        """Return the `Equilibrium` for one solution {symbol: value}; `exact` is true for a symbolic solution."""
         statement, form = self.statement, self.form
         places = {
             q: self.principal(symbol, values[symbol]) if symbol in values else symbol
@@ -363,8 +373,7 @@ class _Problem:
         known = point.numbers if len(point.numbers) == len(statement.parameters) else None
         exists = True if condition == sympy.true else None
         if known is not None:
-            found = [number(x, known) for x in q]
-            exists = all(x == x and abs(x.imag) < 1e-12 for x in found)
+            exists = all(x == x and abs(x.imag) < 1e-12 for x in (number(x, known) for x in q))
             if exact:
                 self.check(values, known, exists=exists)
         decided, minors = Verdict(stable=None, reason="it does not exist at the values of the parameters."), ()
@@ -384,7 +393,7 @@ class _Problem:
         )
 
     def decided(self, point: StatedPoint) -> tuple[Verdict, tuple[Any, ...]]:
-        """Return the verdict and the criterion; where there is no linearization, the verdict says why."""
+        """Return the verdict and the criterion. If the linearization fails, the verdict's reason is its message."""
         try:
             lin = linearized_at(point)
         except StatementError as refusal:
@@ -392,28 +401,28 @@ class _Problem:
         return stability_of(lin, point), self.minors(lin)
 
     def minors(self, lin: Linearization) -> tuple[Any, ...]:
-        """Return the criterion, where the matrices have symbols in them that it can be written in."""
+        """Return the stability criterion: leading minors of the stiffness at fixed momenta."""
         return criterion(lin, self.free if not self.statement.constraints else ())
 
     def principal(self, symbol: Any, value: Any) -> Any:
-        """Return an angle between -pi and pi where its value is known, anything else as it is."""
+        """Return an angle with a known value reduced to (-pi, pi]; return any other value unchanged."""
         if not self.is_angle(symbol):
             return value
-        found = number(value, {p: sympy.Rational(x) for p, x in self.statement.defaults.items()})
-        if found != found or found.imag:
+        angle = number(value, {p: sympy.Rational(x) for p, x in self.statement.defaults.items()})
+        if angle != angle or angle.imag:
             return value
-        return simplest(value - 2 * sympy.pi * math.ceil(round(found.real / (2 * math.pi), 12) - 0.5))
+        return simplest(value - 2 * sympy.pi * math.ceil(round(angle.real / (2 * math.pi), 12) - 0.5))
 
     def check(self, values: Mapping[Any, Any], known: Mapping[Any, Any], *, exists: bool) -> None:
-        """Compare the forces at a solution with zero. Raises RunError where they are left."""
+        """Evaluate the forces at a solution. Raises RunError if one exceeds its rounding, a fault of this library."""
         if not exists or not all(m in values for m in self.multipliers):
-            return  # what was found by number is tested by the search
+            return  # the search has already tested numerical solutions
         free = {q: sympy.Rational(3, 10) for q in self.unknowns}
         decimals = {x: value for x, value in values.items() if value.has(sympy.Float)}
         limit = FORCE_LEFT_BY_SEARCH if decimals else FORCE_LEFT
 
-        def size(given: Any) -> float:
-            return size_of_terms(given.xreplace(dict(values)).xreplace(free), known)
+        def size(expression: Any) -> float:
+            return size_of_terms(expression.xreplace(dict(values)).xreplace(free), known)
 
         for equation in self.equations:
             whole = sympy.expand(equation)
@@ -430,15 +439,15 @@ class _Problem:
         work = sympy.Add(*(p * v for p, v in zip(form.momenta, form.v, strict=True)))
         return form.written(simplest((work - form.lagrangian).xreplace(point.table)))
 
-    def order(self, one: Equilibrium) -> tuple[Any, ...]:
-        """Return the order of records: by energy where it is a number, else as they were found."""
+    def order(self, equilibrium: Equilibrium) -> tuple[Any, ...]:
+        """Return the sort key: existing equilibria first, then by energy if it has a value."""
         values = {p: sympy.Rational(x) for p, x in self.statement.defaults.items()}
-        found = number(self.form.read(one.energy), values)
-        return (not one.exists, round(found.real, 9) if found == found else 0.0)
+        energy = number(self.form.read(equilibrium.energy), values)
+        return (not equilibrium.exists, round(energy.real, 9) if energy == energy else 0.0)
 
 
 def _condition(values: Sequence[Any]) -> Any:
-    """Return where real values exist: arguments of asin and acos within one, of roots from zero on."""
+    """Return the condition for real values: |x| <= 1 in asin(x) and acos(x), and x >= 0 under even roots."""
     parts = []
     for value in values:
         for f in sorted(value.atoms(sympy.asin, sympy.acos), key=str):

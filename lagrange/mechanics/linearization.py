@@ -1,4 +1,4 @@
-"""Equations of motion linearised about a point, and tested against the compiled model."""
+"""Equations of motion linearised about a point, and verified against the compiled model."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
 INFINITE = (sympy.nan, sympy.zoo, sympy.oo, sympy.AccumBounds)
-"""What stands where an expression has no value."""
+"""SymPy's results for an expression without a finite value."""
 
 
 @dataclass(frozen=True, eq=False)
 class Linearization(ShownAsPage):
-    """M x'' + C x' + K x = (input matrix) u about a point, SymPy matrices.
+    """Linear equations M x'' + C x' + K x = (input matrix) u about a point, in SymPy matrices.
 
-    x are changes of `coordinates`: all of the system, or with constraints those that are independent, and the changes
-    of all are `basis` times x. x' are changes of the velocities of `velocity_coordinates`, which are fewer with
-    constraints on velocities. The changes of all velocities are `velocity_basis` x' + `velocity_slope` x.
-    `equilibrium` says whether the point stays where it is, or moves steadily with the velocities given; `note` says so
-    in a sentence. `statement` is that of the system.
+    x are the deviations of `coordinates`: all coordinates, or the independent ones if there are constraints. The
+    deviations of all coordinates are `basis` x. x' are the deviations of the velocities of `velocity_coordinates`,
+    which are fewer if there are constraints on velocities. The deviations of all velocities are `velocity_basis` x' +
+    `velocity_slope` x. `equilibrium` is true if the point is an equilibrium, or a steady motion with the stated
+    velocities; `note` is the same as a sentence. `statement` is the statement of the system.
     """
 
     coordinates: tuple[Any, ...]
@@ -61,7 +61,7 @@ class Linearization(ShownAsPage):
 
     @cached_property
     def A(self) -> Any:
-        """The matrix of d/dt [x, x'] = A [x, x'] + B u."""
+        """Matrix A of the first-order form d/dt [x, x'] = A [x, x'] + B u."""
         rates = self._inverse * sympy.Matrix.hstack(-self.K, -self.C)
         above = sympy.Matrix.hstack(self.velocity_slope, self.velocity_basis).extract(
             self.places, list(range(rates.cols))
@@ -70,7 +70,7 @@ class Linearization(ShownAsPage):
 
     @property
     def decimal(self) -> bool:
-        """True if the matrices hold decimals, so that they are those of the parameters' values only."""
+        """True if the matrices contain decimals. They then hold only for the present values of the parameters."""
         return any(x.has(sympy.Float) for x in (*self.M, *self.C, *self.K))
 
     @property
@@ -84,7 +84,7 @@ class Linearization(ShownAsPage):
         return [self.statement.coordinates.index(q) for q in self.velocity_coordinates]
 
     def of_moving(self) -> Linearization | None:
-        """Return the equations of `velocity_coordinates` alone, or None where they depend on other coordinates."""
+        """Return the equations in `velocity_coordinates` alone, or None if they depend on other coordinates."""
         kept = [k for k, q in enumerate(self.coordinates) if q in self.velocity_coordinates]
         others = [k for k in range(self.K.cols) if k not in kept]
         rows = list(range(self.K.rows))
@@ -101,13 +101,13 @@ class Linearization(ShownAsPage):
 
     @cached_property
     def B(self) -> Any:
-        """The matrix of the inputs, (2n, inputs)."""
+        """Input matrix B of the first-order form, (2n, number of inputs)."""
         below = (self._inverse * self.input_matrix).applyfunc(simplest)
         return sympy.Matrix.vstack(sympy.zeros(self.K.cols, below.cols), below)
 
     @cached_property
     def _inverse(self) -> Any:
-        """M^-1. Raises StatementError where a motion has no inertia at the point."""
+        """Inverse of M. Raises StatementError if M is singular at the point."""
         determinant = simplest(self.M.det(method="berkowitz"))
         if determinant == 0:
             raise StatementError(
@@ -122,7 +122,10 @@ def _again(values: dict[str, Any]) -> Linearization:
 
 
 def linearized_at(point: StatedPoint) -> Linearization:
-    """Return the linearization about a point; see `Analysis.linearize`."""
+    """Return the linearization about a point. Raises StatementError if the forces or their slopes have no value there.
+
+    `Analysis.linearize` describes the arguments.
+    """
     if point.form.statement.constraints:
         return _constrained(point)
     form = point.form
@@ -164,14 +167,14 @@ def linearized_at(point: StatedPoint) -> Linearization:
 
 
 def _matrix(symbols: Sequence[Any], point: StatedPoint, here: Mapping[Any, Any] | None = None) -> Any:
-    """Return the derivatives of the residuals by some symbols, at the point."""
+    """Return the Jacobian of the residuals with respect to `symbols` at the point, where `here` replaces symbols."""
     table = point.table
     rows = [[simplest(r.diff(x).xreplace(dict(here or {})).xreplace(table)) for x in symbols] for r in point.residuals]
     return sympy.Matrix(len(rows), len(symbols), [x for row in rows for x in row])
 
 
 def _accelerations(form: PlainForm, mass: Any, rest: Sequence[Any]) -> tuple[Any, ...]:
-    """Return the accelerations at a point that is no equilibrium."""
+    """Return the accelerations -M^-1 `rest` at a point that is not an equilibrium."""
     determinant = simplest(mass.det(method="berkowitz"))
     if determinant == 0:
         raise StatementError(
@@ -182,7 +185,7 @@ def _accelerations(form: PlainForm, mass: Any, rest: Sequence[Any]) -> tuple[Any
 
 
 def _at(point: StatedPoint) -> Mapping[Any, Any]:
-    """Return the point in the user's symbols: coordinates, and velocities that are not zero."""
+    """Return the point in the user's symbols: coordinates, non-zero velocities, and inputs."""
     statement = point.form.statement
     places = dict(zip(statement.coordinates, point.q, strict=True))
     speeds = {v: x for v, x in zip(statement.velocities, point.v, strict=True) if x != 0}
@@ -216,7 +219,7 @@ def _constrained(point: StatedPoint) -> Linearization:
 
 
 def _note(point: StatedPoint, left: Sequence[Any], names: Sequence[str], balanced: bool, steady: bool) -> str:
-    """Return a sentence on the point; `left` are the forces along the coordinates `names` that are not balanced."""
+    """Return a sentence on the point; `left` are the unbalanced forces along the coordinates `names`."""
     form = point.form
     if balanced and steady:
         on_constraints = " on the constraints" if form.statement.constraints else ""
@@ -233,14 +236,17 @@ def _note(point: StatedPoint, left: Sequence[Any], names: Sequence[str], balance
 
 
 INPUT_STEP = 1e-3
-"""Change of an input by which B is compared; forces are nearly always linear in inputs, and then it is exact."""
+"""Step of an input in the numerical derivative that B is compared with: exact for forces linear in the input."""
 
 INPUT_ERROR = 1e-5
-"""Error of B that the curvature of such a step may make, relative to the largest entry."""
+"""Largest difference of B from that derivative, relative to the largest entry: allows for curvature over the step."""
 
 
 def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
-    """Compare at the values of the parameters, and at random ones. Raises RunError where they differ."""
+    """Compare a linearization with the compiled model, at the parameter values and at random ones.
+
+    Raises RunError if they differ.
+    """
     statement = point.form.statement
 
     def at_point(sample: Point) -> tuple[Any, Any]:
@@ -255,13 +261,16 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
 
 
 def _values(point: StatedPoint, sample: Point) -> dict[Any, Any]:
-    """Return numbers for the parameters, the inputs and the time."""
+    """Return exact numbers for the parameters, the inputs and the time of a sample."""
     numbers = {p: sympy.Rational(x) for p, x in sample.parameters.items()} | {t: sympy.Rational(sample.t)}
     return numbers | {u: x.xreplace(numbers) for u, x in point.inputs.items()}
 
 
 def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> tuple[Any, Any]:
-    """Return the columns of A, then of B, that are compiled and that the matrices give."""
+    """Return the lower half of A from the compiled model and from the matrices, flattened.
+
+    If a column of B differs, return both versions of that column instead. NaN if the matrices have no values.
+    """
     n = len(point.q)
     state = numeric(sympy.Matrix([*point.q, *point.v]), values).ravel()
     mass, damping, stiffness, pushes = (numeric(x, values) for x in (lin.M, lin.C, lin.K, lin.input_matrix))
@@ -271,18 +280,18 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
         return [], [float("nan")]
     time = float(values[t])
     parameters = {p: float(values[p]) for p in point.form.statement.parameters}
-    # Independent velocities are some of all, however the others change along the motion.
+    # The independent velocities are a selection of all velocities, so their rates are rows of the full Jacobian.
     jacobian = model.jacobian(time, state, parameters)[n:][lin.speeds]
     compiled = np.hstack([jacobian[:, :n] @ places + jacobian[:, n:] @ slopes, jacobian[:, n:] @ speeds])
     formulas = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
     scale = max(1e-300, np.abs(compiled).max())
     for k, u in enumerate(point.inputs):
-        # To one side: an input that is declared positive may not be below zero.
+        # One-sided difference: an input declared positive must not become negative.
         near, here, far = (
             model.rhs(time, state, {**parameters, u: parameters[u] + share * INPUT_STEP})[n:] for share in (1, 0, 2)
         )
         column = (4 * near - 3 * here - far) / (2 * INPUT_STEP)
-        found = speeds @ np.linalg.solve(mass, pushes[:, k])
-        if np.abs(found - column).max() > INPUT_ERROR * max(scale, np.abs(column).max()):
-            return [*column], [*found]
+        symbolic = speeds @ np.linalg.solve(mass, pushes[:, k])
+        if np.abs(symbolic - column).max() > INPUT_ERROR * max(scale, np.abs(column).max()):
+            return [*column], [*symbolic]
     return [*compiled.ravel()], [*formulas.ravel()]

@@ -1,4 +1,4 @@
-"""Small oscillations: frequencies and shapes of M x'' + C x' + K x = 0, in symbols where roots of degree two give them.
+"""Small oscillations: frequencies and shapes of M x'' + C x' + K x = 0, symbolic if the factors have degree 1 or 2.
 
 Without C, det(K - w^2 M) = 0 and (K - w^2 M) x = 0; with C, det(M s^2 + C s + K) = 0.
 Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed., 2002, chapter 6.
@@ -23,29 +23,33 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.notebook_page import ShownAsPage
 
 LARGEST_SYMBOLIC = 4
-"""Coordinates up to which frequencies are sought in symbols; the characteristic polynomial of five has pages."""
+"""Largest number of coordinates for symbolic frequencies; the characteristic polynomial of five fills pages."""
 
 LONGEST_POLYNOMIAL = 3000
-"""Operations of a characteristic polynomial up to which it is factored."""
+"""Largest number of operations in a characteristic polynomial that is factored."""
 
 LONGEST_SIMPLIFIED = 60
-"""Operations up to which SymPy simplifies a formula with roots, in some 0.1 s: a longer one may take it hours."""
+"""Largest number of operations in a formula with roots that SymPy simplifies, in about 0.1 s.
+
+A longer formula may take hours.
+"""
 
 ZERO = 1e-18
-"""Entries of a null vector that are zero, in 30 digits."""
+"""Entries of a null vector below this fraction of the largest count as zero, in 30 digits."""
 
 SMALL = 1e-7
-"""A frequency that counts as zero, relative to the largest: a zero of w^2 is found to 1e-16."""
+"""Frequencies below this fraction of the largest count as zero: w^2 = 0 is computed to about 1e-16."""
 
 
 @dataclass(frozen=True, eq=False)
 class Modes(ShownAsPage):
-    """The modes about an equilibrium, n of them: `frequencies` and `shapes`, column vectors in `coordinates`.
+    """The n modes about an equilibrium: `frequencies`, and `shapes` as column vectors in `coordinates`.
 
-    A mode has the eigenvalues -decay + i frequency and -decay - i frequency. A frequency is real where the mode
-    oscillates, and imaginary where it does not: then it moves away if the frequency is larger than `decay`. They are
-    symbolic, or else numbers (then `symbolic` is false) at the values of the parameters. `eigenvalues` are numbers, 2n
-    of them, none where a parameter has no value. `stable` is True, False or None, and `reason` says why.
+    A mode has the eigenvalues -decay + i frequency and -decay - i frequency. The frequency is real if the mode
+    oscillates and imaginary if it does not. Such a mode grows if the magnitude of its frequency exceeds `decay`.
+    If `symbolic` is true, frequencies, decays and shapes are formulas; else numbers at the values of the parameters.
+    `eigenvalues` are 2n numbers, or empty if a parameter has no value. `stable` is True, False, or None if undecided;
+    `reason` says why.
     """
 
     coordinates: tuple[Any, ...]
@@ -65,7 +69,7 @@ class Modes(ShownAsPage):
 
 @dataclass(frozen=True)
 class _Root:
-    """A frequency, its decay, and the eigenvalue s or the square w^2 that its shape belongs to."""
+    """A frequency, its decay, and `value`: w^2 without damping, else the eigenvalue s whose shape is computed."""
 
     frequency: Any
     decay: Any
@@ -73,7 +77,7 @@ class _Root:
 
 
 def modes(lin: Linearization, point: StatedPoint) -> Modes:
-    """Return the modes about an equilibrium or a steady motion. Raises StatementError elsewhere."""
+    """Return the modes about an equilibrium or a steady motion. Raises StatementError at any other point."""
     statement = point.form.statement
     if not lin.equilibrium:
         raise StatementError(f"there are no modes at this point. {lin.note} equilibria() looks for equilibria.")
@@ -102,7 +106,7 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
             f"the modes of {statement.name} are not found in symbols, and for numbers {listing(missing)} "
             f"{'has' if len(missing) == 1 else 'have'} no value: give parameters={{'{(missing or ['m'])[0]}': 1.0}}."
         )
-    found = stability_of(lin, point)
+    verdict = stability_of(lin, point)
     if symbolic is not None:
         roots, shapes = symbolic
         _check(roots, lin, values)
@@ -119,45 +123,51 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
         tuple(shapes),
         () if values is None else tuple(complex(x) for x in eigenvalues(lin, values)),
         symbolic is not None,
-        found.stable,
-        found.reason,
+        verdict.stable,
+        verdict.reason,
         lin,
     )
 
 
 def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any] | None) -> None:
-    """Compare symbolic roots with the eigenvalues, at some numbers. Raises RunError where one is none of them."""
+    """Compare symbolic roots with numerical eigenvalues. Raises RunError if a root is not an eigenvalue.
+
+    Without `values` the symbols get arbitrary distinct numbers.
+    """
     values = _ones_of(lin.M, lin.C, lin.K) if values is None else values
     known = eigenvalues(lin, values)
     for root in roots:
-        found = complex(number(sympy.I * root.frequency - root.decay, values))
-        # A double eigenvalue is found to the square root of round-off.
-        if cmath.isfinite(found) and np.abs(known - found).min() > REAL_PART * max(1e-300, np.abs(known).max()):
+        value = complex(number(sympy.I * root.frequency - root.decay, values))
+        # A double eigenvalue is accurate to the square root of rounding.
+        if cmath.isfinite(value) and np.abs(known - value).min() > REAL_PART * max(1e-300, np.abs(known).max()):
             raise RunError(
-                f"the frequency {root.frequency} is wrong: {found:.12g} is no eigenvalue of the linear equations. "
+                f"the frequency {root.frequency} is wrong: {value:.12g} is no eigenvalue of the linear equations. "
                 + FAULT
             )
 
 
 def _ones_of(*matrices: Any) -> Mapping[Any, Any]:
-    """Return numbers for all symbols, which tell frequencies apart where parameters have no values."""
+    """Return distinct numbers near 1 for all symbols, so that frequencies can be ordered without parameter values."""
     symbols = [s for matrix in matrices for x in matrix for s in sorted(x.free_symbols, key=str)]
     return {s: sympy.Rational(10 + 3 * k, 10) for k, s in enumerate(dict.fromkeys(symbols))}
 
 
-def _sort_key(given: Any, values: Mapping[Any, Any]) -> tuple[float, float]:
-    found = number(given, values)
-    return abs(found.imag), abs(found.real)
+def _sort_key(frequency: Any, values: Mapping[Any, Any]) -> tuple[float, float]:
+    value = number(frequency, values)
+    return abs(value.imag), abs(value.real)
 
 
 def eigenvalues(lin: Linearization, values: Mapping[Any, Any]) -> Any:
-    """Return the eigenvalues of A as numbers, by real then by imaginary part."""
+    """Return the eigenvalues of the first-order matrix as numbers, sorted by real part, then imaginary part."""
     mass, damping, stiffness = (numeric(x, values) for x in (lin.M, lin.C, lin.K))
     return np.sort_complex(np.linalg.eigvals(first_order_matrix(mass, damping, stiffness)))
 
 
 def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
-    """Return the modes in symbols, or None where the characteristic polynomial has no factors of degree two."""
+    """Return roots and shapes in symbols, or None if the characteristic polynomial is too long or does not factor.
+
+    Its factors must have degree one or two, in w^2 without damping, else in s or s^2.
+    """
     s = sympy.Dummy("s")
     plain = lin.C.is_zero_matrix
     pencil = lin.K - s * lin.M if plain else lin.M * s**2 + lin.C * s + lin.K
@@ -183,24 +193,27 @@ def _symbolic(lin: Linearization) -> tuple[list[_Root], list[Any]] | None:
 
 
 def _roots(polynomial: Any, x: Any, plain: bool, even: bool) -> list[_Root] | None:
-    """Return the roots of a polynomial whose factors are of degree one or two; a damped pair is one root."""
-    found: list[_Root] = []
+    """Return the roots of a polynomial in `x`, or None if a factor has a degree above two.
+
+    `plain` means x = w^2, without damping; `even` means x = s^2; else x = s, where a damped pair is one root.
+    """
+    roots: list[_Root] = []
     for factor, power in sympy.factor_list(polynomial, x)[1]:
         if not factor.has(x):
-            continue  # a root of a parameter counts as a factor
+            continue  # SymPy lists the square root of a parameter as a factor
         coefficients = [simplest(c) for c in sympy.Poly(factor, x).all_coeffs()]
-        made = _of_factor(coefficients, plain, even)
-        if made is None:
+        pair = _of_factor(coefficients, plain, even)
+        if pair is None:
             return None
-        found += made * power
+        roots += pair * power
     if not plain and not even:
-        zeros = [root for root in found if root.value == 0]  # both zeros of s^2 = 0 are one mode
-        found = [root for root in found if root.value != 0] + zeros[: (len(zeros) + 1) // 2]
-    return found
+        zeros = [root for root in roots if root.value == 0]  # both zeros of s^2 = 0 are one mode
+        roots = [root for root in roots if root.value != 0] + zeros[: (len(zeros) + 1) // 2]
+    return roots
 
 
 def _of_factor(coefficients: Sequence[Any], plain: bool, even: bool) -> list[_Root] | None:
-    """Return the roots of one factor, given by its coefficients from the highest on."""
+    """Return the roots of one factor, or None if its degree is above two. Coefficients start with the highest."""
     zero = sympy.S.Zero
     if len(coefficients) == 2:
         root = simplest(-coefficients[1] / coefficients[0])
@@ -223,46 +236,47 @@ def _of_factor(coefficients: Sequence[Any], plain: bool, even: bool) -> list[_Ro
 def _by_product(total: Any, squared: Any, plain: bool) -> list[_Root]:
     """Return two modes with w1^2 + w2^2 = total and w1 w2 = P as (sqrt(total + 2 P) -+ sqrt(total - 2 P))/2.
 
-    That is shorter where P has no root in it, as for Foucault's pendulum. None where P may be imaginary.
+    `squared` is P^2. This form is shorter if P contains no root, as for Foucault's pendulum. The list is empty if P may
+    be imaginary.
     """
     product = _root_of(squared)
     if not product.is_positive:
         return []
     wide, narrow = (_root_of(total + sign * 2 * product) for sign in (1, -1))
-    found = [_neat(sympy.expand((wide - narrow) / 2)), _neat(sympy.expand((wide + narrow) / 2))]
-    return [_Root(w, sympy.S.Zero, sympy.expand(w**2) if plain else sympy.I * w) for w in found]
+    frequencies = [_neat(sympy.expand((wide - narrow) / 2)), _neat(sympy.expand((wide + narrow) / 2))]
+    return [_Root(w, sympy.S.Zero, sympy.expand(w**2) if plain else sympy.I * w) for w in frequencies]
 
 
 def _oscillation(root: Any, plain: bool) -> _Root:
-    """Return the mode of a root w^2 (`plain`) or s^2."""
+    """Return the undamped mode of a root, which is w^2 if `plain`, else s^2."""
     square = root if plain else -root
     frequency = _root_of(square)
     return _Root(frequency, sympy.S.Zero, root if plain else sympy.I * frequency)
 
 
-def _root_of(given: Any) -> Any:
-    """Return a square root, what is a square taken out of it."""
-    root = sympy.sqrt(_neat(given))
+def _root_of(square: Any) -> Any:
+    """Return the square root of an expression, with square factors taken out of the root."""
+    root = sympy.sqrt(_neat(square))
     if not _brief(root):
         return root
-    return min((root, sympy.sqrtdenest(root), root_of_square(given)), key=size)
+    return min((root, sympy.sqrtdenest(root), root_of_square(square)), key=size)
 
 
-def _brief(given: Any) -> bool:
-    """Return whether SymPy may simplify an expression, which it multiplies out for that."""
-    return size(given) <= LONGEST_SIMPLIFIED and size(sympy.expand(given)) <= LONGEST_SIMPLIFIED
+def _brief(expression: Any) -> bool:
+    """Return True if an expression is short enough to simplify, also after expansion, which SymPy does first."""
+    return size(expression) <= LONGEST_SIMPLIFIED and size(sympy.expand(expression)) <= LONGEST_SIMPLIFIED
 
 
-def _neat(given: Any) -> Any:
-    """Return an expression with roots in the shortest of a few forms."""
-    candidates = [given, simplest(given), sympy.factor_terms(given)]
-    if _brief(given):
-        candidates += [sympy.factor(given), sympy.radsimp(given)]
+def _neat(expression: Any) -> Any:
+    """Return the shortest of a few equivalent forms of an expression with roots."""
+    candidates = [expression, simplest(expression), sympy.factor_terms(expression)]
+    if _brief(expression):
+        candidates += [sympy.factor(expression), sympy.radsimp(expression)]
     return min(candidates, key=size)
 
 
 def _shape(matrix: Any, skipped: int) -> Any:
-    """Return a column in the null space of a matrix, the first entry that is not zero being one."""
+    """Return a null vector of a matrix whose first non-zero entry is 1, or None; skip the first `skipped` ones."""
     adjugate = matrix.adjugate()
     values = _ones_of(matrix)
     sizes = [abs(number(x, values)) for x in adjugate]
@@ -280,15 +294,15 @@ def _scaled(column: Any) -> Any:
     return (column / first).applyfunc(_shortest)
 
 
-def _shortest(given: Any) -> Any:
-    """Return an entry of a shape with its root out of the denominator."""
-    if _brief(given):
-        return _neat(sympy.radsimp(sympy.simplify(given)))
-    return _neat(rational_below(sympy.together(given)))
+def _shortest(entry: Any) -> Any:
+    """Return an entry of a shape, simplified and without roots in the denominator."""
+    if _brief(entry):
+        return _neat(sympy.radsimp(sympy.simplify(entry)))
+    return _neat(rational_below(sympy.together(entry)))
 
 
 def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root], list[Any]]:
-    """Return the modes as numbers."""
+    """Return roots and shapes as numbers, sorted by the magnitudes of the real and imaginary parts of the frequency."""
     mass, damping, stiffness = (numeric(x, values) for x in (lin.M, lin.C, lin.K))
     n = mass.shape[0]
     found, vectors = np.linalg.eig(first_order_matrix(mass, damping, stiffness))
@@ -299,18 +313,19 @@ def _numbers(lin: Linearization, values: Mapping[Any, Any]) -> tuple[list[_Root]
     pairs += [(found[still[k]], still[-1 - k]) for k in range(len(still) // 2)]
     _, sizes, rows = np.linalg.svd(stiffness)
     rigid = list(rows[sizes <= SMALL * max(1e-300, sizes.max())])  # zero is a multiple eigenvalue with few eigenvectors
-    made = []
+    listed = []
     for other, i in pairs:
         vector = rigid.pop() if rigid and abs(found[i]) <= SMALL * largest else vectors[:n, i]
-        made.append((_root_of_numbers(other, found[i], largest), _column(vector)))
-    made.sort(key=lambda one: tuple(abs(float(part)) for part in one[0].frequency.as_real_imag()))
-    return [root for root, _ in made], [shape for _, shape in made]
+        listed.append((_root_of_numbers(other, found[i], largest), _column(vector)))
+    listed.sort(key=lambda mode: tuple(abs(float(part)) for part in mode[0].frequency.as_real_imag()))
+    return [root for root, _ in listed], [shape for _, shape in listed]
 
 
 def _root_of_numbers(other: complex, value: complex, largest: float) -> _Root:
-    """Return the mode of two eigenvalues, -decay + i frequency being one: conjugates, or two real ones.
+    """Return the mode of two eigenvalues, -decay + i frequency and -decay - i frequency.
 
-    Of real ones the lowest belongs to the highest, the next to the next: they are opposite without damping.
+    They are complex conjugates, or two real numbers. Real eigenvalues are paired lowest with highest, since without
+    damping they are opposite.
     """
     decay, frequency = -(value + other).real / 2, (value - other) / 2j
     shown = sympy.Float(frequency.real) if value.imag > SMALL * largest else sympy.I * sympy.Float(-frequency.imag)
@@ -322,7 +337,7 @@ def _root_of_numbers(other: complex, value: complex, largest: float) -> _Root:
 
 
 def _column(vector: Any) -> Any:
-    """Return a shape with one as the first of its largest entries, real where it is."""
+    """Return a shape scaled so that the first of its largest entries is 1; real if all imaginary parts are rounding."""
     sizes = np.abs(vector)
     scaled = vector / vector[int(np.argmax(sizes >= 0.999 * sizes.max()))]
     if np.abs(scaled.imag).max() < SMALL:

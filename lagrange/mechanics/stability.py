@@ -1,4 +1,4 @@
-"""Whether a motion near an equilibrium stays near, and eigenvalues while a parameter changes."""
+"""Stability of equilibria, and eigenvalues as functions of a parameter."""
 
 from __future__ import annotations
 
@@ -22,15 +22,15 @@ from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 
 REAL_PART = 1e-6
-"""Real part of an eigenvalue that counts as zero, relative to the largest: double ones are found to 1e-8."""
+"""Real parts below this fraction of the largest eigenvalue count as zero: double eigenvalues are accurate to 1e-8."""
 
 DEFINITE = 1e-9
-"""Eigenvalue of a stiffness that counts as zero, relative to the largest."""
+"""Eigenvalues of a symmetric matrix below this fraction of its largest entry count as zero."""
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Whether an equilibrium is stable, None where that is undecided, and why."""
+    """Stability of an equilibrium: True, False, or None if undecided; `reason` is a sentence."""
 
     stable: bool | None
     reason: str
@@ -40,20 +40,20 @@ NO_VALUES = "with these constraints eigenvalues decide, and they need values of 
 """Reason for motions on constraints and for constraints on velocities: K is not the curvature of an energy."""
 
 NO_INERTIA = "the mass matrix is singular at these values of the parameters: give others."
-"""What is said of an equilibrium at which some motion has no inertia."""
+"""Message for a singular mass matrix at an equilibrium."""
 
 
 def matrix_values(lin: Linearization, point: StatedPoint) -> Mapping[Any, Any] | None:
-    """Return numbers for all symbols of M, C and K, or None where one is missing."""
+    """Return numbers for all symbols of M, C and K, or None if one has no value."""
     known = point.numbers
     symbols = [s for matrix in (lin.M, lin.C, lin.K) for x in matrix for s in sorted(x.free_symbols, key=str)]
     return known if all(s in known for s in symbols) else None
 
 
 def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
-    """Return the matrix A of d/dt [x, v] = A [x, v] for M dv/dt + C v + K x = 0, numbers, (2n, 2n).
+    """Return the matrix A (2n, 2n) of d/dt [x, v] = A [x, v] for M dv/dt + C v + K x = 0, all numbers.
 
-    Raises StatementError for a mass matrix that is singular.
+    Raises StatementError for a singular mass matrix.
     """
     n = mass.shape[0]
     try:
@@ -64,7 +64,7 @@ def first_order_matrix(mass: Any, damping: Any, stiffness: Any) -> Any:
 
 
 def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
-    """Return whether an equilibrium is stable, by numbers where there are some, else by signs that SymPy knows."""
+    """Return the stability of an equilibrium, from eigenvalues if all parameters have values, else from known signs."""
     form, values = point.form, matrix_values(lin, point)
     gone = ignorable(form) if not form.statement.constraints else ()
     if not has_inertia(lin):
@@ -83,12 +83,15 @@ def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
 
 
 def has_inertia(lin: Linearization) -> bool:
-    """Return whether every motion has inertia at the point, as it does where the coordinates are regular."""
+    """Return True if M is regular, as it is at every point where the coordinates are regular."""
     return not is_zero(lin.M.det(method="berkowitz"))
 
 
 def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
-    """Return the leading minors of K at fixed momenta: the energy has a minimum if all are positive."""
+    """Return the leading minors of K at fixed momenta; the energy has a minimum if all are positive.
+
+    `gone` are the indices of the ignorable coordinates. The result is empty if M is singular.
+    """
     if not has_inertia(lin):
         return ()
     _, _, stiffness = at_fixed_momenta(lin.M, lin.C, lin.K, gone)
@@ -96,7 +99,7 @@ def criterion(lin: Linearization, gone: tuple[int, ...]) -> tuple[Any, ...]:
 
 
 def _symbolic_verdict(lin: Linearization, form: PlainForm, gone: tuple[int, ...]) -> Verdict:
-    """Return the verdict for all values of the parameters, where SymPy knows the signs."""
+    """Return the verdict that holds for all values of the parameters, from signs that SymPy can prove."""
     minors = criterion(lin, gone)
     if any(minor.is_negative for minor in minors[:-1]):
         return Verdict(None, "the energy has no minimum there, and eigenvalues need values of the parameters.")
@@ -121,13 +124,13 @@ def _symbolic_verdict(lin: Linearization, form: PlainForm, gone: tuple[int, ...]
 
 
 def _is_definite(matrix: Any) -> bool:
-    """Return whether SymPy knows that a symmetric matrix is positive definite, by its leading minors."""
+    """Return True if SymPy can prove a symmetric matrix positive definite, by its leading minors."""
     minors = (simplest(matrix[:k, :k].det(method="berkowitz")) for k in range(1, matrix.rows + 1))
     return all(minor.is_positive for minor in minors)
 
 
 def ignorable(form: PlainForm) -> tuple[int, ...]:
-    """Return the coordinates that nothing depends on and whose momenta are constant."""
+    """Return indices of coordinates that L, forces and constraints do not contain, and whose momenta are constant."""
     statement = form.statement
     return tuple(
         i
@@ -141,9 +144,9 @@ def ignorable(form: PlainForm) -> tuple[int, ...]:
 
 
 def at_fixed_momenta(mass: Any, damping: Any, stiffness: Any, gone: tuple[int, ...]) -> tuple[Any, Any, Any]:
-    """Return M, C and K of the other coordinates where those of ignorable ones keep their momenta.
+    """Return M, C and K of the other coordinates while the ignorable coordinates `gone` keep their momenta.
 
-    The momentum M_IR v_R + M_II v_I + C_IR q_R is constant, which gives v_I. For arrays and SymPy matrices alike.
+    The momentum M_IR v_R + M_II v_I + C_IR q_R is constant, which gives v_I. The matrices are arrays or SymPy matrices.
     """
     if not gone:
         return mass, damping, stiffness
@@ -165,17 +168,17 @@ def at_fixed_momenta(mass: Any, damping: Any, stiffness: Any, gone: tuple[int, .
 
 
 def has_energy(form: PlainForm) -> bool:
-    """Return whether L is free of time, and no force acts but those of V and of Rayleigh's dissipation."""
+    """Return True if L does not contain time and the only forces are those of V and of Rayleigh's dissipation."""
     statement = form.statement
     free = vanishes(form, form.lagrangian.diff(t))
     return free and only_brakes(form) and all(vanishes(form, form.read(force)) for force in statement.forces)
 
 
 def only_brakes(form: PlainForm) -> bool:
-    """Return whether v . dD/dv is known to be nowhere negative, if the symmetric part of C is positive semidefinite.
+    """Return True if v . dD/dv >= 0 is certain, provided that the symmetric part of C is positive semidefinite.
 
-    That part decides alone where D is v C v/2 with a constant C. Any other D has to consist of terms that are
-    homogeneous in the velocities and not negative: it may be -v^4, or x v^2, of which C has nothing.
+    For D = v C v/2 with a constant C, that proviso suffices. Any other D must be a sum of terms that are homogeneous in
+    the velocities and not negative. C does not show terms such as -v^4 or x v^2.
     """
     stated = form.statement.dissipation.xreplace(form.plain)
     slopes = [form.read(form.statement.dissipation).diff(v) for v in form.v]
@@ -191,7 +194,7 @@ def only_brakes(form: PlainForm) -> bool:
 
 
 def _is_drag(term: Any, v: Sequence[Any]) -> bool:
-    """Return whether a term of D is homogeneous in the velocities, of positive degree, and not negative."""
+    """Return True if a term of D is homogeneous in the velocities, of positive degree, and not negative."""
     if not term.is_nonnegative:
         return False
     scale = sympy.Dummy("scale", positive=True)
@@ -200,7 +203,7 @@ def _is_drag(term: Any, v: Sequence[Any]) -> bool:
 
 
 def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool) -> Verdict:
-    """Return the verdict on numbers M, C and K at fixed momenta; `energetic` if the energy cannot grow."""
+    """Return the verdict for numbers M, C and K at fixed momenta; `energetic` is true if the energy cannot grow."""
     n = mass.shape[0]
     if not n:
         return Verdict(stable=None, reason="nothing is left to move at fixed momenta.")
@@ -235,21 +238,21 @@ def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool
 
 
 STEPS = 30
-"""Steps of Newton's method from the equilibrium at the value before."""
+"""Largest number of Newton steps from the equilibrium at the previous value of the parameter."""
 
 MOST_VALUES = 10_000
 """Largest number of values of the parameter: each takes some milliseconds."""
 
 CLOSE = 1e-9
-"""Its last step, relative to the coordinates and to 1."""
+"""Largest last Newton step at convergence, relative to 1 plus the largest coordinate."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class EigenvaluePath:
-    """Eigenvalues, (k, 2n), at values (k,) of a parameter, and the equilibria that they belong to, (k, n).
+    """Eigenvalues (k, 2n) at k values of a parameter, and the equilibria (k, n).
 
-    Each column is one eigenvalue, followed from row to row. Where there is no equilibrium a row is NaN. With
-    constraints a row has one for each independent coordinate and each independent velocity.
+    Each column follows one eigenvalue from row to row. A row is NaN if no equilibrium was found. With constraints a row
+    has as many eigenvalues as there are independent coordinates and independent velocities.
     """
 
     parameter: Any
@@ -266,13 +269,16 @@ class EigenvaluePath:
 
     @property
     def stable(self) -> Any:
-        """Whether no eigenvalue has a positive real part, (k,): that is necessary for stability and not sufficient."""
+        """True where no eigenvalue has a positive real part, (k,): necessary for stability, but not sufficient."""
         size = np.abs(self.eigenvalues).max(axis=1)
         return self.eigenvalues.real.max(axis=1) <= 1e-6 * size
 
 
 def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, model: Model) -> EigenvaluePath:
-    """Return the eigenvalues along values of a parameter; see `Analysis.eigenvalues`."""
+    """Return the eigenvalues at each of the values of a parameter, about the equilibrium near `at`.
+
+    `at` is a mapping as for `linearize`. Raises StatementError if no equilibrium is found at any value.
+    """
     by_name = {p.name: p for p in statement.parameters}
     label = label_of(parameter)
     if label not in by_name:
@@ -308,7 +314,7 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
 
 
 def _on_constraints(point: StatedPoint) -> Linearization:
-    """Return the linear equations of a system with constraints, in symbols."""
+    """Return the symbolic linearization of a system with constraints. Raises StatementError if `point` is decimal."""
     name = point.form.statement.name
     lin = None if point.decimal else linearized_at(point)
     if lin is None or lin.decimal:
@@ -322,7 +328,7 @@ def _on_constraints(point: StatedPoint) -> Linearization:
 
 
 def _matrix(lin: Linearization | None, model: Model, state: FloatArray, given: Any) -> FloatArray | None:
-    """Return the first-order matrix at values of the parameters, None where it does not exist."""
+    """Return the first-order matrix at `given` values of the parameters, or None if it is not finite."""
     if lin is None:
         return model.jacobian(0.0, state, given)
     exact = {p: sympy.Rational(x) for p, x in given.items()}
@@ -336,7 +342,7 @@ def _matrix(lin: Linearization | None, model: Model, state: FloatArray, given: A
 
 
 def _stated(point: StatedPoint, given: Any) -> FloatArray | None:
-    """Return the state (2n,) of the point at values of the parameters, or None where it has none."""
+    """Return the state (2n,) of the point at `given` values of the parameters, or None if it is not real and finite."""
     exact = {p: sympy.Rational(x) for p, x in given.items()}
     stated = np.array([number(x, exact) for x in (*point.q, *point.v)])
     if not np.isfinite(stated).all() or np.abs(stated.imag).max() > 1e-12:
@@ -345,7 +351,10 @@ def _stated(point: StatedPoint, given: Any) -> FloatArray | None:
 
 
 def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArray | None) -> FloatArray | None:
-    """Return the state (2n,) of the equilibrium at values of the parameters, or None."""
+    """Return the state (2n,) of the equilibrium at `given` values of the parameters, or None if Newton's method fails.
+
+    `before` is the state at the previous value, or None.
+    """
     state, n = _stated(point, given), len(point.q)
     if state is None:
         return None
@@ -368,9 +377,9 @@ def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArra
 
 
 def _expected(known: Sequence[int], rows: Any, values: FloatArray, value: float) -> Any:
-    """Return the eigenvalues that a line through the last two known rows leads to, so that crossings are passed.
+    """Return the eigenvalues extrapolated linearly from the last two known rows, or None if no row is known.
 
-    None where no row is known.
+    Extrapolation keeps the columns in order where eigenvalues cross.
     """
     if not known:
         return None
@@ -382,7 +391,7 @@ def _expected(known: Sequence[int], rows: Any, values: FloatArray, value: float)
 
 
 def _matched(found: Any, before: Any) -> Any:
-    """Return eigenvalues in the order in which they continue those before."""
+    """Return eigenvalues in the order that best continues those before; sorted if `before` is None."""
     from scipy.optimize import linear_sum_assignment
 
     ordered = np.sort_complex(np.asarray(found))

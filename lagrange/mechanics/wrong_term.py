@@ -1,4 +1,4 @@
-"""The term of a wrong equation of motion that is wrong, in words; common slips among the causes."""
+"""Name the wrong term of an equation of motion in a sentence, or the common slip (a sign, degrees) that explains it."""
 
 from __future__ import annotations
 
@@ -35,65 +35,69 @@ from lagrange.mechanics.term_difference import (
 from lagrange.statement.statement import Statement
 
 LONGEST_SLIP = 400
-"""Operations of all equations together up to which slips are tried: each one is a few evaluations more."""
+"""Largest number of operations in all equations together for which slips are tried; each slip costs evaluations."""
 
 MOST_SYMBOLS = 12
-"""Symbols of a system up to which slips are tried."""
+"""Largest number of coordinates and parameters for which slips are tried."""
 
 SIGNS_TRIED = 12
-"""Random values at which a sign is looked at."""
+"""Number of random points at which the sign of an expression is tested."""
 
 _CIRCULAR = (sympy.sin, sympy.cos, sympy.tan)
 
 Slip = tuple[str, Mapping[Any, Any]]
-"""A sentence, and what each symbol or function of the equations is replaced by to undo the slip."""
+"""A sentence, and the substitution {symbol or function: replacement} that undoes the slip."""
 
 
 def slip_of(
     equations: Sequence[StudentEquation], statement: Statement, samples: Sequence[MotionSample], *, alone: bool
 ) -> str:
-    """Return a sentence on the one slip without which all equations would be right, "" where none is found.
+    """Return a sentence on the single slip whose correction makes all equations right, or "".
 
-    `alone` is true if one term is wrong: no factor and no direction of a coordinate is told then, since the term is.
+    `alone` is true if exactly one term is wrong. The message then names that term, so factors and directions of
+    coordinates are not tried.
     """
-    if sum(int(one.zero.count_ops()) for one in equations) > LONGEST_SLIP:
+    if sum(int(equation.zero.count_ops()) for equation in equations) > LONGEST_SLIP:
         return ""
     if len(statement.names) + len(statement.parameters) > MOST_SYMBOLS:
         return ""
     for sentence, table in _slips(equations, statement, alone=alone):
-        if _all_hold([replace(one, zero=one.zero.xreplace(table)) for one in equations], statement, samples):
+        corrected = [replace(equation, zero=equation.zero.xreplace(table)) for equation in equations]
+        if _all_hold(corrected, statement, samples):
             return sentence
     return _small_angles(equations, statement)
 
 
 def _all_hold(equations: Sequence[StudentEquation], statement: Statement, samples: Sequence[MotionSample]) -> bool:
     try:
-        return all(row_of(one, statement).holds(samples) for one in equations)
+        return all(row_of(equation, statement).holds(samples) for equation in equations)
     except StatementError:
         return False
 
 
 def _small_angles(equations: Sequence[StudentEquation], statement: Statement) -> str:
-    """Return a sentence if the equations are those of small motions about the coordinates' zero."""
+    """Return a sentence if the equations are those linearised about the zero of all coordinates, else ""."""
     moving = set(statement.plain.values())
-    if any(sympy.diff(one.zero, x, y) != 0 for one in equations for x in moving for y in moving if x.name <= y.name):
+    pairs = [(x, y) for x in moving for y in moving if x.name <= y.name]
+    if any(sympy.diff(equation.zero, x, y) != 0 for equation in equations for x, y in pairs):
         return ""
     try:
         linear = small(statement, None, 2)
-        held = _all_hold(equations, linear, motion_samples(linear, 2))
+        right = _all_hold(equations, linear, motion_samples(linear, 2))
     except StatementError:
         return ""
-    return "These are the equations for small motions: the exact ones are asked for." if held else ""
+    return "These are the equations for small motions: the exact ones are asked for." if right else ""
 
 
 def _has_direction(parameter: Any, statement: Statement) -> bool:
-    """Return whether a parameter may be counted in two directions, as g and a force but no mass, length or stiffness.
+    """Return True if a parameter has a direction, as g or a force has, and a mass, length or stiffness has not.
 
-    It is a factor of terms of the potential or of forces, of either sign, and does not stand in the kinetic energy.
+    Such a parameter is a factor of forces, or of terms of the potential with either sign. The kinetic energy does not
+    contain it.
     """
     if statement.kinetic.has(parameter):
         return False
-    slopes = [sympy.diff(one, parameter) for one in (statement.potential, *statement.forces)]
+    slopes = [sympy.diff(term, parameter) for term in (statement.potential, *statement.forces)]
     if any(slope.has(parameter) for slope in slopes):
         return False
     if any(slope != 0 for slope in slopes[1:]):
@@ -103,7 +107,7 @@ def _has_direction(parameter: Any, statement: Statement) -> bool:
 
 
 def _has_one_sign(expression: Any) -> bool:
-    """Return whether an expression has the same sign at random values of what stands in it."""
+    """Return True if an expression has the same sign at all random values of its symbols and functions."""
     dice = random.Random(1)
     leaves = sorted(expression.atoms(sympy.Symbol, AppliedUndef, sympy.Derivative), key=str)
     values = (
@@ -115,9 +119,9 @@ def _has_one_sign(expression: Any) -> bool:
 
 
 def _slips(equations: Sequence[StudentEquation], statement: Statement, *, alone: bool) -> Iterator[Slip]:
-    """Yield the slips that may be in equations, the commonest first."""
-    found = {symbol for one in equations for symbol in one.zero.free_symbols}
-    parameters = [p for p in statement.parameters if p in found]
+    """Yield slips that the equations may contain, the most common first."""
+    used = {symbol for equation in equations for symbol in equation.zero.free_symbols}
+    parameters = [p for p in statement.parameters if p in used]
     plain = list(statement.plain.values())
     coordinates = [tuple(plain[i : i + 3]) for i in range(0, len(plain), 3)]
     for p in (p for p in parameters if _has_direction(p, statement)):
@@ -125,7 +129,7 @@ def _slips(equations: Sequence[StudentEquation], statement: Statement, *, alone:
     for q, v, a in coordinates if not alone else ():
         turned = {q: -q, v: -v, a: -a}
         yield f"All is right for -{q} in place of {q}: check the direction in which {q} is counted.", turned
-    circular = sorted({f for one in equations for f in one.zero.atoms(*_CIRCULAR)}, key=str)
+    circular = sorted({f for equation in equations for f in equation.zero.atoms(*_CIRCULAR)}, key=str)
     if circular:
         swapped = {f: sympy.cos(f.args[0]) if f.func is sympy.sin else sympy.sin(f.args[0]) for f in circular}
         yield "All is right with sine and cosine exchanged.", swapped
@@ -144,16 +148,16 @@ def _slips(equations: Sequence[StudentEquation], statement: Statement, *, alone:
 
 
 LONGEST_SOLVED = 300
-"""Operations of a solved acceleration up to which its denominator is compared."""
+"""Largest number of operations in a solved acceleration and its right side for which denominators are compared."""
 
 LONGEST_QUOTIENT = 6
-"""Operations of the quotient of two numerators that are the same but for a factor."""
+"""Largest number of operations in the quotient of two numerators for which it counts as a common factor."""
 
 
 def wrong_denominator(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence if a solved equation is right with another denominator on its right side, "" otherwise.
+    """Return a sentence if only the denominator of a solved equation's right side is wrong, else "".
 
-    At least one term of the denominator has to be right: otherwise the numerator may be meant as well.
+    At least one term of the typed denominator has to be right. Otherwise the numerator may be the wrong part.
     """
     names, unknowns = row.statement.names, list(row.slopes)
     place = next((k for k, slope in enumerate(row.slopes.values()) if slope != 0), len(names))
@@ -173,39 +177,39 @@ def wrong_denominator(row: EquationRow, derivation: Derivation, samples: Sequenc
     quotient = simplest(above * typed / below / numerator)
     if quotient.count_ops() > LONGEST_QUOTIENT:
         return ""
-    wanted = sympy.Add(*summands(quotient * denominator))
-    if not set(summands(typed)) & set(sympy.Add.make_args(wanted)):
+    expected = sympy.Add(*summands(quotient * denominator))
+    if not set(summands(typed)) & set(sympy.Add.make_args(expected)):
         return ""
-    right = above * typed / below / wanted
+    right = above * typed / below / expected
     if not replace(row, zero=unknowns[place] - right, rest=-right, right=right).holds(samples):
         return ""
     of = "" if names[place] in row.label else f", that of {names[place]},"
-    return f"In {row.label}{of} the denominator {write(typed)} is wrong: it should be {write(wanted)}."
+    return f"In {row.label}{of} the denominator {write(typed)} is wrong: it should be {write(expected)}."
 
 
 NEAR = 0.5
-"""An Euler-Lagrange equation is meant where at most so many terms differ for each product that agrees."""
+"""Largest ratio of differing terms to agreeing products at which an Euler-Lagrange equation counts as intended."""
 
 LONGEST_FORMULA = 3_000
-"""Operations of a solved acceleration above which it is not compared: expanding it would take seconds."""
+"""Largest number of operations in a solved acceleration that is compared: expanding a longer one takes seconds."""
 
 BENT = 2
-"""A factor that depends on the state counts as so many terms that differ; so does what an equation is solved for."""
+"""Penalty, in differing terms, of a factor that depends on the state, and of a difference in the solved-for unknown."""
 
 SINGULAR = 1e-12
-"""Pivot, relative to its row, from which a mass matrix is not solved."""
+"""Pivot, relative to its row, below which a mass matrix counts as singular."""
 
 
 @dataclass(frozen=True)
 class WrongTerm:
-    """What is wrong with an equation, as a sentence. `alone` is true if nothing but one term of it differs."""
+    """Sentence on the error of an equation. `alone` is true if exactly one term of the equation differs."""
 
     sentence: str
     alone: bool = False
 
 
 def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> WrongTerm:
-    """Return which term of an equation that does not hold is wrong. `write` returns the text of an expression."""
+    """Return the wrong term of an equation that does not hold. `write` turns an expression into text."""
     label = f"{row.label[0].upper()}{row.label[1:]}"
     if not any(row.slopes.values()) and not any(sample.first_order for sample in samples):
         return WrongTerm(f"{label} does not hold, and contains no acceleration: it is no equation of motion.")
@@ -218,24 +222,27 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     meant = _nearest(given, _candidates(given, _stated_rows(derivation)))
     if meant is None or meant.differing_terms > NEAR * meant.agreeing:
         others = (*_combined(row, given, derivation), *_candidates(given, _solved_rows(derivation)))
-        found = [one for one in (meant, _nearest(given, others)) if one is not None]
-        meant = min(found, key=lambda one: _rank(one)[:3], default=None)
+        nearest = [match for match in (meant, _nearest(given, others)) if match is not None]
+        meant = min(nearest, key=lambda match: _rank(match)[:3], default=None)
     if meant is None or not meant.agreeing:
         return WrongTerm(f"{label} does not hold, and no term of it is that of an equation of motion.")
     return WrongTerm(_sentence(meant, row, write), alone=meant.differing_terms == 1)
 
 
 def _sentence(meant: _Meant, row: EquationRow, write: Write) -> str:
-    """Return what is wrong with the first product that differs, with the signs as they were typed."""
-    product, found = meant.finding()
-    side, sign = _side(row, product, found)
+    """Return a sentence on the first product whose coefficient differs, with the signs as they were typed."""
+    product, difference = meant.finding()
+    side, sign = _side(row, product, difference)
     of = "" if meant.name in row.label else f", that of {meant.name},"
-    return f"In {row.label}{of}{side} {found.told(product, sign, write)}"
+    return f"In {row.label}{of}{side} {difference.told(product, sign, write)}"
 
 
 @dataclass(frozen=True, eq=False)
 class _Sorted:
-    """An equation by products of accelerations, velocities and multipliers, {product: coefficient}, and its values."""
+    """An equation as {product of accelerations, velocities and multipliers: coefficient}, and values at samples.
+
+    `solved` has the unknowns that the equation was solved for.
+    """
 
     statement: Statement
     samples: Sequence[MotionSample]
@@ -246,46 +253,47 @@ class _Sorted:
     def of(
         cls, zero: Any, statement: Statement, samples: Sequence[MotionSample], solved: frozenset[Any] = frozenset()
     ) -> _Sorted | None:
-        """Return an equation sorted, None where it is too long or has no values at the samples.
+        """Return the equation `zero` = 0 by products, or None if it is too long or has no value at any sample.
 
-        `solved` are the accelerations that an equation was solved for.
+        `solved` has the unknowns that the equation was solved for.
         """
-        kept = _by_product(zero, statement)
-        if kept is None:
+        coefficients = _by_product(zero, statement)
+        if coefficients is None:
             return None
-        usable = [one for one in samples if _values(list(kept.values()), statement, [one]) is not None]
-        return cls(statement, usable, kept, solved) if usable else None
+        listed = list(coefficients.values())
+        usable = [sample for sample in samples if _values(listed, statement, [sample]) is not None]
+        return cls(statement, usable, coefficients, solved) if usable else None
 
     @cached_property
     def values(self) -> Mapping[Any, Numbers]:
-        """The coefficients at the samples."""
-        found = _values(list(self.coefficients.values()), self.statement, self.samples)
-        return dict(zip(self.coefficients, found or [], strict=True))
+        """Values of each coefficient at the samples, by product."""
+        values = _values(list(self.coefficients.values()), self.statement, self.samples)
+        return dict(zip(self.coefficients, values or [], strict=True))
 
     @cached_property
     def terms(self) -> Mapping[Any, list[Numbers]]:
-        """The terms of each coefficient at the samples."""
-        listed = [(product, one) for product, whole in self.coefficients.items() for one in summands(whole)]
+        """Values of the terms of each coefficient at the samples, by product."""
+        listed = [(product, term) for product, whole in self.coefficients.items() for term in summands(whole)]
         values = _values([term for _, term in listed], self.statement, self.samples)
-        found: dict[Any, list[Numbers]] = {}
+        terms: dict[Any, list[Numbers]] = {}
         for (product, _), value in zip(listed, values or [], strict=True):
-            found.setdefault(product, []).append(value)
-        return found
+            terms.setdefault(product, []).append(value)
+        return terms
 
     def numbers(self, expression: Any) -> Numbers | None:
-        """Return the values of another expression at the samples, None where it has none."""
-        found = _values([expression], self.statement, self.samples)
-        return None if found is None else found[0]
+        """Return the values of another expression at the samples, or None if it has no value at one of them."""
+        values = _values([expression], self.statement, self.samples)
+        return None if values is None else values[0]
 
 
 def _leading(sample: MotionSample, statement: Statement) -> list[Any]:
-    """Return the unknowns of the equations: accelerations, multipliers, and velocities that are of first order."""
+    """Return the unknowns: accelerations, multipliers, and velocities of coordinates with first-order equations."""
     velocities = list(statement.plain.values())[1::3]
     return [*unknowns_of(statement), *(velocities[i] for i in sample.first_order)]
 
 
 def _solved_for(row: EquationRow, sample: MotionSample) -> frozenset[Any]:
-    """Return the unknowns that are all of the left side, with numbers for factors; none for another equation."""
+    """Return the unknowns of a left side that has only unknowns times numbers; empty for any other left side."""
     leading = _leading(sample, row.statement)
     left = _by_product(row.zero + row.right, row.statement) or {}
     solved = row.right != 0 and all(x in leading and c.is_Rational for x, c in left.items())
@@ -293,49 +301,48 @@ def _solved_for(row: EquationRow, sample: MotionSample) -> frozenset[Any]:
 
 
 def _by_product(zero: Any, statement: Statement) -> dict[Any, Any] | None:
-    """Return the coefficients of the products of a sum, None where it has too many terms.
+    """Return the coefficients of an expression by product, or None if it has too many terms.
 
-    Only sums that contain velocities, accelerations or multipliers are multiplied out. The others stay as they were
-    typed.
+    Only sums that contain velocities, accelerations or multipliers are multiplied out. Others remain as typed.
     """
     moving = (*list(statement.plain.values())[1::3], *unknowns_of(statement))
     terms = spread(zero, lambda factor: factor.has(*moving))
     if terms is None:
         return None
-    found: dict[Any, Any] = {}
+    coefficients: dict[Any, Any] = {}
     for term in terms:
         coefficient, product = term.as_independent(*moving, as_Add=False)
-        found[product] = found.get(product, 0) + coefficient
-    return {product: value for product, value in found.items() if value != 0}
+        coefficients[product] = coefficients.get(product, 0) + coefficient
+    return {product: value for product, value in coefficients.items() if value != 0}
 
 
-def _side(row: EquationRow, product: Any, found: Difference) -> tuple[str, int]:
-    """Return words for the side on which a term stands or belongs, and -1 for the right side, else 1.
+def _side(row: EquationRow, product: Any, difference: Difference) -> tuple[str, int]:
+    """Return words for the side of the equation that has or lacks a term, and its sign: -1 on the right, else 1.
 
-    The sign turns a coefficient of `row.zero` into the one that was typed. A missing term belongs on the right side if
-    the left one has nothing but accelerations, as in a solved equation.
+    The sign turns a coefficient of `row.zero` into the typed one. A missing term belongs on the right side if the left
+    side has only accelerations, as in a solved equation.
     """
     right = _by_product(row.right, row.statement) or {}
     left = _by_product(row.zero + row.right, row.statement) or {}
     if not right:
         return "", 1
-    if found.there == 0:
+    if difference.there == 0:
         if product.has(*unknowns_of(row.statement)) and left:
             return "", 1
-        solved = all(one.has(*unknowns_of(row.statement)) for one in left)
+        solved = all(other.has(*unknowns_of(row.statement)) for other in left)
         return (" on the right side", -1) if solved or (product in right and product not in left) else ("", 1)
-    there = summands(found.there)
-    if product not in left or any(-term in summands(right.get(product, sympy.S.Zero)) for term in there):
+    typed = summands(difference.there)
+    if product not in left or any(-term in summands(right.get(product, sympy.S.Zero)) for term in typed):
         return " on the right side", -1
-    stands = product not in right or any(term in summands(left[product]) for term in there)
-    return ("", 1) if stands else (" with all terms on the left", 1)
+    on_left = product not in right or any(term in summands(left[product]) for term in typed)
+    return ("", 1) if on_left else (" with all terms on the left", 1)
 
 
 def _values(expressions: Sequence[Any], statement: Statement, samples: Sequence[MotionSample]) -> list[Numbers] | None:
-    """Return the values of expressions at some states, None where one has none."""
+    """Return the values of each expression at the samples, or None if one of them has no value."""
     try:
-        made = tape(expressions, statement)
-        columns = [values_at(made, sample) for sample in samples]
+        program = tape(expressions, statement)
+        columns = [values_at(program, sample) for sample in samples]
     except OutsideDomain:
         return None
     return [list(row) for row in zip(*columns, strict=True)] if columns else None
@@ -343,30 +350,33 @@ def _values(expressions: Sequence[Any], statement: Statement, samples: Sequence[
 
 @dataclass(frozen=True, eq=False)
 class _Factor:
-    """What an expected equation is multiplied by: its values at the samples, and the product that it was found on."""
+    """Factor of an expected equation: its values at the samples, and the product whose coefficients determine it."""
 
     values: Numbers
     product: Any
 
     @property
     def constant(self) -> Fraction | None:
-        """The factor as a short fraction, if it is the same at all states."""
+        """The factor as a small fraction if it has the same value at all samples, else None."""
         return constant_of(self.values)
 
 
 Candidate = tuple[str, _Sorted, _Factor]
-"""An equation that may be meant: the name of its coordinate, and what it is multiplied by."""
+"""A possibly intended equation: the name of its coordinate, the equation, and its factor."""
 
 
 def _nearest(given: _Sorted, candidates: Iterable[Candidate]) -> _Meant | None:
-    """Return the candidate that an equation differs least from, None if there are none."""
+    """Return the candidate with the fewest differences from an equation, or None if there are no candidates."""
     return min(
         (_Meant(name, given, expected, factor) for name, expected, factor in candidates), key=_rank, default=None
     )
 
 
 def _candidates(given: _Sorted, rows: Sequence[tuple[str, Any]]) -> Iterator[Candidate]:
-    """Yield equations that may be meant, by the coordinate they belong to, with every factor that one may have."""
+    """Yield possibly intended equations, each with every factor that makes one of its coefficients agree.
+
+    `rows` pairs the name of a coordinate with an expression that is zero.
+    """
     statement = given.statement
     for name, zero in rows:
         expected = _Sorted.of(zero.xreplace(statement.plain), statement, given.samples)
@@ -381,7 +391,7 @@ def _candidates(given: _Sorted, rows: Sequence[tuple[str, Any]]) -> Iterator[Can
 
 
 def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Iterator[Candidate]:
-    """Yield the sum of equations with constant weights that has the accelerations of the given one, times factors."""
+    """Yield the sum of equations, with constant weights, whose accelerations are those of an equation, with factors."""
     weights: list[Numbers] = []
     for sample in given.samples:
         try:
@@ -402,7 +412,7 @@ def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Itera
 
 
 def _stated_rows(derivation: Derivation) -> list[tuple[str, Any]]:
-    """Return the Euler-Lagrange equations by coordinate, none where they are too large to be written out."""
+    """Return the Euler-Lagrange equations as (coordinate name, left - right); empty if too large to write out."""
     try:
         laws = derivation.equations
     except StatementError:
@@ -411,7 +421,7 @@ def _stated_rows(derivation: Derivation) -> list[tuple[str, Any]]:
 
 
 def _solved_rows(derivation: Derivation) -> list[tuple[str, Any]]:
-    """Return the equations solved for each acceleration, none where they are too long to be compared."""
+    """Return (coordinate name, acceleration - solution) for each acceleration; too long solutions are omitted."""
     statement = derivation.statement
     try:
         solved = list(derivation.accelerations.values())
@@ -419,38 +429,41 @@ def _solved_rows(derivation: Derivation) -> list[tuple[str, Any]]:
         return []
     symbols = list(statement.plain.values())[2::3]
     rows = zip(statement.names, symbols, solved, strict=True)
-    return [(name, symbol - one) for name, symbol, one in rows if one.count_ops() <= LONGEST_FORMULA]
+    return [(name, symbol - formula) for name, symbol, formula in rows if formula.count_ops() <= LONGEST_FORMULA]
 
 
 class _Meant:
-    """An equation that may be meant, times a factor, and where the given one differs from it."""
+    """A possibly intended equation times a factor, and the products in which the typed equation differs from it."""
 
     def __init__(self, name: str, given: _Sorted, expected: _Sorted, factor: _Factor) -> None:
         self.name, self.expected, self.given, self.factor = name, expected, given, factor
-        products = [*expected.coefficients, *(one for one in given.coefficients if one not in expected.coefficients)]
-        self.differing = [one for one in products if not self._agrees(one)]
-        agreeing = [one for one in products if one not in self.differing]
+        products = list(dict.fromkeys([*expected.coefficients, *given.coefficients]))
+        self.differing = [product for product in products if not self._agrees(product)]
+        agreeing = [product for product in products if product not in self.differing]
         self.agreeing = len(agreeing)
-        self.agreeing_terms = sum(len(given.terms.get(one, [])) for one in agreeing)
+        self.agreeing_terms = sum(len(given.terms.get(product, [])) for product in agreeing)
         self.differing_terms = sum(map(self._terms, self.differing))
 
     @property
     def bent(self) -> bool:
-        """Whether the factor depends on the state: equations are seldom multiplied by such a factor."""
+        """True if the factor depends on the coordinates: equations are seldom multiplied by such a factor."""
         if self.factor.constant is not None:
             return False
         return bool(self._quotient.has(*list(self.given.statement.plain.values())[::3]))
 
     def _terms(self, product: Any) -> int:
-        """Return how many terms before a product are not those that are expected, 1 for a sum times a constant."""
+        """Return the number of terms of a coefficient that differ from the expected ones.
+
+        It is 1 if the whole coefficient differs by a constant factor.
+        """
         there = self.given.values.get(product)
         if there is not None and ratio_of(there, self._wanted(product)) is not None:
             return 1
         factor, left = self.factor.values, list(self.given.terms.get(product, []))
         missing = 0
         for term in self.expected.terms.get(product, []):
-            wanted = [c * x for c, x in zip(factor, term, strict=True)]
-            match = next((one for one in left if same(one, wanted)), None)
+            expected = [c * x for c, x in zip(factor, term, strict=True)]
+            match = next((typed for typed in left if same(typed, expected)), None)
             if match is None:
                 missing += 1
             else:
@@ -467,7 +480,7 @@ class _Meant:
 
     @cached_property
     def multiple(self) -> Any:
-        """The factor as an expression."""
+        """The factor as a simplified expression."""
         constant = self.factor.constant
         if constant is not None:
             return sympy.Rational(constant.numerator, constant.denominator)
@@ -485,19 +498,19 @@ class _Meant:
         return 0 if self.factor.constant is not None else int(self._quotient.count_ops())
 
     def finding(self) -> tuple[Any, Difference]:
-        """Return the first product that differs, and how its coefficient does."""
+        """Return the first product whose coefficient differs, and the difference."""
         product = self.differing[0]
         there = self.given.coefficients.get(product, sympy.S.Zero)
         wanted = self.multiple * self.expected.coefficients.get(product, sympy.S.Zero)
         wanted = wanted if self.factor.constant is not None else simplest(wanted)
-        extra = [one for one in self.differing if one not in self.expected.coefficients]
+        extra = [other for other in self.differing if other not in self.expected.coefficients]
         if there == 0 and len(extra) == 1:
             return extra[0], Difference(WRONG, self.given.coefficients[extra[0]], wanted * product / extra[0])
         return product, difference_of(there, wanted, self.given.numbers)
 
 
 def _rank(meant: _Meant) -> tuple[Any, ...]:
-    """Fewest differing terms first, then most agreeing ones, then the simplest factor."""
+    """Sort key of candidates: fewest differing terms, then most agreeing terms, then the simplest factor."""
     constant = meant.factor.constant
     simple = (1, -1).index(int(constant)) if constant in (1, -1) else 2 if constant is not None else 3
     leading = _leading(meant.given.samples[0], meant.given.statement)
