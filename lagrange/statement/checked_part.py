@@ -1,4 +1,4 @@
-"""Expressions of a statement, the quantities that they must be, and their parts."""
+"""Expressions of a statement with their required quantities, and the parts of functions."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ SAME_DIMENSION = (sympy.Abs, sympy.Min, sympy.Max)
 
 @dataclass(frozen=True)
 class CheckedPart:
-    """An expression of a statement, what it is called, and the quantity that it must be.
+    """An expression of a statement, its name in messages, `what`, and its required quantity.
 
-    `like` is the name of a quantity, such as "energy", a symbol whose dimension and unit it must have, or None for any.
-    With `per`, a symbol, the quantity is that of the expression times the symbol.
+    `like` is the name of a quantity, such as "energy", or a symbol with the required dimension and unit, or None for
+    any. With a symbol `per` the requirement is on the expression times this symbol.
     """
 
     what: str
@@ -30,7 +30,7 @@ class CheckedPart:
     per: Any = None
 
     def wanted(self, known: Mapping[Any, Dimension]) -> Dimension | None:
-        """Return the dimension that the expression must have: None for any, and where it is not known yet."""
+        """Return the required dimension of the expression: None for any, and if it is not known yet."""
         whole = named(self.like) if isinstance(self.like, str) else known.get(self.like)
         if whole is None or self.per is None:
             return whole
@@ -38,19 +38,22 @@ class CheckedPart:
 
 
 def in_short(term: Any, plain: Mapping[Any, Any]) -> str:
-    """Return a term in the plain symbols of messages, of at most 80 letters."""
+    """Return a term in the plain symbols of messages, cut to 80 characters."""
     return str(term.xreplace(plain))[:80]
 
 
 def number_of(exponent: Any) -> Fraction | None:
-    """Return an exponent as a fraction, None for one that is no number."""
+    """Return an exponent as a fraction, None if it is not a number."""
     if exponent.is_Rational:
         return Fraction(int(exponent.p), int(exponent.q))
     return Fraction(float(exponent)).limit_denominator(1000) if exponent.is_Float else None
 
 
 def inner_parts(expression: Any, dimension: Dimension | None) -> Iterator[tuple[Any, Dimension | None]]:
-    """Yield the arguments of a function, or the branches of a Piecewise, with the dimensions that they must have."""
+    """Yield arguments of a function, or branches of a Piecewise, with their required dimensions; None for any.
+
+    Quantities that are compared, such as both sides of a condition, are yielded as their difference.
+    """
     if isinstance(expression, sympy.Piecewise):
         for pair in expression.args:
             yield pair.expr, dimension

@@ -21,16 +21,16 @@ def text(value: Any, what: str) -> str:
 
 
 def printable(value: Any, what: str) -> str:
-    """Return a text whose lines have no characters on which a terminal acts. Raises StatementError for another one."""
+    """Return a text whose lines have no characters on which a terminal acts. Raises StatementError otherwise."""
     if not text(value, what).replace("\n", " ").isprintable():
         raise StatementError(f"{what} is {shown(value)}, which has control characters: give plain text.")
     return str(value)
 
 
 def one_of(value: Any, known: Iterable[str], refusal: str) -> str:
-    """Return a word that is among the known ones.
+    """Return the value if it is one of the known words. Raises StatementError otherwise.
 
-    `refusal` says what the value is not, and what there is, with {given} and {known} for them.
+    `refusal` is the message, with the placeholders {given} and {known}.
     """
     words = list(known)
     if not isinstance(value, str) or value not in words:
@@ -40,7 +40,7 @@ def one_of(value: Any, known: Iterable[str], refusal: str) -> str:
 
 
 class ByName(dict[str, Value]):
-    """Values by name; an unknown name raises a StatementError that lists those that there are."""
+    """Values by name; an unknown name raises a StatementError that lists the known ones."""
 
     def __init__(self, noun: str, values: Iterable[tuple[str, Value]] = ()) -> None:
         super().__init__(values)

@@ -24,7 +24,7 @@ PREFIXED = ("m", "s", "g", "N", "J", "W", "Pa", "Hz", "rad", "A", "C", "V", "F",
 """Units that take prefixes."""
 
 BESIDE_NEWTON = {"m": "m", "cm": "cm", "mm": "mm", "s": "s", "ms": "m*s"}
-"""What is written behind N without a sign: Nm is a torque, Ns a momentum and Nms an angular momentum."""
+"""Suffixes of N without a sign between: Nm is a torque, Ns a momentum and Nms an angular momentum."""
 
 OTHERS = {
     "min": "minute",
@@ -53,13 +53,13 @@ OTHERS = {
     "slug": "14.593902937206365*kg",
     "hp": "745.6998715822702*W",
 }
-"""Other units. The customary ones of the United States and the electronvolt are defined by these numbers."""
+"""Other units as expressions in known ones. US customary units and the electronvolt are defined by these numbers."""
 
 FUNCTIONS_TOO = ("min", "sec")
-"""Names of units that name functions in expressions, too."""
+"""Units whose names are also names of functions in expressions."""
 
 SIGNS = {"µ": "u", "μ": "u", "·": "*", "⋅": "*", "²": "**2", "³": "**3", "\u2126": "ohm", "\u03a9": "ohm"}
-"""Signs in texts of units, and what stands for them."""
+"""Signs in texts of units, and their plain spelling."""
 
 
 def plain_text(text: str) -> str:
@@ -80,7 +80,7 @@ def _prefixed() -> Iterator[tuple[str, str]]:
 
 
 UNITS: Mapping[str, str] = dict(_prefixed()) | OTHERS
-"""Texts of the units that SymPy has no name for. Where it has one, as for mm, that is meant."""
+"""Units by name, as expressions in known units. SymPy's unit of the same name, such as mm, has priority."""
 
 
 DERIVED: Mapping[str, str] = {
@@ -100,19 +100,20 @@ DERIVED: Mapping[str, str] = {
 """Dimensions of mechanics that SymPy has no name for."""
 
 NAMED_FIRST = ("length", "time", "velocity", "acceleration", "mass", "force", "energy", "power", "momentum", "action")
-"""The dimensions that a message calls by name."""
+"""Dimensions that messages name."""
 
 BASE = ("mass", "length", "time")
-"""The base dimensions of mechanics, in the order in which they are written."""
+"""Base dimensions of mechanics, in the order in which messages write them."""
 
 Exponents = tuple[tuple[str, Any], ...]
 
 
 @dataclass(frozen=True)
 class Dimension:
-    """Exponents of base dimensions, sorted and none zero, and the logarithm of the factor of a unit, or None.
+    """Exponents of base dimensions, sorted by name, without zeros.
 
-    `unit` is the text of the unit it was stated with, empty for a dimension.
+    `factor` is the natural logarithm of the factor of the unit, None if no unit is known. `unit` is the text of the
+    stated unit, empty for a dimension.
     """
 
     exponents: Exponents
@@ -121,7 +122,7 @@ class Dimension:
 
     @classmethod
     def of(cls, exponents: Mapping[str, Any], factor: float | None = None) -> Dimension:
-        """Return the dimension of some exponents; zeros are left out."""
+        """Return the dimension with these exponents by base dimension; zeros are dropped."""
         return cls(tuple(sorted((name, power) for name, power in exponents.items() if power)), factor)
 
     def __mul__(self, other: Dimension) -> Dimension:
@@ -135,11 +136,11 @@ class Dimension:
         return Dimension.of({name: exponent * power for name, exponent in self.exponents}, factor)
 
     def like(self, other: Dimension) -> bool:
-        """Return whether both are the same dimension, in any units."""
+        """Return True if both are the same dimension, in any units."""
         return self.exponents == other.exponents
 
     def fits(self, other: Dimension) -> bool:
-        """Return whether both may be added: the same dimension, and units with the same factor where both are known."""
+        """Return True if both may be added: equal dimensions, and equal factors of their units if both are known."""
         if not self.like(other):
             return False
         if self.factor is None or other.factor is None:
@@ -148,7 +149,7 @@ class Dimension:
 
     @property
     def whole(self) -> bool:
-        """Whether all exponents are whole numbers."""
+        """True if all exponents are whole numbers."""
         return all(power.denominator == 1 for _, power in self.exponents)
 
     def __str__(self) -> str:
@@ -170,19 +171,19 @@ def _power(name: str, power: Any) -> str:
 
 
 DIMENSIONLESS = Dimension((), 0.0)
-"""That of a number, and of an angle in radians."""
+"""Dimension of a number, and of an angle in radians."""
 
 
 @cache
 def named(name: str) -> Dimension:
-    """Return the dimension of that name, or that of the unit of that name."""
-    found = known_names()[name]
-    return read_dimension(found, name) if isinstance(found, str) else _measured(found)
+    """Return the dimension with this name, or the dimension of the unit with this name."""
+    meaning = known_names()[name]
+    return read_dimension(meaning, name) if isinstance(meaning, str) else _measured(meaning)
 
 
 @cache
 def known_names() -> Mapping[str, Any]:
-    """Return the dimensions and units that a text may name: `UNITS`, `DERIVED`, and SymPy's but constants of nature."""
+    """Return all dimensions and units by name: `UNITS`, `DERIVED`, and SymPy's without physical constants."""
     from sympy.physics import units
     from sympy.physics.units.definitions import dimension_definitions
 
@@ -196,7 +197,7 @@ def known_names() -> Mapping[str, Any]:
 
 
 def _measured(one: Any) -> Dimension:
-    """Return one of SymPy's dimensions, or that of one of its units."""
+    """Return the `Dimension` of a dimension or unit of SymPy."""
     from sympy.physics.units import Quantity
     from sympy.physics.units.systems.si import SI
 
@@ -209,9 +210,9 @@ def _measured(one: Any) -> Dimension:
 
 
 def read_dimension(given: Any, what: str) -> Dimension:
-    """Return the dimension that was stated: a name such as "mass", a text such as "kg*m/s**2", 1, or SymPy's.
+    """Return the stated dimension: a name such as "mass", a text such as "kg*m/s**2", 1, or an object of SymPy.
 
-    Raises StatementError for a name that is no dimension and no unit.
+    Raises StatementError for an unknown name and for another type.
     """
     if isinstance(given, str):
         stated = _from_text(given, what)
@@ -228,7 +229,7 @@ def read_dimension(given: Any, what: str) -> Dimension:
 
 
 def _is_unit(stated: Any) -> bool:
-    """Return whether a product of powers names units alone."""
+    """Return True if a product of powers contains only units."""
     names = [symbol.name for symbol in stated.free_symbols]
     return bool(names) and all(map(_names_unit, names))
 
@@ -243,7 +244,7 @@ def units_in(text: str) -> list[str]:
 
 
 def _from_text(text: str, what: str) -> Any:
-    """Return the product of powers that a text states, in symbols named like dimensions and units."""
+    """Return the product of powers in a text. Its symbols have the names of dimensions and units."""
     spelled = plain_text(text)
     name = spelled.replace(" ", "_")
     known = known_names()
@@ -272,24 +273,24 @@ def _dimension_of(expression: Any, what: str) -> Dimension:
         if not power.is_Rational:
             raise StatementError(f"{what} is {formula(expression, 60)!r}: powers of dimensions are numbers.")
         if base.is_number and base.is_positive:
-            one = Dimension((), float(sympy.log(base)))
+            factor = Dimension((), float(sympy.log(base)))
         elif isinstance(base, sympy.Symbol) and base.name in known_names():
-            one = named(base.name)
+            factor = named(base.name)
         elif isinstance(base, (units.Dimension, units.Quantity)):
-            one = _measured(base)
+            factor = _measured(base)
         else:
             raise StatementError(
                 f"{what} is {formula(expression, 60)!r}, which is no product of powers of dimensions or units: give "
                 "one, such as 'mass*length/time**2' or 'N'."
             )
-        dimension = dimension * one ** Fraction(int(power.p), int(power.q))
+        dimension = dimension * factor ** Fraction(int(power.p), int(power.q))
     return dimension
 
 
 def read_dimensions(given: Any, known: Mapping[str, Any]) -> dict[Any, Dimension]:
-    """Return {symbol: dimension} of what was stated, keyed by symbols or names; `known` are the symbols by name.
+    """Return {symbol: dimension} from a table keyed by symbols or names; `known` are the system's symbols by name.
 
-    What is stated of other symbols is read, too. Raises StatementError for what is no dimension.
+    Entries of other symbols are checked and dropped. Raises StatementError for an entry that is not a dimension.
     """
     if not isinstance(given, Mapping):
         raise StatementError(
@@ -301,7 +302,10 @@ def read_dimensions(given: Any, known: Mapping[str, Any]) -> dict[Any, Dimension
 
 
 def check_names(given: Mapping[Any, Any], known: Mapping[str, Any]) -> None:
-    """Refuse a name that the system does not have. Symbols may be of another system: a table may serve several."""
+    """Raise StatementError for a name that the system does not have.
+
+    Unknown symbols are accepted: one table may serve several systems.
+    """
     for key in given:
         if isinstance(key, sympy.Basic) or key in known:
             continue

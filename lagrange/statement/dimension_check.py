@@ -23,11 +23,11 @@ from lagrange.statement.scale_check import with_scales
 from lagrange.statement.statement import Statement
 
 MOST_PASSES = 20
-"""Passes over a statement in which unknown dimensions are found; each finds some, or is the last."""
+"""Most passes over a statement that infer unknown dimensions. A pass that finds none is the last."""
 
 
 class WrongTermError(Exception):
-    """A term whose dimension is not what it must be: as a "whole", in a "sum", under a "power", or in a "function"."""
+    """A term with dimension `found` instead of `wanted`. `place` is "whole", "sum", "power" or "function"."""
 
     def __init__(self, term: Any, found: Dimension, wanted: Dimension, place: str, within: Any = None) -> None:
         super().__init__()
@@ -48,7 +48,7 @@ def with_dimensions(statement: Statement, given: Mapping[Any, Any]) -> Statement
 
 
 def _parts(statement: Statement) -> list[CheckedPart]:
-    """Return every expression of a statement with the quantity that it must be; a force on q is energy over q."""
+    """Return every expression of a statement with its required quantity, such as energy over q for the force on q."""
     energies = {"the Lagrangian": statement.lagrangian}
     if not statement.lagrangian_alone:
         energies = {"the kinetic energy": statement.kinetic, "the potential energy": statement.potential}
@@ -71,7 +71,7 @@ def _parts(statement: Statement) -> list[CheckedPart]:
 
 
 def multiplier_dimensions(statement: Statement, known: Mapping[Any, Dimension]) -> Iterator[tuple[Any, Dimension]]:
-    """Yield the multipliers with their dimensions: lambda times phi, or times psi and time, is an energy."""
+    """Yield (multiplier, dimension): lambda phi of a holonomic constraint, else lambda psi t, is an energy."""
     energy = dimension_of(statement.lagrangian, known) or named("energy")
     for one in statement.constraints:
         dimension = dimension_of(one.expression, known)
@@ -83,14 +83,15 @@ def multiplier_dimensions(statement: Statement, known: Mapping[Any, Dimension]) 
 def check_dimensions(
     parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], plain: Mapping[Any, Any]
 ) -> dict[Any, Dimension]:
-    """Return the dimensions of all symbols that are known or can be found; `plain` are the symbols of messages.
+    """Return the dimensions of all symbols, known or inferred; `plain` maps functions to symbols for messages.
 
-    Raises StatementError with the wrong term.
+    Raises StatementError that names the first wrong term.
     """
     known = {t: named("second"), **dimensions}
     _find(parts, known, whole=False)
     _find(parts, known, whole=True)
-    # No quantity of mechanics has a root of a length: such a symbol is an angle in a term that is wrong.
+    # No quantity of mechanics has a root of a length as its dimension. Such a symbol is taken for an angle, so that the
+    # check below names the wrong term.
     roots = [symbol for symbol, found in known.items() if symbol not in dimensions and not found.whole]
     known |= dict.fromkeys(roots, DIMENSIONLESS)
     for part in parts:
@@ -102,12 +103,12 @@ def check_dimensions(
 
 
 def dimension_of(expression: Any, known: Mapping[Any, Dimension]) -> Dimension | None:
-    """Return the dimension of an expression that was checked, None where it is not known."""
+    """Return the dimension of a checked expression, None if it is not known."""
     return _Dimensions(dict(known)).dimension(expression)
 
 
 def _find(parts: Sequence[CheckedPart], known: dict[Any, Dimension], *, whole: bool) -> None:
-    """Find dimensions of symbols: from arguments of functions and sums alone, or also from what the parts must be."""
+    """Infer dimensions of symbols from sums and arguments of functions; with `whole` also from required quantities."""
     for _ in range(MOST_PASSES):
         before = len(known)
         for part in parts:
@@ -117,7 +118,7 @@ def _find(parts: Sequence[CheckedPart], known: dict[Any, Dimension], *, whole: b
 
 
 def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any]) -> str:
-    """Return what is wrong with a term, in plain symbols."""
+    """Return the message on a wrong term, in plain symbols."""
     term = in_short(wrong.term, plain)
     place = {"whole": "", "sum": "beside the other terms ", "power": "under a power that is no number "}
     where = place[wrong.place] if wrong.place in place else f"in {in_short(wrong.within, plain)} "
@@ -131,13 +132,13 @@ def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any])
 
 
 class _Dimensions:
-    """Dimensions of expressions from those of their symbols; None where one is not known, and for zero."""
+    """Dimensions of expressions from those of their symbols; None if unknown, and for zero."""
 
     def __init__(self, known: dict[Any, Dimension]) -> None:
         self.known = known
 
     def dimension(self, expression: Any) -> Dimension | None:
-        """Return the dimension of an expression, that of the first known term for a sum."""
+        """Return the dimension of an expression; for a sum that of its first term with a known one."""
         if expression in self.known:
             return self.known[expression]
         if expression.is_number:
@@ -180,10 +181,10 @@ class _Dimensions:
 
 
 class _Finder(_Dimensions):
-    """Finds dimensions that were not stated, from what they stand beside."""
+    """Infers dimensions that were not stated from those of the other terms and factors."""
 
     def visit(self, expression: Any, dimension: Dimension | None) -> None:
-        """Go through an expression that has a dimension, or an unknown one."""
+        """Infer dimensions inside an expression whose dimension is given, or None if unknown."""
         if dimension is None:
             dimension = self.dimension(expression)
         if isinstance(expression, (sympy.Symbol, AppliedUndef)):
@@ -205,7 +206,7 @@ class _Finder(_Dimensions):
                 self.visit(argument, wanted)
 
     def _factors(self, factors: Sequence[Any], dimension: Dimension | None) -> None:
-        """Find the dimension of the one factor whose dimension is not known, if there is just one."""
+        """Infer the dimension of a factor from that of the product, if all other factors are known."""
         unknown = [factor for factor in factors if self.dimension(factor) is None]
         for factor in factors:
             if factor not in unknown:
@@ -225,10 +226,10 @@ class _Finder(_Dimensions):
 
 
 class _Checker(_Dimensions):
-    """Finds the term whose dimension is not what it must be."""
+    """Finds the first term with a wrong dimension. `wanted` is the required dimension, or None for any."""
 
     def check(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
-        """Return the dimension of an expression. Raises WrongTermError for a part that does not fit."""
+        """Return the dimension of an expression. Raises WrongTermError for a term with another dimension."""
         if expression.is_Add or isinstance(expression, SAME_DIMENSION):
             return self._sum(expression, wanted)
         dimension = self._single(expression, wanted)
@@ -237,27 +238,30 @@ class _Checker(_Dimensions):
         return dimension
 
     def _sum(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
-        """Return the dimension of a sum; of terms that differ, those that are not as wanted, or as most, are wrong."""
+        """Return the dimension of a sum.
+
+        If terms differ, the right dimension is the wanted one if a term has it, else the most frequent one.
+        """
         dimensions = [(term, self._inside(term, wanted)) for term in expression.args]
-        found = [(term, dimension) for term, dimension in dimensions if dimension is not None]
-        if not found:
+        known = [(term, dimension) for term, dimension in dimensions if dimension is not None]
+        if not known:
             return None
-        if wanted is not None and any(dimension.like(wanted) for _, dimension in found):
+        if wanted is not None and any(dimension.like(wanted) for _, dimension in known):
             right = wanted
         else:
             right = max(
-                (dimension for _, dimension in found),
-                key=lambda dimension: sum(dimension.like(other) for _, other in found),
+                (dimension for _, dimension in known),
+                key=lambda dimension: sum(dimension.like(other) for _, other in known),
             )
-        for term, dimension in found:
+        for term, dimension in known:
             if not dimension.like(right):
                 raise WrongTermError(term, dimension, right, "sum")
         if wanted is not None and not right.like(wanted):
-            raise WrongTermError(found[0][0], right, wanted, "whole")
+            raise WrongTermError(known[0][0], right, wanted, "whole")
         return right
 
     def _inside(self, term: Any, wanted: Dimension | None) -> Dimension | None:
-        """Return the dimension of a term; a sum is checked by itself, without what is wanted."""
+        """Return the dimension of a term. An inner sum is checked alone, without the wanted dimension."""
         is_sum = term.is_Add or isinstance(term, SAME_DIMENSION)
         return self.check(term, None) if is_sum else self._single(term, wanted)
 
@@ -280,7 +284,7 @@ class _Checker(_Dimensions):
             raise WrongTermError(wrong.term, wrong.found, wrong.wanted, "function", expression) from None
 
     def _checked_product(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
-        """Return the dimension of a product; a sum in it has to have what the other factors leave."""
+        """Return the dimension of a product. A sum in it must have the wanted one over that of the other factors."""
         for factor in expression.args:
             others = self._product([one for one in expression.args if one is not factor])
             left = None if wanted is None or others is None else wanted * others ** Fraction(-1)
@@ -291,7 +295,7 @@ class _Checker(_Dimensions):
         return self.dimension(expression)
 
     def _powered(self, base: Any, exponent: Any, wanted: Dimension | None) -> None:
-        """Check a power: what is wanted of it decides only between terms of the base that differ."""
+        """Check a power. The wanted dimension is used only if the base is a sum of terms that differ."""
         power = number_of(exponent)
         if power is None:
             self.check(exponent, DIMENSIONLESS)
@@ -301,7 +305,7 @@ class _Checker(_Dimensions):
         self.check(base, wanted ** (1 / power) if power and wanted is not None and self._differs(base) else None)
 
     def _differs(self, expression: Any) -> bool:
-        """Return whether an expression is a sum of terms with different dimensions."""
+        """Return True if an expression is a sum of terms with different dimensions."""
         if not expression.is_Add:
             return False
         known = [dimension for dimension in map(self.dimension, expression.args) if dimension is not None]
@@ -309,7 +313,7 @@ class _Checker(_Dimensions):
 
 
 def check_event_dimensions(place: int, zero: Any, resets: Sequence[tuple[Any, Any]], statement: Statement) -> None:
-    """Refuse an event, or a reset of it, with a term in another dimension or unit than those beside it.
+    """Raise StatementError for an event, or a reset of it, whose terms differ in dimension or unit.
 
     `zero` is the expression of event number `place`, `resets` are pairs of a symbol and the value that it is set to.
     """

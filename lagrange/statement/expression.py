@@ -1,7 +1,7 @@
-"""The gate to SymPy: what users give becomes an expression here, or is refused.
+"""The gate to SymPy: values from users become expressions here, or are refused.
 
-SymPy converts what it is given, and where that is text it runs it: `sympify` evaluates it as Python, also inside lists
-and matrices. So nothing that a user gave reaches SymPy but through this module, one entry after the other.
+SymPy runs texts: `sympify` evaluates them as Python, also inside lists and matrices. So all values from users reach
+SymPy only through this module, entry by entry.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from lagrange.statement.number import real_number
 from lagrange.statement.reality import real
 
 MOST_ENTRIES = 10_000
-"""The most entries of a vector. A generator that gives more is refused, for it may have no end."""
+"""Largest number of entries of a vector. A generator with more is refused, for it may have no end."""
 
 DEEPEST = 400
-"""Levels of an expression: Python's limit of 1,000 calls is two for each level in SymPy's `free_symbols`."""
+"""Most levels of an expression. SymPy's `free_symbols` takes two of Python's 1,000 nested calls for each level."""
 
 TEXTS = (str, bytes, bytearray, memoryview)
 
@@ -57,7 +57,7 @@ def expression(value: Any, what: str) -> Any:
 
 
 def is_too_deep(value: Any) -> bool:
-    """Return whether an expression is nested too deeply for the functions of SymPy, which call themselves."""
+    """Return True if an expression is nested too deeply for SymPy's recursive functions."""
     level = {id(value): value}
     for _ in range(DEEPEST):
         level = {id(part): part for node in level.values() for part in node.args if isinstance(part, sympy.Basic)}
@@ -67,9 +67,10 @@ def is_too_deep(value: Any) -> bool:
 
 
 def entries(value: Any, what: str) -> list[Any] | None:
-    """Return what a container holds, as it is, or None for what is no container; text, sets and dicts are refused.
+    """Return the entries of a container unchanged, or None if the value is not a container.
 
-    A list, a tuple, a generator, an array or a matrix is one; a matrix with several rows and columns gives its rows.
+    Containers are lists, tuples, generators, arrays and matrices; a matrix with several rows and columns gives its
+    rows. Raises StatementError for texts, sets and dicts.
     """
     if isinstance(value, TEXTS):
         raise StatementError(f"{what} is the text {shown(value, 60)}: give SymPy expressions.")
@@ -81,10 +82,10 @@ def entries(value: Any, what: str) -> list[Any] | None:
         return None
     if not isinstance(value, Iterable):
         return None
-    found = list(islice(value, MOST_ENTRIES + 1))
-    if len(found) > MOST_ENTRIES:
+    listed = list(islice(value, MOST_ENTRIES + 1))
+    if len(listed) > MOST_ENTRIES:
         raise StatementError(f"{what} has more than {MOST_ENTRIES} entries: give fewer.")
-    return found
+    return listed
 
 
 def _of_array(value: Any, what: str) -> list[Any] | None:
@@ -103,9 +104,9 @@ def _of_array(value: Any, what: str) -> list[Any] | None:
 
 def vector(value: Any, what: str) -> list[Any]:
     """Return the entries of a sequence, array or matrix as expressions, or a single expression as a vector of one."""
-    found = entries(value, what)
-    if found is None:
+    components = entries(value, what)
+    if components is None:
         return [expression(value, what)]
-    if not found:
+    if not components:
         raise StatementError(f"{what} is empty: give at least one component.")
-    return [expression(entry, f"component {i} of {what}") for i, entry in enumerate(found)]
+    return [expression(entry, f"component {i} of {what}") for i, entry in enumerate(components)]

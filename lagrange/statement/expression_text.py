@@ -14,24 +14,24 @@ from lagrange.statement.lexer import DEEPEST, WORDS
 from lagrange.statement.text import RefusalError
 
 LONG = 300
-"""Operations of an expression whose terms are not put into an order for people, which takes seconds for thousands."""
+"""Most operations of an expression whose terms are sorted for people; sorting takes seconds for thousands."""
 
 MOST_RELATED = 4
-"""Relations of one condition that are tried in every order."""
+"""Most relations of one condition: they are tried in every order."""
 
 SUM, PRODUCT, POWER, ATOM = range(4)
-"""How strongly the parts of a text hold together."""
+"""Binding strength of the outermost operation of a text, weakest first."""
 
 _NAMES = {word.build: name for name, word in WORDS.items() if isinstance(word.build, type)}
 
 
 def expression_text(expression: Any) -> str:
-    """Return the text of an expression in plain symbols. Raises RefusalError for what no text of a scene means."""
+    """Return the text of an expression in plain symbols. Raises RefusalError if scenes have no text for it."""
     return _Writer(ordered=bool(sympy.count_ops(expression) <= LONG)).text(expression)
 
 
 class _Writer:
-    """Writes expressions; `ordered` says whether terms and factors are put into SymPy's order for people."""
+    """Writes expressions; with `ordered` terms and factors are in SymPy's order for people."""
 
     def __init__(self, *, ordered: bool) -> None:
         self.ordered = ordered
@@ -49,7 +49,7 @@ class _Writer:
         )
 
     def text(self, node: Any, least: int = SUM) -> str:
-        """Return the text of a node, in parentheses where it holds together less than it has to."""
+        """Return the text of a node, in parentheses if its binding strength is below `least`."""
         write = next((write for kind, write in self.kinds if isinstance(node, kind)), None)
         if write is None:
             raise RefusalError(f"{formula(node, 60)}, which has no name in a scene")
@@ -61,7 +61,7 @@ class _Writer:
         return text if holds >= least else f"({text})"
 
     def sum(self, node: Any) -> tuple[str, int]:
-        """Return a sum."""
+        """Return the text of a sum and its binding strength."""
         first, *others = node.as_ordered_terms() if self.ordered else node.args
         text = self.text(first)
         for term in others:
@@ -70,10 +70,10 @@ class _Writer:
         return text, SUM
 
     def product(self, node: Any) -> tuple[str, int]:
-        """Return a product, with a slash before what divides.
+        """Return the text of a product, with divisors after a slash, and its binding strength.
 
-        A reader multiplies a sum by the number that stands beside it, as SymPy does: of 1/(8*(x + y)) it would make
-        1/(8*x + 8*y), and of -(x + y)*z the product of -x - y and z.
+        SymPy expands a number times a sum when it reads a text: 1/(8*(x + y)) would become 1/(8*x + 8*y), and
+        -(x + y)*z would become (-x - y)*z. The text avoids both.
         """
         number, rest = node.as_coeff_Mul()
         factors = sympy.Mul.make_args(rest)
@@ -95,7 +95,7 @@ class _Writer:
         return text + "".join(f"/{one}" for one in numbers * alone), PRODUCT if number >= 0 else SUM
 
     def power(self, node: Any) -> tuple[str, int]:
-        """Return a power, or a root."""
+        """Return the text of a power or a root, and its binding strength."""
         base, exponent = node.base, node.exp
         if exponent.is_Rational and exponent < 0:
             return self.product(node)
@@ -104,12 +104,12 @@ class _Writer:
         return f"{self.text(base, ATOM)}**{self.text(exponent, ATOM)}", POWER
 
     def call(self, node: Any) -> tuple[str, int]:
-        """Return a function of its arguments."""
+        """Return the text of a function call, and its binding strength."""
         given = node.pargs if isinstance(node, sympy.Heaviside) else node.args
         return f"{_NAMES[node.func]}({', '.join(map(self.text, given))})", ATOM
 
     def condition(self, node: Any) -> tuple[str, int]:
-        """Return branches, each with its condition, and the value where none of these holds."""
+        """Return the text "value if condition else ...", and its binding strength."""
         *branches, (last, otherwise) = node.args
         if otherwise != sympy.true:
             raise RefusalError("a condition that leaves a case without a value")
@@ -117,7 +117,7 @@ class _Writer:
         return f"({''.join(chosen)}{self.text(last)})", ATOM
 
     def _cases(self, condition: Any) -> Iterator[str]:
-        """Yield chained comparisons of which one holds where the condition does."""
+        """Yield the alternatives of a condition as chained comparisons: it holds if one of them does."""
         for one in condition.args if isinstance(condition, sympy.Or) else (condition,):
             relations = one.args if isinstance(one, sympy.And) else (one,)
             if len(relations) > MOST_RELATED or not all(isinstance(part, Relational) for part in relations):
@@ -125,7 +125,7 @@ class _Writer:
             yield self._chain(relations)
 
     def _chain(self, relations: Sequence[Any]) -> str:
-        """Return relations that hold together as one chain, such as 0 < x < 1."""
+        """Return the conjunction of relations as one chain, such as 0 < x < 1."""
         for ordered in permutations(relations):
             for turned in product((False, True), repeat=len(ordered)):
                 chain = [one.reversed if turn else one for one, turn in zip(ordered, turned, strict=True)]

@@ -48,7 +48,7 @@ GREEK = {
     "Ψ": "Psi",
     "Ω": "Omega",
 }
-"""The Greek letters that a name may contain, by what they are called. Pi is a constant; others look like Latin ones."""
+"""Greek letters that a name may contain, and their names. Left out: pi, a constant, and letters that look Latin."""
 
 LETTER = f"A-Za-z{''.join(GREEK)}"
 """The letters of names, as part of a regular expression."""
@@ -56,12 +56,12 @@ LETTER = f"A-Za-z{''.join(GREEK)}"
 NAME = re.compile(f"[{LETTER}][{LETTER}0-9_]{{0,63}}")
 
 WORD = re.compile(r"[^\W\d][\w\u0300-\u036f]*")
-"""A word as people write it: letters of any alphabet, with accents that are characters of their own."""
+"""A word in any alphabet; accents may be separate combining characters."""
 
 
 @dataclass(frozen=True)
 class Word:
-    """One function: its name in text, how SymPy builds it, and how many arguments it takes."""
+    """A function: its name in texts, its constructor in SymPy, and the fewest and most arguments (None: no limit)."""
 
     name: str
     build: Callable[..., Any]
@@ -103,26 +103,26 @@ WORDS: dict[str, Word] = {
 }
 
 ALIASES = {"Abs": "abs", "Min": "min", "Max": "max", "ln": "log", "Heaviside": "heaviside", "Mod": "mod"}
-"""Other spellings that a text may use."""
+"""Other spellings of functions in texts."""
 
 FUNCTIONS = frozenset((*WORDS, *ALIASES))
-"""The names of functions, every spelling."""
+"""Names of functions in every spelling."""
 
 SYMPY_CLASSES: frozenset[Any] = frozenset(
     word.build for word in WORDS.values() if isinstance(word.build, type)
 ) | frozenset((sympy.Piecewise,))
-"""SymPy function classes that may stand in an energy."""
+"""SymPy function classes that an energy may contain."""
 
 
 LONGEST = 10_000
-"""The most characters of an expression."""
+"""Most characters of an expression."""
 DEEPEST = 64
-"""The most parentheses, signs, powers and conditions that stand inside each other."""
+"""Most levels of nested parentheses, signs, powers and conditions."""
 LONGEST_CHAIN = 2_200
-"""The most terms and factors in a row. They nest in the tree of Python's parser, which fails beyond a depth of some
+"""Most terms and factors in a row. They nest in the tree of Python's parser, which fails beyond a depth of some
 2900 in Python 3.11."""
 LONGEST_NUMBER = 100
-"""The most characters of a number."""
+"""Most characters of a number."""
 
 _TOKEN = re.compile(
     r"(?P<blank>[ \t\r\n]+)"
@@ -188,7 +188,7 @@ def scan(text: str, names: Collection[str], *, constant: bool = False) -> None:
 
 
 def unknown_name(name: str, names: Collection[str], offset: int, *, constant: bool = False) -> NoReturn:
-    """Refuse a name that nobody declared."""
+    """Raise SceneError for an undeclared name; with `constant` the text may contain no names at all."""
     if constant:
         refuse(f"{name!r} cannot stand in a constant: write numbers, pi and functions only.", offset)
     refuse(f"{name!r} is not declared: add it to [parameters] or coordinates.{suggestion(name, names)}", offset)
@@ -196,19 +196,19 @@ def unknown_name(name: str, names: Collection[str], offset: int, *, constant: bo
 
 @dataclass
 class _Level:
-    """One pair of parentheses: where it opened, and what is nested without parentheses inside it."""
+    """A pair of parentheses: the offset of its start, and counters of the nesting without parentheses inside it."""
 
     offset: int
     call: bool
-    tight: int = 0  # signs and powers that have not ended yet
+    tight: int = 0  # signs and powers whose operand is still open
     conditions: int = 0
-    waiting: int = 0  # an `if` whose `else` has not come yet
+    waiting: int = 0  # number of `if` without their `else` so far
     terms: int = 0
     factors: int = 0  # of the last term
 
 
 class _Checker:
-    """Follows the tokens: a value and an operator take turns, parentheses match, and nesting stays shallow."""
+    """Checks tokens one by one: values and operators alternate, parentheses match, and nesting is limited."""
 
     def __init__(self, text: str, names: Collection[str], constant: bool) -> None:
         self.text = text
@@ -237,7 +237,7 @@ class _Checker:
             )
 
     def finish(self) -> None:
-        """Check that the text does not stop in the middle."""
+        """Check that the text is complete."""
         if not self.valued:
             refuse("the expression ends where a value is expected.", len(self.text.rstrip()))
         self._complete(self.levels[-1])

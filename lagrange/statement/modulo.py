@@ -15,11 +15,11 @@ def modulo(dividend: Any, divisor: Any) -> Any:
 
 
 def without_modulo(expression: Any) -> Any:
-    """Return the expression with `modulo` in the place of every Mod, as x % 2 makes one."""
+    """Return the expression with every Mod, such as x % 2, replaced by `modulo`."""
     if not expression.has(sympy.Mod):
         return expression
     known: dict[Any, Any] = {}
-    # The inner ones first: they stand in the outer ones.
+    # Inner ones first: the outer ones contain them.
     for part in sorted(expression.atoms(sympy.Mod), key=lambda part: (sympy.count_ops(part), str(part))):
         known[part] = modulo(*(one.xreplace(known) for one in part.args))
     return expression.xreplace(known).replace(

@@ -18,19 +18,20 @@ from lagrange.statement.expression import expression
 from lagrange.statement.number import real_array
 
 FEWEST_POINTS = 4
-"""Points that a cubic needs."""
+"""Least number of points of a table: those of a cubic."""
 
 MOST_POINTS = 200
-"""Each interval is a branch of a condition: a hundred compile in 2 s, and a run of `taylor` ends a step at each."""
+"""Largest number of points of a table. Each interval is a branch: a hundred compile in 2 s, and `taylor` ends a step
+at each."""
 
 OVERHANG = 1e-3
-"""Part of the outer intervals by which the outer cubics go on: a point there is that of an end with other rounding, or
-the end of a difference."""
+"""Fraction of the outer intervals by which the outer cubics extend beyond the ends. Points there are ends that were
+rounded, or ends of a finite difference."""
 
 
 @dataclass(frozen=True)
 class Table:
-    """Values at points that rise, joined by cubics whose first and second derivatives are continuous."""
+    """Values at increasing points, joined by cubics whose first and second derivatives are continuous."""
 
     points: tuple[float, ...]
     values: tuple[float, ...]
@@ -43,9 +44,9 @@ def table(argument: Any, points: Any, values: Any) -> Any:
     """Return a force or energy that is measured at points, as a SymPy expression: a Piecewise of cubics.
 
     `argument` is an expression such as a coordinate, a velocity or a distance. `values` (K,) belong to `points` (K,),
-    4 to 200 that rise. A cubic spline joins them: its first and second derivatives are continuous. Outside of the
-    points there is no value, and a run that gets there stops with a message. Raises StatementError for points that do
-    not rise, and for numbers that are not finite.
+    4 to 200 increasing numbers. A cubic spline joins them: its first and second derivatives are continuous. Outside of
+    the points the value is undefined, and a run that gets there stops with a message. Raises StatementError for points
+    that do not increase, and for numbers that are not finite.
     """
     variable = expression(argument, "the argument of the table")
     if not variable.free_symbols:
@@ -59,7 +60,7 @@ def table(argument: Any, points: Any, values: Any) -> Any:
 
 
 def checked_table(what: str, columns: Sequence[Any] | Any, points: str) -> Table:
-    """Return a table from two columns; `points` says in messages what the first has, such as times."""
+    """Return a table from two columns; `points` is the word of messages for the entries of the first, such as times."""
     both = f"({points}, values), two lists of one length"
     if isinstance(columns, np.ndarray) and columns.ndim == 0:
         raise StatementError(f"{what} is an array without entries: give {both}.")
@@ -85,9 +86,9 @@ def checked_table(what: str, columns: Sequence[Any] | Any, points: str) -> Table
 
 @lru_cache(maxsize=256)
 def spline(table: Table, order: int, variable: Any) -> Any:
-    """Return a derivative of the spline as a Piecewise in a variable, which has no value outside of the points.
+    """Return the derivative of that order of the spline, a Piecewise in a variable, undefined outside of the points.
 
-    The spline is "not a knot": of the first two intervals, and of the last two, the cubics are the same.
+    The spline is "not a knot": the first two intervals have the same cubic, and so have the last two.
     """
     from scipy.interpolate import CubicSpline  # takes 0.1 s to import
 
@@ -106,7 +107,7 @@ def spline(table: Table, order: int, variable: Any) -> Any:
 
 
 def ranges(expression: Any) -> Iterator[tuple[Any, float, float]]:
-    """Yield the variable of each table in an expression, and the ends between which it has values."""
+    """Yield (variable, first point, last point) of each table in an expression."""
     for node in expression.atoms(sympy.Piecewise):
         conditions = node.args[0].cond.args if len(node.args) == 1 else ()
         ends = {type(part): part for part in conditions}
@@ -117,23 +118,23 @@ def ranges(expression: Any) -> Iterator[tuple[Any, float, float]]:
 
 
 MARK = "motion"
-"""The attribute by which SymPy tells given functions from coordinates, and from one another."""
+"""Attribute by which SymPy distinguishes given functions from coordinates, and from one another."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """What is known of a given function; `values` is an expression in t and parameters, a Table, or None."""
+    """Values of a given function: an expression in t and parameters, a Table, or None for an open function."""
 
     values: Any = None
 
     @property
     def expression(self) -> Any:
-        """The expression, or None for a table and for nothing."""
+        """The expression, None for a table or an open function."""
         return self.values if isinstance(self.values, sympy.Expr) else None
 
     @property
     def span(self) -> tuple[float, float]:
-        """The times at which there are values."""
+        """First and last time with a value; -inf and inf without a table."""
         table = self.values
         return (table.points[0], table.points[-1]) if isinstance(table, Table) else (-math.inf, math.inf)
 
@@ -143,15 +144,15 @@ class Motion:
 
 
 def motion_of(function: Any) -> Motion | None:
-    """Return what is known of a given function of time, or None for any other function."""
-    found = type(function).__dict__.get(MARK)
-    return found if isinstance(found, Motion) else None
+    """Return the `Motion` of a given function of time, None for any other function."""
+    motion = type(function).__dict__.get(MARK)
+    return motion if isinstance(motion, Motion) else None
 
 
 def _slope(expression: Any, order: int) -> Any:
-    """Return a derivative in t, which is real; at a corner or a jump it is that of one side."""
+    """Return the derivative of that order in t, which is real; at a corner or a jump it is one-sided."""
     time = sympy.Dummy(real=True)
-    found = expression.xreplace({t: time})
+    derivative = expression.xreplace({t: time})
     for _ in range(order):
-        found = found.diff(time).replace(sympy.DiracDelta, lambda *_: sympy.S.Zero)
-    return found.xreplace({time: t})
+        derivative = derivative.diff(time).replace(sympy.DiracDelta, lambda *_: sympy.S.Zero)
+    return derivative.xreplace({time: t})

@@ -1,4 +1,4 @@
-"""The multiplier of a constraint as a SymPy symbol. Its name has brackets, so that no parameter has the same."""
+"""The multiplier of a constraint as a SymPy symbol. Its name has brackets, which no parameter may have."""
 
 from __future__ import annotations
 
@@ -17,13 +17,14 @@ def multiplier(name: str) -> Any:
     """Return the multiplier of the constraint of that name, for forces, events and `solution.evaluate`.
 
     It is the factor lambda in the generalized forces lambda dphi/dq that the constraint phi = 0 exerts, and a SymPy
-    symbol that prints as lambda[name]. Raises StatementError for a name that is no identifier.
+    symbol that prints as lambda[name]. Raises StatementError for a name that is not an
+    identifier.
     """
     return Symbol(f"{_OPENING}{check_name(name, 'constraint')}{_CLOSING}", real=True)
 
 
 def constraint_of(symbol: Any) -> str | None:
-    """Return the name of the constraint whose multiplier a symbol is, or None."""
+    """Return the name of the constraint if the symbol is its multiplier, else None."""
     name = str(symbol.name)
     if name.startswith(_OPENING) and name.endswith(_CLOSING):
         return name.removeprefix(_OPENING).removesuffix(_CLOSING)
@@ -31,9 +32,9 @@ def constraint_of(symbol: Any) -> str | None:
 
 
 def check_multipliers(names: Iterable[str], what: str, held: Sequence[str], system: str) -> None:
-    """Raise StatementError if an expression has the multiplier of a constraint that a system does not have.
+    """Raise StatementError for the multiplier of an unknown constraint.
 
-    `names` are those in the expression, `held` the names of the constraints of the system.
+    `names` are the constraints whose multipliers an expression contains, `held` the constraints of the system.
     """
     for name in names:
         if name not in held:

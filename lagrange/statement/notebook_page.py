@@ -1,7 +1,7 @@
 """Results that a notebook shows as a page.
 
-The class of a result is in its stage. Its page needs the notation of formulas, which is in a later stage: that module
-enters the pages here, and is loaded by name when the first page is shown.
+The class of a result belongs to an early stage; its page needs the notation of formulas, which belongs to a later one.
+The later module registers the pages here. It is imported by name when the first page is shown.
 """
 
 from __future__ import annotations
@@ -11,12 +11,12 @@ from importlib import import_module
 from typing import Any
 
 PAGES = "lagrange.show.notebook.result_pages"
-"""The module that enters the pages."""
+"""Module that registers the pages."""
 
 
 @singledispatch
 def notebook_page(result: Any) -> str | None:
-    """Return the page of a result in Markdown, None where none is entered for its class: its repr is shown then."""
+    """Return the page of a result in Markdown, or None if its class has none; a notebook then shows the repr."""
     del result
     return None
 

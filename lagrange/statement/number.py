@@ -21,19 +21,19 @@ FloatArray = NDArray[np.float64]
 DOUBLE = np.dtype(float)
 
 MOST_NUMBERS = 2**29
-"""Entries that an array of a user's, or what is computed for it, may have: they take 4 GiB. A larger one is refused
-before it is made: the system would end the process instead of telling why."""
+"""Largest number of entries of an array from a user, or computed for it: 4 GiB. Larger arrays are refused before
+allocation: the operating system would end the process without a message."""
 
 MOST_AXES = 32
-"""Levels of lists in lists: as many as an array of NumPy has axes."""
+"""Most levels of nested lists: the most axes of a NumPy array."""
 
 _FLOATS, _PLAIN = frozenset((float,)), frozenset((float, int))
 
 _NO_NUMBERS = (bool, np.bool_, np.ma.MaskedArray)
-"""The types that are no numbers here, and that NumPy converts to numbers inside a list."""
+"""Types that are refused as numbers, although NumPy converts them to numbers inside a list."""
 
 _ENDED = (list, tuple, range, np.ndarray, array, memoryview, bytearray, bytes, str, Mapping, Set)
-"""The types that NumPy reads to the length that they state, or does not read as a sequence."""
+"""Types that NumPy reads up to their stated length, or does not read as sequences."""
 
 _DEGREES = re.compile(r" *([+-]?[0-9.]{1,30}) *(?:deg|degrees|°) *")
 """A text that means an angle in degrees."""
@@ -50,14 +50,14 @@ def real_number(value: Any, what: str) -> float:
 
 
 def flag(value: Any, what: str) -> bool:
-    """Return a truth value. Raises StatementError for anything else, which Python would take for one."""
+    """Return a bool. Raises StatementError for other types, which Python would convert to one."""
     if not isinstance(value, (bool, np.bool_)):
         raise StatementError(f"{what} = {shown(value)}: give True or False.")
     return bool(value)
 
 
 def whole_number(value: Any, what: str, least: int, most: int | None = None) -> int:
-    """Return a whole number from `least` up, to `most` if that is given; 3.0 is one too."""
+    """Return a whole number of at least `least`, and of at most `most` unless that is None; 3.0 is accepted as 3."""
     number = real_number(value, what)
     if number != int(number) or number < least or (most is not None and number > most):
         bounds = f"of at least {least}" if most is None else f"from {least} to {most}"
@@ -68,29 +68,30 @@ def whole_number(value: Any, what: str, least: int, most: int | None = None) -> 
 def real_array(value: ArrayLike, what: str, *, width: int = 1) -> FloatArray:
     """Return an array of doubles.
 
-    Complex numbers, texts, truth values, symbols and masks are refused: converted, they would lose what they say. So
-    is what takes too much memory; `width` is how many numbers are computed for each entry.
+    Raises StatementError for complex numbers, texts, truth values, symbols and masked arrays: conversion would lose
+    information. Also raises it for arrays that take too much memory; `width` is the number of values computed for each
+    entry.
     """
     if type(value) is np.ndarray and value.dtype is DOUBLE and value.size * width <= MOST_NUMBERS:
         return value
     plain: Any = value
     if type(plain) is list and _FLOATS.issuperset(map(type, plain)) and len(plain) * width <= MOST_NUMBERS:
         return np.array(plain, dtype=float)
-    found = _array(value, what, width, "fiu")
-    if found.dtype is DOUBLE:
-        return found
+    array = _array(value, what, width, "fiu")
+    if array.dtype is DOUBLE:
+        return array
     with np.errstate(over="ignore"):  # an entry beyond all doubles is infinite
-        return found.astype(float)
+        return array.astype(float)
 
 
 def complex_array(value: ArrayLike, what: str) -> NDArray[np.complex128]:
-    """Return an array of complex numbers; see `real_array`."""
+    """Return an array of complex numbers, with the refusals of `real_array`."""
     with np.errstate(over="ignore"):
         return _array(value, what, 2, "fiuc").astype(complex)
 
 
 def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
-    """Return an array whose entries are of some kinds, by NumPy's letters."""
+    """Return an array whose dtype is of one of `kinds`, letters of `numpy.dtype.kind`."""
     if isinstance(value, np.ma.MaskedArray):
         raise StatementError(f"{what} is a masked array: give the values alone, such as its .compressed().")
     try:
@@ -103,20 +104,23 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
             f"fewer at once, so that {MOST_NUMBERS / 2**27:g} GiB are enough."
         )
     try:
-        found = np.asarray(_ended(value, entries, what))
+        array = np.asarray(_ended(value, entries, what))
     except StatementError:
         raise
     except (ValueError, TypeError, OverflowError) as error:
         raise StatementError(f"{what} is no array: {str(error).rstrip('.')}. Give rows of one length.") from error
-    if found.dtype.kind not in kinds:
+    if array.dtype.kind not in kinds:
         raise StatementError(
-            f"{what} has entries of type {found.dtype}: give {'' if 'c' in kinds else 'real '}numbers."
+            f"{what} has entries of type {array.dtype}: give {'' if 'c' in kinds else 'real '}numbers."
         )
-    return found
+    return array
 
 
 def _ended(value: Any, entries: int, what: str) -> Any:
-    """Return a sequence of a user's own class as a list: NumPy reads one to its end, whatever its length says."""
+    """Return a sequence of a user-defined class as a list. NumPy would read it to its end, which may never come.
+
+    Raises StatementError for more entries than its length.
+    """
     if type(value) in (list, tuple) or not isinstance(value, Sized):
         return value
     ended = isinstance(value, _ENDED) and not isinstance(value, (list, tuple))
@@ -130,7 +134,10 @@ def _ended(value: Any, entries: int, what: str) -> Any:
 
 
 def _count(value: Any, what: str, above: tuple[int, ...] = ()) -> int:
-    """Return the number of entries of a list, with those of the lists in it; refuse what is no number."""
+    """Return the number of entries of a list, nested lists included. Raises StatementError for types not numbers.
+
+    `above` are the ids of the enclosing lists.
+    """
     if type(value) not in (list, tuple):
         return len(value) if isinstance(value, Sized) and not isinstance(value, np.ndarray) else np.size(value)
     kinds = set(map(type, value))  # far fewer than entries, as a rule

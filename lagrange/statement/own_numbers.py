@@ -1,4 +1,4 @@
-"""Numbers in given functions and events, which are taken to be in the units of what they stand beside."""
+"""Bare numbers in given functions and events. Their units are taken to be those of the terms that they are added to."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from lagrange.statement.coordinate import t
 def without_own_numbers(expression: Any) -> Any:
     """Return an expression without terms of numbers and time, and with 1 for functions of numbers and time.
 
-    In `a*sin(2*t) + 0.1` and in an event `x - 3` numbers have units that nobody states: what is left is a, and x.
+    In `a*sin(2*t) + 0.1` and in an event `x - 3` the numbers have units that are not stated. The results are a and x.
     """
     return sympy.S.Zero if _own(expression) else expression.replace(_replaced, _without)
 
 
 def _own(node: Any) -> bool:
-    """Return whether a node is made of numbers and time."""
+    """Return True if a node contains only numbers and time."""
     return node.free_symbols <= {t} and not node.has(AppliedUndef)
 
 

@@ -19,8 +19,8 @@ def parameter_values(
 ) -> dict[Any, float]:
     """Return a value for every parameter: the defaults overlaid with `given`, keyed by symbol or name.
 
-    Raises StatementError for a name that is no parameter, a value that is not a finite real number, and a
-    parameter left without a value.
+    Raises StatementError for an unknown name, a value that is not a finite real number, and a parameter without a
+    value.
     """
     by_name = {symbol.name: symbol for symbol in parameters}
     values = dict(defaults)
@@ -42,7 +42,7 @@ def parameter_values(
 
 
 def label_of(key: Any) -> str:
-    """Return what a key of a user's table is called in messages, and in tables by name."""
+    """Return the name of a key of a user's table, such as `theta_dot` for a velocity; for messages and for lookup."""
     if isinstance(key, str):
         return key[:80]
     if not isinstance(key, sympy.Basic):
@@ -60,7 +60,7 @@ def rate_name(name: str, order: int) -> str:
 
 
 def coordinate_name(key: Any, names: Sequence[str]) -> str:
-    """Return which of the coordinates' names a key means. Raises StatementError where it means none."""
+    """Return the name of the coordinate that a key names. Raises StatementError for an unknown one."""
     name = label_of(key)
     if name not in names:
         raise StatementError(
@@ -70,7 +70,7 @@ def coordinate_name(key: Any, names: Sequence[str]) -> str:
 
 
 def table_of(given: Any, what: str, entries: str) -> Mapping[Any, Any]:
-    """Return a mapping, empty for None; `entries` says what it maps to what."""
+    """Return a mapping, empty for None. Raises StatementError otherwise, with `entries`, such as "name to point"."""
     if given is not None and not isinstance(given, Mapping):
         raise StatementError(f"{what} is a {type(given).__name__}: give a dict from {entries}.")
     return given or {}
@@ -79,16 +79,16 @@ def table_of(given: Any, what: str, entries: str) -> Mapping[Any, Any]:
 def parameter_symbols(
     survey: Survey, given: Mapping[Any, Any], functions: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[Any, Any]]:
-    """Return the parameters by name, and replacements that make one symbol of several of the same name.
+    """Return the parameters by name, and replacements that unify symbols of the same name.
 
-    They are in the order in which they are given values, and behind those in the order in which they were declared.
+    Order: first the parameters with values, in the order of `given`, then the others in the order of declaration.
     """
     symbols: dict[str, Any] = {}
     unify: dict[Any, Any] = {}
     for symbol in [*survey.parameters, *(key for key in given if isinstance(key, sympy.Symbol))]:
         first = symbols.setdefault(check_name(symbol.name, "parameter"), symbol)
         if symbol != first and first.is_nonnegative and not symbol.is_nonnegative:
-            symbols[symbol.name] = symbol  # what is not said to be positive may not become so
+            symbols[symbol.name] = symbol  # of two symbols keep the one without an assumed sign
     for symbol in survey.parameters:
         if symbol != symbols[symbol.name]:
             unify[symbol] = symbols[symbol.name]
@@ -108,7 +108,7 @@ def parameter_symbols(
 def in_own_parameters(value: Any, parameters: Sequence[Any]) -> Any:
     """Return an expression with a system's own parameters for symbols of the same name.
 
-    Those of a scene are not said to be positive, and those of `lg.parameters` are: SymPy takes them for others.
+    Parameters of a scene have no assumed sign, those of `lg.parameters` are positive: to SymPy they differ.
     """
     by_name = {p.name: p for p in parameters}
     others = {s: by_name[s.name] for s in value.free_symbols if s.name in by_name and s not in parameters}
@@ -116,7 +116,7 @@ def in_own_parameters(value: Any, parameters: Sequence[Any]) -> Any:
 
 
 _MEANT = {t.name: "time: use lg.t for time", "pi": "the constant: use sympy.pi for the constant"}
-"""What a plain symbol with one of these names probably stands for, and what to write instead."""
+"""Names that probably mean time or pi, with their meaning and the spelling to use instead."""
 
 
 def _check_clash(name: str, by_name: Mapping[str, Any]) -> None:
@@ -134,7 +134,7 @@ def _check_clash(name: str, by_name: Mapping[str, Any]) -> None:
 
 
 def check_rate(name: str, by_name: Container[str], what: str) -> None:
-    """Refuse a name that stands for the velocity or the acceleration of a coordinate."""
+    """Raise StatementError for a name such as `x_dot` or `x_ddot` of a coordinate x."""
     base, _, rate = name.rpartition("_")
     if base in by_name and rate in ("dot", "ddot"):
         kind = "velocity" if rate == "dot" else "acceleration"
@@ -158,7 +158,7 @@ def default_values(given: Mapping[Any, Any], symbols: dict[str, Any]) -> dict[An
 
 
 def _within(symbol: Any, value: float) -> float:
-    """Return the value, or refuse one below zero for a symbol that SymPy was told is positive."""
+    """Return the value. Raises StatementError for one below zero if the symbol was declared positive."""
     if value < 0 and symbol.is_nonnegative:
         raise StatementError(
             f"parameter {symbol.name} is {value:g}, but its symbol was declared positive, and SymPy may have dropped "

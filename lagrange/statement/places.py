@@ -1,4 +1,4 @@
-"""Where each key and value of a TOML text stands, so that an error can name line and column."""
+"""Offsets of the keys and values of a TOML text, so that an error can name line and column."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ class _Frame:
 
 
 def places(text: str) -> tuple[dict[KeyPath, int], dict[KeyPath, int]]:
-    """Return the offsets of the keys and of the values of a TOML text, with line ends of one character.
+    """Return the offsets of keys and of values by path, for a TOML text with single-character line ends.
 
-    Of a text that is not TOML, those up to where it is not are right.
+    If the text is not valid TOML, the offsets before its first error are right.
     """
     keys: dict[KeyPath, int] = {}
     values: dict[KeyPath, int] = {}
@@ -109,6 +109,6 @@ def inside(text: str, offset: int, column: int) -> int:
 
 
 def _after_fold(text: str, at: int, quotes: str) -> int:
-    """Skip a backslash at the end of a line, which stands for no character at all."""
+    """Return the offset after backslashes at ends of lines, which add no character to the string."""
     fold = re.compile(r"(?:\\[ \t]*\n\s*)+").match(text, at) if quotes == '"""' else None
     return fold.end() if fold else at

@@ -1,7 +1,7 @@
-"""All that a statement contains is real, which SymPy is not told of a function of time.
+"""Removal of real and imaginary parts: all quantities of a statement are real, but SymPy's functions of time are not.
 
-SymPy makes exp(re(x(t))) of Abs(exp(x(t))), and differentiates Abs(x(t)) to a formula in re(x(t)) and im(x(t)). Here
-these are evaluated with real symbols in the places of functions and parameters.
+SymPy turns Abs(exp(x(t))) into exp(re(x(t))), and differentiates Abs(x(t)) to a formula in re(x(t)) and im(x(t)). This
+module evaluates such parts with real symbols in place of functions and parameters.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ _PARTS = (sympy.re, sympy.im, sympy.conjugate)
 
 
 def real(expression: Any) -> Any:
-    """Return the expression without real and imaginary parts, as far as what is in them is real."""
+    """Return the expression with re, im and conjugate evaluated for real functions and parameters."""
     if not expression.has(*_PARTS):
         return expression
     parts = sorted(expression.atoms(*_PARTS), key=lambda part: (sympy.count_ops(part), str(part)))
     known: dict[Any, Any] = {}
-    for part in parts:  # the inner ones first: they stand in the outer ones
+    for part in parts:  # inner ones first: the outer ones contain them
         known[part.xreplace(known)] = known[part] = _evaluated(part.xreplace(known))
-    made = expression.xreplace(known)
-    return made.replace(
+    replaced = expression.xreplace(known)
+    return replaced.replace(
         lambda node: isinstance(node, sympy.Derivative) and not isinstance(node.expr, AppliedUndef),
         lambda node: node.doit(deep=False),
     )
 
 
 def _evaluated(part: Any) -> Any:
-    """Return re(...), im(...) or conjugate(...) of what is real, where a real symbol stands for each name."""
+    """Return re(...), im(...) or conjugate(...) evaluated with a real symbol in place of each name."""
     names = [*part.atoms(AppliedUndef, sympy.Derivative), *part.free_symbols]
     stand_ins = {name: sympy.Dummy(real=True) for name in sorted(names, key=str) if not name.is_real}
     return part.xreplace(stand_ins).xreplace({symbol: name for name, symbol in stand_ins.items()})

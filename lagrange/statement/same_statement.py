@@ -1,4 +1,4 @@
-"""Whether two statements say the same: in the same names, with the same numbers, and expressions that are equal."""
+"""Comparison of two statements: equal names, equal numbers, and mathematically equal expressions."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ POINTS, DIGITS = 3, 30
 """Random points at which expressions of different form are compared, and the decimal digits there."""
 
 SAME = 1e-20
-"""Relative difference of equal values: that of the digits, with ten of them left for cancellation."""
+"""Largest relative difference of equal values: ten of the digits are left for cancellation."""
 
 _EXACT = ("name", "about", "source", "names", "initial", "links", "redundant", "run")
 
 
 def difference(one: Statement, other: Statement) -> str:
-    """Return what differs between two statements in the words of a message, empty where nothing does.
+    """Return the name of the first difference between two statements, as words of a message; empty if they are equal.
 
-    What SymPy was told of the signs of parameters is no part of it.
+    Assumed signs of parameters are not compared.
     """
     for name in _EXACT:
         if getattr(one, name) != getattr(other, name):
@@ -42,7 +42,7 @@ def difference(one: Statement, other: Statement) -> str:
 
 
 def _expressions(statement: Statement) -> Iterator[tuple[str, Any]]:
-    """Yield every expression of a statement, and the values of given functions, by what they are."""
+    """Yield (name for messages, expression) of every part of a statement, and the values of given functions."""
     yield "the kinetic energy", statement.kinetic
     yield "the potential energy", statement.potential
     yield "the dissipation", statement.dissipation
@@ -60,7 +60,7 @@ def _dimensions(statement: Statement) -> Mapping[str, Any]:
 
 
 def _plain(statement: Statement, expression: Any) -> Any:
-    """Return an expression in real symbols, with the numbers that a text would have."""
+    """Return an expression in real symbols, with decimals as `number_from_text` reads them."""
     if not isinstance(expression, sympy.Expr):
         return expression
     table = dict(statement.plain) | {p: sympy.Symbol(p.name, real=True) for p in statement.parameters}
@@ -77,7 +77,7 @@ def _number(number: Any) -> Any:
 
 
 def _same(one: Any, other: Any) -> bool:
-    """Return whether expressions are equal: in form, or at points where both have values."""
+    """Return True if expressions are equal in form, or have equal values at all points where both have values."""
     if one == other:
         return True
     if not isinstance(one, sympy.Expr) or not isinstance(other, sympy.Expr):

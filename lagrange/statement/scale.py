@@ -1,7 +1,7 @@
 """Scales of units as linear forms: the logarithms of their factors, some of which are unknown.
 
-The unit of a product has the sum of the logarithms of its factors. Terms that are added must have equal ones. These are
-linear equations in the unknown logarithms, which are solved one by one as they are stated.
+The unit of a product has the sum of the logarithms of its factors. Terms that are added must have equal scales.
+These are linear equations in the unknown logarithms; each is solved for one unknown when it is stated.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from fractions import Fraction
 from typing import Any
 
 SAME_FACTOR = 1e-9
-"""Difference of logarithms up to which factors are equal: factors of units have some twelve digits."""
+"""Largest difference of logarithms of equal factors: factors of units have some twelve digits."""
 
 
 @dataclass(frozen=True)
 class Scale:
-    """The logarithm of a factor: a constant and multiples of unknowns, none of which is zero."""
+    """The logarithm of a factor: a constant plus multiples of unknowns, without zero multiples."""
 
     constant: float = 0.0
     unknowns: Mapping[Any, Fraction] = field(default_factory=dict)
 
     @classmethod
     def of_unknown(cls, unknown: Any) -> Scale:
-        """Return the scale that is an unknown itself."""
+        """Return the scale that equals an unknown."""
         return cls(0.0, {unknown: Fraction(1)})
 
     def plus(self, other: Scale, times: Fraction = Fraction(1)) -> Scale:
@@ -41,13 +41,13 @@ class Scale:
 
 
 class ScaleEquations:
-    """Equations between scales, solved for an unknown each."""
+    """Equations between scales; `solved` has the unknowns that they determine."""
 
     def __init__(self) -> None:
         self.solved: dict[Any, Scale] = {}
 
     def reduced(self, scale: Scale) -> Scale:
-        """Return a scale in the unknowns that no equation has determined yet."""
+        """Return a scale with its determined unknowns replaced."""
         while True:
             known = next((unknown for unknown in scale.unknowns if unknown in self.solved), None)
             if known is None:

@@ -1,7 +1,7 @@
-"""Whether the units of a statement fit together: whether every product of units has the scale that it must have.
+"""Check that the units of a statement fit together: every expression must have the required scale.
 
-Dimensions have been checked before. Here each expression has a scale, the logarithm of the factor of its unit.
-Symbols without a stated unit have unknown scales, and so have energies, positions and constraints. A force on q has the
+Dimensions have been checked before. The scale of an expression is the logarithm of the factor of its unit. Symbols
+without a stated unit have unknown scales, and so have energies, positions and constraints. A force on q has the
 scale of an energy over q, and a dissipation that of an energy over time. Terms of a sum have equal scales, and
 arguments of functions have the scale of a number.
 """
@@ -24,17 +24,17 @@ from lagrange.statement.dimension import BASE, Dimension, named, units_in
 from lagrange.statement.scale import SAME_FACTOR, Scale, ScaleEquations
 
 COHERENT = {"mass": "kg", "length": "m", "time": "s"}
-"""The base units of which N, J, W and their relatives are made."""
+"""Base units of N, J, W and other units of the SI."""
 
 LARGEST = 700.0
-"""Logarithms up to which a factor is written as a number: doubles overflow at 709."""
+"""Largest logarithm of a factor that is printed as a number: doubles overflow at 709."""
 
 FIT = "state all symbols in units that fit together, such as kg, m and s, and angles in rad."
 """The remedy for units that do not fit together."""
 
 
 class OtherUnitError(Exception):
-    """A term in another unit than it must have: the logarithm of the ratio of the two is known."""
+    """A term in another unit than required; `ratio` is the logarithm of its unit over the required one."""
 
     def __init__(self, term: Any, ratio: float) -> None:
         super().__init__()
@@ -46,8 +46,8 @@ def with_scales(
 ) -> dict[Any, Dimension]:
     """Return the dimensions with the factors of units that follow from the stated ones.
 
-    `plain` are the symbols of messages. Raises StatementError for a term in another unit than it must have, and for a
-    symbol whose unit would be none that is made of the stated ones.
+    `plain` maps functions to symbols for messages. Raises StatementError for a term in another unit than required, and
+    for a symbol whose unit would not be a product of the stated base units.
     """
     scales = _Scales(dimensions)
     for part in parts:
@@ -58,9 +58,9 @@ def with_scales(
                 f"{part.what} has the term {in_short(wrong.term, plain)} in other units than the terms it is compared "
                 f"with: {FIT} Its unit is {_factor(wrong.ratio)} times theirs."
             ) from None
-    found = {symbol: scales.completed(symbol, dimension) for symbol, dimension in dimensions.items()}
-    _check_found([dimension for dimension in dimensions.values() if dimension.unit], found)
-    return found
+    completed = {symbol: scales.completed(symbol, dimension) for symbol, dimension in dimensions.items()}
+    _check_found([dimension for dimension in dimensions.values() if dimension.unit], completed)
+    return completed
 
 
 class _Scales:
@@ -72,7 +72,7 @@ class _Scales:
         self.known: dict[Any, Scale | None] = {}
 
     def check(self, part: CheckedPart) -> None:
-        """State that an expression has the scale of its part. Raises OtherUnitError where it cannot have it."""
+        """Equate the scale of an expression with the required one. Raises OtherUnitError for a contradiction."""
         scale = self.scale(part.expression)
         if scale is None:
             return
@@ -86,14 +86,14 @@ class _Scales:
             self._equate(sympy.Add.make_args(part.expression)[0], scale, wanted)
 
     def completed(self, symbol: Any, dimension: Dimension) -> Dimension:
-        """Return the dimension of a symbol with its factor, if that is known."""
+        """Return the dimension of a symbol with the factor of its unit, None if that is not determined."""
         scale = self.scale(symbol)
         reduced = None if scale is None else self.equations.reduced(scale)
         factor = None if reduced is None or reduced.unknowns else reduced.constant
         return Dimension(dimension.exponents, factor, dimension.unit)
 
     def scale(self, expression: Any) -> Scale | None:
-        """Return the scale of an expression, None for zero, which has any."""
+        """Return the scale of an expression, None for zero, which fits every scale."""
         if expression not in self.known:
             self.known[expression] = self._scale(expression)
         return self.known[expression]
@@ -138,7 +138,7 @@ class _Scales:
         return Scale()
 
     def _equal(self, terms: Sequence[Any]) -> Scale | None:
-        """Return the scale that all terms have."""
+        """Return the common scale of terms, after equating their scales; None if all terms are zero."""
         first = None
         for term in terms:
             scale = self.scale(term)
@@ -159,7 +159,7 @@ class _Scales:
         return Scale()
 
     def _number(self, expression: Any) -> None:
-        """State that an expression has the scale of a number."""
+        """Equate the scale of an expression with that of a number."""
         scale = self.scale(expression)
         if scale is not None:
             self._equate(sympy.Add.make_args(expression)[0], scale, Scale())
@@ -178,7 +178,7 @@ def _factor(logarithm: float) -> str:
 
 
 def _check_found(stated: Sequence[Dimension], found: Mapping[Any, Dimension]) -> None:
-    """Refuse a unit that follows from the stated ones, and that is none of them and no product of their parts."""
+    """Raise StatementError for an inferred unit that is not a product of powers of the stated base units."""
     bases = _base_units(stated)
     for symbol, dimension in found.items():
         factor = dimension.factor
@@ -196,9 +196,9 @@ def _check_found(stated: Sequence[Dimension], found: Mapping[Any, Dimension]) ->
 
 
 def _base_units(stated: Sequence[Dimension]) -> dict[str, dict[str, float]]:
-    """Return the units of mass, length and time in the stated units, each with the logarithm of its factor.
+    """Return {base dimension: {unit: logarithm of its factor}} for the base units in the stated units.
 
-    Those of N, J and their relatives are kg, m and s.
+    Derived units such as N and J contribute kg, m and s.
     """
     bases: dict[str, dict[str, float]] = {"time": {"s": 0.0}}
     for dimension in stated:
@@ -216,7 +216,7 @@ def _base_units(stated: Sequence[Dimension]) -> dict[str, dict[str, float]]:
 
 
 def _made(bases: Mapping[str, Mapping[str, float]], dimension: Dimension) -> Iterator[tuple[float, str]]:
-    """Yield the scale and the text of each unit of a dimension that is made of base units."""
+    """Yield (scale, text) of each unit of a dimension that is a product of powers of base units."""
     for choice in product(*(bases[base].items() for base, _ in dimension.exponents)):
         powers = [(text, factor, power) for (text, factor), (_, power) in zip(choice, dimension.exponents, strict=True)]
         scale = math.fsum(factor * float(power) for _, factor, power in powers)

@@ -1,4 +1,4 @@
-"""A statement as the text of a scene file, which is read back before it is given out."""
+"""A statement as the text of a scene file. The text is read back and compared before it is returned."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789
 """The characters of a TOML key without quotation marks."""
 
 ENERGIES = {"lagrangian": "the Lagrangian", "kinetic": "the kinetic energy", "potential": "the potential energy"}
-"""The keys of energies, and what a message calls them."""
+"""Keys of energies, and their names in messages."""
 
 
 def scene_text(statement: Statement) -> str:
     """Return the text of a scene file that reads back as the statement.
 
-    Raises StatementError for what no scene can hold: parameters and given functions without values, functions that are
-    not written out, names that scenes refuse, and expressions longer than those of scenes.
+    Raises StatementError for parts that scenes cannot state: parameters and given functions without values, functions
+    that are not written out, names that scenes refuse, and expressions longer than those of scenes.
     """
     statement = statement.open_form or statement
     if statement.unknown:
@@ -139,7 +139,7 @@ class _Writer:
         return self.text(f"the given function {name_of(function)}", motion.values)
 
     def dimensions(self) -> Iterator[tuple[str, str]]:
-        """Yield the dimensions; units that follow from those that were stated are found again."""
+        """Yield (name, quoted unit or dimension). Reading infers units that follow from the stated ones again."""
         for symbol, one in self.statement.dimensions.items():
             name = symbol.name if isinstance(symbol, sympy.Symbol) else name_of(symbol)
             if symbol == t and one == named("second"):
@@ -156,7 +156,7 @@ def _joined(texts: Iterable[str]) -> str:
 
 
 def _quoted(text: str) -> str:
-    """Return a TOML string; JSON escapes what TOML does, and DEL is the one control character that it leaves."""
+    """Return a TOML string. JSON escapes the same characters as TOML, except the control character DEL."""
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
 
 

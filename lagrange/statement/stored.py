@@ -1,4 +1,4 @@
-"""A statement as data that JSON holds, and back: reading it runs nothing, and builds from a fixed list of classes."""
+"""A statement as JSON data, and back. Reading runs no code and builds from a fixed list of classes."""
 
 from __future__ import annotations
 
@@ -25,17 +25,17 @@ from lagrange.statement.statement import RunSettings, Statement
 from lagrange.statement.text import Guard, RefusalError, check_arguments, check_power
 
 FORM = 1
-"""The version of the form, which is stored with it."""
+"""Version of the stored form."""
 
 FEW_PARTS, MANY_SHARED, MOST_PARTS = 100_000, 1_000, 5_000_000
-"""Parts that an expression may always have, each shared part counted where it occurs; for each node; and at most.
+"""Limits on the parts of an expression: always allowed, allowed per node, and the largest number.
 
-SymPy walks a shared part as often as it occurs, 2 us each time: a file of 12 KB could make it walk for ever. 500 links
-in Cartesian coordinates share 800 times.
+A shared part counts each time it occurs, for SymPy walks it each time, in 2 us. A file of 12 KB could otherwise make it
+walk for ever. 500 links in Cartesian coordinates share 800 times.
 """
 
 LONGEST_NUMBER = 400
-"""Characters of a number: those of the smallest double, written out, and a few more."""
+"""Most characters of a number: those of the smallest double, written out, and a few more."""
 
 _CLASSES: dict[str, Any] = {
     kind.__name__: kind
@@ -46,7 +46,7 @@ _CLASSES: dict[str, Any] = {
         *SYMPY_CLASSES,
     )
 }
-"""What an expression is built of, by name."""
+"""Classes of nodes that an expression may have, by name."""
 
 _CONSTANTS: dict[str, Any] = {
     str(one): one
@@ -87,7 +87,7 @@ def stored(statement: Statement) -> dict[str, Any]:
 
 
 class _Writer:
-    """Writes expressions as one list of nodes, each after what it is made of."""
+    """Writes expressions as one list of nodes, each after its arguments."""
 
     def __init__(self, statement: Statement) -> None:
         self.nodes: list[list[Any]] = []
@@ -95,7 +95,7 @@ class _Writer:
         self.given = statement.given
 
     def place(self, expression: Any) -> int:
-        """Return the place of an expression in the list."""
+        """Return the index of an expression in the list, after adding it if it is new."""
         stack = [expression]
         while stack:
             node = stack[-1]
@@ -111,7 +111,7 @@ class _Writer:
         return self.places[expression]
 
     def motion(self, function: Any) -> Any:
-        """Return the values of a given function: the place of an expression, a table, or None."""
+        """Return the values of a given function: the index of an expression, a table, or None."""
         motion = motion_of(function)
         if motion is None or motion.values is None:
             return None
@@ -125,7 +125,7 @@ def _parts(node: Any) -> tuple[Any, ...]:
 
 
 def _node(node: Any, parts: list[int]) -> list[Any]:
-    """Return what stands in the list for a node."""
+    """Return the entry of the list for a node: its kind, then its data or the indices of its arguments."""
     if isinstance(node, sympy.Derivative):
         return ["rate", name_of(node.expr), len(node.variables)]
     if isinstance(node, AppliedUndef):
@@ -170,7 +170,7 @@ def _read(data: Any) -> Statement:
         at(place): Dimension(tuple((name, Fraction(power)) for name, power in exponents), factor, unit)
         for place, exponents, factor, unit in data["dimensions"]
     }
-    made = declare(
+    statement = declare(
         **energies,
         coordinates=list(coordinates.values()),
         dissipation=at(data["dissipation"]),
@@ -186,17 +186,17 @@ def _read(data: Any) -> Statement:
         source=printable(data["source"], "source"),
         run=RunSettings(*data["run"]),
     )
-    return replace(made, dimensions=MappingProxyType(dimensions))
+    return replace(statement, dimensions=MappingProxyType(dimensions))
 
 
 def _symbol(name: str, positive: bool | None, nonnegative: bool | None, real: bool | None) -> Any:
-    """Return a parameter with what was known of its sign."""
+    """Return a parameter with its stored assumptions on sign and reality."""
     told = {"positive": positive, "nonnegative": nonnegative, "real": real}
     return sympy.Symbol(name, **{key: True for key, value in told.items() if value is True})
 
 
 class _Reader:
-    """Builds the expressions of a list of nodes; nothing is evaluated, for SymPy might never end."""
+    """Builds the expressions of a list of nodes, unevaluated: evaluation by SymPy might never end."""
 
     def __init__(
         self,
@@ -228,13 +228,16 @@ class _Reader:
                 self.made.append(self._built(kind, [self.expression(part) for part in parts]))
 
     def _count(self, parts: list[int]) -> None:
-        """Note how many parts the next node has. Raises RefusalError for more than SymPy can walk."""
+        """Append the number of parts of the next node to `sizes`. Raises RefusalError for more than SymPy can walk."""
         self.sizes.append(1 + sum(self.sizes[part] for part in parts if self.expression(part) is not None))
         if self.sizes[-1] > min(max(FEW_PARTS, MANY_SHARED * len(self.sizes)), MOST_PARTS):
             raise RefusalError(f"an expression of {self.sizes[-1]:.3g} parts, most of them shared")
 
     def _built(self, kind: str, parts: list[Any]) -> Any:
-        """Return a node of its parts. Raises RefusalError for numbers that SymPy would take too long to compute."""
+        """Return the node of that kind with these arguments.
+
+        Raises RefusalError for numbers that SymPy would take too long to compute.
+        """
         numbers = [part for part in parts if isinstance(part, sympy.Number)]
         joined = kind in ("Add", "Mul") and len(numbers) > 1
         if joined or (kind == "Pow" and len(numbers) == 2 and isinstance(parts[1], sympy.Integer)):
@@ -243,12 +246,12 @@ class _Reader:
             check_power(*parts)
         elif _CLASSES[kind] in SYMPY_CLASSES - {sympy.Piecewise}:
             check_arguments(_CLASSES[kind], parts)
-        made = _CLASSES[kind](*parts, **_unevaluated(kind))
-        self.guard.check(made)
-        return made
+        node = _CLASSES[kind](*parts, **_unevaluated(kind))
+        self.guard.check(node)
+        return node
 
     def expression(self, place: int) -> Any:
-        """Return the expression at a place before the one that is made."""
+        """Return the expression at an index among those built so far."""
         if type(place) is not int or not 0 <= place < len(self.made):
             raise IndexError(f"there is no node {shown(place)}")
         return self.made[place]

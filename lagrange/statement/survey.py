@@ -1,4 +1,4 @@
-"""One walk over an expression: what it is made of, and whether a mechanical system may contain it."""
+"""Walk over an expression that collects its symbols and functions, and refuses those that no system may contain."""
 
 from __future__ import annotations
 
@@ -34,7 +34,10 @@ class Survey:
     seen: set[Any] = field(default_factory=set)
 
     def add(self, expression: Any, what: str, *, accelerations: bool = False, multipliers: bool = False) -> None:
-        """Walk the expression, called `what` in messages; refuse what the package cannot differentiate or run."""
+        """Collect the leaves of an expression, named `what` in messages.
+
+        Raises StatementError for functions that the package cannot differentiate or run.
+        """
         for node in _distinct(expression, self.seen):
             if isinstance(node, sympy.Symbol):
                 if node != t:
@@ -121,7 +124,7 @@ def _distinct(expression: Any, seen: set[Any]) -> Iterator[Any]:
 
 
 def _parts(node: Any) -> tuple[Any, ...]:
-    """Return what a node is made of, nothing for a function of time or its derivative."""
+    """Return the arguments of a node, none for a function of time or its derivative."""
     if isinstance(node, sympy.Subs):
         return tuple(node.point)
     function = node.expr if isinstance(node, sympy.Derivative) else node

@@ -1,4 +1,4 @@
-"""Text becomes an expression: its structure is bounded before SymPy sees it."""
+"""Reading of expressions from texts. Their size and structure are limited before they reach SymPy."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ from lagrange.statement.lexer import ALIASES, WORDS, Word
 
 LARGEST_EXPONENT = 1000
 MOST_BITS = 256
-"""The most bits of an exact numerator or denominator, which is 77 digits."""
+"""Most bits of an exact numerator or denominator: 77 digits."""
 MOST_BRANCHES = 32
-"""The most branches of a condition."""
+"""Most branches of a condition."""
 MOST_ARGUMENTS = 16
-"""The most arguments of min and max: SymPy compares them pair by pair."""
+"""Most arguments of min and max: SymPy compares them pair by pair."""
 MOST_DOUBTFUL = 5
-"""The most parts that may be complex in an expression that SymPy splits into its real and imaginary part: each can
-double the work."""
+"""Most parts that may be complex in an expression that SymPy splits into real and imaginary part. Each can double the
+work."""
 MOST_COMPARED = 200
-"""The most parts of the expressions that a comparison, an absolute value, a minimum or a maximum compares."""
+"""Most parts of the expressions in a comparison, an absolute value, a minimum or a maximum."""
 CHUNK = 50
-"""The number of terms that SymPy adds at once. The exact coefficients are checked after each such chunk."""
+"""Number of terms that SymPy adds at once. The exact coefficients are checked after each chunk."""
 
 _COMPARING = (sympy.Abs, sympy.sign, sympy.Min, sympy.Max, sympy.Heaviside, sympy.sinc, sympy.erf)
 _SPLITTING = (sympy.Abs, sympy.sinh, sympy.cosh, sympy.tanh)
@@ -44,11 +44,11 @@ _NUMBER_FIRST = (sympy.Add, sympy.Mul)
 
 
 class RefusalError(Exception):
-    """Why an expression is refused; the reader adds where it stands."""
+    """Reason why an expression is refused. The reader adds the column."""
 
 
 class Guard:
-    """Checks every expression that arises while one text is read, each distinct one once."""
+    """Checks every expression that is built while a text is read. Each distinct one is checked once."""
 
     def __init__(self) -> None:
         self.varies: dict[Any, bool] = {}
@@ -73,7 +73,7 @@ class Guard:
 def parts_first(expression: Any, known: Mapping[Any, Any]) -> Iterator[Any]:
     """Yield the distinct subexpressions that are not known yet, each after its own parts.
 
-    The caller makes each one known before it asks for the next.
+    The caller enters each one in `known` before it takes the next.
     """
     todo = [expression]
     while todo:
@@ -90,7 +90,7 @@ def parts_first(expression: Any, known: Mapping[Any, Any]) -> Iterator[Any]:
 def replace(expression: Any, table: Mapping[Any, Any]) -> Any:
     """Return the expression with symbols replaced, in SymPy's order of terms, and nothing else evaluated.
 
-    SymPy does not take x(t) for real: evaluated with it, roots and absolute values would lose what they are.
+    SymPy assumes that x(t) may be complex: evaluation with it would rewrite roots and absolute values.
     """
     done: dict[Any, Any] = dict(table)
     for node in parts_first(expression, done):
@@ -110,7 +110,7 @@ def _rebuilt(node: Any, args: list[Any]) -> Any:
 
 
 def check_power(base: Any, exponent: Any) -> None:
-    """Refuse a power before SymPy computes it."""
+    """Raise RefusalError for a power whose exact value SymPy would take too long to compute."""
     _check_exponent(exponent)
     if isinstance(base, sympy.Rational) and isinstance(exponent, sympy.Number):
         bits = max(abs(base.p).bit_length(), base.q.bit_length())
@@ -122,7 +122,7 @@ def check_power(base: Any, exponent: Any) -> None:
 
 
 def check_arguments(build: Any, arguments: list[Any]) -> None:
-    """Refuse arguments of a function that SymPy would take too long to evaluate, or later to ask about."""
+    """Raise RefusalError for arguments of a function that SymPy would take too long to evaluate or to analyse."""
     if build is sympy.exp and arguments[0].has(sympy.log):
         _check_exponent(arguments[0])  # exp(n*log(x)) becomes the power x**n
     if build in _COMPARING:
@@ -137,7 +137,7 @@ def check_arguments(build: Any, arguments: list[Any]) -> None:
 
 
 def check_compared(expressions: list[Any], what: str) -> None:
-    """Refuse to compare long expressions, which SymPy puts on a common denominator to see the sign."""
+    """Raise RefusalError for long expressions to be compared: SymPy finds the sign over a common denominator."""
     size: dict[Any, int] = {}
     for expression in expressions:
         for node in parts_first(expression, size):
@@ -147,7 +147,7 @@ def check_compared(expressions: list[Any], what: str) -> None:
 
 
 def _doubtful(argument: Any) -> int:
-    """Return how many parts SymPy does not know to be real."""
+    """Return the number of parts that may be complex to SymPy."""
     doubt: dict[Any, bool] = {}
     for node in parts_first(argument, doubt):
         doubt[node] = isinstance(node, sympy.Expr) and not node.is_extended_real
@@ -184,7 +184,7 @@ def _check_float(number: Any) -> None:
 
 
 MOST_CHAINED = 4
-"""The most chained comparisons in a row that lead to one value: SymPy makes 2**n clauses of n of them."""
+"""Most chained comparisons in a row that lead to the same value: SymPy makes 2**n clauses of n of them."""
 
 _PREDEFINED = {"t": t, "pi": sympy.pi}
 
@@ -236,7 +236,7 @@ def read_expression(text: str, names: Mapping[str, Any]) -> Any:
     """
     known = {**names, **_PREDEFINED}
     lexer.scan(text, known)
-    # built in real symbols: SymPy does not take q(t) for real, and then asks long questions about it
+    # built in real symbols: for q(t), which may be complex to SymPy, its questions on signs take long
     real = {name: value if value.is_real else sympy.Dummy(name, real=True) for name, value in known.items()}
     return replace(_Reader(text, real).read(), {real[name]: value for name, value in known.items()})
 
@@ -250,7 +250,7 @@ def read_number(text: str) -> float:
 def number_from_text(text: str) -> Any:
     """Return a decimal as a SymPy number: an exact fraction where that is short, else the nearest double.
 
-    So 0.5 prints as 1/2 and makes a square root of a power, while 9.81 stays 9.81.
+    So 0.5 is printed as 1/2, and x**0.5 is a square root, while 9.81 stays 9.81.
     """
     if text.isdigit():
         return sympy.Integer(int(text))
@@ -268,7 +268,7 @@ def number_from_text(text: str) -> Any:
 
 @dataclass(frozen=True)
 class _Value:
-    """What a part of the text has become: an expression, and its value in doubles where it is constant."""
+    """Result of a part of the text: an expression, and its value as a double if it is constant, else None."""
 
     expression: Any
     double: float | None = None
@@ -297,7 +297,7 @@ class _Reader:
         }
 
     def read(self) -> Any:
-        """Return the expression: of every node first its parts, then what joins them."""
+        """Return the expression. The parts of each node are built before they are joined."""
         todo: list[tuple[ast.expr, int, _Join | None]] = [(self._parse(), 0, None)]
         done: list[_Value] = []
         while todo:
@@ -331,7 +331,7 @@ class _Reader:
             ) from None
 
     def _place(self, offset: int) -> int:
-        """Return the character at an offset of ast, which counts bytes: a Greek letter has two."""
+        """Return the index of the character at an offset of ast, which counts bytes: a Greek letter has two."""
         return offset if self.source.isascii() else len(self.source.encode()[:offset].decode())
 
     def _plan(self, node: ast.expr) -> _Plan:
@@ -341,7 +341,7 @@ class _Reader:
         return plan(node)
 
     def _checked(self, value: _Value) -> _Value:
-        """Return the value, checked; a number that SymPy found exactly replaces the one in doubles."""
+        """Return the checked value. If SymPy evaluated it to an exact number, the double is taken from this number."""
         varies = self.guard.check(value.expression)
         if isinstance(value.expression, sympy.Number):
             return _Value(value.expression, float(value.expression))
@@ -423,7 +423,7 @@ class _Reader:
 
 
 def _spine(node: ast.expr, forward: type[ast.operator], back: type[ast.operator]) -> tuple[list[ast.expr], list[bool]]:
-    """Return the operands of a chain such as a - b + c, and which are not inverted.
+    """Return the operands of a chain such as a - b + c, and for each True unless it is subtracted or divided by.
 
     Chains become one n-ary Add or Mul: joining them two by two takes quadratic time.
     """
