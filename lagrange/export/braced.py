@@ -1,4 +1,4 @@
-"""What printers of languages with braces and semicolons share."""
+"""Base class of printers for languages with braces and semicolons."""
 
 from __future__ import annotations
 
@@ -8,15 +8,12 @@ from lagrange.procedure.form import PARTIAL
 
 
 class BracedPrinter(FilePrinter):
-    """Prints one procedure; a language says how names are declared, what is called, and how loops count.
-
-    `index_type` declares the index of a loop.
-    """
+    """Prints one procedure. Subclasses define declarations and calls; `index_type` is the type of a loop index."""
 
     index_type: str
 
     def tail(self) -> list[str]:
-        """Return the lines behind the body."""
+        """Return the lines after the body."""
         return ["}"]
 
     def broken(self, line: str) -> list[str]:

@@ -8,11 +8,11 @@ import unicodedata
 from lagrange.export.identifiers import spelled_letter
 
 TOGETHER, KEPT = "\N{NO-BREAK SPACE}", "\x1f"
-"""Stands for a space at which no line is broken; and what it is while lines are broken."""
+"""Character for a space without a line break, and its replacement while lines are broken."""
 
 
 def plain(text: str) -> str:
-    """Return a text in ASCII without what could end a comment: Greek letters by name, others as they look alike."""
+    """Return a text in ASCII without the end mark of a comment; Greek letters are spelled by name."""
     spelled = "".join(map(spelled_letter, text))
     ascii_only = unicodedata.normalize("NFKD", spelled).encode("ascii", "replace").decode("ascii")
     printable = "".join(letter if letter.isprintable() else " " for letter in ascii_only)
@@ -21,11 +21,11 @@ def plain(text: str) -> str:
 
 def wrapped(text: str, width: int) -> list[str]:
     """Return a text in lines of a width, at least one; a line that goes on is indented."""
-    told = KEPT.join(map(plain, text.split(TOGETHER)))
-    lines = textwrap.wrap(told, width, subsequent_indent="  ", break_long_words=False)
+    ascii_text = KEPT.join(map(plain, text.split(TOGETHER)))
+    lines = textwrap.wrap(ascii_text, width, subsequent_indent="  ", break_long_words=False)
     return [line.replace(KEPT, " ") for line in lines] or [""]
 
 
 def commented(text: str, mark: str, width: int = 110) -> list[str]:
-    """Return a text as lines of comment behind a mark, such as "//"."""
+    """Return a text as comment lines that begin with a mark, such as "//"."""
     return [f"{mark} {line}".rstrip() for line in wrapped(text, width - len(mark) - 1)]

@@ -1,4 +1,4 @@
-"""What of a system is exported: quantities, integrators and a run, as a module in no language."""
+"""Choose the exported quantities, integrators and run, and build a language-independent module."""
 
 from __future__ import annotations
 
@@ -34,22 +34,25 @@ from lagrange.trajectory.methods.settings import STEPS_UNDER_BRIEF_FORCE
 from lagrange.trajectory.methods.splitting import check_separable
 
 DEFAULT = ("rhs", "energy")
-"""What is exported unless something else is asked for."""
+"""Default contents of an export."""
 
 STEP, MAIN, TAYLOR = "step", "main", "taylor"
 STEP_METHOD, ADAPTIVE_METHOD = "rk4", "dop853"
 """The methods of the contents `step` and `main`."""
 
 INTERVALS = 1000
-"""Intervals between the rows that `main` writes, unless it is called with another number."""
+"""Default number of intervals between the rows that `main` writes."""
 
 MAIN_RTOL = 1e-12
-"""Tolerance of `main` unless the scene has a tighter one."""
+"""Largest tolerance of `main`: a tighter tolerance of the scene is used instead."""
 
 
 @dataclass(frozen=True)
 class Wanted:
-    """The contents of an export, in order: quantities, methods with their steps, and whether there is a run."""
+    """The contents of an export: names of quantities, and names of methods with their steps, both in order.
+
+    `main` and `taylor` are True if the run and the Taylor integrator are among them.
+    """
 
     quantities: tuple[str, ...]
     methods: tuple[tuple[str, StepProgram], ...]
@@ -58,7 +61,7 @@ class Wanted:
 
 
 def wanted(target: Target, model: Model, contents: Sequence[str] | None, events: Sequence[Event]) -> Wanted:
-    """Return the contents that were asked for. Raises StatementError for what system or target do not have."""
+    """Return the requested contents. Raises StatementError for contents that the system or the target do not have."""
     names = list(dict.fromkeys((*target.always, *_names(contents, events))))
     quantities = [name for name in QUANTITIES if name in names]
     methods = [name for name in names if name not in (*QUANTITIES, STEP, MAIN, TAYLOR)]
@@ -89,7 +92,7 @@ def _adaptive(name: str) -> bool:
 def _refuse(
     target: Target, model: Model, names: Sequence[str], methods: Sequence[str], events: Sequence[Event]
 ) -> None:
-    """Raise StatementError for contents that cannot be."""
+    """Raise StatementError for contents that the system or the target do not have."""
     known = [*QUANTITIES, STEP, MAIN, TAYLOR]
     for name in methods:
         if name not in registry.names():
@@ -133,7 +136,7 @@ def _refuse(
 
 
 def _refuse_runs(target: Target, methods: Sequence[str]) -> None:
-    """Raise StatementError unless the methods are one with error control, or none."""
+    """Raise StatementError for a method without error control, and for more than one method."""
     plain = [name for name in methods if not _adaptive(name)]
     if plain:
         raise StatementError(
@@ -147,17 +150,17 @@ def _refuse_runs(target: Target, methods: Sequence[str]) -> None:
 
 
 def _explicit(name: str) -> StepProgram | None:
-    """Return the step of an explicit method, None for any other."""
+    """Return the step of an explicit method, or None for other methods."""
     program = getattr(registry.find(name), "program", None)
     explicit = isinstance(program, StepProgram) and not program.solves and program.starter is None
     return program if explicit else None
 
 
 def step_of(name: str) -> StepProgram:
-    """Return the step of an explicit method. Raises StatementError for any other."""
-    found = _explicit(name)
-    if found is not None:
-        return found
+    """Return the step of an explicit method. Raises StatementError for other methods."""
+    program = _explicit(name)
+    if program is not None:
+        return program
     raise StatementError(
         f"the method {name!r} has no step that is exported: give an explicit method, such as 'rk4', 'verlet' or "
         "'dop853'."
@@ -167,7 +170,7 @@ def step_of(name: str) -> StepProgram:
 def module_of(
     model: Model, asked: Wanted, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
 ) -> SourceModule:
-    """Return a model as it is exported. Raises StatementError for a parameter without a value."""
+    """Return the language-independent module of a model. Raises StatementError for a parameter without a value."""
     statement, equations = model.statement, model.equations
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
     state = statement.state_names
@@ -243,7 +246,7 @@ def _integrator(
     laws: Mapping[str, Procedure],
     prune: Callable[[Procedure], Procedure],
 ) -> Integrator:
-    """Return a step, or a run with error control, with its laws bound."""
+    """Return the integrator of a method: one step, or a run with error control, which calls the procedures `laws`."""
     adaptive, own = step.control is not None, name.replace("-", "_")
     make: Callable[..., Procedure] = adaptive_run if adaptive else one_step
     made = bound(make(step, dimension, own, projected="projection" in laws), laws, prefix=f"{own}_")
@@ -251,7 +254,10 @@ def _integrator(
 
 
 def _taylor(model: Model, begin: int, projection: Procedure | None) -> TaylorProcedures:
-    """Return the Taylor integrator, its numbers behind those of all others. Raises StatementError for surfaces."""
+    """Return the Taylor integrator, whose prepared numbers start at place `begin`.
+
+    Raises StatementError for a system with switching surfaces.
+    """
     least = STEPS_UNDER_BRIEF_FORCE if model.equations.structure.brief else 0
     return TaylorProcedures(model.series()[0].program, begin, least, projection)
 

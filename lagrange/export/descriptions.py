@@ -1,4 +1,4 @@
-"""What the comments of an exported file say, in every language."""
+"""Texts of the comments of an exported file, for every language."""
 
 from __future__ import annotations
 
@@ -13,11 +13,14 @@ TEST = (
     "The test: results at some states, computed with 40 digits. A result may be off by 1e-12 of itself; where it is a "
     "small difference of large numbers, by 1e-12 of the largest one at that state."
 )
-"""What is compared with what, and how closely; behind it stands what a language does with the result."""
+"""Comment on the test: compared results and allowed errors. A language adds a sentence on its report."""
 
 
 def places(array: str, names: Sequence[str], element: str = "{0}[{1}]", first: int = 0) -> str:
-    """Return what stands at each place of an array, in a language that spells elements so and counts from `first`."""
+    """Return the list of the names in an array by index, such as "y[0] theta, y[1] theta_dot".
+
+    `element` is the template of an element in a language that counts from `first`.
+    """
     shown = [f"{element.format(array, k)}{TOGETHER}{name}" for k, name in enumerate(names, first)]
     return ", ".join(shown) or f"{array} is empty"
 
@@ -31,16 +34,16 @@ OUTCOMES: Mapping[Outcome, str] = {
     Outcome.DIVERGED: "Newton's method diverged",
     Outcome.UNPROJECTED: "the state could not be moved onto the constraints",
 }
-"""What the numbers mean that integrators return."""
+"""Meaning of the codes that integrators return."""
 
 
 def statement_comment(module: SourceModule, mark: str) -> list[str]:
-    """Return the comment at the top, behind a mark: the statement that the file was made from."""
+    """Return the comment lines at the top, each after `mark`: the statement of the system."""
     return [f"{mark} {plain(line)}".rstrip() for line in module.statement]
 
 
 def statuses(regular: str, singular: str) -> str:
-    """Return what quantities return, in a language that spells the two so."""
+    """Return the sentence on the result codes of quantities, `regular` and `singular` in a language."""
     return (
         f"Each function of t, y and p returns {regular}, or {singular} where a matrix is singular to round-off: out is "
         "then not to be used."
@@ -48,18 +51,18 @@ def statuses(regular: str, singular: str) -> str:
 
 
 def outcomes() -> str:
-    """Return what the numbers mean that integrators return."""
+    """Return the sentence on the codes that integrators return."""
     return "Integrators return " + ", ".join(f"{int(code)}: {text}" for code, text in OUTCOMES.items()) + "."
 
 
 def outcome_texts(quote: str = '"') -> list[str]:
-    """Return what each number means that integrators return, from 0 on, in quotes, which are doubled inside."""
+    """Return the meaning of each code of integrators, from 0 on, as quoted strings; quotes inside are doubled."""
     texts = [OUTCOMES.get(code, "the run ended early") for code in Outcome]
     return [f"{quote}{text.replace(quote, 2 * quote)}{quote}" for text in texts]
 
 
 def about_of(module: SourceModule, procedure: Procedure) -> str:
-    """Return what a public function does."""
+    """Return the description of a public function; for a quantity, with the names of its results."""
     quantity = next((one for one in module.quantities if one.procedure is procedure), None)
     if quantity is None:
         return procedure.about
@@ -67,7 +70,7 @@ def about_of(module: SourceModule, procedure: Procedure) -> str:
 
 
 def sizes(module: SourceModule) -> list[tuple[str, int, str]]:
-    """Return the lengths of all arrays: a name, the length, and what it counts."""
+    """Return the lengths of all arrays: a name, the length, and a description of the counted numbers."""
     return [
         ("state", len(module.state), "numbers in y: coordinates, then velocities"),
         ("parameters", len(module.parameters), "numbers in parameters"),
@@ -77,7 +80,7 @@ def sizes(module: SourceModule) -> list[tuple[str, int, str]]:
 
 
 def lengths(module: SourceModule, procedure: Procedure) -> dict[str, int]:
-    """Return the arrays that a public function takes, and how many numbers it reads or writes in each."""
+    """Return the array arguments of a public function by name, with the number of entries that it uses."""
     arrays = {one.name: one.type for one in procedure.parameters if isinstance(one.type, Array)}
     found = {name: module.prepared if kind.size is None else kind.size for name, kind in arrays.items()}
     return {name: length for name, length in found.items() if length}
@@ -89,7 +92,7 @@ def columns(module: SourceModule) -> str:
 
 
 def run_of(module: SourceModule) -> tuple[Run, Integrator] | None:
-    """Return what `main` does and the integrator that does it, None where it is not exported."""
+    """Return the run of `main` and its integrator, or None if `main` is not exported."""
     if module.run is None:
         return None
     return module.run, next(one for one in module.integrators if one.adaptive)

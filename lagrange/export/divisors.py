@@ -1,4 +1,4 @@
-"""Singular matrices of one unknown: a division finds what stands alone, and says nothing where its divisor vanishes."""
+"""Singular blocks of one unknown: the unknown is a quotient, so a zero divisor has to be tested separately."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ SOLVED = ("rhs", "accelerations", "jacobian")
 
 
 def divisors(model: Model) -> Program | None:
-    """Return a program of the entries by which a system divides for unknowns that stand alone, None without any.
+    """Return a program of the matrix entries of blocks with one unknown, or None if there are none to test.
 
-    A constant other than zero needs no test.
+    An entry that is a nonzero constant is left out.
     """
     equations = model.equations
     alone = [equations.matrix[block[0]][block[0]] for block in equations.plan.blocks if len(block) == 1]
@@ -27,7 +27,7 @@ def divisors(model: Model) -> Program | None:
 
 
 def fixed(entries: Program, prepared: Prepared) -> list[int]:
-    """Return the places among the prepared numbers of those entries that depend on parameters alone."""
+    """Return the indices among the prepared numbers of the entries that depend on parameters alone."""
     slots, code = prepared.of_program(entries), entries.instructions
     return [
         code[ref].place if code[ref].op == "parameter" else slots[ref]
@@ -37,16 +37,16 @@ def fixed(entries: Program, prepared: Prepared) -> list[int]:
 
 
 def results_of(quantity: Procedure) -> int:
-    """Return how many results a quantity has."""
+    """Return the number of results of a quantity."""
     (size,) = (one.type.size for one in quantity.parameters if one.name == "out" and isinstance(one.type, Array))
     assert size is not None
     return size
 
 
 def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
-    """Return a quantity that is singular as well where a result is not finite and one of the divisors is zero.
+    """Return a quantity that also reports a singular matrix if a result is not finite and a divisor is zero.
 
-    Formulas are simplified, so that the divisors themselves need not be among what they compute.
+    Formulas are simplified, so they need not compute the divisors; `entries` computes them.
     """
     p = Builder(quantity.name, quantity.about)
     t, y, held, out = (

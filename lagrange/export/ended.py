@@ -1,4 +1,4 @@
-"""What printers of languages share whose blocks end with a word, and whose indices begin with one."""
+"""Base class of printers for languages whose blocks end with the word `end` and whose indices begin with 1."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from lagrange.procedure.form import PARTIAL, REAL, Array
 
 
 class EndedPrinter(OffsetPrinter):
-    """Prints one procedure; `among` stands between an index and its range."""
+    """Prints one procedure; `among` is the text between a loop index and its range."""
 
     first = 1
     among: ClassVar[str]
 
     def tail(self) -> list[str]:
-        """Return the lines behind the body."""
+        """Return the lines after the body."""
         return ["end"]
 
     def opening(self, kind: str, *texts: str) -> str:

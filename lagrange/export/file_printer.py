@@ -1,4 +1,4 @@
-"""Print procedures into a file, with the definitions of the operations that its language has no function for."""
+"""Print procedures into a file, with definitions of the operations that the language does not have."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ class FilePrinter(SourcePrinter):
         super().__init__(procedure, (*taken, *(name for name, _ in self.helpers.values())))
 
     def legal(self, stem: str) -> str:
-        """Return a name of the language made of a stem; it may be taken."""
+        """Return a legal name of the language for a stem; it may be taken."""
         return ascii_name(stem)
 
     def reserve_record(self, ref: int, record: Record) -> None:
-        """Refuse a local record, which integrators alone have."""
+        """Raise LagrangeError for a local record, which only integrators have."""
         raise LagrangeError(f"{self.language} has no record {record.name}: integrators are printed in other languages.")
 
     def function_of(self, op: str) -> str:
-        """Return the name of the function of an operation that is no operator, and note that the file needs it."""
+        """Return the name of the function for an operation, and record that the file needs its definition."""
         if op in self.functions:
             return self.functions[op]
         if op not in self.helpers:

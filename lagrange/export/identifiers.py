@@ -9,7 +9,7 @@ from collections.abc import Callable, Container, Iterable, Sequence
 from lagrange.statement.lexer import GREEK
 
 LONGEST = 63
-"""Characters of a name: what C and Fortran distinguish."""
+"""Longest name: the number of characters that C and Fortran distinguish."""
 
 
 def ascii_name(name: str) -> str:
@@ -29,24 +29,24 @@ def spelled_letter(letter: str) -> str:
 
 
 def unreserved(name: str, words: Container[str]) -> str:
-    """Return a name, with an underscore behind it if it is one of the words."""
+    """Return a name, with an underscore as suffix if it is one of the words."""
     return f"{name}_" if name in words else name
 
 
 def distinct(
     names: Sequence[str], reserved: Iterable[str] = (), *, key: Callable[[str], str] = lambda name: name
 ) -> tuple[str, ...]:
-    """Return legal names in order, each its own: what is taken or reserved gets a number behind it.
+    """Return distinct legal names in order; a name that is taken or reserved gets a number as suffix.
 
-    `key` is what two names that are the same to a language have in common.
+    `key` maps names that a language does not distinguish to the same text, such as `str.lower`.
     """
-    taken, found = {key(word) for word in reserved}, []
+    taken, legal_names = {key(word) for word in reserved}, []
     for name in names:
         plain = ascii_name(name)
-        wanted, count = plain, 2
-        while key(wanted) in taken:
+        legal, count = plain, 2
+        while key(legal) in taken:
             tail = f"_{count}"
-            wanted, count = plain[: LONGEST - len(tail)] + tail, count + 1
-        taken.add(key(wanted))
-        found.append(wanted)
-    return tuple(found)
+            legal, count = plain[: LONGEST - len(tail)] + tail, count + 1
+        taken.add(key(legal))
+        legal_names.append(legal)
+    return tuple(legal_names)

@@ -1,4 +1,4 @@
-"""Lines of source text that are short enough."""
+"""Break lines of source text that are too long."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import textwrap
 from collections.abc import Iterable
 
 LONGEST = 120
-"""Characters of a statement where a language has no limit of its own."""
+"""Default limit of characters per line, for languages without a limit."""
 
 
 def continued(line: str, room: int = LONGEST, mark: str = "") -> list[str]:
-    """Return a statement on lines of so many characters, broken at spaces; those that go on end with a mark."""
+    """Return a statement as lines of at most `room` characters, broken at spaces; all but the last end with `mark`."""
     indent, lines = " " * (len(line) - len(line.lstrip()) + 4), []
     while len(line) > room:
         cut = line.rfind(" ", len(indent), room - len(mark))
@@ -22,6 +22,6 @@ def continued(line: str, room: int = LONGEST, mark: str = "") -> list[str]:
 
 
 def number_lines(values: Iterable[str], indent: str, width: int = 110) -> list[str]:
-    """Return literals on lines of a width, each with a comma behind it."""
+    """Return literals on lines of a width, each followed by a comma."""
     text = textwrap.wrap(" ".join(f"{value}," for value in values), width - len(indent), break_long_words=False)
     return [f"{indent}{line}" for line in text]

@@ -1,4 +1,4 @@
-"""A model as it is exported, in no language: its functions, their tests, and what people read about it."""
+"""The language-independent module of an export: functions, their tests, and texts about them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lagrange.program.program import Program
 class Quantity:
     """A function of time, state and prepared numbers: its results by name, in C order, and their shape.
 
-    `program` is what it computes, for languages without memory; `procedure` how, for the others.
+    `program` is its formula, for languages without assignment; `procedure` is its code, for the other languages.
     """
 
     name: str
@@ -27,7 +27,7 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class Integrator:
-    """A function that takes steps: its parameters are those of its procedure, in order."""
+    """A function that takes one step, or if `adaptive` runs to an end; its parameters are those of its procedure."""
 
     name: str
     about: str
@@ -37,7 +37,7 @@ class Integrator:
 
 @dataclass(frozen=True)
 class Check:
-    """The test of one quantity: times (s,), states (s, 2n), and the results there with what they may be off, (s, k)."""
+    """The test of one quantity: times (s,), states (s, 2n), expected results and allowed absolute errors (s, k)."""
 
     name: str
     times: tuple[float, ...]
@@ -47,15 +47,15 @@ class Check:
 
     @property
     def flat(self) -> list[tuple[float, ...]]:
-        """Times, states, results and what they may be off, the rows of each one behind the other."""
+        """Times, states, results and allowed errors, each as one flat list, row by row."""
         return [self.times, *(tuple(chain(*rows)) for rows in (self.states, self.results, self.allowed))]
 
 
 @dataclass(frozen=True)
 class StepCheck:
-    """The test of an integrator: from a state at a time, with a step or to an end, to a state with what it may be off.
+    """The test of an integrator: `result` is the state after `length` from `state` (2n,) at `time`.
 
-    `length` is the step, or the time to the end.
+    `length` is the step, or the duration of an adaptive run. `allowed` (2n,) are the allowed absolute errors.
     """
 
     name: str
@@ -68,7 +68,7 @@ class StepCheck:
 
 @dataclass(frozen=True)
 class Run:
-    """What `main` does: the initial state to an end, with so many intervals between the rows of its table."""
+    """The run of `main`: from the initial state to `t_end`; its table has `intervals` + 1 rows."""
 
     initial: tuple[float, ...]
     t_end: float
@@ -78,12 +78,12 @@ class Run:
 
 @dataclass(frozen=True, eq=False)
 class SourceModule:
-    """What is written into a file.
+    """The content of an exported file, independent of a language.
 
-    `state` and `parameters` are the names of what is in the arrays `y` and `parameters`, as stated; `values` are those
-    of the parameters, `inputs` the names of those that may change along a motion. `units` are those of state,
-    parameters and t where they were given. `statement` are lines of text about where it came from. `prepare` computes
-    once what depends on parameters alone, `prepared` numbers with the parameters in front.
+    `state` and `parameters` are the names of the entries of the arrays `y` and `parameters`, as stated. `values` are
+    the values of the parameters, `inputs` the names of those that may change during a run. `units` are the stated
+    units of state, parameters and t. `statement` are lines of text about the system. `prepare` computes the numbers
+    that depend on parameters alone; there are `prepared` of them, the parameters first.
     """
 
     name: str
@@ -102,7 +102,7 @@ class SourceModule:
     inputs: tuple[str, ...] = ()
 
     def quantity(self, name: str) -> Quantity | None:
-        """Return a quantity by name, None where it is not exported."""
+        """Return a quantity by name, or None if it is not exported."""
         return next((one for one in self.quantities if one.name == name), None)
 
     @property
@@ -114,7 +114,7 @@ class SourceModule:
     @property
     def procedures(self) -> tuple[Procedure, ...]:
         """All procedures, each once and before its callers."""
-        found: dict[Procedure, None] = {}
-        for one in self.public:
-            found |= dict.fromkeys((*one.callees, one))
-        return tuple(found)
+        ordered: dict[Procedure, None] = {}
+        for procedure in self.public:
+            ordered |= dict.fromkeys((*procedure.callees, procedure))
+        return tuple(ordered)

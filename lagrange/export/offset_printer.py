@@ -1,4 +1,4 @@
-"""Print procedures for languages in which a part of an array is no array: it is the array itself, from a place on."""
+"""Print procedures for languages without subarrays by reference: a subarray is the whole array and an offset."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from lagrange.procedure.form import WHOLE, Array, Parameter, Part, Procedure, Re
 
 
 class Place(NamedTuple):
-    """A place in an array: the sum of some names, and of a number."""
+    """An index into an array: the sum of some variables, by name, and of a number."""
 
     array: int
     names: tuple[str, ...] = ()
@@ -37,7 +37,7 @@ class OffsetPrinter(FilePrinter):
         return {}
 
     def part(self, part: Part) -> None:
-        """Keep where a part begins."""
+        """Record the whole array and the offset of a subarray; print a variable for an offset that is not constant."""
         whole = self.place_of(part.array)
         if part.start in self.constants:
             self._parts[part.ref] = whole._replace(number=whole.number + self.constants[part.start])
@@ -47,15 +47,15 @@ class OffsetPrinter(FilePrinter):
         self._parts[part.ref] = whole._replace(names=(*whole.names, self.text(part.ref)))
 
     def begins(self, array: int, place: Place) -> None:
-        """Say where an array begins."""
+        """Record the whole array of a subarray, and its offset there."""
         self._parts[array] = place
 
     def place_of(self, array: int) -> Place:
-        """Return where an array begins that may be a part of another."""
+        """Return the whole array of a subarray with its offset; an array itself has the offset 0."""
         return self._parts.get(array, Place(array))
 
     def index(self, array: int, place: int) -> tuple[int, str]:
-        """Return the whole array that an element is in, and its index there."""
+        """Return the whole array of an element, and the text of its index there."""
         begin = self.place_of(array)
         number = begin.number + self.first
         if place in self.constants:
@@ -65,19 +65,19 @@ class OffsetPrinter(FilePrinter):
         return begin.array, summed([*begin.names, *([text] if text else [])], number)
 
     def beginning(self, array: int) -> tuple[int, str | None]:
-        """Return the whole array that an array is in, and the index at which it begins, None at the first one."""
+        """Return the whole array of a subarray, and the index of its first element, or None if the two begin alike."""
         begin = self.place_of(array)
         if not begin.names and not begin.number:
             return begin.array, None
         return begin.array, summed(begin.names, begin.number + self.first)
 
     def whole_text(self, text: str) -> str:
-        """Return an index as it stands in a sum."""
+        """Return the text of an index as a term of a sum."""
         return text
 
 
 def summed(terms: list[str] | tuple[str, ...], number: int) -> str:
-    """Return a sum of texts and a number, which is added to one that ends the last of them."""
+    """Return a sum of texts and a number, which is merged with a number at the end of the last text."""
     if not terms:
         return str(number)
     *rest, last = terms

@@ -1,4 +1,4 @@
-"""Which arrays a procedure is given from a place on: for languages in which a part of an array is no array."""
+"""Array parameters that need an offset, for languages without subarrays by reference."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from lagrange.procedure.form import Block, Part, Procedure, calls, inner
 
 Shifted = Mapping[Procedure, frozenset[int]]
-"""Of each procedure, which of its parameters are arrays that begin at a place that the caller gives."""
+"""Indices of the array parameters of each procedure for which the caller passes an offset, too."""
 
 
 def shifted_parameters(procedures: Sequence[Procedure], always: Shifted) -> Shifted:
-    """Return the parameters that are given parts of arrays somewhere, and those of `always`.
+    """Return the array parameters to which some call passes a subarray, and those of `always`.
 
-    Procedures come before their callers.
+    `procedures` are ordered, callees before their callers.
     """
     found = {one: always.get(one, frozenset[int]()) for one in procedures}
     for caller in reversed(procedures):

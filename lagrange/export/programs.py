@@ -1,4 +1,4 @@
-"""The numbers that the test and the run of an exported file are made of, as a language writes them."""
+"""Numbers and calls in the test and the run of an exported file, as text of a language."""
 
 from __future__ import annotations
 
@@ -11,19 +11,19 @@ from lagrange.procedure.form import Parameter, Procedure
 from lagrange.procedure.spelling import Literals
 
 MOST_STEPS = 10_000_000
-"""Steps between two rows of `main` at most."""
+"""Largest number of steps between two rows of the table of `main`."""
 
 TEST_TOLERANCE, TEST_STEPS = 1e-13, 100_000
-"""The tolerances of an adaptive run in the test, and its steps at most."""
+"""Tolerances of an adaptive run in the test, and its largest number of steps."""
 
 
 def macro(module: SourceModule, program: str) -> str:
-    """Return the macro that switches one of the programs of a file on, "test" or "main"."""
+    """Return the name of the macro that enables a program of a file, "test" or "main"."""
     return f"{module.name.upper()}_{program.upper()}"
 
 
 def compiled(module: SourceModule, program: str, compiler: str, source: str) -> list[str]:
-    """Return shell lines that compile a program that a macro switches on, and run it; `source` ends the first."""
+    """Return shell lines that compile and run a program that a macro enables; `source` ends the compiler's line."""
     name = f"{module.name}_{program}"
     return [f"{compiler} -D{macro(module, program)} -o {name} {source}", f"./{name}"]
 
@@ -34,7 +34,7 @@ def tested(module: SourceModule) -> list[str]:
 
 
 def results_tested(module: SourceModule) -> int:
-    """Return how many results the test compares."""
+    """Return the number of results that the test compares."""
     quantities = sum(len(one.results) * len(one.results[0]) for one in module.checks)
     return quantities + sum(len(one.result) for one in module.step_checks)
 
@@ -47,9 +47,9 @@ def arguments_in_test(
     y: str = "y",
     order: Callable[[Procedure], Sequence[Parameter]] = lambda procedure: procedure.parameters,
 ) -> str:
-    """Return what an integrator is given in its test, in the order in which a language has parameters.
+    """Return the arguments of an integrator in its test, in the order of parameters that a language has.
 
-    `time` is what a run is given as the time at which it begins, with the place of the number in it.
+    `time` is a template with the start time of an adaptive run in place of "{}".
     """
     integrator, begin = integrator_of(module, check.name), literals.real(check.time)
     given = {"y": y, "p": "p"}
@@ -63,11 +63,11 @@ def arguments_in_test(
 
 
 def main_fields(module: SourceModule, literals: Literals) -> dict[str, str] | None:
-    """Return what `main` is made of, by name; None where it is not exported."""
-    found = run_of(module)
-    if found is None:
+    """Return the fields of the template of `main` as text, by name, or None if `main` is not exported."""
+    exported_run = run_of(module)
+    if exported_run is None:
         return None
-    run, integrator = found
+    run, integrator = exported_run
     return {
         "initial": ", ".join(map(literals.real, run.initial)),
         "t_end": literals.real(run.t_end),
@@ -80,7 +80,7 @@ def main_fields(module: SourceModule, literals: Literals) -> dict[str, str] | No
 
 
 def tables(rows: Sequence[Sequence[float]], literals: Literals, opening: str = "[") -> Iterator[str]:
-    """Yield lists of numbers, the arguments of a call that stands four places in."""
+    """Yield lines with lists of numbers, the arguments of a call that is indented by four spaces."""
     for values in rows:
         yield f"        {opening}"
         yield from number_lines(map(literals.real, values), "            ")

@@ -1,4 +1,4 @@
-"""What modules of Python have in common, whatever computes in them: comments, names and numbers."""
+"""Comments, names and default values that all exported Python modules have."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lagrange.export.module import SourceModule
 
 
 def named_places(module: SourceModule, array: str) -> Iterator[str]:
-    """Yield comments on the places of the state and of an array of parameters, their names and default values."""
+    """Yield lines: comments on the entries of the state and of an array of parameters, names and default values."""
     yield ""
     yield from commented(places("y", module.state), "#")
     yield from commented(places(array, module.parameters), "#")

@@ -1,4 +1,4 @@
-"""The targets that there are, by name."""
+"""The targets of `System.export` by name, and tests of what they can express."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ ALIASES: Mapping[str, str] = {
     **dict.fromkeys(("matlab", "m"), "octave"),
     **dict.fromkeys(("fmi", "fmi2", "fmi3"), "fmu"),
 }
-"""Other names that targets go by."""
+"""Target by alias."""
 
 
 class TargetTable(Mapping[str, str]):
-    """The targets: each name with a line about it; prints as a table."""
+    """A mapping from the name of each target to a line about it; prints as a table."""
 
     def __init__(self, rows: Mapping[str, str]) -> None:
         self._rows = dict(rows)
@@ -55,7 +55,7 @@ def targets() -> TargetTable:
 
 
 def find(name: str) -> Target:
-    """Return a target by name. Raises StatementError for an unknown one, with the list."""
+    """Return a target by name or alias. Raises StatementError for an unknown name, with the known ones."""
     known = target_names()
     if isinstance(name, str) and name not in known:
         name = ALIASES.get(name.lower(), name)
@@ -63,16 +63,16 @@ def find(name: str) -> Target:
 
 
 def missing_operation(target: Target, module: SourceModule) -> tuple[str, str] | None:
-    """Return a quantity and a function in it that a target cannot express, None where there is none."""
-    operations = ((one.name, each.op) for one in module.quantities for each in one.program.instructions)
-    return next((found for found in operations if found[1] in target.inexpressible), None)
+    """Return the name of a quantity and of a function in it that a target cannot express, or None."""
+    operations = ((quantity.name, each.op) for quantity in module.quantities for each in quantity.program.instructions)
+    return next((pair for pair in operations if pair[1] in target.inexpressible), None)
 
 
 def check_operations(target: Target, module: SourceModule) -> None:
-    """Raise StatementError for a function that a target cannot express, with the targets that can."""
-    found = missing_operation(target, module)
-    if found is not None:
-        quantity, op = found
+    """Raise StatementError for a function that a target cannot express; the message names the targets that can."""
+    missing = missing_operation(target, module)
+    if missing is not None:
+        quantity, op = missing
         able = [name for name, other in every_target().items() if op not in other.inexpressible]
         raise StatementError(
             f"{quantity} of {module.name} contains {op}, which target {target.name!r} has no function for: "

@@ -1,4 +1,4 @@
-"""The numbers that an exported file is tested with: states, and results from multiple precision."""
+"""Test data of an exported file: states, and results from multiple precision."""
 
 from __future__ import annotations
 
@@ -18,30 +18,30 @@ from lagrange.program.program import Program
 from lagrange.statement.statement import Statement
 
 STATES = 6
-"""States of each test, the initial one among them where it has values."""
+"""Number of states of each test, the initial state among them if the quantity has values there."""
 
 TOLERANCE = 1e-12
-"""What a result may be off by, relative to itself."""
+"""Allowed relative error of a result."""
 
 WELL_CONDITIONED = 2e-14
-"""Error of doubles, relative to the result, up to which a state serves: fifty times less than what is allowed."""
+"""Largest relative error of doubles at a preferred test state: a fiftieth of the allowed error."""
 
 DRAWS = 60
-"""States that are tried. Behind them those serve too whose results are small differences of large numbers."""
+"""Number of states that are tried before states are used whose results are small differences of large numbers."""
 
 ULP = 2.0**-52
-"""Relative change of a state by which it is found out how well its results are determined."""
+"""Relative change of a state that measures the condition of its results."""
 
 NEAR = SampleKind("near the initial state", "initial", "default")
-"""How states are drawn."""
+"""Sampling of the test states: near the initial state, with the default parameters."""
 
 
 Evaluation = Callable[[float, Sequence[float]], list[float] | None]
-"""Results in doubles at a time and a state, None where a matrix is singular."""
+"""Function of a time and a state (2n,) that returns results in doubles, or None if a matrix is singular."""
 
 
 def in_python(procedure: Procedure, prepared: memoryview, count: int) -> Evaluation:
-    """Return a procedure of a quantity with so many results, printed as Python, with prepared numbers."""
+    """Return a procedure of a quantity as a Python function; `prepared` are its numbers, `count` its results."""
     run = loaded(procedure)
 
     def evaluation(t: float, y: Sequence[float]) -> list[float] | None:
@@ -53,12 +53,11 @@ def in_python(procedure: Procedure, prepared: memoryview, count: int) -> Evaluat
 
 
 def check_of(name: str, program: Program, own: Evaluation, statement: Statement, parameters: Sequence[float]) -> Check:
-    """Return the test of a quantity; `own` is what is exported, in doubles.
+    """Return the test of a quantity; `own` evaluates the exported procedure in doubles.
 
-    States are drawn near the initial state, with the default parameters. Those come first at which doubles reproduce
-    every result to 2e-14 of itself. At others a result may be off
-    by 1e-12 of the largest one there: the file says so.
-    Raises StatementError where there are no states with values.
+    States are drawn near the initial state, with the default parameters. Preferred are states at which doubles
+    reproduce every result with a relative error of 2e-14. At other states the allowed error is 1e-12 of the largest
+    result there, as the file says. Raises StatementError if too few states have values.
     """
     states = list(_states(statement))
     states.sort(key=lambda state: _sensitivity(own, *state) > WELL_CONDITIONED)
@@ -89,7 +88,7 @@ def _no_states(
     statement: Statement,
     parameters: Sequence[float],
 ) -> StatementError:
-    """Return why a quantity has no test: parameters that are zero, or the states."""
+    """Return the error for a quantity without a test, caused by parameters that are zero, or by the states."""
     missing = f"{name} of {statement.name} has no values at {STATES} states near the initial one"
     other = [value or 1.0 for value in parameters]
     if any(_exact(program, t, y, parameters) for t, y in states) or not any(
@@ -102,13 +101,13 @@ def _no_states(
 
 
 def _zeros(statement: Statement, parameters: Sequence[float]) -> str:
-    """Return the parameters that are zero, as they are stated."""
+    """Return a list of the parameters that are zero, such as "k = 0", for a message."""
     zeros = [f"{one.name} = 0" for one, value in zip(statement.parameters, parameters, strict=True) if not value]
     return listing(zeros) if zeros else "these parameters"
 
 
 class _Case:
-    """A state with the results there, and whether doubles reproduce each relative to itself."""
+    """A state with its results and allowed errors; `relative` if doubles reproduce each result relative to itself."""
 
     def __init__(self, t: float, y: tuple[float, ...], results: tuple[float, ...], errors: Sequence[float]) -> None:
         self.t, self.y, self.results = t, y, results
@@ -140,7 +139,7 @@ def _sensitivity(own: Evaluation, t: float, y: tuple[float, ...]) -> float:
 def _case(
     program: Program, own: Evaluation, t: float, y: tuple[float, ...], parameters: Sequence[float]
 ) -> _Case | None:
-    """Return a state with its results, None where there are none, or doubles have none."""
+    """Return a state with its results, or None if they do not exist in multiple precision or in doubles."""
     found = own(t, y)
     if found is None or not all(map(math.isfinite, found)):
         return None
@@ -149,7 +148,7 @@ def _case(
 
 
 def _exact(program: Program, t: float, y: tuple[float, ...], parameters: Sequence[float]) -> tuple[float, ...] | None:
-    """Return results from multiple precision, None where there are none."""
+    """Return results from multiple precision, or None if a result has no value."""
     try:
         return tuple(float(value) for value in evaluate(program, t, y, parameters))
     except NoValue:
@@ -157,14 +156,14 @@ def _exact(program: Program, t: float, y: tuple[float, ...], parameters: Sequenc
 
 
 STEP_LENGTH, RUN_LENGTH = 1e-3, 1e-1
-"""Length of a step that is tested, and of a run, as a part of the time that the scene runs."""
+"""Length of a tested step, and of a tested run, relative to the duration of the scene, or to 1 if that is longer."""
 
 STEP_TOLERANCE = 1e-11
-"""What the state at the end of a step or of a short run may be off by, relative to the largest entry."""
+"""Allowed error of the state after a step or a short run, relative to its largest entry."""
 
 
 def prepared_numbers(preparing: Procedure, size: int, statement: Statement, parameters: Sequence[float]) -> memoryview:
-    """Return what a module prepares from its parameters. Raises StatementError where a matrix is singular."""
+    """Return the prepared numbers (size,) of some parameters. Raises StatementError if a matrix is singular."""
     p = memoryview(array("d", [0.0] * max(size, 1)))
     if loaded(preparing)(memoryview(array("d", [*parameters, 0.0])), p):
         raise StatementError(
@@ -175,14 +174,14 @@ def prepared_numbers(preparing: Procedure, size: int, statement: Statement, para
 
 
 MOST_STARTS = 20
-"""States from which a step is tried: the initial one first, which may be none of a motion."""
+"""Number of states from which a step is tried: first the initial state, from which no step may exist."""
 
 
 def step_check(integrator: Integrator, p: memoryview, statement: Statement) -> StepCheck:
-    """Return the test of an integrator, by the procedure itself, run in Python.
+    """Return the test of an integrator; the expected result is that of its procedure, run in Python.
 
-    It starts from the initial state, or where no step can be taken there from a state near it. Raises StatementError
-    where there is none.
+    It starts from the initial state, or if no step exists there, from a state near it. Raises StatementError if no
+    state allows a step.
     """
     length = min(1.0, statement.run.t_end) * (RUN_LENGTH if integrator.adaptive else STEP_LENGTH)
     step, outcome = loaded(integrator.procedure), Outcome.DONE

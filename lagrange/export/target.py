@@ -1,4 +1,4 @@
-"""The protocol of a target, and the targets by name; the module of a language is loaded when it is asked for."""
+"""The base class of targets, and the targets by name; the module of a language is loaded at its first use."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ QUANTITIES = (
 class Target(ABC):
     """A language or a format that models are written in.
 
-    `name` is what users say, `about` a line about it. `contents` are those that it can have beside the quantities:
+    `name` is the name for users, `about` a line about it. `contents` are the possible contents beside the quantities:
     "steps" (a step of any explicit method, and runs with error control) or "runs" (one run with error control),
-    "taylor", and "main", which is run by what reads the file where the target has no steps and no runs. `always` are
-    those that it has without being asked, because its format needs them. `inexpressible` are the operations that it has
-    no function for. A class of your own is registered with `register`.
+    "taylor", and "main". A target without steps and runs leaves "main" to the program that reads the file. `always`
+    are contents that every file has because its format needs them. `inexpressible` are the operations without a
+    function in the language. Register a new class with `register`.
     """
 
     name: ClassVar[str]
@@ -39,10 +39,10 @@ class Target(ABC):
 
     @abstractmethod
     def commands(self, module: SourceModule) -> list[str]:
-        """Return shell lines, run in the folder of the files, that build and run the test: exit status 0 if right."""
+        """Return shell lines that build and run the test in the folder of the files; exit status 0 if it passes."""
 
     def run_commands(self, module: SourceModule) -> list[str]:
-        """Return shell lines that build `main` of a module that has a run, and have it write its table."""
+        """Return shell lines that build and run `main`, which writes its table, for a module with a run."""
         del module
         return []
 
@@ -84,9 +84,9 @@ def every_target() -> dict[str, Target]:
 
 
 def register(target: type[Target]) -> type[Target]:
-    """Give a target its name, so that `system.export` finds it in this process; used as a decorator of its class.
+    """Register a target, so that `system.export` finds it in this process; a decorator of its class.
 
-    Raises StatementError for what is no target, and for a name that is taken by another class.
+    Raises StatementError for an argument that is not a subclass of `Target`, and for the name of another class.
     """
     if not (isinstance(target, type) and issubclass(target, Target)):
         raise StatementError(f"{target!r} is no target: give a subclass of lagrange.export.target.Target.")

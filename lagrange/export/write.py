@@ -19,10 +19,10 @@ from lagrange.statement.event import declare_events
 
 @dataclass(frozen=True)
 class Exported:
-    """What was written: the paths of the files, and shell lines for their folder.
+    """The result of an export: paths of the written files, and shell lines to run in their folder.
 
-    `commands` build and run the self-test, with exit status 0 if all is right; `run_commands` build `main` and have it
-    write its table, where it is among the contents.
+    `commands` build and run the self-test; its exit status is 0 if all results are right. `run_commands` build and run
+    `main`, which writes its table; empty if `main` is not among the contents.
     """
 
     files: tuple[Path, ...]
@@ -45,7 +45,7 @@ def export(
     events: Any,
     parameters: Mapping[Any, Any] | None,
 ) -> Exported:
-    """Write a model for a target into a folder; see `System.export`."""
+    """Write a model for a target into a folder, as `System.export` does; folders that it made go again if it fails."""
     chosen = find(target)
     declared = () if events is None else declare_events(events, model.statement, constant="an export")
     folder, made = _folder(path)
@@ -63,9 +63,9 @@ def export(
 
 
 def _folder(path: str | os.PathLike[str]) -> tuple[Path, list[Path]]:
-    """Return the folder to write to, and those that were made for it, innermost first.
+    """Return the folder to write to, made if it does not exist, and the new folders, innermost first.
 
-    Raises StatementError for one that cannot be made.
+    Raises StatementError for a folder that cannot be made.
     """
     folder = real_path(path)
     try:

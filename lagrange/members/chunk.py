@@ -1,4 +1,4 @@
-"""Some members of an ensemble: where they start, what came of them, and the arrays of all."""
+"""Some members of an ensemble: their initial values, their results, and the arrays of all results."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from lagrange.members.varied import MemberNumbers
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 STATUSES = tuple(Status)
-"""The statuses by their codes."""
+"""Statuses by code, the index in this tuple."""
 
 SUCCESS, INTERRUPTED = STATUSES.index(Status.SUCCESS), STATUSES.index(Status.INTERRUPTED)
-"""Codes. A member that was not run, since the ensemble was interrupted before, is INTERRUPTED."""
+"""Status codes. A member that was not run because the ensemble was interrupted is INTERRUPTED."""
 
 
 @dataclass(frozen=True, eq=False)
 class Starts:
-    """Members that begin somewhere: states (m, 2n) and parameters (m, k), or (1, k) where all have the same."""
+    """Initial values of m members: states (m, 2n) and parameters (m, k), or (1, k) if all have the same."""
 
     states: FloatArray
     parameters: FloatArray
@@ -28,16 +28,16 @@ class Starts:
         return len(self.states)
 
     def of(self, which: Any) -> Starts:
-        """Return some of the members."""
+        """Return the initial values of the members `which`, a slice or indices."""
         shared = len(self.parameters) == 1
         return Starts(self.states[which], self.parameters if shared else self.parameters[which])
 
 
 @dataclass(frozen=True, eq=False)
 class Ends:
-    """What came of m members: columns by name, each with m rows; see `lagrange.members.keep`.
+    """Results of m members: columns by name, each with m rows, as in `lagrange.members.keep`.
 
-    `messages` has sentences of members that did not succeed.
+    `messages` are those of members that did not succeed, by row.
     """
 
     columns: Mapping[str, Any]
@@ -53,33 +53,33 @@ class Table(Protocol):
     """Members by their numbers, from 0 on."""
 
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Return the number of members."""
 
     def starts(self, which: MemberNumbers) -> Starts:
-        """Return where some members start."""
+        """Return the initial values of the members `which` (m,)."""
 
 
 Stopped = Callable[[], bool]
-"""Whether the members that have not begun are to be left out."""
+"""Callback that returns True if no further member shall begin."""
 
 
 class Engine(Protocol):
-    """Runs members; what a member gives depends on nothing but where it starts."""
+    """Runs members. The result of a member depends only on its initial values, not on the other members."""
 
     @property
     def form(self) -> str:
-        """How members are run, in a few words."""
+        """The way in which members are run, in a few words."""
 
     @property
     def side_by_side(self) -> int:
-        """How many members take as long as one."""
+        """The number of members that run at the same time."""
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
-        """Run members to their ends; where `stopped()` becomes true those that were run come back, the first ones."""
+        """Run members to their ends. Once `stopped()` is True, return the results of the members run so far."""
 
 
 class MemberResults(Protocol):
-    """The results of all members: in memory, or in a store, where each column is read when it is asked for."""
+    """The results of all members, in memory, or in a store that is read at each access."""
 
     def column(self, name: str) -> Any:
         """Return a column, with a row for each member."""
@@ -89,19 +89,19 @@ class MemberResults(Protocol):
 
     @property
     def messages(self) -> Mapping[int, str]:
-        """Sentences of members that did not succeed, where they are known."""
+        """The known messages of members that did not succeed, by member."""
 
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Columns by name."""
+    """The results of all members in memory: columns by name, and messages by member."""
 
     columns: dict[str, Any]
     messages: dict[int, str] = field(default_factory=dict)
 
     @classmethod
     def empty(cls, members: int, columns: Sequence[Column]) -> Results:
-        """Return the columns of members that were not run."""
+        """Return blank columns for a number of members."""
         return cls({column.name: column.empty(members) for column in columns})
 
     def column(self, name: str) -> Any:
@@ -113,7 +113,7 @@ class Results:
         return self.columns[name][member]
 
     def take(self, first: int, ends: Ends) -> None:
-        """Put the results of members from a number on into their places; what is cut off was not run."""
+        """Copy the results of a chunk into rows `first` and following; rows of members that were not run stay blank."""
         for name in sorted(ends.columns, key=STATUS.__eq__):
             rows = ends.columns[name]
             self.columns[name][first : first + len(rows)] = rows

@@ -1,4 +1,4 @@
-"""What all members of an ensemble have in common, as a record that goes to other processes, and chunks of the work."""
+"""The common part of all members of an ensemble, which is sent to other processes, and runs of chunks of members."""
 
 from __future__ import annotations
 
@@ -22,12 +22,15 @@ from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.plan import Planned
 
 ENGINES_KEPT = 4
-"""So many jobs stay compiled in a worker."""
+"""Number of jobs that stay compiled in a worker; the oldest is dropped."""
 
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """The run of the first member, the options of all, what is kept, and whether each has parameters of its own."""
+    """The run of the first member, the options of all, and the kept results.
+
+    `varying` is True if each member has its own parameters.
+    """
 
     problem: Problem
     options: RunOptions
@@ -36,13 +39,13 @@ class Job:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """What is kept of each member."""
+        """The columns of the results."""
         problem = self.problem
         outputs = None if problem.t_eval is None else len(problem.t_eval)
         return self.keep.columns(problem.model.layout.size, outputs, len(problem.events), INTERRUPTED)
 
     def engine(self) -> Engine:
-        """Return what runs members: side by side where there is machine code for them, else one after the other."""
+        """Return the engine for members: vector lanes if they support the system, else the flow, else single runs."""
         problem, method, alone = self.problem, self.options.method, self.alone
         if not isinstance(method, Planned) or problem.t0 == problem.t1:
             return alone
@@ -50,18 +53,18 @@ class Job:
 
     @property
     def alone(self) -> RunEngine:
-        """What runs members one after the other."""
+        """The engine that runs members one by one."""
         problem = self.problem
         span = problem.t0, problem.t1
         return RunEngine(problem.model, span, self.options, problem.t_eval, self.keep, self.columns)
 
     def explained(self, table: Table, member: int) -> Explained:
-        """Return how a run of one member ends, in words. Raises StatementError for a number that no member has."""
+        """Run a member and return the end of its run. Raises StatementError for a number outside the table."""
         chosen = whole_number(member, "member", 0, len(table) - 1)
         return self.alone.explained(table.starts(np.array([chosen])))
 
     def packed(self) -> bytes:
-        """Return the job for another process. Raises StatementError for what cannot be sent."""
+        """Return the pickled job for another process. Raises StatementError for a function that cannot be pickled."""
         try:
             return pickle.dumps(replace(self, problem=replace(self.problem, progress=None)))
         except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -73,10 +76,10 @@ class Job:
 
 @dataclass(frozen=True, eq=False)
 class ChunkResult:
-    """What came of a chunk: the seconds that its members took, how they were run, and what they were compiled for.
+    """The results of a chunk, the seconds that it took, and the way in which its members were run.
 
-    `side_by_side` is how many members take as long as one. `processor` is empty where that is the processor of this
-    process, or none.
+    `side_by_side` is the number of members that run at the same time. `processor` is the target of the compiler, ""
+    for chunks of this process and without compiled code.
     """
 
     ends: Ends
@@ -91,7 +94,7 @@ _LOCK = Lock()
 
 
 def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
-    """Run members in the process that this is called in, which compiles a job when it first comes."""
+    """Run members in a worker process, which compiles each pickled job once."""
     key = hashlib.sha256(job).digest()
     with _LOCK:
         if key not in _ENGINES:
@@ -104,7 +107,7 @@ def run_chunk(job: bytes, starts: Starts) -> ChunkResult:
 
 
 def timed(engine: Engine, starts: Starts, stopped: Stopped) -> ChunkResult:
-    """Run members, and note how long that takes."""
+    """Run members and return their results with the seconds that they took."""
     began = time.perf_counter()
     ends = engine.run(starts, stopped)
     return ChunkResult(ends, time.perf_counter() - began, engine.form, engine.side_by_side)

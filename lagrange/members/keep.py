@@ -1,4 +1,4 @@
-"""What is kept of each member: names, and quantities along its run."""
+"""The results kept of each member: columns, and reductions of expressions along its run."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ END, COUNTS, DRIFT, EVENTS = "end", "counts", "drift", "events"
 DEFAULT = (END,)
 
 STATE, TIME, STATUS, OUTPUTS = "state", "t_end", "status", "outputs"
-"""Columns: last states, times, codes of statuses, and states at output times."""
+"""Names of columns: last states, their times, status codes, and states at output times."""
 
 OUTPUT_TIME = "t"
-"""The dimension of output times, and the variable that has them."""
+"""Name of the dimension of output times, and of the variable with these times."""
 
 
 class Column(NamedTuple):
-    """An array with a row for each member: its name, shape and type of a row, and what stands where nothing does."""
+    """An array with a row for each member: its name, shape and dtype of a row, and the value `blank` without result."""
 
     name: str
     shape: tuple[int, ...]
@@ -42,24 +42,24 @@ class Column(NamedTuple):
     blank: float
 
     def empty(self, members: int) -> Any:
-        """Return the array of members of which nothing is known."""
+        """Return the array for some members, without results."""
         return np.full((members, *self.shape), self.blank, dtype=self.kind)
 
     @property
     def dimensions(self) -> tuple[str, ...]:
-        """The names of the dimensions behind that of the members; the entries of a state are variables of their own."""
+        """The names of the dimensions after that of the members; each entry of a state is a separate variable."""
         if self.name in (STATE, OUTPUTS):
             return (OUTPUT_TIME,) if self.name == OUTPUTS else ()
         return ("occurrence", "row")[: len(self.shape)]
 
     @property
     def bytes(self) -> int:
-        """How many bytes a row takes."""
+        """The bytes of a row."""
         return int(np.prod(self.shape, dtype=np.int64)) * np.dtype(self.kind).itemsize
 
 
 class Reduction(NamedTuple):
-    """An expression along a run made one number: the name of its column, how, and the expression."""
+    """An expression along a run, reduced to one number: column name, reduction such as "max", and expression."""
 
     name: str
     how: str
@@ -68,7 +68,11 @@ class Reduction(NamedTuple):
 
 @dataclass(frozen=True)
 class Keep:
-    """What is kept of each member."""
+    """The selection of results that are kept of each member.
+
+    `end` is the last state, `counts` are the numbers of steps and evaluations, `drift` is that of the energy, and
+    `events` is the number of occurrences of each event.
+    """
 
     end: bool
     counts: bool
@@ -77,7 +81,11 @@ class Keep:
     reductions: tuple[Reduction, ...]
 
     def columns(self, dimension: int, outputs: int | None, events: int, interrupted: int) -> tuple[Column, ...]:
-        """Return the columns for states, output times and events; `interrupted` is the code of a status."""
+        """Return the columns of the results.
+
+        `dimension` is 2n, `outputs` the number of output times or None, `events` the number of events, and
+        `interrupted` the status code of a member without result.
+        """
         found = [Column(TIME, (), "f8", np.nan), Column(STATUS, (), "u1", interrupted)]
         if self.end:
             found.append(Column(STATE, (dimension,), "f8", np.nan))
@@ -105,7 +113,7 @@ def event_states(k: int) -> str:
 
 
 def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
-    """Return what is to be kept. Raises StatementError for a name that is none, and for an expression that is none."""
+    """Return the checked `keep` option. Raises StatementError for unknown names and invalid expressions."""
     listed = entries((given,) if isinstance(given, str) or _is_reduction(given) or _is_first(given) else given, "keep")
     if not listed:
         raise StatementError(f'keep is {shown(given)}: give names, such as ("end", ("max", theta)).')
@@ -132,7 +140,7 @@ def keep_of(given: Any, model: Model, events: Sequence[Any]) -> Keep:
 
 
 def _add(reductions: list[Reduction], given: Reduction) -> None:
-    """Add what is made of an expression, once; another one that is written the same has a number behind its name."""
+    """Append a reduction unless it is there; a number as suffix tells apart expressions that print alike."""
     if any((one.how, one.expression) == (given.how, given.expression) for one in reductions):
         return
     names = {one.name for one in reductions}
@@ -141,12 +149,12 @@ def _add(reductions: list[Reduction], given: Reduction) -> None:
 
 
 def reduction_label(key: Any, model: Model) -> str | None:
-    """Return the name of the column of a pair such as ("max", theta), None for what is no such pair."""
+    """Return the name of the column of a pair such as ("max", theta), or None for other keys."""
     return f"{key[0]}({_written(key[1], model)})" if _is_reduction(key) else None
 
 
 def entry_for(label: str) -> str:
-    """Return what keep has to name for a column to be there, empty for what is no column."""
+    """Return the entry of `keep` that creates a column, as text for a message, or "" for an unknown column."""
     if label == DRIFT or label in COUNTED:
         return f'"{DRIFT if label == DRIFT else COUNTS}"'
     how, bracket, rest = label.partition("(")
@@ -154,7 +162,7 @@ def entry_for(label: str) -> str:
 
 
 def end_row(label: str, names: Sequence[str]) -> int | None:
-    """Return the row of the last state that a name such as theta_end means, None for any other name."""
+    """Return the row of the state for a name such as theta_end, or None for other names."""
     name = label.removesuffix("_end")
     return names.index(name) if name != label and name in names else None
 
@@ -164,7 +172,7 @@ def _is_pair(one: Any) -> bool:
 
 
 def _is_first(one: Any) -> bool:
-    """Return whether an entry is a pair such as ("events", 3); two names are no such pair."""
+    """Return True for a pair such as ("events", 3), False for two names."""
     return _is_pair(one) and one[0] == EVENTS and not isinstance(one[1], (str, list, tuple))
 
 
@@ -173,14 +181,14 @@ def _is_reduction(one: Any) -> bool:
 
 
 def _reduction(how: str, given: Any, model: Model) -> Reduction:
-    """Return what is kept of an expression, or of a coordinate or a velocity by its name."""
+    """Return the reduction of an expression, or of a coordinate or velocity given by name."""
     statement = model.statement
     expression = given
     if isinstance(given, str):
         names = statement.state_names
         one_of(given, names, "{given} in keep is no coordinate and no velocity; these are {known}.")
         expression = (*statement.coordinates, *statement.velocities)[names.index(given)]
-    # An expression of something that the system does not have is refused here, not by the first member.
+    # Raise an error for an unknown symbol here, not in the run of the first member.
     model.evaluate_expression(
         expression, np.zeros(1), np.array(statement.initial)[:, None], np.ones(len(statement.parameters))
     )
@@ -188,22 +196,22 @@ def _reduction(how: str, given: Any, model: Model) -> Reduction:
 
 
 def _quoted(one: Any, model: Model) -> str:
-    """Return an entry of keep as a message quotes it, its expression by the names of coordinates."""
+    """Return an entry of `keep` as text for a message, with the names of coordinates in its expression."""
     formula = _is_pair(one) and hasattr(one[1], "xreplace")
     return f"({shown(one[0])}, {_written(one[1], model)})" if formula else shown(one)
 
 
 def _written(expression: Any, model: Model) -> str:
-    """Return an expression by the names of coordinates."""
+    """Return an expression as text with the names of coordinates."""
     plain = dict(model.statement.plain)
     return formula(expression.xreplace(plain) if hasattr(expression, "xreplace") else expression, 80)
 
 
 STEPS_AT_ONCE = 16384
-"""So many steps are looked at together."""
+"""Number of steps whose points are evaluated in one call."""
 
 NONE = np.empty(0)
-"""The memory of a polynomial, which the path of a run has itself."""
+"""Empty work array of the search: the dense output of a run needs no polynomial memory."""
 
 
 @cache
@@ -213,21 +221,21 @@ def _search() -> Callable[..., Any]:
 
 @dataclass(frozen=True, eq=False)
 class SampledRun:
-    """A run without output times, whose accepted states are all there, with the parameters (k,) of the member."""
+    """A run with all accepted states, not reduced to output times, and the parameters (k,) of its member."""
 
     model: Model
     run: Trajectory
     parameters: FloatArray
 
     def reduced(self, reductions: Sequence[Reduction]) -> dict[str, float]:
-        """Return what is made of each expression."""
+        """Return the value of each reduction, by the name of its column."""
         if not reductions:
             return {}
-        made = [self._reduction(one) for one in reductions]
+        accumulators = [self._reduction(reduction) for reduction in reductions]
         for steps in self._steps():
-            for one in made:
-                one.add(steps)
-        return {one.name: result.value for one, result in zip(reductions, made, strict=True)}
+            for accumulator in accumulators:
+                accumulator.add(steps)
+        return {reduction.name: result.value for reduction, result in zip(reductions, accumulators, strict=True)}
 
     def _reduction(self, one: Reduction) -> _Mean | _Extremum:
         first = float(self._values(one.expression, self.run.t[:1], self.run.y[:, :1])[0])
@@ -239,23 +247,23 @@ class SampledRun:
     def _values(
         self, expression: Any, times: FloatArray, states: FloatArray, parameters: Parameters = None
     ) -> FloatArray:
-        """Return an expression at times (K,) with parameters (k, K), or those of the member."""
+        """Return an expression (K,) at times (K,) and states (2n, K), with parameters (k, K) or those of the member."""
         values = self.run.parameters_at(times, self.parameters) if parameters is None else parameters
         return self.model.evaluate_expression(expression, times, states, values)
 
     def _parameters(self, low: int, high: int) -> Parameters:
-        """Return the parameters at the points of some steps, (k, (high - low)*POINTS); see `_Steps`."""
+        """Return the parameters at the points of the steps `low` to `high` - 1, (k, (high - low)*POINTS)."""
         begin = self.run.parameters_at(self.run.t, self.parameters)
         if not (isinstance(begin, np.ndarray) and begin.ndim == 2):
             return begin
         points = np.repeat(begin[:, low:high, None], len(lobatto()[0]), axis=2)
-        # A step to the time of an event ends with the parameters before, a reset with those behind.
+        # A step to the time of an event ends with the parameters before it, a reset with those after it.
         resets = low + np.flatnonzero(np.diff(self.run.t[low : high + 1]) == 0)
         points[:, resets - low, -1] = begin[:, resets + 1]
         return points.reshape(len(begin), -1)
 
     def _steps(self) -> Iterator[_Steps]:
-        """Yield the steps in groups; a reset is one of no length."""
+        """Yield the steps in groups; a reset is a step of length zero."""
         t, y, points = self.run.t, self.run.y, lobatto()[0][1:-1]
         for low in range(0, len(t) - 1, STEPS_AT_ONCE):
             high = min(low + STEPS_AT_ONCE, len(t) - 1)
@@ -269,7 +277,7 @@ class SampledRun:
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Some steps of a run: times (k, POINTS), states (2n, k, POINTS), and parameters."""
+    """Some steps of a run: times (k, POINTS), states (2n, k, POINTS), and the parameters there."""
 
     of: SampledRun
     times: FloatArray
@@ -278,24 +286,24 @@ class _Steps:
 
     @property
     def lengths(self) -> FloatArray:
-        """How long the steps take, (k,)."""
+        """The lengths of the steps, (k,)."""
         return np.asarray(self.times[:, -1] - self.times[:, 0])
 
     def values(self, expression: Any) -> FloatArray:
         """Return an expression at the points, (k, POINTS)."""
         states = self.states.reshape(len(self.states), -1)
-        found = self.of._values(expression, self.times.ravel(), states, self.parameters)
-        return found.reshape(self.times.shape)
+        values = self.of._values(expression, self.times.ravel(), states, self.parameters)
+        return values.reshape(self.times.shape)
 
     def inside(self, expression: Any, which: Any, fractions: FloatArray) -> FloatArray:
-        """Return an expression at a fraction of each of some steps."""
+        """Return an expression inside the steps `which`, at a fraction of each."""
         times = self.times[which, 0] + fractions * self.lengths[which]
         return self.of._values(expression, times, self.of.run.dense(times))
 
 
 @dataclass
 class _Mean:
-    """The mean over time."""
+    """Accumulator of the mean of an expression over time."""
 
     of: SampledRun
     reduction: Reduction
@@ -314,7 +322,7 @@ class _Mean:
 
 @dataclass
 class _Extremum:
-    """The largest value of an expression times a sign."""
+    """Accumulator of the largest value of an expression times a sign, which is -1 for a minimum."""
 
     of: SampledRun
     reduction: Reduction
@@ -332,9 +340,9 @@ class _Extremum:
             self._search(steps, *brackets)
 
     def _brackets(self, steps: _Steps, values: FloatArray, f: FloatArray) -> Iterator[tuple[Any, Any, Any]]:
-        """Yield steps, places (3, k) and values there (3, k) about maxima that may be above all values.
+        """Yield brackets of maxima that may exceed `best`: steps (k,), fractions (3, k) and values there (3, k).
 
-        See `lagrange.procedure.members.along.raised`.
+        The bound is that of `lagrange.procedure.members.along.raised`.
         """
         x = np.broadcast_to(lobatto()[0], f.shape)
         a, b, c = f[:, :-2], f[:, 1:-1], f[:, 2:]
@@ -353,7 +361,10 @@ class _Extremum:
     def _near_end(
         self, steps: _Steps, values: FloatArray, f: FloatArray, which: Any, first: int
     ) -> tuple[Any, Any, Any]:
-        """Return those of some steps where the expression rises from the end next to the gap behind a point."""
+        """Return the brackets of those steps `which` where the expression rises from an end into the next gap.
+
+        `first` is the index of the point before the gap.
+        """
         x, near = lobatto()[0], np.full(len(which), NEAR_END if first == 0 else 1.0 - NEAR_END)
         value = steps.inside(self.reduction.expression, which, near) if len(which) else near
         rises = value * SIGNS[self.reduction.how] >= np.maximum(f[which, first], f[which, first + 1])
@@ -362,7 +373,7 @@ class _Extremum:
         return kept, places, np.array([values[kept, first], value[rises], values[kept, first + 1]])
 
     def _search(self, steps: _Steps, which: Any, places: FloatArray, values: FloatArray) -> None:
-        """Search for the largest value about some places."""
+        """Search for the largest value within brackets, fractions (3, k) with values (3, k), and update `best`."""
         expression, count = self.reduction.expression, len(which)
         if not count:
             return

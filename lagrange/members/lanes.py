@@ -1,4 +1,4 @@
-"""Members side by side in machine code: their compiled steps, and the lanes that take them."""
+"""Members in parallel vector lanes: compiled code, and the engine that runs it."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ from lagrange.trajectory.plan import Plan, StepPlan
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 MOST_WRITTEN_OUT = 3500
-"""Most operations of a series that is written out, since longer code takes long to compile.
+"""Most operations of a series that is written out; a longer series is a loop over orders.
 
-A triple pendulum has 2,900 and takes 0.97 of the time that a loop over orders takes; a chain of four links has 4,000
-and takes 1.03, one of ten 10,600 and takes 1.17. Twice as long to compile are all of them.
+Time of written-out code relative to the loop: 0.97 for a triple pendulum (2,900 operations), 1.03 for a chain of four
+links (4,000), 1.17 for a chain of ten (10,600). All of them take twice as long to compile.
 """
 
 ABOUT = "Write the parameters, and behind them what depends on them alone."
@@ -63,7 +63,7 @@ ABOUT = "Write the parameters, and behind them what depends on them alone."
 
 @dataclass(frozen=True)
 class Watched:
-    """What members watch: nodes, of which the first are the `events` of the user, and what they do."""
+    """Event functions of members: `nodes` with their reactions; the first `events` of them are the user's."""
 
     nodes: tuple[Node, ...]
     reactions: tuple[Reaction, ...]
@@ -71,20 +71,22 @@ class Watched:
 
     @classmethod
     def of(cls, impacts: Sequence[Impact]) -> Watched | None:
-        """Return what a run with some impacts watches, None where there are none."""
+        """Return the event functions and reactions of some impacts, or None without impacts."""
         if not impacts:
             return None
-        reactions = [Reaction(one.direction, one.terminal, root=one.root, smooth=one.smooth) for one in impacts]
-        nodes = tuple(one.node for one in impacts)
-        return cls(nodes, tuple(reactions), sum(not one.root for one in impacts))
+        reactions = [
+            Reaction(impact.direction, impact.terminal, root=impact.root, smooth=impact.smooth) for impact in impacts
+        ]
+        nodes = tuple(impact.node for impact in impacts)
+        return cls(nodes, tuple(reactions), sum(not impact.root for impact in impacts))
 
     def arrays(self, dimension: int) -> dict[str, Any]:
-        """Return the arrays that the loop over steps only reads."""
+        """Return the constant arrays of the loop over Taylor steps, by argument name."""
         memory = EventMemory(dimension, 0, self.reactions)
         return {"settings": memory.settings, "tilts": memory.tilts}
 
     def arrays_of_steps(self, dimension: int) -> dict[str, Any]:
-        """Return the arrays that the review of steps only reads."""
+        """Return the constant arrays of the search for events on steps of a step program, by argument name."""
         direction, terminal = np.array([(one.direction, one.terminal) for one in self.reactions], dtype=np.int64).T
         factors = 1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1)
         whole = {"direction": np.ascontiguousarray(direction), "terminal": np.ascontiguousarray(terminal)}
@@ -93,7 +95,11 @@ class Watched:
 
 @dataclass(frozen=True)
 class Wanted:
-    """What machine code does beside steps: expressions along them, their paths, and parameters of each member's own."""
+    """Tasks of the machine code beside steps.
+
+    `reductions` are evaluated along the steps, `path` is the dense output that they need, `varying` is True if each
+    member has its own parameters, and `watched` has the events.
+    """
 
     reductions: tuple[Reduction, ...]
     path: StepPolynomial | None
@@ -103,10 +109,11 @@ class Wanted:
 
 @dataclass(frozen=True, eq=False)
 class Compiled:
-    """Machine code for members, which observes so many numbers of a state, the energy and the momenta.
+    """Machine code for members.
 
-    `prepare` makes the `size` numbers that all members have, unless each has its own. `read` has arrays that are only
-    read, by the names of arguments; so many `events` are watched.
+    `prepare` computes the `size` numbers that depend on parameters alone; it is None if each member has its own
+    parameters. `observed` is the number of observed values of a state: the energy and the momenta. `read` has
+    read-only arrays by argument name. `events` is the number of the user's events.
     """
 
     code: MemberRuns
@@ -171,7 +178,7 @@ def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
 
 
 def _events(plan: TaylorPlan, watched: Watched, values: Procedure) -> Events:
-    """Return what members watch."""
+    """Return the description of the event functions for the code of members."""
     program = plan.series.program
     changing = any(one.terminal for one in watched.reactions)
     flags = {"hides_growth": program.hides_growth, "steep": program.watched_degree > plan.order}
@@ -179,14 +186,14 @@ def _events(plan: TaylorPlan, watched: Watched, values: Procedure) -> Events:
 
 
 def _jet(series: TaylorProcedures, order: int) -> WrittenJet | ByOrderJet:
-    """Return what builds the series: written out, or in a loop over orders where there are many operations."""
+    """Return the builder of the series: written out, or as a loop over orders if there are many operations."""
     if single_operations(series.packing, order) > MOST_WRITTEN_OUT:
         return ByOrderJet(pack(series.program, 1), series.numbers)
     return WrittenJet(series.packing, series.numbers, order)
 
 
 def _observed(kernels: Mapping[str, Procedure], dimension: int) -> Observed:
-    """Return the energy and the momenta of a state."""
+    """Return the procedure for the observed values of a state: the energy and the momenta."""
     p = Builder("observed", "The energy and the momenta.")
     t, y = p.given("t", REAL), p.array("y", size=2 * dimension, read=True)
     held, out = p.array("p", read=True), p.array("out", size=1 + dimension)
@@ -198,14 +205,14 @@ def _observed(kernels: Mapping[str, Procedure], dimension: int) -> Observed:
 _COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()
 
 MOST_OPERATIONS = 30_000
-"""Series with more operations are computed member by member: the coefficients of eight do not stay in the cache.
+"""Most operations of a series that lanes compute: above it the coefficients of eight members leave the cache.
 
-Five bodies in space have 10,000 to 16,000 operations and take 0.6 of the time that runs alone take, seven have 21,000
-to 33,000 and take 0.8 to 0.95, nine have 40,000 to 56,000 and take 1.1.
+Time in lanes relative to single runs: 0.6 for five bodies in space (10,000 to 16,000 operations), 0.8 to 0.95 for
+seven (21,000 to 33,000), 1.1 for nine (40,000 to 56,000).
 """
 
 UNDECIDED = 255
-"""The code of an outcome that a run alone has to explain."""
+"""Code of an outcome whose status only a single run can decide."""
 
 _STATUSES = {
     Outcome.DONE: Status.SUCCESS,
@@ -215,19 +222,19 @@ _STATUSES = {
     Outcome.STEP_TOO_SMALL: Status.STEP_TOO_SMALL,
 }
 STUCK, LOST = STATUSES.index(Status.STEP_TOO_SMALL), STATUSES.index(Status.NON_FINITE)
-"""Codes of members whose steps became too small, and of those that left the domain of their equations."""
+"""Status codes of members whose steps became too small, and of members that left the domain of their equations."""
 
 EVENT, UNFINISHED = STATUSES.index(Status.EVENT), STATUSES.index(Status.MAX_STEPS)
-"""Codes of members that an event ended, and of those that took as many steps as they may."""
+"""Status codes of members that an event ended, and of members that reached the step limit."""
 
 _OUTCOMES = [STATUSES.index(_STATUSES[one]) if one in _STATUSES else UNDECIDED for one in Outcome]
 _CODES = np.array([*_OUTCOMES, EVENT], dtype=np.uint8)
-"""The code of the status of each outcome, and behind them that of `ENDED_BY_EVENT`."""
+"""Status code by outcome; the last entry is for `ENDED_BY_EVENT`."""
 
 
 @dataclass(frozen=True, eq=False)
 class LaneEngine:
-    """Runs members by machine code; `alone` runs those that need more than that."""
+    """Runs members in vector lanes; `alone` runs the members that the lanes cannot finish."""
 
     compiled: Compiled
     plan: Plan
@@ -235,16 +242,16 @@ class LaneEngine:
 
     @property
     def form(self) -> str:
-        """How members are run."""
+        """The way in which members are run, in words."""
         return f"{self.side_by_side} members side by side"
 
     @property
     def side_by_side(self) -> int:
-        """The lanes of a vector."""
+        """The number of lanes of a vector."""
         return self.compiled.code.lanes
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
-        """Run members to their ends, all of them: machine code is not stopped, and chunks are short."""
+        """Run all members to their ends; `stopped` is unused: machine code does not stop, and chunks are short."""
         m, n = starts.states.shape
         alone, observed = self.alone, self.compiled.observed
         count = 0 if alone.times is None else len(alone.times)
@@ -279,7 +286,10 @@ class LaneEngine:
         return alone.again(starts, ends, np.flatnonzero(doubtful))
 
     def complete(self, outputs: FloatArray, wanted: FloatArray, states: FloatArray, times: FloatArray) -> None:
-        """Write the last states at an output time where a run ended, and nothing behind the last accepted step."""
+        """Write the last state where a run ended at an output time, and NaN at output times after its end.
+
+        `outputs` (m, K, 2n) is changed; `wanted` (K,) are the output times, `states` (m, 2n) and `times` (m,) the ends.
+        """
         t0, t1 = self.alone.span
         for place in np.flatnonzero((wanted == times[:, None]).any(axis=0)):
             ended = times == wanted[place]
@@ -290,10 +300,10 @@ class LaneEngine:
     def unexplained(
         self, starts: Starts, states: FloatArray, times: FloatArray, codes: NDArray[np.uint8]
     ) -> NDArray[np.bool_]:
-        """Return which members ended for a reason that a run alone has to find, and find the others.
+        """Return a mask (m,) of the members whose end only a single run can explain.
 
-        These did not begin, or their inertia may have been lost. Where steps shrank ahead of a state without slopes, a
-        domain ends there.
+        They took no step, or may have lost their inertia. Where steps shrank before a state without derivatives, the
+        domain of the equations ends; the code becomes `LOST` there.
         """
         model, (t0, t1) = self.alone.model, self.alone.span
         stuck = codes == STUCK
@@ -302,13 +312,13 @@ class LaneEngine:
             if not np.isfinite(slope_ahead(model, times[i], states[i], parameters, t1 - t0)).all():
                 codes[i] = LOST
         if self.compiled.events:
-            # A run that watches may go on where no series begins.
+            # A single run with events may continue where no series begins.
             return np.asarray((codes != SUCCESS) & (codes != EVENT) & (codes != UNFINISHED))
         lost = stuck & (codes == STUCK) & (not model.equations.structure.constant_mass)
         return np.asarray(lost | ((times == t0) & (codes != SUCCESS)))
 
     def settings(self, count: int) -> dict[str, Any]:
-        """Return the numbers that all members have; see `Tolerances.begin`."""
+        """Return the scalar arguments of the machine code for `count` members, as in `Tolerances.begin`."""
         own, (t0, t1) = self.plan.tolerances, self.alone.span
         return {
             "count": count,
@@ -323,18 +333,18 @@ class LaneEngine:
         }
 
     def numbers(self, starts: Starts) -> FloatArray:
-        """Return the parameters of all members, or what is prepared of those that all have."""
+        """Return the parameters (m, k) of all members, or the prepared numbers of the parameters that all share."""
         if self.compiled.prepare is None:
             return np.ascontiguousarray(starts.parameters)
-        made = np.zeros(self.compiled.size + 1)
-        interpret(self.compiled.prepare, starts.parameters[0].tolist(), made)
-        return made
+        prepared = np.zeros(self.compiled.size + 1)
+        interpret(self.compiled.prepare, starts.parameters[0].tolist(), prepared)
+        return prepared
 
 
 def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool) -> LaneEngine | None:
-    """Return the engine that runs members side by side, None where there is none for the model and the method.
+    """Return the engine that runs members in lanes, or None if the model or the method does not allow it.
 
-    With `varying` each member has its own parameters. What is compiled is kept for the next ensemble of the model.
+    With `varying` each member has its own parameters. The machine code is kept for the next ensemble of the model.
     """
     if not _runs_in_lanes(alone, plan, problem):
         return None
@@ -348,12 +358,12 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
 
 
 def _impacts(plan: Plan, problem: Problem) -> tuple[Impact, ...]:
-    """Return what runs watch: the events, and of series what else ends them."""
+    """Return the event functions of runs: those of the user, and for series those of singular points."""
     return plan.impacts if isinstance(plan, TaylorPlan) else impacts_of(problem.model, problem.events, np.empty(0))
 
 
 def _path_kind(plan: Plan, problem: Problem, alone: RunEngine) -> StepPolynomial | None:
-    """Return the dense output of a step program, where something is wanted inside of its steps."""
+    """Return the dense output of a step program if states inside steps are needed, else None."""
     outside = alone.times is None and not alone.keep.reductions and not problem.events
     if not isinstance(plan, StepPlan) or outside:
         return None
@@ -361,12 +371,12 @@ def _path_kind(plan: Plan, problem: Problem, alone: RunEngine) -> StepPolynomial
 
 
 def _kind(plan: Plan) -> Any:
-    """Return what machine code is made for: an order, or a step."""
+    """Return the key of a plan for compiled code: the order of a series, or the step program."""
     return plan.order if isinstance(plan, TaylorPlan) else plan.step if isinstance(plan, StepPlan) else None
 
 
 def _runs_in_lanes(alone: RunEngine, plan: Plan, problem: Problem) -> bool:
-    """Return whether there is machine code for all that a run needs."""
+    """Return True if lanes support the system, the method and the events of a problem."""
     model = alone.model
     if any(event.settings for event in problem.events):
         return False

@@ -1,4 +1,4 @@
-"""What made the results of an ensemble, and the names that a store and a table have for them."""
+"""The description of an ensemble for its store, and the names of results in stores and tables."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from lagrange.statement.stored import stored
 from lagrange.trajectory.plan import Stepped
 
 MEMBER, CHECKSUM, BLOCK, VARIABLE = "member", "checksum", "block", "variable"
-"""Dimension of the members; in a store the variable with checksums of each block of them, and its two dimensions."""
+"""Names: the dimension of members; in a store the variable of checksums, and its dimensions, block and variable."""
 
 OVER = "÷"
-"""Stands for a slash in a name of a store, where a slash would divide folders."""
+"""Replacement of a slash in the names of a store, where a slash separates folders."""
 
 
 def stored_names(column: str, names: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the variables that a column is stored as: one for each entry of a state, by its name."""
+    """Return the names of the variables of a column in a store: one for each entry of a state, else one."""
     if column == STATE:
         return tuple(f"{name}_end" for name in names)
     return names if column == OUTPUTS else (column.replace("/", OVER),)
 
 
 def start_name(label: str, names: Collection[str]) -> str:
-    """Return the name of the values with which something varies, where a state has its own."""
+    """Return the name of the varied values of a label: with the suffix `_start` for an entry of the state."""
     return f"{label}_start" if label in names else label
 
 
 def check_names(columns: Sequence[Column], names: Sequence[str], labels: Sequence[str], *, store: bool) -> None:
-    """Refuse a coordinate or a varying parameter that has the name of something else that is kept of each member."""
+    """Raise StatementError if a coordinate or a varying parameter has the name of another result."""
     kept = {column.name for column in columns}
     taken = {MEMBER, *kept - {STATE, OUTPUTS}, *((CHECKSUM,) if store else ())}
     taken.update(
@@ -59,14 +59,17 @@ def check_names(columns: Sequence[Column], names: Sequence[str], labels: Sequenc
 
 
 VERSIONS = ("numpy", "llvmlite")
-"""Packages on whose versions the last digits may depend."""
+"""Packages whose versions may affect the last digits."""
 
 LONG = ("statement", "steps", "values", "events", "expressions")
-"""What is too long for a sentence, or no more than a checksum."""
+"""Entries of a description whose values are not printed in messages: long texts and checksums."""
 
 
 def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
-    """Return what made the results, as JSON has it."""
+    """Return the description of an ensemble as JSON-ready data: versions, statement, method, options and values.
+
+    `block` is the number of members in a block of its store.
+    """
     problem, options = job.problem, job.options
     varied = hashlib.sha256()
     for values in table.varied.given.values():
@@ -99,18 +102,18 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
 
 
 def _number(given: Any, name: str) -> float | None:
-    """Return an option as JSON has it, which knows no numbers of NumPy and SymPy."""
+    """Return an option as a float for JSON, from any number of NumPy or SymPy, or None."""
     return None if given is None else real_number(given, name)
 
 
 def _event(event: Event) -> list[Any]:
-    """Return what an event is, as JSON has it."""
+    """Return the description of an event as JSON-ready data."""
     resets = [[str(key), _exactly(value)] for key, value in {**event.reset, **event.settings}.items()]
     return [_exactly(event.expression), event.direction, event.terminal, resets]
 
 
 def _exactly(expression: Any) -> str:
-    """Return an expression with all digits of its numbers; `str` leaves out the last ones."""
+    """Return an expression as text with all digits of its numbers, which `str` would round."""
     return str(sympy.srepr(expression))
 
 
@@ -122,7 +125,7 @@ def _version(package: str) -> str:
 
 
 def _steps(method: Any) -> str | None:
-    """Return a checksum of the steps of a method: two of one name may differ in their coefficients."""
+    """Return a checksum of the step program of a method: methods of the same name may have other coefficients."""
     if not isinstance(method, Stepped):
         return None
     program, numbers = method.program, dict[int, str]()
@@ -137,17 +140,17 @@ def _steps(method: Any) -> str | None:
 
 
 def difference(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
-    """Return in what an ensemble that was found differs from the one that is wanted; nothing where it does not."""
+    """Return a list, as text, of the entries in which a stored description differs from the present one, or ""."""
     differ = [name for name in wanted if found.get(name) != wanted[name]]
     if not differ:
         return ""
-    told = [f"{name} (its {listing(_parts(found, wanted))})" if name == "statement" else name for name in differ]
+    labels = [f"{name} (its {listing(_parts(found, wanted))})" if name == "statement" else name for name in differ]
     short = next((name for name in differ if name not in LONG), None)
-    return listing(told) + (f": {short} was {shown(found.get(short))} and is {shown(wanted[short])}" if short else "")
+    return listing(labels) + (f": {short} was {shown(found.get(short))} and is {shown(wanted[short])}" if short else "")
 
 
 def _parts(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
-    """Return which parts of two statements differ."""
+    """Return the names of the parts in which two statements differ."""
     try:
         old = json.loads(str(found.get("statement")))
     except ValueError:

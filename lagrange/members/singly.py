@@ -1,4 +1,4 @@
-"""Members one by one, each a run or a flow of its own, and their energies."""
+"""Members one by one, each as a separate run or flow, and their energies."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 @dataclass(frozen=True, eq=False)
 class Energies:
-    """States (m, 2n) before and after, and what was observed of them: the energy, and the momenta behind it."""
+    """States (m, 2n) at the start and the end, with the energies and momenta there, `first` and `last` (m, 1 + n)."""
 
     before: FloatArray
     after: FloatArray
@@ -41,21 +41,21 @@ class Energies:
     last: FloatArray
 
     def kinetic(self, y: FloatArray, observed: FloatArray) -> FloatArray:
-        """Return |v.p| / 2."""
+        """Return the kinetic energies (m,) as |v.p| / 2."""
         with np.errstate(all="ignore"):
             return np.asarray(np.abs(np.sum(y[:, y.shape[1] // 2 :] * observed[:, 1:], axis=1)) / 2)
 
     @property
     def drift(self) -> FloatArray:
-        """How far the energies moved; see `relative_drift`."""
+        """The relative changes of the energies (m,), by `relative_drift`."""
         kinetic = self.kinetic(self.before, self.first), self.kinetic(self.after, self.last)
         return relative_drift(self.first[:, 0], self.last[:, 0], *kinetic)
 
     @property
     def moved(self) -> NDArray[np.bool_]:
-        """Which members changed their energy so much that a run alone has to say whether it follows the motion.
+        """A mask (m,) of members whose energy changed so much that a single run has to test its result.
 
-        These are the first tests of `lagrange.trajectory.conservation`.
+        The limits are those of the first tests in `lagrange.trajectory.conservation`.
         """
         with np.errstate(all="ignore"):
             change = np.abs(self.last[:, 0] - self.first[:, 0])
@@ -65,15 +65,15 @@ class Energies:
 
 
 def relative_drift(first: FloatArray, last: FloatArray, kinetic: FloatArray, after: FloatArray) -> FloatArray:
-    """Return by how much energies (m,) went from their first values, relative to the largest of these and the others.
+    """Return the changes of energies (m,), relative to the largest of the first energy and the kinetic energies.
 
     `kinetic` (m,) are the kinetic energies at the start, `after` (m,) those at the end.
     """
     scale = np.maximum(np.maximum(np.abs(first), kinetic), after)
     with np.errstate(all="ignore"):
-        found = np.where(scale > 0, (last - first) / scale, last - first)
+        change = np.where(scale > 0, (last - first) / scale, last - first)
     # The sign of a NaN depends on its place in the array.
-    return np.asarray(np.where(np.isnan(found), np.nan, found))
+    return np.asarray(np.where(np.isnan(change), np.nan, change))
 
 
 def energies_of(
@@ -83,9 +83,9 @@ def energies_of(
     span: tuple[float, float],
     last_parameters: FloatArray | None = None,
 ) -> Energies:
-    """Return the energies of members that went from their starts to states (m, 2n).
+    """Return the energies of members at their starts and at their last states `after` (m, 2n).
 
-    `last_parameters` (m, k) are those at the end, where events set some.
+    `last_parameters` (m, k) are the parameters at the end if events set some.
     """
     first = _observed(model, starts.states, span[0], starts.parameters)
     last = _observed(model, after, span[1], starts.parameters if last_parameters is None else last_parameters)
@@ -102,11 +102,11 @@ def _observed(model: Model, y: FloatArray, t: float, parameters: FloatArray) -> 
 
 
 BY_NUMPY = " by numpy"
-"""How the form of runs ends for which nothing is compiled."""
+"""Suffix of the form of runs without compiled code."""
 
 
 class Explained(NamedTuple):
-    """How a run ended: its status, the time, and its sentence."""
+    """The end of a run: its status, time and message."""
 
     status: Status
     t: float
@@ -115,7 +115,7 @@ class Explained(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class RunEngine:
-    """Runs of a model over a span with the same options; `columns` are kept."""
+    """Runs members one by one over a span with the same options; `times` (K,) are output times or None."""
 
     model: Model
     span: tuple[float, float]
@@ -135,7 +135,7 @@ class RunEngine:
         return 1
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
-        """Run members; a start that a run refuses is a member that did not begin, and says why."""
+        """Run members one by one. A start that a run refuses gives a member without steps, and its message."""
         found = Ends({column.name: column.empty(len(starts)) for column in self.columns})
         for i in range(len(starts)):
             if stopped():
@@ -154,17 +154,17 @@ class RunEngine:
         return found
 
     def again(self, starts: Starts, ends: Ends, which: NDArray[np.intp]) -> Ends:
-        """Run some members, and put what they give in the place of what is there."""
+        """Run the members `which` again, replace their results in `ends`, and return it."""
         if not len(which):
             return ends
-        found = self.run(starts.of(which), lambda: False)
-        for name, rows in found.columns.items():
+        results = self.run(starts.of(which), lambda: False)
+        for name, rows in results.columns.items():
             ends.columns[name][which] = rows
-        ends.messages.update({int(which[i]): text for i, text in found.messages.items()})
+        ends.messages.update({int(which[i]): text for i, text in results.messages.items()})
         return ends
 
     def explained(self, start: Starts) -> Explained:
-        """Return how a run of one member ends, in words."""
+        """Run one member and return the end of its run, with a message."""
         try:
             run = self.alone(start)
         except StatementError as refusal:
@@ -172,7 +172,7 @@ class RunEngine:
         return Explained(run.status, run.span[1], run.message)
 
     def alone(self, start: Starts) -> Trajectory:
-        """Run one member."""
+        """Run one member and return its trajectory."""
         statement, names = self.model.statement, self.model.layout.names()
         values = dict(zip(statement.parameters, start.parameters[0].tolist(), strict=True))
         initial = dict(zip(names, start.states[0].tolist(), strict=True))
@@ -181,14 +181,17 @@ class RunEngine:
 
     @property
     def recorded(self) -> FloatArray | None:
-        """The times at which a run keeps its states, None for all steps: of events alone it need not keep those."""
+        """The output times of a single run, or None to keep all steps.
+
+        All steps are kept for reductions, and for the last state or the drift without output times.
+        """
         keep = self.keep
         if keep.reductions or (self.times is None and (keep.end or keep.drift)):
             return None
         return np.array(self.span[1:]) if self.times is None else self.times
 
     def row(self, run: Trajectory, start: Starts) -> dict[str, Any]:
-        """Return what is kept of a run."""
+        """Return the results of a run by column name; `start` is its member."""
         dimension = self.model.layout.size
         found: dict[str, Any] = {TIME: run.span[1], STATUS: STATUSES.index(run.status)}
         if self.keep.end:
@@ -210,24 +213,24 @@ class RunEngine:
         return found
 
     def end(self, run: Trajectory) -> FloatArray:
-        """Return the last state that a run reached."""
+        """Return the last state (2n,) that a run reached."""
         return run.dense(np.array([run.span[1]]))[:, 0]
 
     def outputs(self, run: Trajectory, times: FloatArray) -> FloatArray:
-        """Return the states (K, 2n) at the output times (K,) that the run reached, NaN behind."""
-        found = np.full((len(times), self.model.layout.size), np.nan)
+        """Return the states (K, 2n) at the output times (K,), NaN at those that the run did not reach."""
+        states = np.full((len(times), self.model.layout.size), np.nan)
         if not self.keep.reductions:
-            found[: len(run.t)] = run.y.T
-            return found
+            states[: len(run.t)] = run.y.T
+            return states
         low, high = sorted(run.span)
         reached = (times >= low) & (times <= high)
-        found[reached] = run.dense(times[reached]).T
-        return found
+        states[reached] = run.dense(times[reached]).T
+        return states
 
 
 @dataclass(frozen=True, eq=False)
 class FlowEngine:
-    """Runs members by the flow of a model; `alone` runs those that do not get to the end, and says why."""
+    """Runs members by the flow of a model; `alone` repeats those that do not reach the end, for their message."""
 
     alone: RunEngine
     flow: Flow
@@ -267,7 +270,7 @@ class FlowEngine:
 
 
 def flow_engine(alone: RunEngine) -> FlowEngine | None:
-    """Return the engine that runs members by a flow, None where more than last states is kept."""
+    """Return the engine that runs members by a flow, or None if more than the last states is kept."""
     if {column.name for column in alone.columns} - {STATE, TIME, STATUS}:
         return None
     return FlowEngine(alone, Flow(alone.model, alone.options))

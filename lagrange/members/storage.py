@@ -1,4 +1,4 @@
-"""What keeps the results of an ensemble: memory, or a store on a disk; see `lagrange.members.store`."""
+"""Storage of the results of an ensemble in memory; for a store on disk see `lagrange.members.store`."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Report = Callable[[float], None] | None
 
 
 class ResultStorage(ABC):
-    """Where results are kept: `left` are blocks of members that are still to be run, `ran` counts those that were."""
+    """Storage of results. `left` are the bounds of blocks of members still to be run, `ran` is the number of runs."""
 
     def __init__(self, job: Job, left: list[tuple[int, int]]) -> None:
         self.job, self.left = job, left
@@ -31,20 +31,20 @@ class ResultStorage(ABC):
 
     @abstractmethod
     def take(self, first: int, done: ChunkResult) -> None:
-        """Keep the results of members from a number on."""
+        """Keep the results of a chunk; `first` is the number of its first member."""
 
     @abstractmethod
     def close(self) -> None:
-        """Keep no more."""
+        """Finish writing."""
 
     @property
     def members_left(self) -> int:
-        """How many members are still to be run."""
+        """The number of members still to be run."""
         return sum(end - begin for begin, end in self.left)
 
     @property
     def form(self) -> str:
-        """How members were run; where they ran as others would not here, that their last digits may differ."""
+        """The ways in which members were run, with a note if their last digits may differ from this machine."""
         said = ["; ".join(self.forms) or "all members were stored"]
         machine = self.job.problem.model.machine
         if machine.processor and any(form.endswith(BY_NUMPY) for form in self.forms):
@@ -54,7 +54,10 @@ class ResultStorage(ABC):
         return "; ".join(said) + (": the last digits may differ from those of this machine" if said[1:] else "")
 
     def reporting(self, report: Report, before: int) -> Callable[[int, ChunkResult], None]:
-        """Return what keeps the results of a chunk, and tells how many members are done, with those of before."""
+        """Return a callback that keeps the results of a chunk and reports the number of finished members.
+
+        `before` is the number of members that were finished before this call.
+        """
 
         def keep(first: int, done: ChunkResult) -> None:
             self.forms[done.form] = None
@@ -84,12 +87,12 @@ class ArrayStorage(ResultStorage):
         """Arrays are not closed."""
 
     def take(self, first: int, done: ChunkResult) -> None:
-        """Put the results into their places."""
+        """Copy the results of a chunk into the arrays, from row `first` on."""
         self._results.take(first, done.ends)
 
 
 def kept_in_memory(job: Job, table: MemberTable) -> ArrayStorage:
-    """Return what keeps results in memory. Raises StatementError where they take more than a quarter of it."""
+    """Return the storage of results in memory. Raises StatementError if they need more than a quarter of it."""
     members, columns = len(table), job.columns
     taken, limit = members * sum(column.bytes for column in columns), machine_memory() / MEMORY_DIVISOR
     if taken > limit:

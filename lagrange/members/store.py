@@ -1,4 +1,4 @@
-"""A store of results on a disk, in the format zarr: its folder, its blocks with checksums, its lock."""
+"""A store of results on disk in the zarr format: its folder, its blocks with checksums, and its lock."""
 
 from __future__ import annotations
 
@@ -32,18 +32,18 @@ if sys.platform != "win32":
     import fcntl
 
 LOCK = ".lock"
-"""The name of the file, which says who writes. It is removed at the end, and one that was left behind harms nothing."""
+"""Name of the lock file, which names the writing process. It is removed at the end; a stale one does no harm."""
 
 _HELD: set[str] = set()
 _CHANGING = threading.Lock()
-"""The stores that this process writes to: the locks of the system tell processes apart, and not threads."""
+"""Stores that this process writes to. System locks exclude other processes, but not other threads."""
 
 
 class StoreLock:
-    """The right to write to a store, until it is closed. Raises RunError where another call has it.
+    """The exclusive right to write to a store until `close`. Raises RunError if another call has it.
 
-    The lock is one of `lockf`: workers that a process forks do not keep it when that process is killed. There is none
-    where the file cannot be made, as in a store that may only be read, and where there are no locks.
+    The lock is one of `lockf`, so forked workers do not keep it after their parent process was killed. No lock is
+    taken if its file cannot be made, as in a read-only store, or if the system has no locks.
     """
 
     def __init__(self, path: Path) -> None:
@@ -55,7 +55,7 @@ class StoreLock:
             _HELD.add(self._key)
 
     def close(self) -> None:
-        """Let other calls write."""
+        """Release the lock, so that other calls may write."""
         with _CHANGING:
             _HELD.discard(self._key)
             if self._descriptor >= 0:
@@ -66,7 +66,7 @@ class StoreLock:
 
 
 def _locked(store: Path, path: Path) -> int:
-    """Return the descriptor of a file that is locked, -1 where there are no locks."""
+    """Return the descriptor of the locked file, or -1 without a lock. Raises RunError if it is locked already."""
     if sys.platform == "win32":
         return -1
     while True:
@@ -88,7 +88,7 @@ def _locked(store: Path, path: Path) -> int:
                 os.ftruncate(descriptor, 0)
                 os.write(descriptor, f"process {os.getpid()} on {socket.gethostname()}".encode())
             return descriptor
-        os.close(descriptor)  # who had the lock before has removed the file
+        os.close(descriptor)  # the former owner of the lock removed the file in between
 
 
 def _taken(store: Path, owner: str) -> RunError:
@@ -102,12 +102,12 @@ DAMAGE = (
     *(KeyError, TypeError, ValueError, RuntimeError, AttributeError, ArithmeticError, IndexError, EOFError),
     *(ImportError, MemoryError, OSError, zlib.error),
 )
-"""Errors that zarr raises where files of a store are missing, changed, or none of its own."""
+"""Errors that zarr raises if files of a store are missing, changed, or not in its format."""
 
 
 @contextmanager
 def reading(path: Path) -> Iterator[None]:
-    """Raise RunError where files of a store are damaged."""
+    """Translate errors of reading a store into RunError for a damaged store."""
     try:
         yield
     except DAMAGE as error:
@@ -115,7 +115,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def damaged(path: Path, reason: str) -> RunError:
-    """Return the error of a store whose files are not those that were written."""
+    """Return the error for a store whose files differ from those that were written."""
     return RunError(
         f"{str(path)[:120]} is damaged ({reason}): make the same call again, which runs the members of damaged blocks "
         "again, give another store, or restore this one."
@@ -123,14 +123,14 @@ def damaged(path: Path, reason: str) -> RunError:
 
 
 def checksum(rows: Any) -> int:
-    """Return 64 bits of a digest of rows with their type and shape, never 0: that means rows that were not written."""
+    """Return 64 bits of a digest of rows with their type and shape. It is never 0, which marks unwritten rows."""
     digest = hashlib.blake2b(f"{rows.dtype.str} {rows.shape}".encode(), digest_size=8)
     digest.update(np.ascontiguousarray(rows).data if rows.size else b"")
     return int.from_bytes(digest.digest(), "little") or 1
 
 
 class StoreBlocks:
-    """The blocks of a store: `names` are its variables, with a row for each of the members."""
+    """The blocks of a store, of `size` members each; `names` are its variables, with a row for each member."""
 
     def __init__(self, path: Path, group: Any, names: Sequence[str], members: int, size: int) -> None:
         self.path, self.group, self.names, self.size = path, group, tuple(names), size
@@ -141,8 +141,8 @@ class StoreBlocks:
         return k * self.size, min((k + 1) * self.size, self._members)
 
     def left(self) -> list[tuple[int, int]]:
-        """Return the bounds of blocks that are still to be run; damaged ones are marked as not written."""
-        found = []
+        """Return the bounds of blocks that are not written; damaged blocks are marked as not written, too."""
+        unwritten = []
         for k in range(self.count):
             try:
                 sums = self._sums(k)
@@ -152,18 +152,18 @@ class StoreBlocks:
             if not whole:
                 if sums is None or sums.any():
                     self.group[CHECKSUM][k] = 0
-                found.append(self.bounds(k))
-        return found
+                unwritten.append(self.bounds(k))
+        return unwritten
 
     def write(self, k: int, rows: dict[str, Any]) -> None:
-        """Write a block, its status last, and then its checksums."""
+        """Write a block: its variables, the status last, and then the checksums."""
         begin, end = self.bounds(k)
         for name in sorted(rows, key=STATUS.__eq__):
             self.group[name][begin:end] = rows[name]
         self.group[CHECKSUM][k] = np.array([checksum(rows[name]) for name in self.names], dtype="u8")
 
     def column(self, name: str, blank: Any) -> Any:
-        """Return a variable of all members, blank where it was not written. Raises RunError where it is damaged."""
+        """Return a variable of all members, `blank` in unwritten blocks. Raises RunError if a block is damaged."""
         with reading(self.path):
             sums, rows = np.asarray(self.group[CHECKSUM][:]), np.asarray(self.group[name][:])
         for k in range(self.count):
@@ -172,7 +172,7 @@ class StoreBlocks:
         return rows
 
     def row(self, name: str, member: int, blank: Any) -> Any:
-        """Return a variable of one member; see `column`."""
+        """Return a variable of one member, `blank` in an unwritten block. Raises RunError if the block is damaged."""
         k = member // self.size
         begin, end = self.bounds(k)
         with reading(self.path):
@@ -180,7 +180,7 @@ class StoreBlocks:
         return np.broadcast_to(self._checked(name, k, rows, sums, blank), rows.shape)[member - begin]
 
     def _checked(self, name: str, k: int, rows: Any, sums: Any, blank: Any) -> Any:
-        """Return the rows of a block as they were written."""
+        """Return the rows of a block, or `blank` if it is not written. Raises RunError if a checksum differs."""
         if not sums.all():
             return blank
         if checksum(rows) != sums[self.names.index(name)]:
@@ -196,12 +196,12 @@ class StoreBlocks:
 
 
 def same_array(found: Any, wanted: Any) -> bool:
-    """Return whether an array of a store is laid out as it was made; codecs may differ between versions of zarr."""
+    """Return True if two arrays have the same layout; codecs are not compared, as they differ between zarr versions."""
     return bool(_layout(found) == _layout(wanted))
 
 
 def same_values(found: Any, wanted: FloatArray) -> bool:
-    """Return whether an array has these values."""
+    """Return True if an array of a store has exactly these values."""
     return bool(np.array_equal(np.asarray(found[:]), wanted))
 
 
@@ -211,11 +211,11 @@ def _layout(array: Any) -> tuple[Any, ...]:
 
 
 ATTRIBUTES = "lagrange"
-"""The attributes that say what was run."""
+"""Name of the attribute of a store that describes its ensemble."""
 
 
 def folder_of(store: Any) -> Path:
-    """Return the path of a store. Raises StatementError for what no folder can be called."""
+    """Return the path of a store. Raises StatementError for an argument that is not the name of a local folder."""
     if not isinstance(store, (str, os.PathLike)) or not str(store):
         raise StatementError(f'store is {shown(store)}: give the name of a folder, such as "runs.zarr".')
     if "://" in str(store):
@@ -226,7 +226,7 @@ def folder_of(store: Any) -> Path:
 
 
 def find_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
-    """Make a store where there is none; refuse one of anything else. See `lagrange.members.store.kept_in_store`."""
+    """Make a store if `path` does not exist. Raises StatementError if it holds anything but this ensemble."""
     zarr = _zarr()
     if not os.path.lexists(path):
         _make(zarr, path, job, table, made_of)
@@ -234,9 +234,9 @@ def find_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, A
 
 
 def open_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> StoreBlocks:
-    """Return the blocks of a store that is there, without what a call that was killed left of a file.
+    """Return the blocks of an existing store.
 
-    What describes its arrays is written again where it is missing or has changed.
+    Partial files of a killed call are removed. Array descriptions that are missing or changed are written again.
     """
     zarr = _zarr()
     with writing(path):
@@ -251,7 +251,7 @@ def open_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, A
 
 
 def _restore(zarr: Any, path: Path, files: Mapping[str, bytes]) -> None:
-    """Write the files that describe an array, where it is missing or differs from the one that was made."""
+    """Write the files of an array again if it is missing, or differs in layout from the array of `files`."""
     buffer = zarr.core.buffer.default_buffer_prototype().buffer.from_bytes
     made = zarr.open_group(zarr.storage.MemoryStore({name: buffer(text) for name, text in files.items()}), mode="r")
     for name, wanted in made.arrays():
@@ -277,16 +277,16 @@ def _zarr() -> Any:
 
 
 def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
-    """Refuse a folder that holds anything but this ensemble."""
+    """Raise StatementError for a folder that holds anything but this ensemble."""
     try:
-        found = dict(zarr.open_group(str(path), mode="r").attrs).get(ATTRIBUTES)
+        stored = dict(zarr.open_group(str(path), mode="r").attrs).get(ATTRIBUTES)
     except PermissionError as error:
         raise StatementError(f"{path} may not be read: give another store, or the right to read it.") from error
     except DAMAGE:
-        found = None
-    if not isinstance(found, dict):
+        stored = None
+    if not isinstance(stored, dict):
         raise StatementError(f"{path} exists and is no store of an ensemble: give another name. It was left as it is.")
-    if differs := difference(found, made_of):
+    if differs := difference(stored, made_of):
         raise StatementError(
             f"{path} holds another ensemble, which differs in {differs}. It was left as it is: give another store, or "
             "make the call that it was made by."
@@ -294,7 +294,7 @@ def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
 
 
 def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> None:
-    """Make a store whose blocks are all to be written; it has its name when it is whole."""
+    """Make a store without results; it is written to a temporary folder, which is renamed when it is complete."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", dir=path.parent))
@@ -308,16 +308,16 @@ def _make(zarr: Any, path: Path, job: Job, table: MemberTable, made_of: Mapping[
     except BaseException as error:
         shutil.rmtree(folder, ignore_errors=True)
         if isinstance(error, OSError) and error.errno in (errno.ENOTEMPTY, errno.EEXIST) and path.is_dir():
-            return  # another call has made it since
+            return  # another call made the store meanwhile
         if isinstance(error, OSError):
             raise _not_made(path, error) from error
         raise
 
 
 def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> dict[str, bytes]:
-    """Return the files of a store without results.
+    """Return the contents of the files of a store without results, by path.
 
-    They are made in memory: zarr writes files from several threads, some of which go on after one of them failed.
+    They are made in memory, since zarr writes files by several threads, some of which continue after a failure.
     """
     members, block = len(table), made_of["block"]
     attributes = {ATTRIBUTES: dict(made_of), "statuses": [one.value for one in STATUSES]}
@@ -353,13 +353,13 @@ def _files(zarr: Any, job: Job, table: MemberTable, made_of: Mapping[str, Any]) 
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file and the folder that it is in."""
+    """Write a file, and make its folder if it does not exist."""
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(content)
 
 
 def _not_made(path: Path, error: OSError | ValueError) -> StatementError | RunError:
-    """Return what to say of a store that could not be made: of a full disk, or of a place that cannot have it."""
+    """Return the error for a store that could not be made: RunError for a full disk, else StatementError."""
     number, reason = (error.errno, error.strerror) if isinstance(error, OSError) else (None, None)
     reason = reason or str(error)
     if number in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO):
@@ -369,7 +369,7 @@ def _not_made(path: Path, error: OSError | ValueError) -> StatementError | RunEr
 
 @contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Say what a disk that fails means for the ensemble."""
+    """Translate errors of the disk into RunError with the remedy for the ensemble."""
     try:
         yield
     except OSError as error:
@@ -380,28 +380,28 @@ def writing(path: Path) -> Iterator[None]:
 
 
 def variables_of(job: Job, table: MemberTable, begin: int, end: int, results: Results) -> dict[str, Any]:
-    """Return the variables of members by name, each with a row for every member."""
+    """Return the stored variables of the members from `begin` to before `end`, by name, with a row for each."""
     names = job.problem.model.layout.names()
-    found: dict[str, Any] = {}
+    variables: dict[str, Any] = {}
     for column in job.columns:
         rows, parts = results.column(column.name), stored_names(column.name, names)
         apart = column.name in (STATE, OUTPUTS)
-        found |= {one: rows[..., i] for i, one in enumerate(parts)} if apart else {parts[0]: rows}
+        variables |= {part: rows[..., i] for i, part in enumerate(parts)} if apart else {parts[0]: rows}
     which = np.arange(begin, end)
     for key, label in zip(table.varied.keys, table.labels, strict=True):
-        found[start_name(label, names)] = table.varied.values(key, which)
-    return found
+        variables[start_name(label, names)] = table.varied.values(key, which)
+    return variables
 
 
 BLOCK_BYTES, LARGEST_BLOCK = 2**23, 2**16
-"""A block takes about 8 MB, or has 65,536 members: some thousand files for a billion numbers, each quickly written."""
+"""Bytes of a block, about 8 MB, and its largest number of members: a thousand files for a billion numbers."""
 
 MOST_BLOCKS = 10**6
-"""A store has no more blocks, each of which has a file for every variable: 8 TB of results are enough for one."""
+"""Largest number of blocks of a store, 8 TB of results: each block has a file for every variable."""
 
 
 class ZarrStorage(ResultStorage):
-    """Results kept in a store on a disk; blocks that are not whole yet are in memory."""
+    """Results kept in a store on disk; incomplete blocks are kept in memory."""
 
     def __init__(self, job: Job, table: MemberTable, blocks: StoreBlocks, lock: StoreLock) -> None:
         with writing(blocks.path):
@@ -410,16 +410,16 @@ class ZarrStorage(ResultStorage):
         self._open: dict[int, tuple[Results, int]] = {}
 
     def close(self) -> None:
-        """Let other calls write to the store."""
+        """Release the lock of the store."""
         self._lock.close()
 
     @property
     def results(self) -> StoredResults:
-        """The results, read when they are asked for."""
+        """The results, which are read from disk at each access."""
         return StoredResults(self._blocks, self.job)
 
     def take(self, first: int, done: ChunkResult) -> None:
-        """Keep members of a block; write it when it is whole."""
+        """Keep the results of the members from number `first` on, all in one block; write the block once complete."""
         k = first // self._blocks.size
         begin, end = self._blocks.bounds(k)
         if k not in self._open:
@@ -433,14 +433,14 @@ class ZarrStorage(ResultStorage):
             del self._open[k]
 
     def write(self, k: int, begin: int, end: int, results: Results) -> None:
-        """Write a block."""
+        """Write block k, of the members from `begin` to before `end`."""
         rows = variables_of(self.job, self._table, begin, end, results)
         with reading(self._blocks.path), writing(self._blocks.path):
             self._blocks.write(k, rows)
 
 
 class StoredResults:
-    """The results in a store; each column is read whole when it is asked for, and blocks that are not done are blank.
+    """The results in a store. Each access reads a whole column; unwritten blocks are blank.
 
     A call that was stopped within a block may have written a part of it.
     """
@@ -451,14 +451,14 @@ class StoredResults:
         self._blocks, self._job = blocks, job
 
     def column(self, name: str) -> Any:
-        """Return a column, with a row for each member. Raises RunError where the store cannot be read."""
-        found = [self._blocks.column(part, self._blank(name)) for part in self._parts(name)]
-        return np.stack(found, axis=-1) if name in (STATE, OUTPUTS) else found[0]
+        """Return a column, with a row for each member. Raises RunError if the store cannot be read."""
+        variables = [self._blocks.column(part, self._blank(name)) for part in self._parts(name)]
+        return np.stack(variables, axis=-1) if name in (STATE, OUTPUTS) else variables[0]
 
     def row(self, name: str, member: int) -> Any:
-        """Return the entry of a column for one member. Raises RunError where the store cannot be read."""
-        found = [self._blocks.row(part, member, self._blank(name)) for part in self._parts(name)]
-        return np.stack(found, axis=-1) if name in (STATE, OUTPUTS) else found[0]
+        """Return the entry of a column for one member. Raises RunError if the store cannot be read."""
+        variables = [self._blocks.row(part, member, self._blank(name)) for part in self._parts(name)]
+        return np.stack(variables, axis=-1) if name in (STATE, OUTPUTS) else variables[0]
 
     def _parts(self, name: str) -> tuple[str, ...]:
         return stored_names(name, self._job.problem.model.layout.names())
@@ -468,10 +468,10 @@ class StoredResults:
 
 
 def kept_in_store(job: Job, table: MemberTable, store: str | os.PathLike[str]) -> ZarrStorage:
-    """Return what keeps results in a store, which is made, or goes on where it stopped.
+    """Return the storage of results in a folder. The store is made, or continued if it exists.
 
-    Raises StatementError for a folder that holds something else, for too many results, and without zarr; RunError for
-    a full disk, for a store that is damaged and for one that another call writes to.
+    Raises StatementError for a folder with other contents, for too many results, and without zarr. Raises RunError for
+    a full disk, for a damaged store, and for a store that another call writes to.
     """
     path = folder_of(store)
     one = sum(column.bytes for column in job.columns)

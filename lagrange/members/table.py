@@ -1,4 +1,4 @@
-"""The members of an ensemble as a table: what all have, and what varies between them."""
+"""The members of an ensemble as a table: common values, and values that vary between members."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from lagrange.trajectory.trajectory import FloatArray
 
 @dataclass(frozen=True, eq=False)
 class MemberTable:
-    """Members: a first state (2n,) and parameters (k,) that all have but for what varies.
+    """Members by their common state (2n,) and parameters (k,), and by the entries that vary.
 
-    `rows` has for each entry of the state that varies the key that it varies with, `columns` for each parameter.
+    `rows` maps rows of the state, and `columns` indices of parameters, to the keys of `varied` that replace them.
     """
 
     varied: Varied
@@ -37,16 +37,16 @@ class MemberTable:
 
     @property
     def varying(self) -> bool:
-        """Whether parameters vary."""
+        """True if parameters vary."""
         return bool(self.columns)
 
     @cached_property
     def labels(self) -> tuple[str, ...]:
-        """The names of what varies."""
+        """The names of the varying keys."""
         return tuple(label_of(key) for key in self.varied.keys)
 
     def starts(self, which: MemberNumbers) -> Starts:
-        """Return where some members start."""
+        """Return the initial values of the members `which` (m,)."""
         states = np.repeat(self.state[None], len(which), axis=0)
         for row, key in self.rows.items():
             states[:, row] = self.varied.values(key, which)
@@ -57,10 +57,10 @@ class MemberTable:
 
 
 def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
-    """Return the members that arrays, grids and samples state.
+    """Return the table of members from arrays, grids and samples.
 
     Both `initial` and `parameters` may be a dict from key to number or array, or a grid or a sample, which may have
-    keys of either kind. Raises StatementError where lengths differ, and for a name that is none.
+    keys of both kinds. Raises StatementError for different lengths and for unknown names.
     """
     statement = model.statement
     sources: list[Varied] = []
@@ -84,7 +84,7 @@ def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
 
 
 def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[int, Any]]:
-    """Return the keys that vary by their rows of the state, and by their places among the parameters."""
+    """Return the varying keys by row of the state, and by index of the parameter."""
     statement = model.statement
     rows, by_name = state_rows(statement.coordinates), {p.name: i for i, p in enumerate(statement.parameters)}
     of_state, of_parameters = dict[int, Any](), dict[int, Any]()
@@ -104,7 +104,7 @@ def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[int, Any
 
 
 def _check_signs(model: Model, varied: Varied, columns: Mapping[int, Any]) -> None:
-    """Refuse values below zero of parameters that were declared positive, as a run does."""
+    """Raise StatementError for negative values of parameters that were declared positive, as a run does."""
     for column, key in columns.items():
         symbol = model.statement.parameters[column]
         if symbol.is_nonnegative:
@@ -113,16 +113,16 @@ def _check_signs(model: Model, varied: Varied, columns: Mapping[int, Any]) -> No
 
 
 def _check_held(varied: Varied, plain: Mapping[str, Mapping[Any, Any]]) -> None:
-    """Refuse a number for what varies."""
+    """Raise StatementError for a key that varies and has a common value as well."""
     labels = {label_of(key) for key in varied.keys}
     for given in plain.values():
-        held = next((label_of(key) for key in given if label_of(key) in labels), None)
-        if held is not None:
-            raise StatementError(f"{held} varies between the members, and has one value as well: give one of the two.")
+        twice = next((label_of(key) for key in given if label_of(key) in labels), None)
+        if twice is not None:
+            raise StatementError(f"{twice} varies between the members, and has one value as well: give one of the two.")
 
 
 def _divided(what: str, given: Any) -> tuple[dict[Any, Any], list[Varied]]:
-    """Return the numbers that all members have, and what varies."""
+    """Return the common numbers by key, and the varying values."""
     if given is None:
         return {}, []
     if isinstance(given, Varied):
@@ -142,9 +142,9 @@ def _divided(what: str, given: Any) -> tuple[dict[Any, Any], list[Varied]]:
 
 
 def _varies(given: Any) -> bool:
-    """Return whether a value is one for each member: a list, an array, or what NumPy takes for one, such as a Series.
+    """Return True if a value has an entry for each member: a list, an array, or a pandas Series.
 
-    MemberNumbers of NumPy and SymPy are none, and neither is an array without dimensions.
+    Numbers of NumPy and SymPy and arrays without dimensions do not.
     """
     if isinstance(given, (list, tuple, range)):
         return True
@@ -152,7 +152,7 @@ def _varies(given: Any) -> bool:
 
 
 def _values(label: str, given: Any) -> FloatArray:
-    """Return the values of members."""
+    """Return the values (members,) of a key. Raises StatementError for other shapes and values that are not finite."""
     values = real_array(given, label)
     if values.ndim != 1:
         raise StatementError(
@@ -167,7 +167,7 @@ def _values(label: str, given: Any) -> FloatArray:
 
 
 def _together(sources: list[Varied]) -> Varied:
-    """Return what varies as one, member by member."""
+    """Return varying values joined member by member. Raises StatementError for different lengths and equal keys."""
     if len(sources) == 1:
         return sources[0]
     lengths = {label_of(key): len(one) for one in sources for key in one.keys}

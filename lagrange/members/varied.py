@@ -1,4 +1,4 @@
-"""What varies between members: arrays of values, products of them, and samples of distributions."""
+"""Values that vary between members: arrays, grids (products of arrays), and samples of distributions."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ MemberNumbers = NDArray[np.int64]
 
 
 MOST_MEMBERS = 10**12
-"""No grid has more members: at a microsecond each they would take eleven days, and end in 10 TB of results."""
+"""Largest number of members of a grid: at 1 us each they take eleven days, with 10 TB of results."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Varied(ABC):
-    """Values of coordinates, velocities and parameters for members from 0 on; the last axis varies fastest.
+    """Values of coordinates, velocities and parameters by member; in a grid the last axis varies fastest.
 
-    `given` are the values that were stated, by key; `drawn` says how random ones were drawn.
+    `given` are the stated values by key. `drawn` describes the sampling of random values.
     """
 
     given: Mapping[Any, FloatArray]
@@ -39,7 +39,7 @@ class Varied(ABC):
     @property
     @abstractmethod
     def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
-        """The independent axes by name, with their values: one for each member of a product, else their numbers."""
+        """The independent axes by name: of a grid with their values, else one axis with the numbers of the members."""
 
     @abstractmethod
     def values(self, key: Any, which: MemberNumbers) -> FloatArray:
@@ -47,11 +47,11 @@ class Varied(ABC):
 
     @property
     def keys(self) -> tuple[Any, ...]:
-        """What varies: coordinates, velocities, parameters, or their names."""
+        """The keys that vary: coordinates, velocities, parameters, or their names."""
         return tuple(self.given)
 
     def __getitem__(self, key: Any) -> FloatArray:
-        """Return the values with which something varies, (members,). Raises StatementError for what does not."""
+        """Return the values (members,) of a key. Raises StatementError for a key that does not vary."""
         by_label = {label_of(known): known for known in self.keys}
         label = one_of(label_of(key), by_label, "{given} does not vary between the members; what varies is {known}.")
         return self.values(by_label[label], np.arange(len(self)))
@@ -87,7 +87,7 @@ class Arrays(Varied):
 
 
 class Grid(Varied):
-    """Every combination of the values of some axes; see `grid`."""
+    """Every combination of the values of some axes, made by `grid`."""
 
     @cached_property
     def axes(self) -> Mapping[str, FloatArray | MemberNumbers]:
@@ -96,16 +96,16 @@ class Grid(Varied):
 
     def values(self, key: Any, which: MemberNumbers) -> FloatArray:
         """Return the values of a key for some members."""
-        place = self.keys.index(key)
-        behind = math.prod(self.shape[place + 1 :])
-        return self.given[key][which // behind % self.shape[place]]
+        axis = self.keys.index(key)
+        stride = math.prod(self.shape[axis + 1 :])
+        return self.given[key][which // stride % self.shape[axis]]
 
 
 def grid(axes: Mapping[Any, Any]) -> Grid:
-    """Return every combination of some values, for `lagrange.ensemble`; the last key varies fastest.
+    """Return every combination of the values of some axes, for `lagrange.ensemble`; the last key varies fastest.
 
-    `axes` maps coordinates, velocities, parameters or their names to (low, high, count), equally spaced values with
-    both ends, or to a list or an array of values. Raises StatementError for an axis without values.
+    `axes` maps coordinates, velocities, parameters or their names to a tuple (low, high, count), for equally spaced
+    values with both ends, or to a list or an array of values. Raises StatementError for an axis without values.
     """
     named = _named(axes, "axes", "coordinate, velocity or parameter to (low, high, count)")
     found = {key: _axis(label_of(key), given) for key, given in named}
@@ -143,18 +143,18 @@ def _axis(label: str, given: Any) -> FloatArray:
 METHODS = ("sobol", "latin", "random")
 
 MOST_DIMENSIONS = 21201
-"""Sobol's sequence has direction numbers for no more."""
+"""Largest dimension of Sobol's sequence, for which direction numbers exist."""
 
 
 def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str = "sobol") -> Arrays:
-    """Return random values for members, for `lagrange.ensemble`: the same for the same seed.
+    """Return random values of `count` members, for `lagrange.ensemble`. The same seed gives the same values.
 
-    `ranges` maps coordinates, velocities, parameters or their names to (low, high), between which values are equally
-    likely, or to a distribution of `scipy.stats`, such as `norm(1.0, 0.1)`. `method` is "sobol", Sobol's sequence,
-    scrambled; "latin", a Latin hypercube; or "random", independent values. Source: `scipy.stats.qmc`. Raises
-    StatementError for a range that has no values.
+    `ranges` maps coordinates, velocities, parameters or their names to (low, high), for a uniform distribution, or to
+    a distribution of `scipy.stats`, such as `norm(1.0, 0.1)`. `method` is "sobol" for a scrambled Sobol sequence,
+    "latin" for a Latin hypercube, or "random" for independent values. Source: `scipy.stats.qmc`. Raises StatementError
+    for a range without values.
     """
-    from scipy.stats import qmc  # takes as long to import as all else that a run needs
+    from scipy.stats import qmc  # its import takes as long as all others of a run
 
     start = whole_number(seed, "seed", 0)
     one_of(method, METHODS, "method is {given}; the methods of a sample are {known}.")
@@ -177,10 +177,10 @@ def sample(ranges: Mapping[Any, Any], count: int, *, seed: int = 0, method: str 
 
 
 def _drawn(label: str, given: Any, parts: FloatArray) -> FloatArray:
-    """Return the values of a range or a distribution at parts of 1."""
+    """Return the quantiles (m,) of a range or a distribution at probabilities `parts` (m,)."""
     quantile = getattr(given, "ppf", None)
     if callable(quantile):
-        # Sobol's sequence has a 0 unless it is scrambled, where a normal distribution has no value.
+        # At probability 0, which a sequence may contain, a normal distribution has no value.
         values = _quantiles(label, quantile, np.clip(parts, 2.0**-53, 1.0 - 2.0**-53))
     elif isinstance(given, (tuple, list)) and len(given) == 2:
         low, high = (real_number(end, f"an end of {label}") for end in given)
@@ -198,7 +198,7 @@ def _drawn(label: str, given: Any, parts: FloatArray) -> FloatArray:
 
 
 def _quantiles(label: str, quantile: Callable[[FloatArray], Any], parts: FloatArray) -> FloatArray:
-    """Return the values of a distribution at parts of 1, one for each."""
+    """Return the quantiles (m,) of a distribution at probabilities `parts` (m,). Raises StatementError for others."""
     what = f"the distribution of {label}"
     try:
         found = quantile(parts)
@@ -213,7 +213,7 @@ def _quantiles(label: str, quantile: Callable[[FloatArray], Any], parts: FloatAr
 
 
 def _named(given: Any, what: str, entries: str) -> Any:
-    """Return the entries of a table that has some."""
+    """Return the (key, value) entries of a dict. Raises StatementError for an empty dict or a key given twice."""
     table = table_of(given, what, entries)
     if not table:
         raise StatementError(f"{what} is empty: give a dict from {entries}.")

@@ -19,48 +19,50 @@ from lagrange.members.job import ChunkResult, Job, run_chunk, timed
 from lagrange.statement.number import whole_number
 
 MOST_WORKERS = 1024
-"""More threads than any machine has processors: a larger number is a mistake."""
+"""Largest accepted number of threads; no machine has more processors."""
 
 
 def processors() -> int:
-    """Return how many processors this process may use, which a container or `taskset` may make fewer than there are."""
+    """Return the number of processors that this process may use; a container or `taskset` may limit it."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def threads_of(workers: Any) -> int:
-    """Return the number of threads: as many as this process may use processors unless `workers` says it."""
+    """Return `workers` as a checked number of threads, or the number of processors if it is None."""
     return processors() if workers is None else whole_number(workers, "workers", 1, MOST_WORKERS)
 
 
 AHEAD = 2
-"""Chunks that wait for each worker of an executor, so that none has to wait for the next."""
+"""Number of chunks submitted per worker of an executor, so that no worker waits for the next chunk."""
 
 AT_ONCE, SENT = 0.1, 0.5
-"""Seconds that chunks take: what a person takes for at once, and more where an executor sends them somewhere, which
-costs this process some milliseconds. With a tenth of a second two workers of Dask take 1.07 times as long."""
+"""Duration of a chunk in seconds on threads, where people see no delay, and by an executor.
+
+An executor needs some milliseconds of this process per chunk: with 0.1 s two workers of Dask take 1.07 times as long.
+"""
 
 
 class Runner(Protocol):
-    """Runs chunks; `places` of them may be under way at once, and each takes about `chunk_seconds`."""
+    """Runs chunks: up to `places` of them at once, each for about `chunk_seconds`."""
 
     chunk_seconds: float
 
     @property
     def places(self) -> int:
-        """The number of chunks under way."""
+        """The largest number of chunks that are submitted and not finished."""
 
     def submit(self, starts: Starts) -> Any:
         """Return the future of a chunk, whose result is a `ChunkResult`."""
 
     def stop(self) -> None:
-        """Begin no more members of the chunks that are under way, where that can be said to who runs them."""
+        """Ask the workers, if possible, to begin no more members of submitted chunks."""
 
     def close(self) -> None:
-        """Wait for what runs, and free the threads that were made."""
+        """Wait for running chunks, and end the threads of this runner."""
 
 
 class ThreadRunner:
-    """Threads of this process around one engine, whose machine code runs without the interpreter's lock."""
+    """Runs chunks on threads with one engine; its machine code releases the lock of the interpreter."""
 
     chunk_seconds = AT_ONCE
 
@@ -88,7 +90,7 @@ class ThreadRunner:
 
 
 class ExecutorRunner:
-    """An executor of the user's, which is left open."""
+    """Runs chunks by an executor of the user, which stays open."""
 
     chunk_seconds = SENT
 
@@ -103,7 +105,7 @@ class ExecutorRunner:
 
     @property
     def places(self) -> int:
-        """Some chunks for each worker."""
+        """`AHEAD` chunks for each worker."""
         return AHEAD * max(workers_of(self._executor), 1)
 
     def submit(self, starts: Starts) -> Any:
@@ -111,14 +113,14 @@ class ExecutorRunner:
         return self._executor.submit(run_chunk, self._job, starts, **self._options)
 
     def stop(self) -> None:
-        """Wait for what is under way: chunks are short, and their workers may be other machines."""
+        """Do nothing: submitted chunks finish soon, and workers on other machines cannot be asked."""
 
     def close(self) -> None:
-        """Leave the executor to its owner."""
+        """Do nothing: the user closes the executor."""
 
 
 def workers_of(executor: Any) -> int:
-    """Return how many chunks an executor runs at once, as far as it says so."""
+    """Return the number of workers of an executor, or of processors if the executor does not report it."""
     if hasattr(executor, "ncores"):
         return sum(executor.ncores().values())
     workers = getattr(executor, "_max_workers", None)
@@ -126,32 +128,32 @@ def workers_of(executor: Any) -> int:
 
 
 FIRST_CHUNK, LARGEST_CHUNK = 8, 65536
-"""Members of the first chunks, those of one vector, before it is known how long one takes; the most of any chunk."""
+"""Number of members in the first chunks, one vector, before their duration is known; largest number in a chunk."""
 
 GOES_ON = "With store= the same call goes on where this one stopped."
 
 Take = Callable[[int, ChunkResult], None]
-"""What is done with the results of members from a number on."""
+"""Callback for the results of a chunk: number of its first member, and the results."""
 
 
 @dataclass
 class ChunkSize:
-    """How many members take as long as a chunk should, the seconds `fitting`, by what former chunks took."""
+    """The size of the next chunk in members, so that it takes `fitting` seconds, from the times of former chunks."""
 
     size: int
     fitting: float
 
     def note(self, members: int, seconds: float, side_by_side: int) -> None:
-        """Note how long some members took; with fewer than run `side_by_side` lanes would be empty."""
+        """Adapt the size to the seconds of a chunk; it is at least `side_by_side`, so that all lanes are filled."""
         fitting = int(members * self.fitting / max(seconds, 1e-9))
         self.size = min(max(fitting, side_by_side), 4 * self.size, LARGEST_CHUNK)
 
 
 def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner, take: Take) -> None:
-    """Run members of blocks, each from a number to before another, in order.
+    """Run the members of blocks (first, end), end excluded, in order.
 
-    `take` is called in this thread with the results of each chunk, in the order in which chunks are done. Where
-    anything stops it, what is under way is waited for and taken.
+    `take` is called in this thread with the results of each chunk, in the order in which chunks finish. After an
+    error or Ctrl-C submitted chunks are awaited and their results taken, too.
     """
     chunk_size = ChunkSize(FIRST_CHUNK, runner.chunk_seconds)
     chunks = _chunks(blocks, chunk_size)
@@ -161,9 +163,9 @@ def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner,
     def collect() -> None:
         first, count, future = done.get()
         del under_way[first]
-        found = _result(future)
-        chunk_size.note(count, found.seconds, found.side_by_side)
-        take(first, found)
+        result = _result(future)
+        chunk_size.note(count, result.seconds, result.side_by_side)
+        take(first, result)
 
     try:
         for first, count in chunks:
@@ -186,7 +188,7 @@ def run_members(table: Table, blocks: Iterable[tuple[int, int]], runner: Runner,
 
 
 def _submitted(runner: Runner, starts: Starts) -> Any:
-    """Return the future of a chunk. Raises RunError where the executor takes none."""
+    """Return the future of a chunk. Raises RunError if the executor does not accept it."""
     try:
         with _working():
             future = runner.submit(starts)
@@ -200,17 +202,19 @@ def _submitted(runner: Runner, starts: Starts) -> Any:
 
 
 def _result(future: Any) -> ChunkResult:
-    """Return what came of a chunk. Raises RunError where the executor gave up; what members raise is raised here."""
+    """Return the result of a chunk. Raises RunError if the executor failed, and the error of a member if it has one."""
     with _working():
-        found = future.result()
-    if not isinstance(found, ChunkResult):
-        raise RunError(f"the executor gave {shown(found)} as the results of members: it changes what it is to compute.")
-    return found
+        result = future.result()
+    if not isinstance(result, ChunkResult):
+        raise RunError(
+            f"the executor gave {shown(result)} as the results of members: it changes what it is to compute."
+        )
+    return result
 
 
 @contextmanager
 def _working() -> Iterator[None]:
-    """Say what it means for the ensemble that an executor gives up."""
+    """Translate the failure of an executor into a RunError with the remedy for the ensemble."""
     try:
         yield
     except ImportError as error:
@@ -226,9 +230,9 @@ def _working() -> Iterator[None]:
 
 
 def _take_finished(under_way: dict[int, Any], take: Take) -> None:
-    """Take what is under way and comes to its end; what was cancelled or failed is left out.
+    """Wait for submitted chunks and take their results, except those that were cancelled or failed.
 
-    The futures are asked, not the queue: Ctrl-C may have come when an entry had just been taken out of that.
+    This reads the futures, not the queue: Ctrl-C may have come just after an entry was removed from the queue.
     """
     for first, future in under_way.items():
         if not future.cancelled() and future.exception() is None:
@@ -236,7 +240,7 @@ def _take_finished(under_way: dict[int, Any], take: Take) -> None:
 
 
 def _chunks(blocks: Iterable[tuple[int, int]], chunk_size: ChunkSize) -> Iterator[tuple[int, int]]:
-    """Yield the first and the number of the next members, as many as the chunk_size says when they are asked for."""
+    """Yield the first member and the number of members of each chunk, by the present `chunk_size`."""
     for begin, end in blocks:
         first = begin
         while first < end:

@@ -1,4 +1,4 @@
-"""The variables of an FMU: names, references, and what an environment may do with them."""
+"""The variables of an FMU: names, references and kinds."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lagrange.export.descriptions import run_of
 from lagrange.export.module import SourceModule
 
 HIDDEN = ("jacobian",)
-"""Quantities without variables: derivatives in a direction are what they are for."""
+"""Quantities without variables: they serve directional derivatives only."""
 
 STATE, DERIVATIVE, PARAMETER, INPUT = "state", "derivative", "parameter", "input"
 RESULT, INDICATOR = "result", "indicator"
@@ -42,25 +42,25 @@ def places(module: SourceModule) -> dict[str, int]:
 def variables(module: SourceModule) -> list[Variable]:
     """Return the variables in the order of their references: state, parameters, derivatives, results.
 
-    Names are those of the statement; one that is taken gets a number behind it.
+    Names are those of the statement; a name that is taken gets a number as suffix.
     """
     named = _namer()
-    asked = run_of(module)
-    assert asked is not None  # an FMU always has a run
-    initial = asked[0].initial
-    found = [
+    exported_run = run_of(module)
+    assert exported_run is not None  # an FMU always has a run
+    initial = exported_run[0].initial
+    first = [
         Variable(named(name), 1 + k, STATE, unit=module.units.get(name, ""), start=initial[k])
         for k, name in enumerate(module.state)
     ]
     for k, name in enumerate(module.parameters, 1 + len(module.state)):
         value = module.values[k - 1 - len(module.state)]
         kind = INPUT if name in module.inputs else PARAMETER
-        found.append(Variable(named(name), k, kind, unit=module.units.get(name, ""), start=value))
-    return [*found, *_results(module, named)]
+        first.append(Variable(named(name), k, kind, unit=module.units.get(name, ""), start=value))
+    return [*first, *_results(module, named)]
 
 
 def _results(module: SourceModule, named: Callable[[str], str]) -> Iterator[Variable]:
-    """Yield the variables of results: derivatives of the state, then what else is exported."""
+    """Yield the variables of results, quantity by quantity, for `rhs` the derivatives of the state."""
     first = places(module)
     for one in module.quantities:
         for k, name in enumerate(one.results):
@@ -73,13 +73,13 @@ def _results(module: SourceModule, named: Callable[[str], str]) -> Iterator[Vari
 
 
 def _namer() -> Callable[[str], str]:
-    """Return what gives each name once."""
+    """Return a function that makes names distinct: a name that is taken gets a number as suffix."""
     taken = {"time": None}
 
     def named(name: str) -> str:
         tries = (name if k == 1 else f"{name}_{k}" for k in count(1))
-        found = next(one for one in tries if one not in taken)
-        taken[found] = None
-        return found
+        free = next(attempt for attempt in tries if attempt not in taken)
+        taken[free] = None
+        return free
 
     return named
