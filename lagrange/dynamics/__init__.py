@@ -1,1 +1,1 @@
-"""What is computed for pictures of dynamics: portraits, sections, bifurcations, shapes of modes."""
+"""Numerical data for pictures of dynamics: portraits, sections, bifurcations, shapes of modes."""

@@ -14,18 +14,18 @@ from lagrange.mechanics.plain_form import PlainForm
 from lagrange.statement.statement import Statement
 
 TURN = 2.0 * math.pi
-"""The period of an angle."""
+"""Period of an angle, in radians."""
 
 
 @lru_cache(maxsize=64)
 def angles(statement: Statement) -> tuple[bool, ...]:
-    """Return for each coordinate whether a turn of 2 pi changes neither the Lagrangian nor a force.
+    """Return for each coordinate whether it is an angle: a change by 2 pi leaves the Lagrangian and forces the same.
 
-    It stands in a sine or cosine of these or of a position. A coordinate on which nothing depends, as that of a free
-    particle, is none.
+    An angle also occurs in a sine, cosine or tangent there or in a position. So a coordinate on which nothing depends,
+    such as that of a free particle, is not an angle.
     """
     form = PlainForm(statement)
-    parts = [form.lagrangian, *form.forces, *(form.read(one.expression) for one in statement.constraints)]
+    parts = [form.lagrangian, *form.forces, *(form.read(constraint.expression) for constraint in statement.constraints)]
     seen = [form.read(entry) for point in statement.positions.values() for entry in point]
     return tuple(_is_angle(form, q, parts, seen) for q in form.q)
 
@@ -38,18 +38,18 @@ def _is_angle(form: PlainForm, q: sympy.Symbol, parts: list[sympy.Expr], seen: l
 
 
 def is_angle(statement: Statement, row: int) -> bool:
-    """Return whether an entry of the state, by its row, is an angle; no velocity is one."""
+    """Return whether an entry of the state, by its row, is an angle; false for velocities."""
     return row < len(statement.names) and angles(statement)[row]
 
 
 def wrapped(values: FloatArray, low: float) -> FloatArray:
-    """Return angles in the turn that begins at `low`, NaN where they are not finite."""
+    """Return angles shifted by multiples of 2 pi into the turn that begins at `low`; not finite values become NaN."""
     with np.errstate(invalid="ignore"):
         return np.asarray(low + (values - low) % TURN)
 
 
 def difference(a: FloatArray, b: FloatArray, periodic: tuple[bool, ...]) -> FloatArray:
-    """Return a - b of states (..., 2n), of angles the nearest of all turns."""
+    """Return a - b of states (..., 2n), reduced to the nearest turn for angles."""
     found = a - b
     for i, whole in enumerate(periodic):
         if whole:

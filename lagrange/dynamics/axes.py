@@ -1,4 +1,4 @@
-"""Axes of pictures in state space: which entries of the state stand on them, and from where to where."""
+"""Axes of pictures in state space: the entry of the state on each axis, and its range."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 
 MOST_VALUES = 4096
-"""Most values on an axis: a map of so many on both takes 17 million runs."""
+"""Most values on an axis: a map with this many on both axes takes 17 million runs."""
 
 
 @dataclass(frozen=True)
 class Axis:
-    """An entry of the state, by name and row, with its range; `count` values stand on it."""
+    """An entry of the state, by name and row, with its range and the number of values, `count`, in it."""
 
     name: str
     row: int
@@ -32,21 +32,21 @@ class Axis:
 
     @property
     def values(self) -> FloatArray:
-        """The values, (count,)."""
+        """Equally spaced values of the axis, (count,)."""
         return np.linspace(self.low, self.high, self.count)
 
     @property
     def width(self) -> float:
-        """The length of the range."""
+        """Length of the range."""
         return self.high - self.low
 
 
 Plane = tuple[Axis, Axis]
-"""The axis to the right, and the axis upwards."""
+"""Horizontal axis and vertical axis."""
 
 
 def row_of(statement: Statement, key: Any, what: str) -> int:
-    """Return the row of the state that a coordinate, a velocity or a name means; `what` names who says so."""
+    """Return the row of the state for a coordinate, a velocity or a name; `what` names the argument in an error."""
     rows = state_rows(statement.coordinates)
     if isinstance(key, (str, sympy.Basic)) and key in rows:
         return rows[key]
@@ -59,7 +59,7 @@ def row_of(statement: Statement, key: Any, what: str) -> int:
 
 
 def plane_of(statement: Statement, given: Any, what: str, count: int) -> Plane:
-    """Return the two axes of {entry: (low, high)} or {entry: (low, high, count)}; the first goes to the right."""
+    """Return the two axes of {entry: (low, high)} or {entry: (low, high, count)}; the first is horizontal."""
     if not isinstance(given, Mapping):
         raise StatementError(f"{what} is {shown(given)}: give {_example(statement)}.")
     if len(given) != 2:

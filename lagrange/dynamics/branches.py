@@ -1,6 +1,6 @@
-"""Branches of equilibria: each followed along a parameter, with what eigenvalues say of its stability.
+"""Branches of equilibria: each is followed along a parameter, with its eigenvalues and its stability.
 
-Where equilibria are known in symbols their formulas are evaluated; others are looked for at three values, the first, a
+Where equilibria are known as formulas, these are evaluated. Others are searched for at three values, the first, a
 middle one and the last, and followed from there.
 """
 
@@ -25,16 +25,16 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 
 SAME = 1e-6
-"""Distance of two equilibria that are one, relative to 1 and to their size."""
+"""Distance below which two equilibria are the same, relative to the larger of 1 and their size."""
 
 
 @dataclass(frozen=True, eq=False)
 class Branch:
     """An equilibrium along a parameter: `coordinates` (k, n) and `eigenvalues` (k, 2n), NaN where it does not exist.
 
-    `values` (k,) are those of the parameter, with more of them where a formula begins or ceases to hold. `formula` has
-    its coordinates as expressions, empty where it was found by number. `stable` (k,) is 1 where no eigenvalue has a
-    positive real part, which is necessary for stability, 0 where one has, and NaN elsewhere.
+    `values` (k,) are those of the parameter, with additional ones where a formula begins or ceases to hold. `formula`
+    has the coordinates as expressions; it is empty if they were found numerically. `stable` (k,) is 1 where no
+    eigenvalue has a positive real part, which is necessary for stability, 0 where one has, and NaN elsewhere.
     """
 
     values: FloatArray
@@ -44,7 +44,7 @@ class Branch:
 
     @property
     def stable(self) -> FloatArray:
-        """1 where no eigenvalue has a positive real part, 0 where one has, NaN where there is no equilibrium, (k,)."""
+        """Stability, (k,): 1 if no eigenvalue has a positive real part, 0 if one has, NaN without an equilibrium."""
         size = np.abs(self.eigenvalues).max(axis=1)
         found = (self.eigenvalues.real.max(axis=1) <= 1e-6 * size).astype(float)
         return np.where(np.isfinite(size), found, np.nan)
@@ -64,16 +64,16 @@ class BranchesData:
 
 
 TIP = 12
-"""Values that are added beside one at which a formula begins to hold."""
+"""Number of values added beside a value at which a formula begins to hold."""
 
 ModelAt = Callable[[float], tuple[Statement, Model]]
-"""The statement and the model whose parameter has a value."""
+"""Function of a parameter value that returns the statement and the model with that value."""
 
 
 def equilibrium_branches(
     parameter: str, values: FloatArray, model_at: ModelAt, progress: Report | None = None
 ) -> BranchesData:
-    """Return the equilibria along a parameter; see `lagrange.bifurcation`. Raises StatementError for none."""
+    """Return the equilibria along a parameter; see `lagrange.bifurcation`. Raises StatementError if none is found."""
     anchors = list(dict.fromkeys((0, len(values) // 2, len(values) - 1)))
     made: list[Branch] = []
     interrupted, refusal = False, ""
@@ -116,7 +116,7 @@ def _add(
     along: tuple[str, FloatArray, int],
     turns: tuple[bool, ...],
 ) -> None:
-    """Follow an equilibrium in both directions from a value, unless it is on a branch already."""
+    """Follow an equilibrium in both directions from a value, unless it already belongs to a branch."""
     (statement, model), (parameter, values, anchor) = known, along
     n = len(statement.coordinates)
     if place.exact:
@@ -146,9 +146,10 @@ def _add(
 
 
 def _with_ends(place: Equilibrium, statement: Statement, parameter: str, values: FloatArray) -> FloatArray:
-    """Return the values of a parameter with some more beside those at which a formula begins, or ceases, to be real.
+    """Return the values of a parameter, with more values beside those at which a formula begins or ceases to be real.
 
-    It may begin with an infinite slope, as a square root does: the squares of the distances are equally spaced.
+    A branch may begin with an infinite slope, as a square root does. So the squares of the distances from that value
+    are equally spaced.
     """
     known = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
     chosen = next(p for p in statement.parameters if p.name == parameter)

@@ -1,4 +1,4 @@
-"""Orbits on a section: followed one after the other to their crossings, or side by side from period to period."""
+"""Orbits on a section: followed one by one to their crossings, or in parallel from period to period."""
 
 from __future__ import annotations
 
@@ -21,25 +21,25 @@ from lagrange.statement.event import Event
 from lagrange.trajectory.trajectory import Status, Trajectory
 
 CROSSINGS_PER_RUN = 2000
-"""Crossings after which an orbit goes on in a new run, so that the memory for its steps is bounded."""
+"""Crossings after which an orbit continues in a new run, which bounds the memory for its steps."""
 
 PERIODS_PER_CROSSING = 2.0
-"""Mean periods of small motions that the first run of an orbit has for each crossing."""
+"""Length of the first run of an orbit: mean periods of small motions per crossing."""
 
 LONGEST_WAIT = 200
-"""Mean periods without a crossing after which an orbit is given up."""
+"""Longest wait for a crossing, in mean periods of small motions; then the orbit ends."""
 
 MANY = 300_000
-"""From so many points on orbits run side by side, which halves the time: a driven oscillator takes 0.25 s to
-compile, and then 0.3 us a point; one orbit after the other takes 2 us.
+"""Number of points from which orbits run in parallel lanes, which halves the time.
 
-An event takes 1 s to compile, and halves the time from a million crossings on: those orbits run one by one.
+A driven oscillator takes 0.25 s to compile, and then 0.3 us a point; orbits one by one take 2 us a point. An event
+takes 1 s to compile, and lanes halve the time only from a million crossings on: such orbits run one by one.
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Crossings:
-    """The times (k,) and states (k, 2n) of one orbit on a section, and how it ended."""
+    """Times (k,) and states (k, 2n) of one orbit on a section, with its final status and message."""
 
     times: FloatArray
     states: FloatArray
@@ -48,12 +48,12 @@ class Crossings:
 
     @classmethod
     def interrupted(cls, dimension: int) -> Crossings:
-        """Return those of an orbit that did not begin before Ctrl-C."""
+        """Return the empty crossings of an orbit that did not begin before Ctrl-C."""
         return cls(np.empty(0), np.empty((0, dimension)), Status.INTERRUPTED, "was interrupted.")
 
 
 class Crosser:
-    """Follows orbits to a number of crossings of one section, by one prepared event."""
+    """Follows orbits to a number of crossings of one section; the event is prepared once."""
 
     def __init__(
         self, runs: Runs, passed: Event | float, count: int, states: FloatArray, longest: float | None = None
@@ -95,7 +95,7 @@ class Crosser:
         return PERIODS_PER_CROSSING * self.scale * min(self.count, CROSSINGS_PER_RUN)
 
     def _end(self, run: Trajectory, left: int, since: float) -> tuple[Status, str]:
-        """Return the status of an orbit, and a sentence."""
+        """Return the status of an orbit, and a message."""
         if left == 0:
             return Status.EVENT, "all crossings are there."
         if run.status.complete:
@@ -128,7 +128,7 @@ def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> lis
 
 @dataclass(frozen=True, eq=False)
 class Orbits:
-    """Orbits as members of an ensemble, by where they start."""
+    """Orbits as members of an ensemble, numbered by their starts."""
 
     all: Starts
 
@@ -136,16 +136,16 @@ class Orbits:
         return len(self.all)
 
     def starts(self, which: MemberNumbers) -> Starts:
-        """Return where some members start."""
+        """Return the starts of some members."""
         return self.all.of(which)
 
 
 def points_side_by_side(
     runs: Runs, period: float, count: int, starts: Starts, progress: Report | None = None
 ) -> list[Crossings] | None:
-    """Return the first points of orbits after periods from t = 0, None where they run sooner one after the other.
+    """Return the points of orbits at multiples of a period from t = 0, or None if runs one by one are faster.
 
-    After Ctrl-C the last one is INTERRUPTED, and those behind it are not there.
+    After Ctrl-C the list ends with an INTERRUPTED orbit.
     """
     if len(starts) == 1 or len(starts) * count < MANY:
         return None
@@ -164,12 +164,12 @@ def points_side_by_side(
             found[first + k] = Crossings(times[: len(states)], states, status, message)
 
     each_member(table, engine, threads_of(None), take, progress)
-    whole = next((k for k, one in enumerate(found) if one.status is Status.INTERRUPTED), len(found))
+    whole = next((k for k, orbit in enumerate(found) if orbit.status is Status.INTERRUPTED), len(found))
     return found[: whole + 1]
 
 
 class Listed(Table, Protocol):
-    """Members whose number is known."""
+    """Table of members of known number."""
 
     def __len__(self) -> int: ...
 
@@ -177,9 +177,9 @@ class Listed(Table, Protocol):
 def each_member(
     table: Listed, engine: Engine, workers: int, take: Callable[[int, Ends], None], progress: Report | None = None
 ) -> bool:
-    """Run all members on so many threads; return whether all were run, false after Ctrl-C.
+    """Run all members on `workers` threads; return True if all were run, False after Ctrl-C.
 
-    `take` gets the number of the first of some of them, and what came of each.
+    `take` is called for each chunk of members, with the number of its first member and the ends of the runs.
     """
     done = 0
 

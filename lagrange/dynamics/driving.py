@@ -1,4 +1,4 @@
-"""Driving: whether equations depend on time, and the period with which they do."""
+"""Driving: does the system depend on time, and with which period."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from lagrange.statement.given import with_values
 from lagrange.statement.statement import Statement
 
 MOST_MULTIPLE = 64
-"""Frequencies are commensurate where their ratios are fractions of numbers up to this."""
+"""Frequencies are commensurate if their ratios are fractions of whole numbers up to this."""
 
 
 def depends_on_time(statement: Statement) -> bool:
-    """Return whether time stands in the Lagrangian, a force, the dissipation or a constraint."""
+    """Return whether the Lagrangian, a force, the dissipation or a constraint contains time."""
     return any(part.has(t) for part in _parts(statement))
 
 
@@ -56,7 +56,7 @@ def _rates(statement: Statement) -> tuple[Any, ...]:
 def driving_period(statement: Statement, values: Mapping[Any, float]) -> float:
     """Return the period of the driving at values of the parameters, from the sines and cosines of time.
 
-    Raises StatementError where time stands elsewhere too, or frequencies have no common period.
+    Raises StatementError where time also occurs elsewhere, or frequencies have no common period.
     """
     known = {symbol: sympy.Float(value, 17) for symbol, value in values.items()}
     rates = sorted({rate for rate in (abs(float(one.xreplace(known))) for one in _rates(statement)) if rate > 0})

@@ -1,4 +1,4 @@
-"""States of a given energy: one velocity follows from the others, and where there is none."""
+"""States of a given energy: one velocity follows from the other entries, where that energy is possible."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from lagrange.statement.coordinate import t as time_symbol
 from lagrange.statement.event import Event
 
 CORRECTIONS = 30
-"""Steps of Newton's method after the roots of a quadratic energy: one takes rounding away, others serve energies that
-are not quadratic in the velocity, such as that of a relativistic particle."""
+"""Steps of Newton's method after the roots of a quadratic energy. One removes rounding errors; the others are for
+energies that are not quadratic in the velocity, such as that of a relativistic particle."""
 
 PROBES = (1.0, 1e-3, 1e-6)
-"""Velocities at which the coefficients of a quadratic energy are read off; the first at which it has a value."""
+"""Velocities for the coefficients of a quadratic energy; the first is used at which the energy has a value."""
 
 CLOSE = 1e-10
-"""What may be left of the energy, relative to its size and that of the terms."""
+"""Largest accepted error of the energy, relative to its size and that of its terms."""
 
 
 def margin(model: Model, parameters: FloatArray, states: FloatArray, row: int, energy: float) -> FloatArray:
-    """Return a function of states (2n, k) that is positive where a velocity can have the energy, (k,).
+    """Return a function of states (2n, k) that is positive where some velocity of the row gives the energy, (k,).
 
-    For an energy a v^2 + b v + c it is b^2 - 4 a (c - energy).
+    For an energy a v^2 + b v + c it is the discriminant b^2 - 4 a (c - energy).
     """
     a, b, c = _quadratic(model, parameters, states, row)
     return np.asarray(b * b - 4 * a * (c - energy))
@@ -33,7 +33,7 @@ def margin(model: Model, parameters: FloatArray, states: FloatArray, row: int, e
 def _quadratic(
     model: Model, parameters: FloatArray, states: FloatArray, row: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return a, b and c of the energy a v^2 + b v + c at states (2n, k), NaN where it has no value."""
+    """Return a, b and c of the energy a v^2 + b v + c at states (2n, k), NaN where the energy has no value."""
     middle = _energy(model, parameters, states, row, 0.0)
     a = b = np.full_like(middle, np.nan)
     for probe in PROBES:
@@ -55,10 +55,10 @@ def _energy(model: Model, parameters: FloatArray, states: FloatArray, row: int, 
 def on_level(
     model: Model, parameters: FloatArray, starts: FloatArray, row: int, energy: float, event: Event | None
 ) -> FloatArray:
-    """Return starts (m, 2n) with the velocity of a row from the energy.
+    """Return starts (m, 2n) in which the velocity of a row is replaced, so that all have the energy.
 
-    Of the two velocities it is the one with which the event is passed in its direction, else the larger one. Raises
-    StatementError for a start whose other entries have more energy already.
+    Of the two solutions it is the one that crosses the event in its direction, else the larger one. Raises
+    StatementError for a start whose other entries already have more energy.
     """
     states = np.ascontiguousarray(starts.T)
     a, b, c = _quadratic(model, parameters, states, row)
@@ -89,7 +89,7 @@ def _corrected(
         with np.errstate(all="ignore"):
             ahead, behind = (_energy(model, parameters, states, row, v + side * step) for side in (1.0, -1.0))
             moved = v - left * 2 * step / (ahead - behind)
-            # Towards rest the energy has a value again.
+            # At smaller velocities the energy may have a value again.
             v = np.where(np.isfinite(left), np.where(np.isfinite(moved) & (left != 0), moved, v), v / 2)
     left = np.abs(_energy(model, parameters, states, row, v) - energy)
     size = abs(energy) + np.abs(_energy(model, parameters, states, row, 0.0))

@@ -1,4 +1,4 @@
-"""Equilibria of a motion in a plane (x, v), each with its kind, by the eigenvalues of the linear equations.
+"""Equilibria of a motion in a plane (x, v), each with its kind, from the eigenvalues of the linear equations.
 
 Source: S. H. Strogatz, Nonlinear Dynamics and Chaos, 2nd ed., 2015, sections 5.2 and 6.3.
 """
@@ -14,16 +14,16 @@ from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 
 SAMPLES = 4001
-"""Places on the axis at which the acceleration at rest is looked at; two zeros closer than that may be missed."""
+"""Places on the axis at which the acceleration at rest is evaluated; two zeros closer than that may be missed."""
 
 ZERO = 1e-9
-"""A real or imaginary part that is rounding, relative to the largest eigenvalue."""
+"""Largest real or imaginary part that counts as rounding noise, relative to the largest eigenvalue."""
 
 FLAT_SLOPE = 1e-6
-"""The slope of the acceleration where an equilibrium is degenerate, relative to its largest value over the range."""
+"""Slope of the acceleration below which an equilibrium is degenerate, relative to its largest value over the range."""
 
 FLAT_FORCE = 1e-10
-"""The acceleration at a zero without a change of sign, relative to the largest on the axis."""
+"""Acceleration below which a minimum counts as a zero without a change of sign, relative to the largest on the axis."""
 
 SADDLE, CENTRE, LINEAR_CENTRE, DEGENERATE = "saddle", "centre", "linear centre", "degenerate"
 
@@ -33,8 +33,8 @@ class FixedPoint:
     """An equilibrium: the state (2n,), its kind, and eigenvalues (2,) with their vectors, the columns of (2, 2).
 
     Kinds are "saddle", "centre", "stable spiral", "unstable spiral", "stable node", "unstable node" and "degenerate",
-    where an eigenvalue is zero and decides nothing. A "linear centre" has imaginary eigenvalues in a system that does
-    not conserve its energy: terms of higher order decide.
+    with an eigenvalue zero, where the linear equations do not decide. A "linear centre" has imaginary eigenvalues in a
+    system that does not conserve its energy: terms of higher order decide.
     """
 
     state: FloatArray
@@ -44,16 +44,16 @@ class FixedPoint:
 
     @property
     def stable(self) -> bool | None:
-        """Whether motions near it stay near, None where the linear equations do not tell."""
+        """True if motions that start near it stay near, None if the linear equations do not decide."""
         if self.kind in (DEGENERATE, LINEAR_CENTRE):
             return None
         return self.kind == CENTRE or self.kind.startswith("stable")
 
 
 def fixed_points(model: Model, parameters: FloatArray, low: float, high: float) -> tuple[tuple[FixedPoint, ...], str]:
-    """Return the equilibria of a system with one coordinate between two places, and a note where they are no points."""
+    """Return the equilibria of one coordinate between `low` and `high`, and a note if they are not isolated."""
     spacing = (high - low) / (SAMPLES - 1)
-    x = np.linspace(low - spacing / 2, high + spacing / 2, SAMPLES + 1)  # one may stand at an end of the range
+    x = np.linspace(low - spacing / 2, high + spacing / 2, SAMPLES + 1)  # an equilibrium may be an end of the range
     a = _at_rest(model, parameters, x)
     finite = np.isfinite(a)
     largest = float(np.abs(a[finite]).max(initial=0.0))
@@ -69,7 +69,7 @@ def fixed_points(model: Model, parameters: FloatArray, low: float, high: float) 
 
 
 def fixed_point(model: Model, parameters: FloatArray, state: FloatArray, flat: float = 0.0) -> FixedPoint:
-    """Return the record of an equilibrium of a system with one coordinate; slopes up to `flat` count as zero."""
+    """Return the record of an equilibrium of a system with one coordinate; a slope up to `flat` counts as zero."""
     jacobian = model.jacobian(0.0, state, parameters)
     if not np.isfinite(jacobian).all():
         nothing = np.full(2, np.nan)
@@ -80,7 +80,7 @@ def fixed_point(model: Model, parameters: FloatArray, state: FloatArray, flat: f
 
 
 def kind_of(values: FloatArray, *, conservative: bool) -> str:
-    """Return the kind of an equilibrium with two eigenvalues."""
+    """Return the kind of an equilibrium from its two eigenvalues."""
     size = float(np.abs(values).max())
     if size == 0.0 or not np.abs(values).min():
         return DEGENERATE
@@ -95,7 +95,7 @@ def kind_of(values: FloatArray, *, conservative: bool) -> str:
 
 
 def _at_rest(model: Model, parameters: FloatArray, x: FloatArray) -> FloatArray:
-    """Return the acceleration at rest at places (k,), NaN where there is none."""
+    """Return the acceleration at rest at places (k,), NaN where it has no value."""
     try:
         return np.asarray(model.accelerations(x[None, :], np.zeros((1, len(x))), 0.0, parameters)[0])
     except RunError:
@@ -103,7 +103,7 @@ def _at_rest(model: Model, parameters: FloatArray, x: FloatArray) -> FloatArray:
 
 
 def _crossings(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray) -> list[float]:
-    """Return where the acceleration changes its sign: bisected, all at once, to neighbouring doubles."""
+    """Return the places where the acceleration changes its sign, bisected to neighbouring doubles."""
     exact = x[a == 0.0].tolist()
     at = np.nonzero(np.sign(a[:-1]) * np.sign(a[1:]) < 0)[0]
     low, high, sign = x[at], x[at + 1], a[at] > 0
@@ -114,12 +114,12 @@ def _crossings(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArra
         low, high = np.where(same, middle, low), np.where(same, high, middle)
     ends = np.array([np.abs(_at_rest(model, parameters, low)), np.abs(_at_rest(model, parameters, high))])
     best = np.where(ends[0] <= ends[1], low, high)
-    # A force that jumps, or has a pole, changes its sign without a zero.
+    # A force with a jump or a pole changes its sign without a zero.
     return [*exact, *best[ends.min(axis=0) <= 1e-6 * size].tolist()]
 
 
 def _touches(model: Model, parameters: FloatArray, x: FloatArray, a: FloatArray, largest: float) -> list[float]:
-    """Return where the acceleration comes to zero and turns back: least values, refined by golden sections."""
+    """Return the places where the acceleration touches zero without a change of sign: minima, by golden sections."""
     size, sign = np.abs(a), np.sign(a)
     inner = np.nonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:]) & (sign[:-2] * sign[2:] > 0))[0] + 1
     found = []

@@ -18,7 +18,7 @@ from lagrange.statement.statement import Statement
 
 @dataclass(frozen=True, eq=False)
 class ModeShapes:
-    """Shapes of m modes about an equilibrium, each scaled to a largest component of one.
+    """Shapes of m modes about an equilibrium, each scaled so that its largest component is 1.
 
     `components` (m, n) are changes of all coordinates, in the order of `names`. `frequencies` and `decay` (m,) are
     those of the modes, a frequency complex where the mode does not oscillate. `points` has each named position (2,) or
@@ -35,7 +35,7 @@ class ModeShapes:
 
 
 def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
-    """Return the shapes of modes in numbers. Raises StatementError where a parameter has no value."""
+    """Return the shapes of modes as numbers. Raises StatementError where a parameter has no value."""
     form, lin = PlainForm(statement), modes.linearization
     known = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
     missing = [p.name for p in statement.parameters if p not in statement.defaults]
@@ -72,7 +72,7 @@ def mode_shapes(modes: Modes, statement: Statement) -> ModeShapes:
 
 
 def _real(row: FloatArray) -> FloatArray:
-    """Return a shape in the phase in which its largest component is real, scaled to one."""
+    """Return a shape with its phase chosen so that the largest component is real, scaled to 1."""
     largest = row[int(np.argmax(np.abs(row)))]
     return np.asarray((row / largest).real) if largest else row.real
 

@@ -14,20 +14,20 @@ from numpy.typing import NDArray
 from lagrange.machine.backend import FloatArray
 
 HALVINGS = 70
-"""Bisections of an edge: 52 bits, and those that a crossing near zero needs beyond."""
+"""Bisections of an edge: 52 bits of a double, and more for a crossing near zero."""
 
 PlaneFunction = Callable[[FloatArray, FloatArray], FloatArray]
 """Values (k,) at points x (k,) and y (k,)."""
 
 Edge = tuple[int, int, int]
-"""The row and the column of a grid point, and 0 for the edge to its right, 1 for the one above."""
+"""Row and column of a grid point, and 0 for the edge to its right, 1 for the edge above it."""
 
 
 def zero_lines(function: PlaneFunction, x: FloatArray, y: FloatArray) -> tuple[FloatArray, ...]:
-    """Return the lines (k, 2) on which a function vanishes, on the grid of x (k,) and y (m,); closed ones end as begun.
+    """Return the lines (k, 2) on which a function vanishes, on the grid of x (k,) and y (m,).
 
-    Every vertex is a zero of the function to rounding, on an edge of the grid. Cells with a value that is not finite
-    are left out, and so is a change of sign across a pole.
+    The last point of a closed line is its first. Every vertex is a zero of the function to rounding, on an edge of the
+    grid. Cells with a value that is not finite are left out, and so are changes of sign across a pole.
     """
     columns, rows = np.meshgrid(x, y)
     values = np.asarray(function(columns.ravel(), rows.ravel()), dtype=float).reshape(columns.shape)
@@ -47,7 +47,7 @@ def _refine(
     upwards: int,
     crossings: dict[Edge, FloatArray],
 ) -> None:
-    """Bisect all edges of a kind on which the sign changes, at once."""
+    """Bisect all edges of one direction on which the sign changes, at once."""
     (x, y), (above, finite, values) = axes, known
     near = (slice(0, len(y) - upwards), slice(0, len(x) - (1 - upwards)))
     far = (slice(upwards, None), slice(1 - upwards, None))
@@ -62,7 +62,7 @@ def _refine(
         low, high = np.where(same[:, None], middle, low), np.where(same[:, None], high, middle)
     ends = np.abs([function(low[:, 0], low[:, 1]), function(high[:, 0], high[:, 1])])
     best = np.where((ends[0] <= ends[1])[:, None], low, high)
-    # Across a pole the values grow towards the change of sign.
+    # Across a pole the values increase towards the change of sign.
     true = ends.min(axis=0) <= 1e-3 * size
     for row, column, point, kept in zip(rows.tolist(), columns.tolist(), best, true.tolist(), strict=True):
         if kept:
@@ -95,7 +95,7 @@ def _segments(
 
 
 def _joined(segments: list[tuple[Edge, Edge]], crossings: dict[Edge, FloatArray]) -> tuple[FloatArray, ...]:
-    """Return the lines that segments make: open ones from end to end, then closed ones."""
+    """Return the lines formed by segments: open ones from end to end, then closed ones."""
     beside: dict[Edge, list[Edge]] = {}
     for a, b in segments:
         beside.setdefault(a, []).append(b)

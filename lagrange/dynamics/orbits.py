@@ -21,17 +21,17 @@ from lagrange.trajectory.trajectory import FloatArray as States
 from lagrange.trajectory.trajectory import Status, Trajectory, run_until
 
 MARGIN = 0.02
-"""A run ends so far outside of the window, as a part of its width: its line then ends outside of the picture."""
+"""Distance outside of the window at which a run ends, as a part of its width: the line then ends out of sight."""
 
 PERIODS = 20
-"""Mean periods of small motions that an orbit is followed for."""
+"""Time for which an orbit is followed, in mean periods of small motions."""
 
 SAMPLES_PER_STEP = 32
-"""States in each step at which an orbit is looked at for its return and for equilibria: a step of a Taylor series holds
-three periods at most."""
+"""States in each step at which the return of an orbit and the arrival at an equilibrium are tested: a step of a Taylor
+series covers at most three periods."""
 
 CLOSED = 1e-6
-"""Distance from its start, as a part of the window, at which an orbit is closed."""
+"""Distance from its start, as a part of the window, below which an orbit counts as closed."""
 
 ARRIVED = 5e-4
 """Distance from an equilibrium, as a part of the window, at which an orbit ends there."""
@@ -39,31 +39,31 @@ ARRIVED = 5e-4
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """The part of the plane that is looked at; `periodic` says which coordinates come round after a turn."""
+    """A rectangle in the plane of two entries of the state; `periodic` says which coordinates are angles."""
 
     plane: Plane
     periodic: tuple[bool, ...]
     reach: float
-    """The longest time that an orbit is followed in each direction of time."""
+    """Longest time for which an orbit is followed, in each direction of time."""
 
     @property
     def turns(self) -> bool:
-        """Whether the axis to the right is an angle."""
+        """True if the horizontal axis is an angle."""
         first = self.plane[0]
         return first.row < len(self.periodic) and self.periodic[first.row]
 
     @property
     def rows(self) -> tuple[int, int]:
-        """The rows of the state that stand on the axes."""
+        """Rows of the state on the two axes."""
         return self.plane[0].row, self.plane[1].row
 
     @property
     def widths(self) -> FloatArray:
-        """The widths of the axes, (2,)."""
+        """Widths of the axes, (2,)."""
         return np.array([axis.width for axis in self.plane])
 
     def exits(self, runs: Runs) -> list[Event]:
-        """Return the events of leaving it. An angle leaves it nowhere: what goes out comes in on the other side."""
+        """Return the terminal events of leaving the window. An axis with an angle has none, because the angle wraps."""
         statement = runs.model.statement
         entries = (*statement.coordinates, *(velocity_of(q) for q in statement.coordinates))
         axes = [axis for axis in self.plane if not (axis.row < len(self.periodic) and self.periodic[axis.row])]
@@ -78,23 +78,23 @@ class Window:
         ]
 
     def holds(self, state: FloatArray) -> bool:
-        """Return whether a state is inside."""
+        """Return whether a state is inside the window."""
         return all(
             axis.low <= state[axis.row] <= axis.high or (axis.row < len(self.periodic) and self.periodic[axis.row])
             for axis in self.plane
         )
 
     def distance(self, states: States, place: FloatArray) -> FloatArray:
-        """Return distances of states (k, 2n) from a place (2n,) on the plane, as parts of the window, (k,)."""
+        """Return the distances of states (k, 2n) from a place (2n,) on the plane, as parts of the window, (k,)."""
         rows = list(self.rows)
         return np.asarray(np.linalg.norm(difference(states, place, self.periodic)[:, rows] / self.widths, axis=1))
 
 
 @dataclass(frozen=True, eq=False)
 class Orbit:
-    """A run through the plane: times (k,) that rise, states (k, 2n) there, and how it ended.
+    """A run through the plane: increasing times (k,), states (k, 2n), and how the run ended.
 
-    `at(times)` gives states (j, 2n) between. `closed` says that it came back to its start. Angles are not wrapped.
+    `at(times)` gives states (j, 2n) in between. `closed` is true if it returned to its start. Angles are not wrapped.
     """
 
     t: FloatArray
@@ -117,7 +117,7 @@ class Orbit:
 
     @cached_property
     def span(self) -> tuple[float, float]:
-        """The first and the last time."""
+        """First and last time."""
         return float(self.t[0]), float(self.t[-1])
 
 
@@ -134,7 +134,7 @@ def orbit(
 
 
 def orbit_of(parts: Sequence[Trajectory], *, closed: bool) -> Orbit:
-    """Return the orbit of runs that lie behind one another in time, the last of which began it."""
+    """Return the orbit of runs that follow one another in time; the last run contains its beginning."""
     ordered = [_rising(part) for part in parts]
     t = np.concatenate([ordered[0][0], *(times[1:] for times, _ in ordered[1:])])
     states = np.concatenate([ordered[0][1], *(rows[1:] for _, rows in ordered[1:])])
@@ -143,13 +143,13 @@ def orbit_of(parts: Sequence[Trajectory], *, closed: bool) -> Orbit:
 
 
 def _rising(run: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Return the steps of a run with the end at which it stopped, in rising time."""
+    """Return times and states of the steps of a run and of its end, in increasing time."""
     t, states = run.t, run.y.T
     return (t, states) if run.span[1] >= run.span[0] else (t[::-1], states[::-1])
 
 
 def sampled(run: Trajectory, per_step: int = SAMPLES_PER_STEP) -> tuple[FloatArray, FloatArray]:
-    """Return times (k,) in the direction of a run, several in each step, and the states there, (k, 2n)."""
+    """Return times (k,) in the direction of a run, `per_step` in each step, and the states there, (k, 2n)."""
     if len(run.t) < 2:
         return run.t, run.y.T
     times = divided(run.t, per_step)
@@ -157,7 +157,7 @@ def sampled(run: Trajectory, per_step: int = SAMPLES_PER_STEP) -> tuple[FloatArr
 
 
 def cut(run: Trajectory, end: float) -> Trajectory:
-    """Return a run up to a time on the way, with the state there as its last."""
+    """Return a run shortened to the time `end`, with the state there as its last."""
     if not (min(run.span) < end < max(run.span)):
         return run
     short = run_until(run, end)
@@ -166,7 +166,7 @@ def cut(run: Trajectory, end: float) -> Trajectory:
 
 
 def _closed(window: Window, run: Trajectory) -> tuple[Trajectory, bool]:
-    """Return a run up to its first return to where it began, and whether there is one."""
+    """Return a run up to its first return to its start, and whether there is such a return."""
     times, states = sampled(run)
     if len(times) < 3:
         return run, False
@@ -174,7 +174,7 @@ def _closed(window: Window, run: Trajectory) -> tuple[Trajectory, bool]:
     rows = list(window.rows)
 
     def ahead(given: FloatArray) -> FloatArray:
-        """Return how far states are past the start, along the first piece of the way."""
+        """Return the distance of states beyond the start, along the first piece of the orbit."""
         moved = difference(given, start, window.periodic)[:, rows] / window.widths
         return np.asarray(moved @ (way[rows] / window.widths))
 
@@ -194,7 +194,7 @@ def _closed(window: Window, run: Trajectory) -> tuple[Trajectory, bool]:
 
 
 def until_arrival(window: Window, run: Trajectory, places: Sequence[FixedPoint]) -> Trajectory:
-    """Return a run up to where it first comes close to an equilibrium, if it does."""
+    """Return a run up to its first arrival at an equilibrium, or unchanged if there is none."""
     times, states = sampled(run)
     best = math.inf
     end = run.span[1]

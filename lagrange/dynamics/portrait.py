@@ -1,4 +1,4 @@
-"""Phase portraits: the field on a plane of state space, its zero lines, equilibria, separatrices, and orbits."""
+"""Phase portraits: the field on a plane of state space, its nullclines, equilibria, separatrices, and orbits."""
 
 from __future__ import annotations
 
@@ -25,31 +25,31 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 
 FIELD = 25
-"""Arrows of the field along each axis."""
+"""Number of arrows of the field along each axis."""
 
 NULLCLINE_CELLS = 240
-"""Cells along each axis in which zero lines are sought: a line through them is off by less than a pixel."""
+"""Cells along each axis for the nullclines: their lines are then exact within a pixel."""
 
 CELLS = 22
-"""Cells along each axis for orbits: one is begun in each cell that no other has passed, from the middle outwards."""
+"""Cells along each axis for orbits: one begins in each cell that no orbit has crossed, from the middle outwards."""
 
 MOST_ORBITS, MOST_PROJECTED = 60, 8
-"""Most orbits that are begun where the user gives no starts; fewer where they may cross."""
+"""Largest number of orbits if the user gives no starts, in a full plane and in a slice, where orbits may cross."""
 
 FEW_PERIODS = 2
-"""Mean periods for which orbits are followed where they may cross, forwards alone."""
+"""Time for which orbits of a slice are followed, forwards only, in mean periods of small motions."""
 
 SAMPLES_PER_CELL = 64
-"""States in each step by which the cells are marked that an orbit passes."""
+"""States in each step for marking the cells that an orbit crosses."""
 
 SAME = 1e-9
-"""Distance of two equilibria that are one, as a part of the window."""
+"""Distance below which two equilibria are the same, as a part of the window."""
 
 BESIDE = np.array([0.1, 0.0])
-"""Where a motion begins beside an equilibrium."""
+"""Displacement from an equilibrium at which the motion for the default window begins."""
 
 MOST_RESTS = 16
-"""Changes of sign of the force between -1000 and 1000 beyond which equilibria do not say what to look at."""
+"""Most changes of sign of the force between -1000 and 1000 for which equilibria determine the default window."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,9 +57,9 @@ class PortraitData:
     """The parts of a phase portrait; states have 2n entries, coordinates and then velocities.
 
     `x` (k,) and `y` (m,) are the places of the field's arrows, `u` and `v` (m, k) the rates of the entries on the axes
-    there. `nullclines` are lines (j, 2) on which the rate of the entry to the right, or upwards, is zero, by the name
-    of the entry. `equilibria` have a state and a kind, `separatrices` an orbit each, and `orbits` pass through `starts`
-    (s, 2n). `turns` says that the axis to the right is an angle. `held` are the entries that the plane holds fixed.
+    there. `nullclines` are lines (j, 2), by the name of an entry, on which the rate of that entry is zero. `equilibria`
+    have a state and a kind, `separatrices` an orbit each, and `orbits` pass through `starts` (s, 2n). `turns` is true
+    if the horizontal axis is an angle. `held` are the fixed values of the entries that are not on the axes.
     """
 
     statement: Statement
@@ -81,7 +81,7 @@ class PortraitData:
 
 
 class _Portrait:
-    """The work on a portrait, part by part."""
+    """Methods that compute the parts of a portrait."""
 
     def __init__(self, runs: Runs, plane: Plane, base: FloatArray, time: float, reach: float | None) -> None:
         model = runs.model
@@ -95,7 +95,7 @@ class _Portrait:
         self.window = Window(plane, self.periodic, periods * scale if reach is None else reach)
 
     def state(self, x: float, y: float) -> FloatArray:
-        """Return the state of a place on the plane."""
+        """Return the state of a point on the plane."""
         state = self.base.copy()
         state[self.plane[0].row], state[self.plane[1].row] = x, y
         return state
@@ -107,7 +107,7 @@ class _Portrait:
         try:
             found = self.runs.model.rhs(self.time, states, self.runs.parameters)
         except RunError:
-            # Somewhere the mass matrix is singular: the others are looked at one by one.
+            # At some point the mass matrix is singular: the others are evaluated one by one.
             found = np.column_stack([self._rates_at(column) for column in states.T])
         return found[[self.plane[0].row, self.plane[1].row]]
 
@@ -118,14 +118,14 @@ class _Portrait:
             return np.full(len(state), np.nan)
 
     def field(self) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-        """Return the places and rates of the arrows."""
+        """Return the places x (k,) and y (m,) of the arrows, and their rates u and v (m, k)."""
         x, y = (np.linspace(axis.low, axis.high, 2 * axis.count + 1)[1::2] for axis in self.plane)
         columns, rows = np.meshgrid(x, y)
         u, v = self.rates(columns.ravel(), rows.ravel())
         return x, y, u.reshape(columns.shape), v.reshape(columns.shape)
 
     def nullclines(self) -> dict[str, tuple[FloatArray, ...]]:
-        """Return the zero lines of the two rates, sought half a cell beyond the window: they may lie on its border."""
+        """Return the nullclines of both rates, on a grid half a cell beyond the window: they may lie on its border."""
         x, y = (_beyond(axis) for axis in self.plane)
         first, second = self.plane
         return {
@@ -134,7 +134,7 @@ class _Portrait:
         }
 
     def distinct(self, places: Sequence[FixedPoint]) -> list[int]:
-        """Return the equilibria without those that are others after a turn, such as pi and -pi."""
+        """Return the numbers of the equilibria, without copies after a full turn, such as pi and -pi."""
         found: list[int] = []
         for k, place in enumerate(places):
             others = np.array([places[i].state for i in found]).reshape(-1, len(place.state))
@@ -143,7 +143,7 @@ class _Portrait:
         return found
 
     def seeds(self) -> FloatArray:
-        """Return the middles of all cells, those of the window's middle first, (CELLS**2, 2n)."""
+        """Return the middles of all cells, from the middle of the window outwards, (CELLS**2, 2n)."""
         middles = [np.linspace(axis.low, axis.high, 2 * CELLS + 1)[1::2] for axis in self.plane]
         columns, rows = np.meshgrid(*middles)
         away = np.hypot(*(np.indices(columns.shape) - (CELLS - 1) / 2))
@@ -152,7 +152,7 @@ class _Portrait:
 
 
 def _beyond(axis: Axis) -> FloatArray:
-    """Return the grid of an axis with half a cell more at either end."""
+    """Return the grid of an axis with an additional half cell at either end."""
     cell = axis.width / NULLCLINE_CELLS
     return np.linspace(axis.low - cell / 2, axis.high + cell / 2, NULLCLINE_CELLS + 2)
 
@@ -237,7 +237,7 @@ def _made(work: _Portrait, held: Mapping[int, float], starts: Any, progress: Rep
 def _unvisited(
     work: _Portrait, branches: Sequence[Separatrix], orbits: Sequence[Orbit], progress: Report | None
 ) -> Iterator[FloatArray]:
-    """Yield the middles of cells that nothing drawn so far has passed, nor its neighbours; report how many have."""
+    """Yield the middles of cells that no orbit has crossed, nor their neighbours; report the number of tested cells."""
     taken = np.zeros((CELLS + 2, CELLS + 2), dtype=bool)
     most = MOST_ORBITS if work.alone else MOST_PROJECTED
     for branch in branches:
@@ -255,7 +255,7 @@ def _unvisited(
 
 
 def _mark(work: _Portrait, taken: FloatArray, passed: Orbit) -> None:
-    """Mark the cells that an orbit passes, and those beside them."""
+    """Mark the cells that an orbit crosses, and their neighbours."""
     for part in passed.parts:
         rows, columns = _cells(work, sampled(part, SAMPLES_PER_CELL)[1])
         for down, right in ((0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)):
@@ -263,7 +263,7 @@ def _mark(work: _Portrait, taken: FloatArray, passed: Orbit) -> None:
 
 
 def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rows and columns of the cells of states (k, 2n), from 1 on; those outside have a border of one."""
+    """Return the rows and columns of the cells of states (k, 2n), from 1 on; outside is a border of one cell."""
     found = []
     for axis in reversed(work.plane):
         values = states[:, axis.row]
@@ -277,7 +277,7 @@ def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]
 def _ended(
     work: _Portrait, orbits: Sequence[Orbit], wanted: int, note: str, *, interrupted: bool
 ) -> tuple[Status, str]:
-    """Return the status of a portrait, and sentences on what it shows."""
+    """Return the status of a portrait, and its message."""
     statement = work.runs.model.statement
     interrupted = interrupted or any(one.status is Status.INTERRUPTED for one in orbits)
     status = Status.INTERRUPTED if interrupted else Status.SUCCESS
@@ -300,7 +300,7 @@ def _ended(
 
 
 def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dict[int, float]:
-    """Return the rows of the state that a plane holds fixed, with their values."""
+    """Return the rows of the state that are fixed on a plane, with their values."""
     statement = model.statement
     if at is not None and not isinstance(at, Mapping):
         raise StatementError(f"at is {shown(at)}: give a dict from coordinates and velocities to values.")
@@ -321,7 +321,7 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
 
 
 def _too_many(statement: Statement, left: int) -> str:
-    """Return the sentence for a plane that is not determined by what is held."""
+    """Return the error for a plane that leaves entries of the state without a value."""
     names = statement.state_names
     n = len(statement.coordinates)
     if n == 1:
@@ -335,10 +335,10 @@ def _too_many(statement: Statement, left: int) -> str:
 
 
 def default_plane(runs: Runs, base: FloatArray) -> Plane:
-    """Return a window for a system with one coordinate: its equilibria and the motions between them are in it.
+    """Return a window for a system with one coordinate: it contains the equilibria and the motions between them.
 
-    An angle has a whole turn. Of another coordinate it is what the equilibria and the motion from the initial state
-    take up, and half as much on either side; the motion begins beside an equilibrium, if the initial state is one.
+    For an angle it is a full turn. For another coordinate it is the range of the equilibria and of the motion from the
+    initial state, enlarged at both ends. If the initial state is an equilibrium, the motion begins beside it.
     """
     model = runs.model
     (name,) = model.statement.names
@@ -356,7 +356,7 @@ def default_plane(runs: Runs, base: FloatArray) -> Plane:
 
 
 def _extent(runs: Runs, base: FloatArray, scale: float) -> tuple[float, float]:
-    """Return a range for a coordinate that is no angle."""
+    """Return a range for a coordinate that is not an angle."""
     model, sizes = runs.model, np.logspace(-3, 3, 1200)
     x = np.concatenate([-sizes[::-1], [0.0], sizes])
     try:
@@ -368,7 +368,7 @@ def _extent(runs: Runs, base: FloatArray, scale: float) -> tuple[float, float]:
     starts = [base]
     if abs(float(model.accelerations(base[:1], base[1:], 0.0, runs.parameters)[0])) < 1e-9 and not base[1]:
         starts = [base + BESIDE, base - BESIDE]
-    # A motion that is driven settles somewhere else than it begins.
+    # A driven motion settles away from its start, so it is run for longer.
     longest = (30 if depends_on_time(model.statement) else 3) * scale
     passed = [runs(begin, 0.0, longest).y[0] for begin in starts]
     among = np.concatenate([rests, *(x[np.isfinite(x)] for x in passed)])

@@ -1,4 +1,4 @@
-"""Many runs of one model with one set of options: starts as users give them, and how far the runs have come."""
+"""Many runs of one model with the same options: starts as users give them, and progress."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Trajectory
 
 Report = Callable[[float], None]
-"""What is told how many runs are done."""
+"""Progress callback: number of finished runs."""
 
 MOST_STARTS = 1_000_000
-"""The most starts that a list or an array may have."""
+"""Largest number of starts in a list or an array."""
 
 
 @dataclass(frozen=True, eq=False)
 class Runs:
-    """A model with the parameters, (k,), and the options that its runs share."""
+    """A model with its parameters, (k,), and the options that all runs share."""
 
     model: Model
     parameters: FloatArray
@@ -41,7 +41,7 @@ class Runs:
     def __call__(
         self, start: FloatArray, t0: float, t1: float, t_eval: FloatArray | None = None, events: Any = None
     ) -> Trajectory:
-        """Run from a state (2n,) at t0 to t1; with `t_eval` (k,) the states there are all that is kept."""
+        """Run from a state (2n,) at t0 to t1. With `t_eval` (k,) only the states at these times are kept."""
         options, statement = self.options, self.model.statement
         values = dict(zip(statement.parameters, self.parameters.tolist(), strict=True))
         chosen = RunOptions(
@@ -67,9 +67,9 @@ class Runs:
         t_eval: FloatArray | None = None,
         varying: bool = False,
     ) -> Job:
-        """Return many runs from t0 to t1, as members of an ensemble; `keep` is what `lagrange.ensemble` takes.
+        """Return many runs from t0 to t1, as an ensemble job; `keep` is as in `lagrange.ensemble`.
 
-        With `varying` each has parameters of its own.
+        With `varying` each run has its own parameters.
         """
         model, given = self.model, self.options
         options = replace(given, method=find(DEFAULT if given.method is None else given.method), events=events)
@@ -92,7 +92,7 @@ class Runs:
 def starts_of(model: Model, given: Any, base: FloatArray) -> FloatArray:
     """Return starts as states (m, 2n), from a dict, a list of dicts, or an array (m, 2n) or (2n,).
 
-    What a dict does not name is taken from `base` (2n,). Raises StatementError with the start's number.
+    A dict overlays `base` (2n,). Raises StatementError with the number of the start.
     """
     size = model.layout.size
     if given is None:
@@ -140,15 +140,15 @@ def _of_array(model: Model, given: FloatArray) -> FloatArray:
 
 
 def initial_of(model: Model, overlay: Mapping[Any, Any] | None) -> FloatArray:
-    """Return the initial state of a statement with another one's entries over it, (2n,)."""
+    """Return the initial state of a statement, overlaid with other entries, (2n,)."""
     statement = model.statement
     return np.array(initial_state({} if overlay is None else overlay, statement.coordinates, statement.initial))
 
 
 def time_scale(model: Model, states: FloatArray, parameters: FloatArray, fallback: float) -> float:
-    """Return the period 2 pi/|eigenvalue| of small motions about states (m, 2n), or `fallback` where there is none.
+    """Return the period 2 pi/|eigenvalue| of small motions about states (m, 2n), or `fallback` if all are zero.
 
-    Of a state it is the geometric mean over the eigenvalues that are not zero, of all states the median.
+    It is the geometric mean over the nonzero eigenvalues of a state, and the median over the states.
     """
     periods = []
     for state in states[:: max(1, len(states) // 16)]:

@@ -29,13 +29,14 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 
 MOST_POINTS = 100_000_000
-"""Most points that an orbit is followed for: a driven system takes minutes for them."""
+"""Largest number of points of an orbit: a driven system takes minutes for them."""
 
 BORDER_CELLS = 200
-"""Cells along each axis in which the border of a section is sought."""
+"""Cells along each axis for the border of a section."""
 
 BORDER_ROOMS = (0.5, 1.5, 4.0, 10.0, 25.0)
-"""How far beyond the points it is sought, in parts of their extent, until it closes; where it is open there is none."""
+"""Margins around the points, in parts of their extent, in which the border is searched until it closes. An open border
+is left out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,10 +44,10 @@ class SectionData:
     """The points of a section, for each of m starts: `times` (k,) and `states` (k, 2n), k crossings.
 
     `starts` (m, 2n) are the states at which orbits began, `statuses` and `messages` how each ended: EVENT with all of
-    its crossings, SUCCESS where the section was not passed so often. `event` is what was passed, None for a section at
-    times `period` apart. `energy` is that of the starts where it was given, and `border` are the closed lines (j, 2)
-    around the states of that energy, in the plane of `axes`, the entries to draw. `drift` is the largest change of the
-    energy, relative to its size, for a system that conserves it.
+    its crossings, SUCCESS with fewer. `event` is that of the section, None for states at times `period` apart. `energy`
+    is that of the starts if it was given. `border` are the closed lines (j, 2) around the states of that energy, in the
+    plane of `axes`, the entries to draw. `drift` is the largest change of the energy, relative to its size, for a
+    system that conserves it.
     """
 
     statement: Statement
@@ -66,12 +67,12 @@ class SectionData:
 
     @property
     def points(self) -> FloatArray:
-        """The states of all orbits behind one another, (k, 2n)."""
+        """States of all orbits, one orbit after the other, (k, 2n)."""
         return np.concatenate(self.states) if self.states else np.empty((0, self.starts.shape[1]))
 
 
 def section_of(given: Any, model: Model, parameters: FloatArray) -> Event | float:
-    """Return the event of a section, or the period of one at equal times: a number, or an expression in parameters."""
+    """Return the event of a section, or a sampling period: a number, or an expression in parameters."""
     if isinstance(given, Event):
         return declare_events([given], model.statement, constant="a section")[0]
     constant = isinstance(given, sympy.Expr) and not expression(given, "the section").has(t)
@@ -131,12 +132,12 @@ def section(
 
 
 def point_counts(points: Any, skip: Any, name: str, least: int) -> tuple[int, int]:
-    """Return how many points of an orbit are kept, and how many before them are not."""
+    """Return the number of points of an orbit that are kept, and of those before them that are skipped."""
     return whole_number(points, name, least, MOST_POINTS), whole_number(skip, "skip", 0, MOST_POINTS)
 
 
 def check_room(shape: Sequence[int]) -> None:
-    """Refuse points whose states (..., points, 2n) take too much memory."""
+    """Raise StatementError if states (..., points, 2n) of this shape would take too much memory."""
     if math.prod(shape) > MOST_NUMBERS:
         raise StatementError(
             f"the states of {math.prod(shape[:-1]):.3g} points, those of skip among them, take "
@@ -172,7 +173,7 @@ def _level(model: Model, energy: Any, solve_for: Any) -> tuple[float | None, int
 
 
 def drawn_axes(statement: Statement, event: Event | None) -> tuple[str, str]:
-    """Return the entries of the state that are drawn: a coordinate that the event has not, and its velocity."""
+    """Return the entries of the state to draw: a coordinate that does not occur in the event, and its velocity."""
     names = statement.names
     plain = None if event is None else event.expression.xreplace(dict(statement.plain))
     among = set() if plain is None else {symbol.name for symbol in plain.free_symbols}
@@ -189,7 +190,7 @@ def _border(
     row: int | None,
     done: Sequence[Crossings],
 ) -> tuple[FloatArray, ...]:
-    """Return the lines around what has the energy, for two coordinates of which one is drawn."""
+    """Return the border lines of the region that the energy allows, for two coordinates of which one is drawn."""
     points = np.concatenate([one.states for one in done]) if done else np.empty((0, 0))
     names = runs.model.statement.state_names
     if energy is None or row is None or len(names) != 4 or len(points) < 2:
@@ -214,7 +215,7 @@ def _border(
 
 
 def _drift(runs: Runs, states: FloatArray, done: Sequence[Crossings]) -> float | None:
-    """Return the largest change of the energy from start to crossing, relative to the largest energy, if conserved."""
+    """Return the largest change of the energy from start to crossing, relative to the largest energy, or None."""
     model = runs.model
     if not model.conservative or not done:
         return None
@@ -228,7 +229,7 @@ def _drift(runs: Runs, states: FloatArray, done: Sequence[Crossings]) -> float |
 
 
 def _ended(done: Sequence[Crossings], wanted: int, event: Event | None, statement: Statement) -> tuple[Status, str]:
-    """Return the status of a section, and a sentence."""
+    """Return the status of a section, and a message."""
     total = sum(len(one.times) for one in done)
     what = "point" if event is None else "crossing"
     if len(done) < wanted or any(one.status is Status.INTERRUPTED for one in done):
@@ -250,7 +251,7 @@ def _ended(done: Sequence[Crossings], wanted: int, event: Event | None, statemen
 
 
 def surface(event: Event, statement: Statement) -> str:
-    """Return the equation of a switching surface by the names of coordinates, cut where it is long."""
+    """Return the equation of a switching surface in the names of coordinates, cut if it is long."""
     return f"{formula(event.expression.xreplace(dict(statement.plain)), 60)} = 0"
 
 

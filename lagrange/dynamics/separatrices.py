@@ -1,8 +1,8 @@
 """Separatrices: the motions that leave a saddle, and those that come to it, along its eigenvectors.
 
 Near a saddle s the motion along an eigenvector w is s + d w up to an error of the second order in d. The distance d is
-halved until what the rate there has of the other eigenvector shows that the start is off by less than `LINEAR_ERROR` of
-the window.
+halved until the error of the start is below `LINEAR_ERROR` of the window. The component of the velocity along the
+other eigenvector gives an estimate of this error.
 Source: T. S. Parker, L. O. Chua, Practical Numerical Algorithms for Chaotic Systems, 1989, chapter 6.
 """
 
@@ -21,21 +21,21 @@ from lagrange.machine.backend import FloatArray
 from lagrange.statement.event import Event
 
 LINEAR_ERROR = 1e-10
-"""How far a start may lie off the separatrix, as a part of the window.
+"""Largest distance of a start from the separatrix, as a part of the window.
 
-Rounding of the saddle itself leaves 1e-16, which grows along with the motion: less would not be known.
+Rounding of the saddle itself is 1e-16 and grows along the motion: a smaller limit has no effect.
 """
 
 FIRST_DISTANCE, LEAST_DISTANCE = 1e-2, 1e-7
-"""Distances of starts from the saddle, as parts of the window."""
+"""First and least distance of a start from the saddle, as parts of the window."""
 
 
 @dataclass(frozen=True, eq=False)
 class Separatrix:
     """A branch of the stable or the unstable manifold of a saddle: an orbit that begins, or ends, close to it.
 
-    `saddle` is the place of the saddle among the fixed points, `stable` says that the motion comes to it as time goes
-    on, `distance` is how far from it the orbit begins, in the units of the state.
+    `saddle` is the number of the saddle among the fixed points. `stable` is true if the motion approaches the saddle
+    with increasing time. `distance` is that of its first point from the saddle, in the units of the state.
     """
 
     saddle: int
@@ -68,13 +68,13 @@ def separatrices_of(
 
 
 def _distance(runs: Runs, saddle: FixedPoint, column: int, vector: FloatArray, window: Window) -> float:
-    """Return how far from a saddle a motion may begin on an eigenvector, as a part of the window."""
+    """Return the distance from a saddle, as a part of the window, at which a motion on an eigenvector may begin."""
     rates, inverse = saddle.eigenvalues.real, np.linalg.inv(saddle.eigenvectors.real)
     part = FIRST_DISTANCE
     while part > LEAST_DISTANCE:
         slope = runs.model.rhs(0.0, saddle.state + part * vector, runs.parameters)
         aside = inverse @ slope
-        # What goes into the other direction, at its own rate and that of the motion, is the distance off the curve.
+        # The term of order d**2 along the other eigenvector grows at twice the rate: aside = (2 rate - other rate) off.
         off = abs(aside[1 - column]) / abs(2 * rates[column] - rates[1 - column])
         size = off * np.linalg.norm(saddle.eigenvectors.real[:, 1 - column] / window.widths)
         if np.isfinite(size) and size <= LINEAR_ERROR:

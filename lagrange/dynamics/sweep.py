@@ -1,4 +1,4 @@
-"""Bifurcation diagrams: where the motion is on a section, after it has settled, at each value of a parameter.
+"""Bifurcation diagrams: settled motions on a section, for each value of a parameter.
 
 Source: S. H. Strogatz, Nonlinear Dynamics and Chaos, 2nd ed., 2015, section 10.2.
 """
@@ -27,11 +27,11 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import Status
 
 SAME = 1e-6
-"""Distance of two points that are one, as a part of the extent of all points on the axes."""
+"""Distance below which two points are the same, as a part of the extent of all points on the axes."""
 
 
 ROUNDING = 1e-12
-"""Differences that are rounding, relative to the size of a coordinate, or of its velocity in a mean period."""
+"""Largest rounding noise of a difference, relative to the size of a coordinate, or of its velocity in a mean period."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +39,9 @@ class SweepData:
     """The settled motion on a section at values (k,) of a parameter, from each of m starts.
 
     `states` (k, m, s, 2n) are the last s points of each orbit, NaN where there are fewer. `cycles` (k, m) are the
-    lengths p of cycles, the least with which every point comes again, 0 where none up to s/2 does. `statuses` has a
-    list for each value. `event` is what was passed, None for points at `periods` (k,) of the driving. With `followed`
-    each orbit begins where that at the value before ended.
+    lengths p of cycles: the least p after which every point repeats, or 0 if no p up to s/2 does. `statuses` has a
+    list for each value. `event` is that of the section, None for points at `periods` (k,) of the driving. With
+    `followed` each orbit begins where that of the previous value ended.
     """
 
     statement: Statement
@@ -165,7 +165,7 @@ def _together(
     count: int,
     progress: Report | None,
 ) -> list[Crossings] | None:
-    """Return the orbits of all values, those of a value behind one another, None where they are run one by one."""
+    """Return the orbits of all values, grouped by value, or None if they are to run one by one."""
     period, m = sections[0], len(base)
     if isinstance(period, Event) or any(one != period for one in sections):
         return None
@@ -175,7 +175,7 @@ def _together(
 
 
 def with_value(runs: Runs, place: int, value: float) -> FloatArray:
-    """Return the parameters with another value for one of them; a value that it may not have is refused."""
+    """Return the parameters with another value for one of them. Raises StatementError for an invalid value."""
     array = runs.parameters.copy()
     array[place] = value
     return runs.model.parameter_array(array)
@@ -189,7 +189,7 @@ def _section(runs: Runs, given: Any, parameters: FloatArray) -> Event | float:
 
 
 def _next(found: Crossings, start: FloatArray, passed: Event | float, statement: Statement) -> tuple[float, FloatArray]:
-    """Return the time and the state from which an orbit goes on at the next value of the parameter."""
+    """Return the time and the state from which an orbit continues at the next value of the parameter."""
     if not found.status.complete or not len(found.states):
         return 0.0, start
     # A point at a multiple of the period begins the next period; an event happens at any phase of a driving.
@@ -198,16 +198,16 @@ def _next(found: Crossings, start: FloatArray, passed: Event | float, statement:
 
 
 def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> FloatArray:
-    """Return the least p with which every point comes again after p, (k, m), 0 where none does.
+    """Return the least p after which every point repeats, (k, m), 0 if there is none.
 
-    `scale` is a period of small motions, by which coordinates and velocities are compared.
+    `scale` is a period of small motions, with which velocities are compared to coordinates.
     """
     known = states[np.isfinite(states).all(axis=-1)]
     if not len(known):
         return np.zeros(states.shape[:2], dtype=int)
     size = np.maximum(np.ptp(known, axis=0), 1e-300)
     size[: len(periodic)][list(periodic)] = np.minimum(size[: len(periodic)][list(periodic)], 2 * np.pi)
-    # An entry that is one value everywhere, as that on the section, tells nothing: its differences are rounding.
+    # An entry with one value everywhere, such as that on the section, is ignored: its differences are rounding noise.
     n, largest = len(periodic), np.abs(known).max(axis=0)
     largest = np.maximum(largest, np.concatenate([largest[n:] * scale, largest[:n] / scale]))
     size = np.maximum(size, ROUNDING * largest / SAME)
@@ -215,7 +215,7 @@ def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> Flo
     found = np.zeros(len(whole), dtype=int)
     left = np.nonzero(np.isfinite(whole).all(axis=(1, 2)))[0]
     for p in range(1, states.shape[2] // 2 + 1):
-        # Most rows are told apart by their first points.
+        # Most rows are excluded by their first points.
         apart = np.abs(difference(whole[left, p], whole[left, 0], periodic)) / size
         for row in left[(apart <= SAME).all(axis=1)].tolist():
             apart = np.abs(difference(whole[row, p:], whole[row, :-p], periodic)) / size

@@ -1,4 +1,4 @@
-"""What the scripts of a page know of a system beside its functions: names, places, bounds and initial values."""
+"""Data for the scripts of a page, besides the functions: names, positions, bounds and initial values."""
 
 from __future__ import annotations
 
@@ -20,8 +20,7 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.measures.points import fixed_points
 
 LONGEST_RUN, SHORTEST_RUN = 60.0, 1.0
-"""A scene that runs for so long is shown at one unit of time in a second, as in seconds it would be; any other in
-`SHOWN` seconds."""
+"""Lengths of runs, in units of time, that play at one unit of time per second. Other runs play in `SHOWN` seconds."""
 SHOWN = 20.0
 
 
@@ -32,7 +31,7 @@ def description(
     initial: Sequence[float],
     sliders: Sequence[Slider],
 ) -> dict[str, Any]:
-    """Return the data of a page; directions of space and springs are those of figures."""
+    """Return the data of a page as a dict for JSON; the view of space and the shape of springs are those of figures."""
     begin, end = statement.span
     return {
         "name": plain_text(statement.name),
@@ -54,7 +53,7 @@ def description(
 
 
 def _states(statement: Statement) -> list[dict[str, str]]:
-    """Return the name of each entry of the state, as it is typed and as it is drawn, and its unit."""
+    """Return for each entry of the state its ASCII name, its name with Greek letters and dots, and its unit."""
     notation = UnicodeNotation([*statement.names, *(symbol.name for symbol in statement.parameters)])
     entries = [(name, f"{name}{'_dot' * dots}", dots) for dots in (0, 1) for name in statement.names]
     return [
@@ -64,9 +63,9 @@ def _states(statement: Statement) -> list[dict[str, str]]:
 
 
 def _points(statement: Statement) -> dict[str, Any]:
-    """Return the named points, their dimension, and the links by the places of their ends; the origin is the last.
+    """Return the named points, their dimension, and the links by the indices of their ends; the last is the origin.
 
-    `colours` has the number of the colour of each point, null for those that are fixed.
+    `colours` has the index of the colour of each point, null for fixed points.
     """
     names = list(statement.positions)
     dimension = max(map(len, statement.positions.values()), default=0)
@@ -82,13 +81,13 @@ def _points(statement: Statement) -> dict[str, Any]:
 
 
 def moving_points(statement: Statement) -> list[str]:
-    """Return the names of the points that are not fixed, each of which has a colour."""
+    """Return the names of the points that are not fixed; each has a colour."""
     fixed = fixed_points(statement)
     return [name for name in statement.positions if not fixed[name]]
 
 
 def rate(t_end: float) -> float:
-    """Return how much time is shown in a second: one unit, or for runs of other lengths a part of the run."""
+    """Return the units of time that play in a second: 1, or for very short or long runs `t_end` / `SHOWN`, rounded."""
     length = abs(t_end)
     shown = 1.0 if SHORTEST_RUN <= length <= LONGEST_RUN else float(f"{length / SHOWN:.1g}")
     return math.copysign(shown, t_end)

@@ -1,4 +1,4 @@
-"""The page as one HTML document, in which nothing else can run: its formulas, its marks, its parts."""
+"""The page as one HTML document that runs no code except its own: formulas, symbols, parts."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from lagrange.show.sliders import PARAMETER, Slider
 from lagrange.statement.statement import Statement
 
 OPEN = ("Stated", "Equations of motion")
-"""The sections that are unfolded when the page opens."""
+"""Sections that are open when the page loads."""
 
 LONGEST = 30_000
-"""Characters of a section above which a sentence stands in its place; the accelerations of the double pendulum take
+"""Longest section, in characters; a longer one is replaced by a sentence. The accelerations of the double pendulum take
 8,000."""
 
 
 class FoldedFormulas(HtmlPage):
-    """Sections that fold, without styles of their own: the page forbids those."""
+    """Sections that fold, without inline styles: the security policy of the page forbids those."""
 
     cell = '<mtd class="{}">{}</mtd>'
 
@@ -40,7 +40,7 @@ class FoldedFormulas(HtmlPage):
         return "".join(map(self.section, found))
 
     def section(self, section: Section) -> str:
-        """Return a section, or the sentence that says that it is too long."""
+        """Return a section, or a sentence instead of it if it is too long."""
         inside = "\n".join(map(self.row, section.rows))
         if len(inside) > LONGEST:
             inside = self.row("These formulas are too long to be read here: `lagrange derive` prints them.")
@@ -49,7 +49,7 @@ class FoldedFormulas(HtmlPage):
         return f"<details{opened}><summary>{heading}</summary>\n{inside}\n</details>\n"
 
     def letter(self, name: str) -> str:
-        """Return the letter of a coordinate, a velocity such as x_dot or a parameter."""
+        """Return the symbol of a coordinate, a velocity such as x_dot or a parameter."""
         base = name.removesuffix("_dot")
         dots = int(name != base and base in self.statement.names)
         return f"<math>{self.lines.sides.notation.letter(base if dots else name, dots)}</math>"
@@ -61,15 +61,15 @@ def formulas(derivation: Derivation) -> str:
 
 
 FEW = 15
-"""Sliders that are seen at once: where there are more, those of the start are folded, and parameters that are more."""
+"""Most sliders that are shown open. With more, those of the initial state are folded, and excess parameters."""
 
 
 SPACE = 3
-"""Entries of a position in space."""
+"""Number of entries of a position in space."""
 
 
 def slider_groups(found: Sequence[Slider], page: FoldedFormulas) -> str:
-    """Return the sliders in groups: those asked for, parameters, initial values."""
+    """Return the sliders in groups: chosen ones, parameters, initial values."""
     chosen = [(place, one) for place, one in enumerate(found) if one.chosen]
     others = [(place, one) for place, one in enumerate(found) if not one.chosen]
     parameters = [pair for pair in others if pair[1].kind == PARAMETER]
@@ -115,7 +115,7 @@ def legend(statement: Statement) -> str:
 
 
 def note(statement: Statement) -> str:
-    """Return what the picture shows where it is not the motion of points."""
+    """Return a note on the picture if it does not show the motion of points."""
     if statement.positions:
         return ""
     said = "No positions are stated for this system: the picture shows its coordinates over time."
@@ -123,19 +123,19 @@ def note(statement: Statement) -> str:
 
 
 def hint(statement: Statement) -> str:
-    """Return what can be done with a picture of space."""
+    """Return instructions for turning a picture of space."""
     in_space = any(len(point) == SPACE for point in statement.positions.values())
     return '<p class="hint">Drag to turn</p>' if in_space else ""
 
 
 def phase_choices(statement: Statement) -> str:
-    """Return the choices of a coordinate for the phase plane."""
+    """Return the options of the phase plane, one for each coordinate."""
     letter = UnicodeNotation(statement.names).letter
     return "".join(f'<option value="{k}">{escape(letter(name))}</option>' for k, name in enumerate(statement.names))
 
 
 def colour_rules(count: int) -> str:
-    """Return the colours of both styles as CSS, for so many lines."""
+    """Return the colours of both styles as CSS, for `count` lines."""
     light, dark = (_variables(style, count) for style in (LIGHT, DARK))
     swatches = "".join(f".colour{k}{{background:var(--colour{k})}}" for k in range(count))
     return (
@@ -156,15 +156,15 @@ def _variables(style: Style, count: int) -> str:
 TEMPLATE = Path(__file__).resolve().parent / "template"
 
 SCRIPTS = ("numbers", "motion", "view", "picture", "plots", "sliders", "controls", "page")
-"""The scripts of every page, in the order in which they use one another."""
+"""Scripts of every page, in the order of their dependencies."""
 
 ENDS = re.compile(r"<(?=/script|script|!--)", re.IGNORECASE)
-"""What would end a script element early, or begin another inside it."""
+"""Text that would end a script element early, or open a comment inside it."""
 
 
 @dataclass(frozen=True)
 class Document:
-    """What is put into the template: texts and parts that are HTML already, the module, the data and the colours."""
+    """Content for the template: texts, parts in HTML, the module, the data and the colours."""
 
     parts: Mapping[str, str]
     module: str
@@ -172,7 +172,7 @@ class Document:
     colours: str
 
     def html(self) -> str:
-        """Return the page. Its policy allows its own two scripts and its own style by their hashes, and no request."""
+        """Return the page. Its policy allows only its two scripts and its style, by their hashes, and no requests."""
         style = self.colours + template("page.css")
         scripts = [shared_scripts(), in_script(self.module)]
         allowed = {"script": " ".join(map(_hash, scripts)), "style": _hash(style)}
@@ -193,21 +193,21 @@ class Document:
 
 @cache
 def template(name: str) -> str:
-    """Return a file of the template."""
+    """Return a file of the template as text."""
     return (TEMPLATE / name).read_text("utf-8")
 
 
 @cache
 def shared_scripts() -> str:
-    """Return the scripts that every page has, as one."""
+    """Return the scripts that are the same for every page, joined."""
     return '"use strict";\n' + "\n".join(template(f"{name}.js") for name in SCRIPTS)
 
 
 def in_script(text: str) -> str:
-    """Return a script as it may stand in a script element.
+    """Return a script escaped for a script element.
 
-    Only names and comments of a user can contain what ends the element, and JavaScript reads a backslash before a mark
-    in a text, or in a comment, as nothing.
+    Only names and comments of a user can contain a text that ends the element. In a text or a comment JavaScript
+    ignores the backslash that is inserted.
     """
     return ENDS.sub("<\\\\", text)
 

@@ -1,4 +1,4 @@
-"""What a page computes with: the exported JavaScript of a system, and how it is called."""
+"""The computations of a page: the exported JavaScript of a system, and the call that starts it."""
 
 from __future__ import annotations
 
@@ -15,18 +15,19 @@ from lagrange.statement.statement import Statement
 TARGET = "javascript"
 
 ALWAYS = ("rhs", "energy", "dop853")
-"""What every page computes with, beside what only some systems have."""
+"""Quantities that every page exports; some systems add others."""
 
 TOLERANCE = 1e-13
-"""Both tolerances of the steps. The double pendulum then drifts by some 1e-12 in a minute; a picture takes 30 us."""
+"""Relative and absolute tolerance of the steps. The double pendulum drifts by some 1e-12 in a minute; a picture takes
+30 us."""
 
 MOST_STEPS = 5000
-"""Steps from one recorded state to the next at most; a pendulum takes one."""
+"""Most steps between two recorded states; a pendulum takes one."""
 
 
 @dataclass(frozen=True)
 class MotionSource:
-    """The exported module, the values of its parameters, and the contents that it has."""
+    """The exported module, the values of its parameters, and the names of its contents."""
 
     text: str
     parameters: tuple[float, ...]
@@ -35,9 +36,9 @@ class MotionSource:
 
     @property
     def script(self) -> str:
-        """The module with the call that hands its functions to the page.
+        """The module, followed by the call that passes its functions to the page.
 
-        An inline module cannot be imported, so that the call stands in it.
+        An inline module cannot be imported, so the call is inside it.
         """
         names = ["prepare", "STATE", "PREPARED", *self.contents]
         if self.constrained:
@@ -46,13 +47,13 @@ class MotionSource:
 
 
 def contents(statement: Statement) -> tuple[str, ...]:
-    """Return the contents of the module of a system."""
+    """Return the names of the quantities that the module of a system exports."""
     found = {"energies": not statement.lagrangian_alone, "positions": bool(statement.positions)}
     return (*ALWAYS, *(name for name, there in found.items() if there))
 
 
 def motion_source(model: Model, parameters: Mapping[Any, Any] | None) -> MotionSource:
-    """Return the module of a model. Raises StatementError for functions that JavaScript has not."""
+    """Return the module of a model. Raises StatementError for functions that JavaScript lacks."""
     target, asked = find(TARGET), contents(model.statement)
     module = module_of(model, wanted(target, model, asked, ()), (), parameters)
     missing = missing_operation(target, module)

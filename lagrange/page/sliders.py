@@ -1,4 +1,4 @@
-"""The sliders of a page: which values may be changed, and between which bounds."""
+"""The sliders of a page: the values that they change, and their bounds."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from lagrange.show.units import unit_of
 from lagrange.statement.statement import Statement
 
 NICE = (1.0, 2.0, 3.0, 5.0, 10.0)
-"""First digits of a bound that is not stated."""
+"""First digits of default bounds."""
 
 LEAST, MOST = 0.1, 3.0
-"""A parameter goes from a tenth to three times its value: to zero it would often leave a system without inertia."""
+"""Bounds of a parameter relative to its value: zero, as the lower bound, would often leave a system without inertia."""
 
 SHARE = 0.9
-"""A coordinate that does not start at zero goes up and down by this part of its value, and so keeps its sign."""
+"""Range of a coordinate with a nonzero start, relative to its value: its sign stays the same."""
 
 
 def sliders(
     model: Model, parameters: tuple[float, ...], initial: tuple[float, ...], asked: Mapping[Any, Any] | None
 ) -> tuple[Slider, ...]:
-    """Return a slider for each parameter and each entry of the initial state, those that were asked for first.
+    """Return a slider for each parameter and each entry of the initial state, those in `asked` first.
 
-    `asked` maps symbols or names to bounds (low, high). Raises StatementError for what is no value of the system, and
-    for bounds that do not hold the value.
+    `asked` maps symbols or names to bounds (low, high). Raises StatementError for unknown names, and for bounds that do
+    not contain the value.
     """
     statement = model.statement
     bounds = asked_bounds(statement, asked)
@@ -57,7 +57,7 @@ def _parameters(statement: Statement, values: tuple[float, ...]) -> Iterator[Sli
 
 
 def parameter_bounds(value: float) -> tuple[float, float]:
-    """Return the bounds of a parameter: a tenth to three times its value, and of zero 0 to 1."""
+    """Return the bounds of a parameter: a tenth to three times its value, or 0 to 1 for the value zero."""
     if value == 0:
         return 0.0, 1.0
     low, high = sorted((math.copysign(nice(LEAST * abs(value)), value), math.copysign(nice(MOST * abs(value)), value)))
@@ -65,11 +65,11 @@ def parameter_bounds(value: float) -> tuple[float, float]:
 
 
 def nice(size: float) -> float:
-    """Return a number above zero with one digit, such as 0.3, that is not below a size but for rounding."""
+    """Return a positive number with one digit, such as 0.3, that is at least `size` up to rounding."""
     if not math.isfinite(1 / size):
         return size
     unit = 10.0 ** math.floor(math.log10(size))
-    first = next(one for one in NICE if size <= one * unit * (1 + 1e-9))
+    first = next(digit for digit in NICE if size <= digit * unit * (1 + 1e-9))
     return float(f"{first * unit:.1g}")
 
 
@@ -94,13 +94,13 @@ def _states(model: Model, parameters: tuple[float, ...], initial: tuple[float, .
 
 
 def _rates(model: Model, parameters: tuple[float, ...], initial: tuple[float, ...]) -> list[float]:
-    """Return the initial accelerations, by which a velocity that starts at zero becomes as large as it does.
+    """Return the initial accelerations. They set the bounds of velocities that start at zero.
 
-    Where they have no value they count as zero: the page itself says that its start has none.
+    If they have no value they count as zero: the page itself reports a start without accelerations.
     """
     n = len(model.statement.names)
     try:
         rates = model.rhs(0.0, np.array(initial), dict(zip(model.statement.parameters, parameters, strict=True)))[n:]
     except RunError:
         return [0.0] * n
-    return [float(one) if math.isfinite(one) else 0.0 for one in rates]
+    return [float(rate) if math.isfinite(rate) else 0.0 for rate in rates]

@@ -30,7 +30,7 @@ from lagrange.show.notation.names import plain_text
 from lagrange.statement.declare import initial_state
 
 LEAST_COLOURS = 3
-"""Lines of the plot of energies."""
+"""Least number of colours: the lines of the plot of energies."""
 
 
 def write_page(

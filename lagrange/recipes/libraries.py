@@ -22,7 +22,7 @@ from lagrange.statement.number import flag
 
 
 def missing(method: str, command: str, error: ImportError) -> StatementError:
-    """Return the error of a method without its package; it names the package, and the command that installs it."""
+    """Return the error for a missing package; it names the package and the command that installs it."""
     package = command.rsplit(maxsplit=1)[-1]
     return StatementError(f"model.{method}() needs {package}, which cannot be imported ({error}): {command}")
 
@@ -33,13 +33,13 @@ def quantity_program(model: Model, quantity: str) -> Program:
 
 
 def entries(model: Model) -> list[str]:
-    """Return what stands in y and in p, a line each, in plain letters."""
+    """Return a line of plain ASCII text for each entry of y and of p."""
     state, parameters = model.layout.names(), [symbol.name for symbol in model.statement.parameters]
     return [f"{letter} = [{ascii(', '.join(names))[1:-1]}]" for letter, names in (("y", state), ("p", parameters))]
 
 
 SYMBOLS = ("SX", "MX")
-"""CasADi's kinds of symbols: of numbers, and of matrices."""
+"""CasADi's kinds of symbols: scalars, and matrices."""
 
 
 def casadi_function(model: Model, quantity: str, symbols: str, *, status: bool) -> Any:
@@ -58,7 +58,7 @@ def casadi_function(model: Model, quantity: str, symbols: str, *, status: bool) 
 class JaxFunction:
     """A quantity as a function of t, y (2n,) and p, for jax.jit, jax.grad and jax.vmap.
 
-    `checked` returns (result, whether a mass matrix is singular), and `source` is the text that defines both.
+    `checked` returns (result, whether a mass matrix is singular), and `source` is the code that defines both.
     """
 
     function: Callable[[Any, Any, Any], Any]
@@ -94,17 +94,17 @@ _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _FILL = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
 
 _KEPT: dict[int, Any] = {}
-"""Kernels by address. Functions of Numba's have the address as a number, and may outlive the model."""
+"""Compiled kernels by address. Numba's functions hold the address as a number, and may outlive the model."""
 
 
 @dataclass(frozen=True, eq=False)
 class NumbaFunction:
     """A quantity as functions that Numba's compiled functions call; arrays are contiguous and of doubles.
 
-    `prepare(p)` takes the parameters (k,) and returns what the others take, with everything that depends on parameters
+    `prepare(p)` takes the parameters (k,). It returns an array `prepared` with everything that depends on parameters
     alone, and whether a matrix of these is singular. `function(t, y, prepared)` returns a new array, NaN throughout
-    where a mass matrix is singular. `fill(t, y, prepared, out)` writes it to `out`, and returns whether one is
-    singular; it allocates nothing.
+    where a mass matrix is singular. `fill(t, y, prepared, out)` writes it to `out`, and returns whether a mass matrix
+    is singular; it allocates nothing.
     """
 
     prepare: Callable[[FloatArray], FloatArray]

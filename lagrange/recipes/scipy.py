@@ -1,4 +1,4 @@
-"""A model as SciPy's solvers take it: functions of (t, y), their derivative, and events with attributes."""
+"""A model for SciPy's solvers: functions of (t, y), their Jacobian, and events with attributes."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.integrate import time_span
 
 TAKE_JACOBIAN = ("Radau", "BDF", "LSODA")
-"""SciPy's methods that use a derivative; the others warn of one."""
+"""SciPy's methods that use a Jacobian; the others warn if they get one."""
 
 
 Inputs = tuple[tuple[int, Callable[[float], Any]], ...]
-"""Inputs as functions of time, each with its place among the parameters."""
+"""Inputs as functions of time, each with its index among the parameters."""
 
 
 def input_functions(model: Model, given: Any) -> Inputs:
@@ -56,7 +56,7 @@ def input_functions(model: Model, given: Any) -> Inputs:
 
 
 def at_time(parameters: FloatArray, inputs: Inputs, t: float) -> FloatArray:
-    """Return the parameters with the values of the inputs at a time. Raises StatementError for what is no number."""
+    """Return the parameters with the values of the inputs at a time. Raises StatementError for an invalid value."""
     found = parameters.copy() if inputs else parameters
     for place, function in inputs:
         found[place] = real_number(function(t), f"the input at t = {t:g}")
@@ -64,7 +64,7 @@ def at_time(parameters: FloatArray, inputs: Inputs, t: float) -> FloatArray:
 
 
 class ScipyEvent:
-    """An event as SciPy wants it: a function of (t, y) with `terminal` and `direction`."""
+    """An event for SciPy: a function of (t, y) with the attributes `terminal` and `direction`."""
 
     def __init__(self, model: Model, event: Event, parameters: FloatArray, inputs: Inputs = ()) -> None:
         self._made = model, event, parameters, inputs
@@ -90,7 +90,7 @@ class ScipyEvent:
 class ScipyProblem:
     """The equations of motion of a model with fixed parameters (k,), for scipy.integrate; it pickles.
 
-    `inputs` are functions of time, each with its place among the parameters.
+    `inputs` are functions of time, each with its index among the parameters.
     """
 
     model: Model
@@ -115,7 +115,7 @@ class ScipyProblem:
         return self.model.rhs(t, y, at_time(self.parameters, self.inputs, t)) if found is None else found
 
     def jac(self, t: float, y: Any) -> FloatArray:
-        """Return the derivative of `fun` by y, (2n, 2n). Raises RunError where the mass matrix is singular."""
+        """Return the Jacobian of `fun` by y, (2n, 2n). Raises RunError where the mass matrix is singular."""
         found = None if self.inputs else self._quick["jacobian"].whole(t, y)
         return self.model.jacobian(t, y, at_time(self.parameters, self.inputs, t)) if found is None else found
 
@@ -125,14 +125,14 @@ class ScipyProblem:
 
     @cached_property
     def events(self) -> list[ScipyEvent]:
-        """The events, in the order in which they were given."""
+        """Events of the problem, in the order of the argument."""
         return [ScipyEvent(self.model, event, self.parameters, self.inputs) for event in self.stated_events]
 
     def y0(self, initial: Mapping[Any, Any] | None = None, t: float = 0.0) -> FloatArray:
-        """Return an initial state (2n,) at time t: a dict over that of the statement.
+        """Return an initial state (2n,) at time t: the initial state of the statement, overlaid with a dict.
 
-        With constraints it is moved onto them where it is off by rounding. Raises StatementError where it is off by
-        more.
+        With constraints it is projected onto them if it misses them by rounding. Raises StatementError if it misses
+        them by more.
         """
         statement, time = self.model.statement, real_number(t, "the time t")
         found = initial_state({} if initial is None else initial, statement.coordinates, statement.initial)
@@ -151,7 +151,7 @@ class ScipyProblem:
     ) -> dict[str, Any]:
         """Return the arguments of scipy.integrate.solve_ivp; `options` are those of SciPy, such as rtol and atol.
 
-        The derivative goes to those methods that take one. Raises StatementError as a run does.
+        The Jacobian is included for methods that use one. Raises StatementError as a run does.
         """
         t0, t1 = time_span(t_span)
         check_span(self.model.statement, t0, t1)

@@ -1,4 +1,4 @@
-"""A quantity of a model in plain SymPy symbols, one for each value that is read more than once."""
+"""A quantity of a model in plain SymPy symbols, with a symbol for each value that is used more than once."""
 
 from __future__ import annotations
 
@@ -39,21 +39,21 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "not": sympy.Not,
     "select": lambda condition, a, b: sympy.Piecewise((a, condition), (b, True)),
 }
-"""Each operation on SymPy's expressions."""
+"""SymPy expression of each operation of a program."""
 
 MOST_DENOMINATOR = 64
-"""A double with such a denominator, a power of two, is written as a fraction, any other as a Float that is exact."""
+"""Largest denominator, a power of two, of a double that is written as a fraction; others become exact Floats."""
 
 DIGITS = 17
-"""Decimal digits from which every double is read back."""
+"""Decimal digits that determine every double."""
 
 
 @dataclass(frozen=True, eq=False)
 class SympyForm:
     """A quantity in plain symbols: of time `t`, of `q` and `v`, named x and x_dot, and of the parameters `p`.
 
-    `replacements` are pairs (symbol, expression), each of which may contain those before, and `results` the entries in
-    C order, which fill `shape`: as from sympy.cse.
+    `replacements` are pairs (symbol, expression), each of which may contain the symbols before it. `results` are the
+    entries in C order, which fill `shape`: as from sympy.cse.
     """
 
     t: Any
@@ -74,7 +74,7 @@ class SympyForm:
         return (self.t, *self.q, *self.v, *self.p)
 
     def common(self, _: Any = None) -> tuple[list[tuple[Any, Any]], list[Any]]:
-        """Return replacements and results, as sympy.lambdify(..., cse=form.common) asks for them."""
+        """Return replacements and results, for sympy.lambdify(..., cse=form.common)."""
         return list(self.replacements), list(self.results)
 
     def expanded(self) -> list[Any]:
@@ -97,7 +97,7 @@ def sympy_form(model: Model, quantity: str) -> SympyForm:
 
 
 def _numbered(taken: Sequence[Any]) -> Iterator[Any]:
-    """Return real symbols x0, x1, ... without the names that others have."""
+    """Return real symbols x0, x1, ... without names that are in use."""
     names = [symbol.name for symbol in taken]
     return (sympy.Symbol(f"x{i}", real=True) for i in count() if f"x{i}" not in names)
 
@@ -113,7 +113,7 @@ def number(value: float) -> Any:
 
 
 class _Writer:
-    """Writes the instructions of a program as expressions; see `SympyForm`."""
+    """Converts the instructions of a program to expressions; see `SympyForm`."""
 
     def __init__(
         self, program: Program, t: Any, state: Sequence[Any], parameters: Sequence[Any], symbols: Iterator[Any]
@@ -126,13 +126,13 @@ class _Writer:
         self.matrices: dict[int, tuple[list[list[Any]], list[int]]] = {}
 
     def results(self) -> list[Any]:
-        """Return the outputs."""
+        """Return the outputs of the program as expressions."""
         for i, one in enumerate(self.program.instructions):
             self.values[i] = self.value(i, one)
         return [self.values[ref] for ref in self.program.outputs]
 
     def named(self, expression: Any) -> Any:
-        """Return a symbol for an expression that is more than a symbol or a number."""
+        """Return a symbol for an expression, or the expression itself if it is a symbol or a number."""
         if expression.is_Symbol or expression.is_number:
             return expression
         symbol = next(self.symbols)
@@ -140,7 +140,7 @@ class _Writer:
         return symbol
 
     def value(self, i: int, one: Instruction) -> Any:
-        """Return what an instruction computes."""
+        """Return the expression of an instruction."""
         args = [self.values[arg] for arg in one.args]
         if one.op in self.given:
             return self.given[one.op][one.place]
@@ -158,7 +158,7 @@ class _Writer:
         return self.named(found) if self.uses[i] > 1 and one.op not in FLAG_OPERATIONS else found
 
     def factored(self, n: int, lower: Sequence[Any]) -> tuple[list[list[Any]], list[int]]:
-        """Return L U of a symmetric matrix and the order of its rows; a row moves where a pivot is known to be zero."""
+        """Return L U of a symmetric matrix and the order of its rows; rows are exchanged where a pivot is surely zero."""
         a = [[lower[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)] for j in range(n)] for i in range(n)]
         order, symmetric = list(range(n)), True
         for j in range(n):
@@ -181,7 +181,7 @@ class _Writer:
         return a, order
 
     def solved(self, factors: tuple[list[list[Any]], list[int]], right: Sequence[Any]) -> list[Any]:
-        """Return the solution of a system."""
+        """Return the solution of a linear system from its factors and right-hand side."""
         (a, order), n = factors, len(right)
         x = [right[i] for i in order]
         for i in range(n):

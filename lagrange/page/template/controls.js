@@ -1,9 +1,9 @@
-// Buttons, keys and the turning of the picture.
+// Buttons, keys, and turning the picture.
 
-/** Degrees by which a key turns the picture. */
+/** Degrees by which a press of a key turns the picture. */
 const TURN = 5;
 
-/** Elements that have keys of their own. */
+/** Elements that handle keys themselves. */
 const OWN_KEYS = "input, select, textarea, summary";
 
 class Controls {
@@ -84,7 +84,7 @@ class Controls {
         }
     }
 
-    /** Turn a picture of space by dragging it, or by arrows while it has the focus. */
+    /** Turn a picture of space by dragging it, or by arrow keys while it has the focus. */
     turning(canvas) {
         const { player } = this;
         const turn = (across, up) => {

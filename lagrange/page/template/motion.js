@@ -1,21 +1,21 @@
-// The motion: states at equal intervals, computed by the exported functions, and what is recorded of them.
+// The motion: states at equal intervals, computed by the exported functions, and the quantities recorded for them.
 
-/** Intervals in a second at speed 1. */
+/** Intervals per second at speed 1. */
 const PER_SECOND = 240;
 
-/** States that are kept: a minute of them. */
+/** Number of states that are kept: a minute of them. */
 const KEPT = 14400;
 
-/** States that are computed ahead for the size of the picture. */
+/** Number of states that are computed ahead for the size of the picture. */
 const SURVEYED = 400;
 
-/** Up to this part of its terms a constraint may be violated at the start: the steps bring the state onto it. */
+/** Largest violation of a constraint at the start, relative to its terms; the first steps correct it. */
 const ON_CONSTRAINTS = 9.5367431640625e-7;
 
-/** Parts in which a value is changed where constraints hold the start. */
+/** Number of parts in which a value is changed if constraints restrict the start. */
 const CHANGES = 16;
 
-/** Why a run of dop853 stopped, by what it returned. */
+/** Reasons for which a run of dop853 stopped, by its return code. */
 const STOPS = {
     1: (at) => `The motion takes too many steps ${at}: something moves too fast there. Choose other values, or reset.`,
     2: (at) => `The motion leaves the finite numbers ${at}. Choose other values, or reset.`,
@@ -45,7 +45,7 @@ class Motion {
         this.restart();
     }
 
-    /** Return to the start, with the values that are set. */
+    /** Return to the start, with the present values of the sliders. */
     restart() {
         this.count = 0;
         this.said = "";
@@ -67,7 +67,7 @@ class Motion {
         this.record();
     }
 
-    /** Advance by one interval; returns whether it was reached. */
+    /** Advance by one interval; return true if its end was reached. */
     advance() {
         if (this.said) {
             return false;
@@ -85,7 +85,7 @@ class Motion {
         return !this.said;
     }
 
-    /** Run a state to a time, or say why it stopped. */
+    /** Run a state to a time, or record the reason why it stopped. */
     run(t, until, y) {
         const { tolerance, most_steps: most } = this.data;
         const outcome = this.model.dop853(t, until, y, this.p, tolerance, tolerance, most);
@@ -95,7 +95,7 @@ class Motion {
         return outcome === 0;
     }
 
-    /** Record the state: nothing that is not finite is ever drawn. */
+    /** Record the state if it is finite. */
     record() {
         const { STATE } = this.model;
         const at = this.count % KEPT;
@@ -129,7 +129,7 @@ class Motion {
         return found;
     }
 
-    /** Keep the largest drift of the energy, relative to the first energy, or to the kinetic energy where that is small. */
+    /** Keep the largest drift, relative to the first energy, or to the largest kinetic energy if the first is small. */
     measure(at) {
         const energy = this.energies[at * 3];
         const largest = this.high[this.model.STATE + 1];
@@ -140,17 +140,17 @@ class Motion {
         this.drift = this.largest / this.scale;
     }
 
-    /** Write where the points are at a state; returns whether a matrix is singular. */
+    /** Write the positions of the points at a state; return true if a matrix is singular. */
     located(t, y, places) {
         return this.width > 0 && this.model.positions(t, y, this.p, places);
     }
 
-    /** Return where everything is a part of an interval behind the last state that is recorded. */
+    /** Return the positions at a part of an interval after the last recorded state. */
     now(share) {
         const { t, y, places } = this.between;
         t[0] = this.t[0];
         y.set(this.y);
-        // Where it is not reached, the next whole interval says why.
+        // If the run does not reach this time, the next whole interval reports the reason.
         if (share > 0 && !this.said && !this.reaches(t, this.t[0] + share * this.interval, y)) {
             t[0] = this.t[0];
             y.set(this.y);
@@ -162,7 +162,7 @@ class Motion {
         return this.between;
     }
 
-    /** Return what computes ahead where the points go in the run of the scene: it adds to `found`, and says if it is done. */
+    /** Prepare to compute positions of the run of the scene ahead: `until` fills `found` and returns true at the end. */
     survey() {
         const t = Float64Array.of(this.from);
         const y = this.initial.slice();
@@ -186,7 +186,7 @@ class Motion {
         return { found, until };
     }
 
-    /** Run a state to a time without a word about how it ends. */
+    /** Run a state to a time; return true if it was reached. The reason of a stop is not recorded. */
     reaches(t, until, y) {
         const kept = this.said;
         const reached = this.run(t, until, y);
@@ -194,14 +194,14 @@ class Motion {
         return reached;
     }
 
-    /** Return states at times, from the start, computed from one to the next; null from where the run stops. */
+    /** Return states at times, each computed from the one before; null from where the run stops. */
     trajectory(times) {
         const t = Float64Array.of(this.from);
         const y = this.initial.slice();
         return times.map((until) => (until === t[0] || this.reaches(t, until, y) ? Array.from(y) : null));
     }
 
-    /** Set a parameter; the start stays on the constraints if there is a state near that is on them. */
+    /** Set a parameter; the start is moved onto the constraints if there is a state nearby. */
     setParameter(place, value) {
         const before = this.parameters[place];
         const start = this.followed((y, share) => {
@@ -212,14 +212,14 @@ class Motion {
         this.begin(start, "these parameters");
     }
 
-    /** Set an entry of the start; with constraints the others follow by the least change. */
+    /** Set an entry of the start; with constraints the others change as little as possible. */
     setInitial(place, value) {
         const before = this.initial[place];
         const start = this.followed((y, share) => this.held(y, place, part(before, value, share)));
         this.begin(start, `${this.data.states[place].letter} = ${shown(value)}`);
     }
 
-    /** Begin from a start, or from the present one and say that none is near. */
+    /** Begin from a new start, or keep the present one and report that none is nearby. */
     begin(start, what) {
         this.initial.set(start || this.initial);
         this.restart();
@@ -228,7 +228,7 @@ class Motion {
         }
     }
 
-    /** Return the start after a change, made in small parts where there are constraints: they have other states far off. */
+    /** Return the start after a change; with constraints in small parts, since other solutions are far away. */
     followed(change) {
         let y = this.initial.slice();
         const parts = this.model.projection ? CHANGES : 1;
@@ -238,7 +238,7 @@ class Motion {
         return y;
     }
 
-    /** Return a state near one on the constraints in which an entry has a value, or null: by the secant method. */
+    /** Return a nearby state on the constraints in which an entry has a value, or null: by the secant method. */
     held(from, place, value) {
         let entry = value;
         let slope = 1;
@@ -262,7 +262,7 @@ class Motion {
         return null;
     }
 
-    /** Move a state onto the constraints by Newton's method; returns whether it is there. */
+    /** Move a state onto the constraints by Newton's method; return true on success. */
     onto(y) {
         const { STATE, projection } = this.model;
         if (!projection) {
@@ -287,7 +287,7 @@ class Motion {
     }
 }
 
-/** Return what is a share of the way from one number to another; the last is the other itself. */
+/** Interpolate between two numbers; a share of 1 gives the second one exactly. */
 function part(from, to, share) {
     return share === 1 ? to : from + share * (to - from);
 }

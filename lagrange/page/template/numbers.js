@@ -1,6 +1,6 @@
-// Numbers as people read them, and the places of marks on an axis.
+// Numbers as text, and tick marks of an axis.
 
-/** Return a number with some digits; powers of ten stand behind a dot, as in 3.1·10⁻¹³. */
+/** Return a number with some digits; a power of ten follows a dot, as in 3.1·10⁻¹³. */
 function shown(value, digits = 4) {
     if (value === 0) {
         return "0";
@@ -13,25 +13,25 @@ function shown(value, digits = 4) {
     return `${String(Number(first)).replace("-", "−")}·10${raised(Number(power))}`;
 }
 
-/** Return a whole number as an exponent. */
+/** Return a whole number as a superscript. */
 function raised(power) {
     const marks = { "-": "⁻", 0: "⁰", 1: "¹", 2: "²", 3: "³", 4: "⁴", 5: "⁵", 6: "⁶", 7: "⁷", 8: "⁸", 9: "⁹" };
     return Array.from(String(power), (mark) => marks[mark]).join("");
 }
 
-/** Return a number with so many places behind the point: it keeps its width while it runs. */
+/** Return a number with a fixed number of decimals, so that its width is constant. */
 function steady(value, places) {
     return value.toFixed(places).replace("-", "−");
 }
 
-/** Return the distance of marks of which an axis of a length has some. */
+/** Return the distance of tick marks for an axis with about `count` of them. */
 function markDistance(length, most) {
     const least = length / most;
     const unit = 10 ** Math.floor(Math.log10(least));
     return unit * [1, 2, 5, 10].find((first) => least <= first * unit * (1 + 1e-9));
 }
 
-/** Return the marks between two bounds, what is written at each, and the power of ten that all are multiplied by. */
+/** Return the tick marks between two bounds, their labels, and the common power of ten. */
 function marks(low, high, most) {
     const distance = markDistance(high - low, most);
     const found = [];
@@ -46,7 +46,7 @@ function marks(low, high, most) {
     return { places: found, texts, factor: scale ? `10${raised(scale)}` : "" };
 }
 
-/** Return bounds that leave room around values; what stays put gets an axis of its own size. */
+/** Return bounds with room around values; a constant gets bounds relative to its size. */
 function roomy(low, high) {
     if (!(low <= high)) {
         return [-1, 1];

@@ -1,18 +1,18 @@
-// The page: time passes, states are computed, and everything is drawn.
+// The page: time advances, states are computed, and everything is drawn.
 
-/** Time in a frame for computing, in ms: what does not fit is shown later, and the picture is slower than asked. */
+/** Computing time in a frame, in ms: if it is exceeded, the picture runs slower than real time. */
 const BUDGET = 10;
 
-/** A motion that has grown beyond this many times its first size is paused: it leaves the picture. */
+/** A motion that has grown beyond this multiple of its first size is paused: it leaves the picture. */
 const GROWTH = 3;
 
-/** Frames between two writings of the numbers: they are to be read. */
+/** Frames between two updates of the numbers, so that they can be read. */
 const READ = 5;
 
 /** Recorded states in a step: a thirtieth of a second at speed 1. */
 const STEP = 8;
 
-/** The colours and the font that the style of the page gives, read once for each style. */
+/** Colours and font from the style sheet, read once for each style. */
 class Look {
     constructor(count) {
         this.count = count;
@@ -51,7 +51,7 @@ class Player {
         requestAnimationFrame((now) => this.frame(now));
     }
 
-    /** Fill the choice of what is drawn over time. */
+    /** Fill the list of quantities for the plot over time. */
     choices() {
         const { energies } = this.motion.model;
         const named = [
@@ -66,7 +66,7 @@ class Player {
         document.getElementById("drift-name").textContent = this.data.kept ? "energy drift" : "energy change";
     }
 
-    /** Say in words what the pictures show. */
+    /** Describe the pictures in words, for screen readers. */
     describe() {
         const { name, points, dimension } = this.data;
         const what = dimension ? `the points ${points.join(", ")}` : "the coordinates over time";
@@ -76,7 +76,7 @@ class Player {
         say("phase-plot", `Phase plane of ${name}: a coordinate and its velocity`);
     }
 
-    /** Play or pause; what has stopped begins again. */
+    /** Play or pause; a motion that has stopped begins again. */
     play(wanted) {
         if (wanted && this.motion.said) {
             this.motion.restart();
@@ -89,7 +89,7 @@ class Player {
         this.goOn();
     }
 
-    /** Have time pass if that is wanted and nothing has stopped the motion. */
+    /** Advance time if the page is playing and the motion has not stopped. */
     goOn() {
         this.playing = this.wanted && !this.motion.said;
         document.getElementById("play").textContent = this.playing ? "Pause" : "Play";
@@ -108,7 +108,7 @@ class Player {
         this.changed();
     }
 
-    /** Begin again with the values that are set. */
+    /** Begin again with the present values of the sliders. */
     changed() {
         this.due = 0;
         this.limit = GROWTH;
@@ -120,7 +120,7 @@ class Player {
         this.stale = true;
     }
 
-    /** Let time pass: as many intervals as are due, up to the budget of a frame. */
+    /** Advance time by all intervals that are due, within the budget of a frame. */
     pass(seconds) {
         this.due += seconds * this.speed * PER_SECOND;
         const began = performance.now();
@@ -170,7 +170,7 @@ class Player {
         } else {
             this.overTime(this.coordinatePlot, "coordinates");
         }
-        // Each plot is drawn in every second frame while time passes.
+        // While time advances, each plot is drawn in every second frame.
         if (!this.playing || this.frames % 2 === 0) {
             this.overTime(this.timePlot, document.getElementById("over-time").value);
         }
@@ -179,7 +179,7 @@ class Player {
         }
     }
 
-    /** Draw what was chosen over time. */
+    /** Draw the chosen quantity over time. */
     overTime(plot, what) {
         const { motion, look } = this;
         const { STATE } = motion.model;
@@ -209,7 +209,7 @@ class Player {
         }
     }
 
-    /** Say in a sentence what stopped the motion, or that it leaves the picture. */
+    /** Report in a sentence why the motion stopped, or that it leaves the picture. */
     say() {
         const left = this.picture.left(this.limit) ? "The motion leaves the picture: play goes on, reset begins again." : "";
         write("said", this.motion.said || left);
@@ -228,7 +228,7 @@ class Player {
     }
 }
 
-/** Write a text where it is another one: what stays is not announced again. */
+/** Set the text of an element only if it changes, so that screen readers do not announce it again. */
 function write(id, text) {
     const element = document.getElementById(id);
     if (element.textContent !== text) {

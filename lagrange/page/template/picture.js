@@ -1,16 +1,16 @@
 // The picture: a grid or a floor, trails, rods, springs and points.
 
-/** The width of a spring as a part of the picture's smaller side, and the least in pixels. */
+/** Width of a spring as a part of the picture's smaller side, and the least width in pixels. */
 const SPRING = 0.044;
 const LEAST_SPRING = 10;
 
-/** Bands of a trail, from the oldest, which is the faintest. */
+/** Number of bands of a trail, from the oldest, which is the faintest. */
 const BANDS = 16;
 
-/** Parts of a trail at most. */
+/** Most segments of a trail. */
 const PARTS = 2400;
 
-/** How long is looked ahead at once when values change, and in a frame, in ms. */
+/** Time for computing ahead when values change, and in each frame, in ms. */
 const LOOK_AHEAD = 25;
 const LOOK_ON = 4;
 
@@ -24,7 +24,7 @@ class Picture {
         this.trail = 2400;
     }
 
-    /** Take the values that are set: where will the points go? */
+    /** Restart for new values: compute the positions of the points ahead. */
     survey(first) {
         this.ahead = this.motion.survey();
         this.first = first;
@@ -32,7 +32,7 @@ class Picture {
         this.lookAhead(LOOK_AHEAD);
     }
 
-    /** Look further ahead for some milliseconds, unless the whole run of the scene is known. */
+    /** Compute further ahead for some milliseconds, until the whole run of the scene is known. */
     lookAhead(time) {
         if (this.surveyed) {
             return;
@@ -45,12 +45,12 @@ class Picture {
         this.first = false;
     }
 
-    /** Whether the motion has grown so far beyond the run of the scene that it leaves the picture. */
+    /** True if the motion has grown so far beyond the run of the scene that it leaves the picture. */
     left(limit) {
         return this.surveyed && this.data.dimension > 0 && this.view.growth() >= limit;
     }
 
-    /** Return places with the origin among them, where something is linked to it. */
+    /** Return positions, with the origin added if a link ends there. */
     withOrigin(samples) {
         return this.linked() ? [...samples, new Float64Array(this.data.dimension)] : samples;
     }
@@ -60,12 +60,12 @@ class Picture {
         return this.data.links.some(([a, b]) => a === last || b === last);
     }
 
-    /** Whether a point stands still whatever happens: it has no colour of its own. */
+    /** True if a point is fixed in every motion: it has no colour of its own. */
     fixed(point) {
         return this.data.colours[point] === null;
     }
 
-    /** Draw everything as it is at places; `share` is how fast the frame follows what leaves it. */
+    /** Draw everything at the given positions; `share` is how fast the frame follows a motion that leaves it. */
     draw(places, share) {
         const { context, width, height } = sized(this.canvas);
         const { view } = this;
@@ -116,7 +116,7 @@ class Picture {
         context.fillText(unit ? `x, y in ${unit}` : "", width - 8, height - 22);
     }
 
-    /** Draw a floor below a motion in space with the shadows of the points, for its depth. */
+    /** Draw a floor below a motion in space, with the shadows of the points, to show depth. */
     drawFloor(context, places) {
         const { view, look } = this;
         const [xs, ys, zs] = view.bounds.map(([low, high]) => (low <= high ? [low, high] : [-1, 1]));
@@ -147,7 +147,7 @@ class Picture {
         context.globalAlpha = 1;
     }
 
-    /** Show which way x, y and z point, in a corner. */
+    /** Draw the directions of x, y and z in a corner. */
     drawAxes(context, height) {
         const { view, look } = this;
         context.font = look.font;
@@ -248,7 +248,7 @@ class Picture {
     }
 }
 
-/** Draw a spring between two pixels through its corners, each a part of its length and one of its width aside. */
+/** Draw a spring between two pixels; each corner is a part of its length along and a part of its width aside. */
 function drawSpring(context, corners, from, to, width) {
     const [dx, dy] = [to[0] - from[0], to[1] - from[1]];
     const length = Math.hypot(dx, dy) || 1;
@@ -258,7 +258,7 @@ function drawSpring(context, corners, from, to, width) {
     }
 }
 
-/** Give a canvas the pixels of its place on the page; returns its context, wiped, and its size. */
+/** Set the size of a canvas in pixels from its place on the page; return its cleared context and its size. */
 function sized(canvas) {
     const ratio = window.devicePixelRatio || 1;
     const [width, height] = [canvas.clientWidth, canvas.clientHeight];

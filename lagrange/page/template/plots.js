@@ -1,9 +1,9 @@
 // Plots: quantities over time, and the phase plane.
 
-/** Recorded states in a plot over time: ten seconds at speed 1. */
+/** Number of recorded states in a plot over time: ten seconds at speed 1. */
 const WINDOW = 2400;
 
-/** Recorded states in the phase plane, and how many of them are drawn. */
+/** Number of recorded states in the phase plane, and number of those drawn. */
 const PHASE = 7200;
 const PHASE_PARTS = 1800;
 
@@ -15,7 +15,7 @@ class Plot {
         this.look = look;
     }
 
-    /** Draw axes with their marks and names, and keep how values become pixels. */
+    /** Draw axes with tick marks and names, and store the map from values to pixels. */
     axes(xs, ys, names) {
         const { context, width, height } = sized(this.canvas);
         const { look } = this;
@@ -51,7 +51,7 @@ class Plot {
         return { context, w };
     }
 
-    /** Draw rows of recorded numbers over time; `rows` have a function of the place of a state, and a colour. */
+    /** Draw rows of recorded numbers over time; each of `rows` has a function of the index of a state, and a colour. */
     overTime(motion, rows, bounds, names) {
         const last = motion.count - 1;
         const first = Math.max(0, motion.count - Math.min(WINDOW, KEPT));
@@ -70,7 +70,7 @@ class Plot {
         context.restore();
     }
 
-    /** Call `draw` with the smallest and the largest value of each group of states, in their order. */
+    /** Call `draw` with the smallest and the largest value of each group of states, in their order in time. */
     extremes(first, last, stride, value, draw) {
         if (stride < 3) {
             for (let k = first; k <= last; k++) {
@@ -90,7 +90,7 @@ class Plot {
         draw(last);
     }
 
-    /** Draw the recorded states in the plane of a coordinate and its velocity, and the present one. */
+    /** Draw the recorded states in the plane of a coordinate and its velocity, and mark the present one. */
     phase(motion, place, now) {
         const { STATE } = motion.model;
         const n = STATE / 2;
@@ -119,7 +119,7 @@ class Plot {
         context.restore();
     }
 
-    /** Write names in colours at the top of a plot. */
+    /** Write names in their colours at the top of a plot. */
     names(rows) {
         const { look } = this;
         const context = this.canvas.getContext("2d");
@@ -145,7 +145,7 @@ function segment(context, x0, y0, x1, y1) {
     context.lineTo(x1, y1);
 }
 
-/** Return the letter of an entry of the state, with its unit. */
+/** Return the symbol of an entry of the state, with its unit. */
 function withUnit({ letter, unit }) {
     return unit ? `${letter} (${unit})` : letter;
 }

@@ -1,6 +1,6 @@
-// Sliders: each with a number beside it that may be typed.
+// Sliders: each has a number field beside it.
 
-/** Parts of a slider: what it gives is rounded to a digit that is finer than one of them. */
+/** Number of positions of a slider: its value is rounded to a digit finer than one of them. */
 const STEPS = 500;
 
 class Sliders {
@@ -29,7 +29,7 @@ class Sliders {
         });
     }
 
-    /** Return what a slider stands at, without digits that nobody asked for. */
+    /** Return the value of a slider, without superfluous digits. */
     rounded({ range, value }) {
         const [low, high, at] = [range.min, range.max, range.value].map(Number);
         const step = 10 ** Math.floor(Math.log10((high - low) / STEPS));
@@ -46,7 +46,7 @@ class Sliders {
         this.changed();
     }
 
-    /** Show the values as they are now: constraints may have moved others than the one that was set. */
+    /** Show the present values: constraints may have changed other values than the one that was set. */
     read() {
         for (const row of this.rows) {
             const value = (row.kind === "parameter" ? this.motion.parameters : this.motion.initial)[row.place];
@@ -64,7 +64,7 @@ class Sliders {
         }
     }
 
-    /** Return to the values of the page. */
+    /** Return to the initial values of the page. */
     restore() {
         this.motion.parameters.set(this.motion.data.parameters);
         this.motion.initial.set(this.motion.data.initial);

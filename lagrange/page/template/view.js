@@ -1,13 +1,13 @@
-// From places in the plane or in space to pixels.
+// Projection of positions in the plane or in space to pixels.
 
-/** The part of the picture that stays free around the motion, on each side. */
+/** Free part of the picture around the motion, on each side. */
 const MARGIN = 0.1;
 
-/** A motion that is flatter than this part of its size is seen from the side. */
+/** A motion in space that is flatter than this part of its size is viewed along its flat direction. */
 const FLAT = 1e-9;
 
 class View {
-    /** See places of a dimension; space from an azimuth and an elevation in radians. */
+    /** View positions of a dimension; space from an azimuth and an elevation in radians. */
     constructor(dimension, [azimuth, elevation]) {
         this.dimension = dimension;
         this.azimuth = azimuth;
@@ -18,7 +18,7 @@ class View {
         this.turn(0, 0);
     }
 
-    /** Turn the view of space by angles. */
+    /** Rotate the view of space by angles. */
     turn(across, up) {
         this.azimuth -= across;
         this.elevation = Math.min(Math.PI / 2, Math.max(-Math.PI / 2, this.elevation + up));
@@ -31,7 +31,7 @@ class View {
         }
     }
 
-    /** Return a place as it is seen: how far to the right, and how far up. */
+    /** Return the projection of a position: coordinates to the right, and up. */
     seen(places, at) {
         const [x, y] = [places[at], places[at + 1]];
         if (this.dimension === 2) {
@@ -42,7 +42,7 @@ class View {
         return [right[0] * x + right[1] * y + right[2] * z, up[0] * x + up[1] * y + up[2] * z];
     }
 
-    /** Look at the places of a run; `first` chooses the side from which a flat one is seen. */
+    /** Set the box from the positions of a run; `first` also chooses the direction of view for a flat one. */
     survey(samples, first) {
         this.samples = samples;
         this.bounds = extents(samples, this.dimension);
@@ -55,7 +55,7 @@ class View {
         }
     }
 
-    /** See a motion in a plane of coordinates from the front of that plane. */
+    /** View a motion in a plane of coordinates from the front of that plane. */
     face() {
         const sizes = this.bounds.map(([low, high]) => high - low);
         const flat = sizes.indexOf(Math.min(...sizes));
@@ -66,7 +66,7 @@ class View {
         }
     }
 
-    /** Have all places in the box. */
+    /** Extend the box to all positions. */
     enclose(samples) {
         this.box = { left: Infinity, right: -Infinity, low: Infinity, high: -Infinity };
         samples.forEach((places) => this.include(places));
@@ -79,7 +79,7 @@ class View {
         this.first = Math.max(this.box.right - this.box.left, this.box.high - this.box.low);
     }
 
-    /** Have the box grow to the places of one time. */
+    /** Extend the box to the positions of one time. */
     include(places) {
         for (let at = 0; at < places.length; at += this.dimension) {
             const [u, v] = this.seen(places, at);
@@ -90,12 +90,12 @@ class View {
         }
     }
 
-    /** How much the box has grown since the start. */
+    /** Growth of the box since the start, as a factor. */
     growth() {
         return Math.max(this.box.right - this.box.left, this.box.high - this.box.low) / this.first;
     }
 
-    /** Move what is shown towards the box by a share, and fit it into a canvas. */
+    /** Move the visible region towards the box by a share, and fit it into a canvas. */
     fit(width, height, share) {
         for (const side of Object.keys(this.box)) {
             this.shown[side] += share * (this.box[side] - this.shown[side]);
@@ -108,18 +108,18 @@ class View {
         this.centre = [width / 2, height / 2];
     }
 
-    /** Return the pixel of what is seen at a place. */
+    /** Return the pixel of a projected position. */
     pixel([u, v]) {
         return [this.centre[0] + this.scale * (u - this.middle[0]), this.centre[1] - this.scale * (v - this.middle[1])];
     }
 
-    /** Return the pixel of a place. */
+    /** Return the pixel of a position. */
     at(places, at) {
         return this.pixel(this.seen(places, at));
     }
 }
 
-/** Return the bounds of places in each direction. */
+/** Return the bounds of positions in each direction. */
 function extents(samples, dimension) {
     const found = Array.from({ length: dimension }, () => [Infinity, -Infinity]);
     for (const places of samples) {
