@@ -158,7 +158,7 @@ class _Writer:
         return self.named(found) if self.uses[i] > 1 and one.op not in FLAG_OPERATIONS else found
 
     def factored(self, n: int, lower: Sequence[Any]) -> tuple[list[list[Any]], list[int]]:
-        """Return L U of a symmetric matrix and the order of its rows; rows are exchanged where a pivot is surely zero."""
+        """Return L U of a symmetric matrix and the order of its rows; a pivot that is surely zero exchanges rows."""
         a = [[lower[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)] for j in range(n)] for i in range(n)]
         order, symmetric = list(range(n)), True
         for j in range(n):
