@@ -1,4 +1,4 @@
-"""`check`: every compiled quantity against numerical differentiation of the stated energies."""
+"""`check`: compare every compiled quantity with numerical derivatives of the stated energies."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ from lagrange.statement.statement import Statement
 __all__ = ["check", "quick_check", "textbook_tape"]
 
 FAR_POINTS = 300
-"""Points tried in search of branches of the energies that no other point has taken."""
+"""Number of random points tried to reach branches of the energies that no other point reaches."""
 
 MOST_POINTS = 10_000
-"""Points of one check."""
+"""Largest number of points of one check."""
 
 MOST_FAR_POINTS = 6
-"""Points that may be added for them."""
+"""Largest number of points added to cover such branches."""
 
 MOST_COLUMNS = 24
-"""Columns of the Jacobian that are checked at one point: all of them at five points for up to 60 coordinates."""
+"""Largest number of Jacobian columns checked at one point: five points cover all columns of 60 coordinates."""
 
 COSTLY_REFUSALS = 25
-"""Points that may turn out useless (a singular mass matrix, no derivative) only after the differencing is done."""
+"""Give up after this many points that fail late, after differencing (singular mass matrix, no derivative)."""
 
 QUANTITIES = {
     "lagrangian": "L",
@@ -73,14 +73,14 @@ BATCH = "batch against single"
 def check(
     model: Model, textbook: Mapping[Any, Any] | None = None, other: Model | None = None, points: int = 5, seed: int = 0
 ) -> Report:
-    """Hold every quantity of a compiled model against its definition, at random points inside the domain.
+    """Compare every quantity of a compiled model with its definition, at random points inside the domain.
 
-    The reference is numerical differentiation of the stated energies at 90 digits; nothing compiled enters it. So are
-    the gradients and rates of constraints; some of the points satisfy them, and the others need not.
-    `textbook` maps each coordinate to its acceleration as a SymPy expression, derived in another way, and adds a
-    row; so does `other`, the same system on another target. The same `seed` gives the same points. The cost
-    follows the terms of L that a coordinate stands in, and the cube of the number of coordinates where all are coupled.
-    Raises StatementError for fewer than one point, and for a textbook without some coordinate.
+    The reference differentiates the stated energies and constraints numerically at 90 digits, without compiled code.
+    Some of the points satisfy the constraints; the others need not. `textbook` maps each coordinate to its acceleration
+    as a SymPy expression, derived in another way, and adds a row. `other`, the same system compiled for another target,
+    adds a row as well. The same `seed` gives the same points. The cost grows with the number of terms of L that contain
+    each coordinate, and with the cube of the number of coordinates if all are coupled. Raises StatementError for fewer
+    than one point, and for a textbook that lacks a coordinate.
     """
     points = whole_number(points, "points", 1, MOST_POINTS)
     seed = whole_number(seed, "seed", 0)
@@ -101,7 +101,7 @@ class _Session:
         self.model = model
         self.other = other
         self.statement = model.statement
-        self.wanted = points
+        self.point_count = points
         self.reference = Reference(self.statement, model.equations.first_order)
         self.textbook = None if textbook is None else textbook_tape(textbook, self.statement)
         self.sampler = Sampler(self.statement, seed)
@@ -117,7 +117,7 @@ class _Session:
         self.comparison = Comparison(self.statement.names, rows)
 
     def take(self, k: int) -> None:
-        """Use one more point: draw until one lies inside the domain, or the limit of draws is reached."""
+        """Compare at point number `k`: draw until a point lies inside the domain, or the limit of draws is reached."""
         for attempt in range(DRAWS_PER_KIND * len(SAMPLE_KINDS)):
             if self.costly > COSTLY_REFUSALS:
                 return
@@ -127,9 +127,9 @@ class _Session:
                 return
 
     def _on_constraints(self, point: Point) -> Point:
-        """Return a point at which the constraints hold, or the point itself where there is none near it.
+        """Return the nearest point at which the constraints hold, or the point itself if none is found near it.
 
-        The definitions hold at any state; that motions happen on the constraints is why some of the points are there.
+        The definitions hold at any state. Some points satisfy the constraints because all motions do.
         """
         if not self.statement.constraints:
             return point
@@ -140,7 +140,7 @@ class _Session:
         return replace(point, q=tuple(map(float, q)), v=tuple(map(float, v)), kind=f"{point.kind}, on the constraints")
 
     def cover_branches(self) -> None:
-        """Use a few more points for branches of conditions, Abs, sign, Min or Max that have not been taken yet."""
+        """Add a few points that reach new branches of conditions, Abs, sign, Min or Max."""
         added = 0
         for _ in range(FAR_POINTS):
             if added == MOST_FAR_POINTS or not self._missing():
@@ -153,7 +153,7 @@ class _Session:
             added += bool(fresh) and self._use(point)
 
     def report(self) -> Report:
-        """Return the report."""
+        """Return the report of all comparisons so far."""
         return Report(
             system=self.statement.name,
             target=self.model.target,
@@ -197,12 +197,12 @@ class _Session:
     def _columns(self) -> list[int]:
         """Return the next columns of the Jacobian to check: all if they are few, else in turn."""
         width = 2 * len(self.statement.coordinates)
-        share = min(width, MOST_COLUMNS, max(8, math.ceil(width / self.wanted)))
+        share = min(width, MOST_COLUMNS, max(8, math.ceil(width / self.point_count)))
         start = len(self.used) * share
         return [(start + i) % width for i in range(share)]
 
     def _columns_left(self) -> list[str]:
-        """Return a note on columns of the Jacobian that no point has checked, if there are any."""
+        """Return a note on columns of the Jacobian that no point has checked; empty if all are checked."""
         width, share = 2 * len(self.statement.coordinates), len(self._columns())
         checked = share * len(self.used)
         if checked >= width:
@@ -232,7 +232,7 @@ class _Session:
         self.comparison.add(TEXTBOOK, labels, computed(self.model, "accelerations", point, []), part.around(expected))
 
     def _compare_absence(self, point: Point) -> None:
-        """Where L has no value the compiled L must have none either."""
+        """Record a failure if the compiled L has a value at a point where the stated L has none."""
         try:
             self.reference.lagrangian(point.q, point.v, point.t, point.parameters)
         except BeyondDoubles:
@@ -256,7 +256,7 @@ class _Session:
 
 
 def textbook_tape(textbook: Mapping[Any, Any], statement: Statement) -> Precise:
-    """Return the given accelerations, ready for evaluation. Raises StatementError if one is missing."""
+    """Return a program for the accelerations of a textbook. Raises StatementError if one is missing."""
     table = {**textbook}
     missing = [
         name

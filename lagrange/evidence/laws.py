@@ -1,4 +1,4 @@
-"""The laws of motion by numerical differentiation of a Lagrangian, written as the definitions read.
+"""Momenta, forces, mass matrix and equations of motion by numerical differentiation of a Lagrangian.
 
 With L, the forces Q and the dissipation D as functions of (q, v, t) [1, chapters 1 and 2]:
 
@@ -27,14 +27,14 @@ def exactly(_name: str, _index: int) -> int:
 
 @dataclass(frozen=True)
 class DifferenceSteps:
-    """Step lengths of the differences: one per coordinate and velocity, and one along the motion."""
+    """Steps of the central differences: one per coordinate, one per velocity, and a time step along the motion."""
 
     q: Numbers
     v: Numbers
     motion: Any
 
     def times(self, scale: Any) -> DifferenceSteps:
-        """Return all steps multiplied by `scale`, so that differences of differences extrapolate together."""
+        """Return all steps multiplied by `scale`, as extrapolation of nested differences needs."""
         return DifferenceSteps([scale * h for h in self.q], [scale * h for h in self.v], scale * self.motion)
 
 
@@ -42,12 +42,12 @@ class DifferenceSteps:
 class Sources:
     """L, Q and D as functions of (q, v, t).
 
-    L for p_i and D have the terms with the velocity i at least, L for (dL/dq)_i those with the coordinate i. `read`
-    tells which entries of (q, v) stand in terms with the velocity i. `touched` tells in which rows of the equations
-    of motion an entry of (q, v) stands. L is stored three times, for p, for dL/dq and for M: the perturbed copies
-    that measure rounding must be independent where a program computes independently, because parts of dL/dq and of
-    dp/dt can cancel in h. `nudge` gives the factors, close to 1, of the terms of the sums formed here, by name and
-    index. It is the same for the same term, because differencing would magnify changes.
+    `for_momenta(i)` and `dissipation(i)` have at least the terms with velocity i, `for_forces(i)` those with coordinate
+    i. `read(i)` lists the entries of (q, v) that occur in terms with velocity i. `touched(j)` lists the rows of the
+    equations of motion that contain entry j of (q, v). L is stored three times, for p, for dL/dq and for M. Perturbed
+    copies, which measure rounding, must be independent where compiled code computes independently, because parts of
+    dL/dq and of dp/dt can cancel in h. `nudge(name, index)` is a factor close to 1 for a term of the sums formed here.
+    It is the same at each evaluation, because differencing would magnify changes.
     """
 
     lagrangian: StateFunction
@@ -62,17 +62,17 @@ class Sources:
 
 
 TRUSTED = 1e-12
-"""A pivot below this fraction of its diagonal entry calls for row exchanges."""
+"""Smallest pivot, relative to its diagonal entry, for which a factorization without row exchanges is assumed."""
 
 
 class Singular(OutsideDomain):
-    """The mass matrix has no inverse at the point asked for."""
+    """The mass matrix is singular at the point."""
 
 
 def momenta(
     source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, rows: Sequence[int] | None = None
 ) -> Numbers:
-    """Return p = dL/dv, n numbers, or those of some rows."""
+    """Return p = dL/dv, n numbers, or only the entries listed in `rows`."""
     rows = range(len(q)) if rows is None else rows
     return _gradient(lambda i, x: source.for_momenta(i)(q, x, t), v, rows, steps.v)
 
@@ -80,7 +80,7 @@ def momenta(
 def forces(
     source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps, rows: Sequence[int] | None = None
 ) -> Numbers:
-    """Return f = dL/dq + Q - dD/dv, n numbers, or those of some rows."""
+    """Return f = dL/dq + Q - dD/dv, n numbers, or only the entries listed in `rows`."""
     rows = range(len(q)) if rows is None else rows
     total = _gradient(lambda i, x: source.for_forces(i)(x, v, t), q, rows, steps.q)
     applied = source.forces(q, v, t)
@@ -115,7 +115,7 @@ def momentum_rate(
     steps: DifferenceSteps,
     rows: Sequence[int] | None = None,
 ) -> Numbers:
-    """Return dp/dt along the motion with velocities v and accelerations a, n numbers, or those of some rows."""
+    """Return dp/dt for velocities v and accelerations a, n numbers, or only the entries listed in `rows`."""
     n, here, direction = len(q), [*q, *v], [*v, *a]
     needed = range(2 * n) if rows is None else sorted({k for i in rows for k in source.read(i)})
     for k in needed:
@@ -140,13 +140,13 @@ def residual(
     steps: DifferenceSteps,
     rows: Sequence[int] | None = None,
 ) -> Numbers:
-    """Return dp/dt - f, which vanishes when a is the acceleration, or some of its rows."""
+    """Return dp/dt - f, which is zero if a are the accelerations: n numbers, or only the entries listed in `rows`."""
     rate = momentum_rate(source, q, v, a, t, steps, rows)
     return [b - f for b, f in zip(rate, forces(source, q, v, t, steps, rows), strict=True)]
 
 
 def energy(source: Sources, v: Numbers, p: Numbers, lagrangian: Any) -> Any:
-    """Return v.p - L."""
+    """Return the energy v.p - L."""
     return sum((source.nudge("energy", i) * x * y for i, (x, y) in enumerate(zip(v, p, strict=True))), -lagrangian)
 
 
@@ -157,12 +157,11 @@ def residual_slopes(
     steps: DifferenceSteps,
     columns: Sequence[int],
 ) -> list[Numbers]:
-    """Return the slopes of a residual, a function of q and v at fixed accelerations, by y_j for each j in `columns`.
+    """Return the derivatives of a residual with respect to y_j, for each j in `columns`, where y = (q, v).
 
-    The residual takes j as well, and may leave out what does not depend on y_j.
-
-    y = (q, v). Differencing M a = h says M da/dy_j = -d(dp/dt - f)/dy_j: the Jacobian of the accelerations without
-    solving for them at every displaced state, at a fraction of the evaluations.
+    `at(q, v, j)` returns the residual at fixed accelerations; it may omit terms that do not depend on y_j.
+    Differentiating M a = h gives M da/dy_j = -d(dp/dt - f)/dy_j. So the Jacobian of the accelerations needs no solution
+    at displaced states, and only a fraction of the evaluations.
     """
     n = len(q)
     slopes = []
@@ -181,7 +180,7 @@ def solve(matrix: Sequence[Numbers], right: Sequence[Numbers], threshold: Any) -
     Raises Singular when a pivot is at most `threshold` times the largest entry of its row.
     """
     n = len(matrix)
-    # Zeros are left out: of a net of masses most entries are.
+    # Rows are sparse: for a net of masses most entries are zero.
     rows = [{j: x for j, x in enumerate((*row, *(r[i] for r in right))) if x} for i, row in enumerate(matrix)]
     sizes = [max(map(abs, row)) for row in matrix]
     for k in range(n):
@@ -207,11 +206,11 @@ def solve(matrix: Sequence[Numbers], right: Sequence[Numbers], threshold: Any) -
 
 
 def factorization_sizes(matrix: Sequence[Numbers], negative: int = 0) -> list[Numbers]:
-    """Return the sizes of the numbers in a factorization of a symmetric matrix, n rows of n.
+    """Return the magnitudes of the numbers in a factorization of a symmetric matrix, n rows of n.
 
-    For M = L D L^T with positive pivots, but for the last `negative` ones, that is |L| |D| |L^T|: solving with the
-    factors in floating point is exact for a matrix within a few roundings of these numbers (N. J. Higham, Accuracy and
-    Stability of Numerical Algorithms, 2nd edition, 2002, theorem 10.3). Other matrices need row exchanges; then the
+    For M = L D L^T it is |L| |D| |L^T|; the pivots must be positive, except for the last `negative` ones. Solving with
+    the factors in floating point is exact for a matrix within a few roundings of these numbers (N. J. Higham, Accuracy
+    and Stability of Numerical Algorithms, 2nd edition, 2002, theorem 10.3). Other matrices need row exchanges; then the
     largest entries of the rows are used.
     """
     n = len(matrix)
@@ -250,7 +249,7 @@ def _gradient(function: Callable[[int, Numbers], Any], x: Numbers, rows: Sequenc
 
 
 def moved(x: Sequence[Any], i: int, distance: Any) -> Numbers:
-    """Return x with one entry moved."""
+    """Return a copy of x with `distance` added to entry i."""
     y = list(x)
     y[i] = y[i] + distance
     return y

@@ -1,16 +1,16 @@
-"""`quick_check`: one test of a newly compiled model, cheap enough for every compilation.
+"""`quick_check`: a test of a newly compiled model at one random point, cheap enough for every compilation.
 
-The compiled accelerations are inserted into the Euler-Lagrange equations as stated, projected on a random direction w:
+The compiled accelerations are inserted into the stated Euler-Lagrange equations, projected on a random direction w:
 
     w . (d/dt dL/dv - dL/dq - Q + dD/dv) = 0    along    q + v s + a s^2/2
 
-With constraints w is random among the directions that they allow, G w = 0, along which their forces do no work, and
-the second rates of phi, and the rates of constraints on velocities, vanish in a random combination.
+With constraints, w is a random direction with G w = 0, along which the constraint forces do no work. In addition a
+random combination of the second time derivatives of phi, and of the rates of constraints on velocities, must vanish.
 
 With a random direction, a fault in any entry shows with probability one. The derivatives are central differences of the
 stated L at 50 digits: four evaluations of L for the first term, two for the second. If the left-hand side is not small
 relative to its terms, the evaluation is repeated with every intermediate number slightly perturbed, which estimates
-rounding (see `lagrange.evidence.reference`). If it is larger than that, the accelerations are checked one by one.
+rounding (see `lagrange.evidence.reference`). If it exceeds this estimate, each acceleration is checked by itself.
 """
 
 from __future__ import annotations
@@ -36,24 +36,27 @@ DIGITS = 50
 DIFFERENCE_STEP = "1e-12"
 PERTURBATION = 1e-15
 SUSPICIOUS = 1e-12
-"""Residual, relative to its size, from which the accelerations are checked one by one."""
+"""Largest residual, relative to its largest term, that passes without an estimate of its rounding."""
 
 MOST_DRAWS = 24
-"""Random points before the initial state, which comes last because terms vanish at rest and upright."""
+"""Number of random points tried before the initial state, which is last since terms vanish at rest and upright."""
 
 MOST_CONFIRMED = 24
-"""With more coordinates a second point is asked before a full test, which takes a second for 24 and half a minute for
-80: rounding grows with the size of the system, and makes one point in ten suspicious."""
+"""Largest number of coordinates for which the first suspicious point gets a full test; else the second one does.
+
+A full test takes 1 s for 24 coordinates and 30 s for 80. Rounding grows with the size of the system, and makes one
+point in ten suspicious.
+"""
 
 CONFIRMATIONS = 3
-"""Full tests of suspicious points before giving up; each costs as much as a point of `check`."""
+"""Largest number of full tests of suspicious points; each costs as much as a point of `check`."""
 
 
 def quick_check(model: Model) -> None:
     """Check the compiled accelerations against the stated energies at one random point, in one random direction.
 
-    Raises RunError, with the entry, the place and the two values, if they disagree. A system without a usable point,
-    even at its initial state, passes.
+    Raises RunError, with the entry, the state and the two values, if they disagree. A system passes without a test if
+    no point, not even the initial state, is usable.
     """
     statement, of_model = sampled_statement(model)
     probe = _Probe(statement)
@@ -64,7 +67,7 @@ def quick_check(model: Model) -> None:
         a = _accelerations(model, of_model(point))
         virtual = [w * (abs(x) or 1.0) for w, x in zip(probe.direction, point.q, strict=True)]
         direction = _allowed(model, of_model(point), virtual)
-        # Equations without accelerations do not hold at random states: of these the rates are looked at, one by one.
+        # Equations without accelerations do not hold at random states; the full test checks their time derivatives.
         if all(map(math.isfinite, a)) and not probe.suspects(point, a, direction):
             return
         if not probe.has_value(point):
@@ -77,7 +80,7 @@ def quick_check(model: Model) -> None:
 
 
 def _accelerations(model: Model, point: Point) -> list[float]:
-    """Return the compiled accelerations from the kernel of a run; NaN where the model refuses."""
+    """Return the accelerations from the compiled kernel that runs use; NaN if it raises RunError."""
     try:
         return [float(x) for x in model.accelerations(point.q, point.v, point.t, point.parameters)]
     except RunError:
@@ -85,9 +88,9 @@ def _accelerations(model: Model, point: Point) -> list[float]:
 
 
 def _allowed(model: Model, point: Point, direction: Sequence[float]) -> list[float]:
-    """Return the part of a direction that the constraints allow, orthogonal to the rows of G in doubles.
+    """Return the part of a direction that is orthogonal to the rows of the constraint gradient G, in doubles.
 
-    G comes from what is compiled: if it were wrong, the forces of the constraints would not vanish in that direction.
+    G is the compiled one: if it is wrong, the constraint forces do not vanish along the result, and the test fails.
     """
     if not model.statement.constraints:
         return list(direction)
@@ -99,7 +102,7 @@ def _allowed(model: Model, point: Point, direction: Sequence[float]) -> list[flo
         return list(direction)
     basis, _ = np.linalg.qr(rows.T)
     w = np.array(direction)
-    for _ in range(2):  # once leaves what rounding made of the first projection
+    for _ in range(2):  # the second projection removes the rounding of the first
         w = w - basis @ (basis.T @ w)
     return [float(x) for x in w]
 
@@ -135,12 +138,12 @@ class _Probe:
         self.dissipation = Precise([statement.dissipation], statement, DIGITS) if statement.dissipation != 0 else None
         self.draw = random.Random(0)
         self.direction = [self._factor(0.5) for _ in statement.coordinates]
-        self.holonomic = tuple(one.holonomic for one in statement.constraints)
-        self.held = Precise([one.expression for one in statement.constraints], statement, DIGITS)
+        self.holonomic = tuple(constraint.holonomic for constraint in statement.constraints)
+        self.held = Precise([constraint.expression for constraint in statement.constraints], statement, DIGITS)
         self.weights = [self.number(self._factor(0.5)) for _ in statement.constraints]
 
     def has_value(self, point: Point) -> bool:
-        """Return whether the energies and forces have values at the point."""
+        """Return True if the energies, forces and constraints have values at the point."""
         try:
             for tape in (self.plain, self.forces, self.dissipation, self.held):
                 if tape is not None:
@@ -150,7 +153,10 @@ class _Probe:
         return True
 
     def suspects(self, point: Point, a: Sequence[float], direction: Sequence[float]) -> bool:
-        """Return whether a residual exceeds rounding, or cannot be evaluated; `direction` is one that is allowed."""
+        """Return True if a residual exceeds its rounding or has no value.
+
+        `a` are the accelerations; `direction` is a direction that the constraints allow.
+        """
         try:
             q, v, exact, w = [[self.number(x) for x in numbers] for numbers in (point.q, point.v, a, direction)]
             residuals = [
@@ -174,7 +180,7 @@ class _Probe:
         )
 
     def _held(self, tape: Precise, point: Point, q: Any, v: Any, a: Any) -> list[tuple[Any, Any]]:
-        """Return a random combination of G a + gamma, and its largest term: nothing without constraints."""
+        """Return [(random combination of G a + gamma, its largest term)]; empty without constraints."""
         if not self.holonomic:
             return []
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
@@ -190,7 +196,10 @@ class _Probe:
     def _residual(
         self, for_rate: Precise, for_force: Precise, point: Point, q: Any, v: Any, a: Any, w: Any
     ) -> tuple[Any, Any]:
-        """Return the left-hand side along w, and its largest term."""
+        """Return the left-hand side of the projected equation along w, and the magnitude of its largest term.
+
+        `for_rate` and `for_force` are programs of L for d/dt dL/dv and dL/dq.
+        """
         parameters = {p: self.number(x) for p, x in point.parameters.items()}
         t, step, ahead = self.number(point.t), self.number(DIFFERENCE_STEP), self._time_step(point, q, v)
 
@@ -213,7 +222,7 @@ class _Probe:
         return sum(terms), max(map(abs, terms))
 
     def _time_step(self, point: Point, q: Any, v: Any) -> Any:
-        """Return a step along the motion in which no coordinate changes by more than `DIFFERENCE_STEP` of itself."""
+        """Return a time step in which no coordinate changes by more than `DIFFERENCE_STEP`, relative to its value."""
         times = [abs(x / y) for x, y in zip(q, v, strict=True) if x and y]
         if self.plain.uses_time or self.held.uses_time or not times:
             times.append(self.number(abs(point.t) or 1.0))

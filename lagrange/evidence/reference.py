@@ -1,9 +1,9 @@
 """The reference value of every compiled quantity at one point, with its allowance for rounding.
 
-The allowance is measured, not modelled. Every intermediate number of L, Q and D gets its own factor 1 + O(1e-20), the
-equations are differenced again, and the change is scaled up to factors of 1 + O(1). The result, the *size* of an entry,
-is about the sum of the magnitudes of its terms. An error is judged relative to the size. Dividing by the entry itself
-would reject cancellation (1 - cos x near 0), and dividing by the largest entry would miss a wrong small one.
+The allowance is measured, not modelled. Every intermediate number of L, Q and D gets its own factor 1 + O(1e-20), and
+the equations are differenced again. The change of an entry, divided by 1e-20, is its *size*: about the sum of the
+magnitudes of its terms. Errors are relative to the size. Dividing by the entry itself would reject cancellation
+(1 - cos x near 0), and dividing by the largest entry would miss a wrong small one.
 """
 
 from __future__ import annotations
@@ -33,29 +33,31 @@ from lagrange.evidence.sample import Point
 from lagrange.statement.statement import Statement
 
 DIGITS = 90
-"""Digits of the evaluations: third differences with steps of 1e-18 leave 36 of them."""
+"""Decimal digits of the evaluations: third differences with steps of 1e-18 leave 36 of them."""
 
 DIFFERENCE_STEP = "1e-18"
 """Step of the differences, relative to the argument: their error is about 1e-36 before extrapolation."""
 
 PERTURBATION = 1e-20
-"""Relative perturbation of every intermediate number: far above the errors, far below anything non-linear."""
+"""Relative perturbation of every intermediate number: far above the errors, and small enough for a linear response."""
 
 VALUE_NOISE = "1e-89"
-"""Random part added to each evaluation of a perturbed L, relative to the size of L: ten roundings."""
+"""Amplitude of the noise added to each evaluation of a perturbed L, relative to the size of L: ten roundings."""
 
 MASS_NOISE = "1e-80"
-"""A second difference of L below this part of its size is left by rounding and `VALUE_NOISE`, which make 1e-88.
+"""Second differences of L below this fraction of its size count as rounding.
 
-With steps of `DIFFERENCE_STEP` that of an inertia 1e-40 of the largest is 1e-76.
+Rounding and `VALUE_NOISE` make 1e-88. An inertia of 1e-40 of the largest makes 1e-76, with steps of `DIFFERENCE_STEP`.
 """
 
 SAMPLES = 2
-"""Perturbed copies. One sample of a sum with random signs may be accidentally small; two hardly are both."""
+"""Number of perturbed copies. One sum with random signs may be small by accident; two are hardly ever."""
 
 SINGULAR = 2.0**-42
-"""Pivot, relative to its row, from which a mass matrix counts as singular: in double precision four digits of the
-accelerations are left there, and compiled code may refuse it a little later."""
+"""Pivot, relative to its row, below which a mass matrix counts as singular.
+
+In double precision four digits of the accelerations are left there. The limit of compiled code may be slightly lower.
+"""
 
 EXPONENT_LIMIT = 450
 """Largest binary exponent of an intermediate value: squares of it, as derivatives form them, still fit a double."""
@@ -64,32 +66,33 @@ EXPONENT_LIMIT = 450
 class Reference:
     """The quantities of a statement by numerical differentiation, without compiled code.
 
-    Of the coordinates `first_order` the equation of motion is a relation of velocities: its rate of change is solved.
+    `first_order` are the indices of coordinates without inertia. Their equations of motion contain no accelerations, so
+    the time derivatives of these equations are solved.
     """
 
     def __init__(self, statement: Statement, first_order: Sequence[int] = ()) -> None:
         self.statement, self.first_order = statement, tuple(first_order)
         self.lagrangian = Precise([statement.lagrangian], statement, DIGITS)
         self.loads = Precise([*statement.forces, statement.dissipation], statement, DIGITS)
-        self.held = Precise([one.expression for one in statement.constraints], statement, DIGITS)
-        self.holonomic = tuple(one.holonomic for one in statement.constraints)
+        self.held = Precise([constraint.expression for constraint in statement.constraints], statement, DIGITS)
+        self.holonomic = tuple(constraint.holonomic for constraint in statement.constraints)
         self.number = self.lagrangian.context.mpf
         n = len(statement.coordinates)
         self.local = local_terms(statement, DIGITS)
-        one = [self.lagrangian] * n
-        by_velocity, by_place = (self.local.by_velocity, self.local.by_place) if self.local else (one, one)
+        same = [self.lagrangian] * n
+        by_velocity, by_place = (self.local.by_velocity, self.local.by_place) if self.local else (same, same)
         # L is stored for p, for dL/dq and for M.
         self._energies = (by_velocity, by_place, by_velocity)
         self._loaded = any(force != 0 for force in statement.forces)
         self._samples = [_Perturbed.of(self, 6 * k) for k in range(SAMPLES)]
 
     def at(self, point: Point, columns: Sequence[int]) -> dict[str, ReferenceEntries]:
-        """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations, rhs and jacobian.
+        """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations, rhs and jacobian by name.
 
         With constraints also constraints, constraint_gradient, constraint_bias, multipliers and constraint_forces.
-        mass_matrix and constraint_gradient have their rows one after another; jacobian has those columns of
-        d rhs / d(q, v) that `columns` lists, one after another. Raises OutsideDomain where the point is of no use: what
-        was stated has no real, finite value or no derivative there, or the accelerations are not determined.
+        mass_matrix and constraint_gradient are flattened by rows; jacobian has the columns of d rhs / d(q, v) that
+        `columns` lists, one after another. Raises OutsideDomain if the point is not usable: the statement has no real,
+        finite value or no derivative there, or the accelerations are not determined.
         """
         self.inspect(point)
         steps = self._steps(point)
@@ -118,7 +121,7 @@ class Reference:
         return self._with_rates(entries, point, columns)
 
     def _with_floor(self, slopes: ReferenceEntries, accelerations: ReferenceEntries, point: Point) -> ReferenceEntries:
-        """Return the slopes of the accelerations with sizes of at least the accelerations' over the state's.
+        """Return the Jacobian of the accelerations with a lower limit for sizes: size of acceleration / size of state.
 
         Second derivatives of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at x = 1e3 has a gradient
         of 1 and a slope of 1e-9, which any formula computes as a difference of numbers of 1e-3. The sizes of the
@@ -148,7 +151,7 @@ class Reference:
         return self.lagrangian.switches + self.loads.switches + self.held.switches
 
     def inspect(self, point: Point) -> tuple[int | None, ...]:
-        """Return the outcome of each switch, None for one that has no effect there.
+        """Return the outcome of each switch at a point, or None for a switch without effect there.
 
         Raises OutsideDomain if L, Q, D or a constraint has no value, or exceeds double precision.
         """
@@ -161,7 +164,7 @@ class Reference:
         return outcomes
 
     def _perturbed(self, k: int, point: Point, steps: DifferenceSteps, columns: Sequence[int]) -> Numbers:
-        """Return the quantities with every number slightly perturbed."""
+        """Return all quantities in one list, with every intermediate number perturbed, from perturbed copy `k`."""
         draw = random.Random(k)
         factors: dict[tuple[str, int], Any] = {}
         parameters = self._parameters(point)
@@ -172,8 +175,8 @@ class Reference:
             return factors[name, index]
 
         def noisy(tape: Precise, plain: Precise) -> laws.StateFunction:
-            # What differencing makes of the rounding of L itself must not pass for an entry: where an entry is zero
-            # by structure it is all there is. Noise ten times as large lifts the size above it, and never by nothing.
+            # Differencing magnifies the rounding of L itself, which is the only content of an entry that is zero by
+            # structure. Noise ten times as large makes the size of such an entry larger than that rounding.
             exact, off = (f(point.q, point.v, point.t, parameters) for f in (plain, tape.about))
             unit, noise = self.number(PERTURBATION), self.number(VALUE_NOISE)
             amplitudes = [noise * max(abs(a), abs(b - a) / unit) for a, b in zip(exact, off, strict=True)]
@@ -314,7 +317,7 @@ class Reference:
         return found
 
     def _relations(self, source: Sources, steps: DifferenceSteps) -> StatedConstraints:
-        """Return dp/dt - f of the coordinates without inertia, as constraints on the velocities."""
+        """Return dp/dt - f of the coordinates without inertia as constraints on velocities."""
 
         def values(q: Sequence[Any], v: Sequence[Any], t: Any) -> Numbers:
             still = [self.number(0)] * len(q)
@@ -324,9 +327,9 @@ class Reference:
         return StatedConstraints(values, values, (False,) * len(self.first_order), source.nudge)
 
     def _without_noise(self, matrix: Sequence[Numbers], energy: Any, steps: DifferenceSteps) -> list[Numbers]:
-        """Return a matrix of the motion with zeros for entries of M that differencing makes of the rounding of L.
+        """Return a copy of the matrix of the motion with entries of M that are only rounding of L set to zero.
 
-        A pivot of a coordinate without inertia would be trusted, and found to lose all digits.
+        Otherwise the pivot of a coordinate without inertia would be accepted although it has no correct digit.
         """
         noise, n = self.number(MASS_NOISE) * energy, len(steps.v)
         rows = [list(row) for row in matrix]
@@ -336,7 +339,7 @@ class Reference:
         return rows
 
     def _as_factored(self, matrix: Sequence[Numbers], nudge: laws.Nudge) -> list[Numbers]:
-        """Return the matrix of the motion as the solve sees it, perturbed by the errors of its factorization."""
+        """Return the matrix of the motion, perturbed as the rounding of its factorization perturbs it."""
         sizes = laws.factorization_sizes(matrix, len(self.holonomic))
         off = [list(row) for row in matrix]
         for i, row in enumerate(sizes):
@@ -348,7 +351,7 @@ class Reference:
 
 @dataclass(frozen=True)
 class _Perturbed:
-    """Perturbed copies of the programs of a reference; `energies` those for p, dL/dq and M, one a row."""
+    """Perturbed copies of the programs of a reference; `energies` has three rows, for p, dL/dq and M."""
 
     lagrangian: Precise
     energies: Sequence[Sequence[Precise]]
@@ -358,7 +361,7 @@ class _Perturbed:
 
     @classmethod
     def of(cls, whole: Reference, seed: int) -> _Perturbed:
-        """Return copies with factors of their own for each."""
+        """Return copies of the programs of `whole`, each perturbed by different factors."""
 
         def copies(tapes: Sequence[Precise], seed: int) -> Sequence[Precise]:
             numbered = ((tape, seed + 6 * SAMPLES * i) for i, tape in enumerate(tapes))
@@ -374,16 +377,16 @@ class _Perturbed:
 
 
 def _each(pairs: Iterable[tuple[Precise, Any]], make: Callable[[Precise, Any], Any]) -> list[Any]:
-    """Return what is made of each pair, once for each program."""
-    made: dict[Precise, Any] = {}
-    found = []
+    """Return `make(program, other)` for each pair (program, other), called once for each distinct program."""
+    results: dict[Precise, Any] = {}
+    listed = []
     for tape, other in pairs:
-        if tape not in made:
-            made[tape] = make(tape, other)
-        found.append(made[tape])
-    return found
+        if tape not in results:
+            results[tape] = make(tape, other)
+        listed.append(results[tape])
+    return listed
 
 
 def _last(values: laws.StateFunction) -> laws.StateFunction:
-    """Return the last of the values of a function."""
+    """Return a function of (q, v, t) that returns the last value of `values`."""
     return lambda q, v, t: values(q, v, t)[-1]

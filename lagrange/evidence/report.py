@@ -1,4 +1,4 @@
-"""The result of a check: a table for a person, a truth value for a program."""
+"""The result of a check: printed as a table, true if everything holds."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from lagrange.statement.notebook_page import ShownAsPage
 
 @dataclass(frozen=True)
 class ReportRow:
-    """One compiled quantity against its reference.
+    """Comparison of one compiled quantity with its reference.
 
-    `error` is the worst error found, relative to the size of the terms that the entry is made of, infinite where a
-    value is missing and -1 where nothing was compared; `entry` and `point` (1, 2, ...) say where that was.
-    `compiled` and `reference` are the two values there.
+    `error` is the largest error, relative to the magnitude of the terms of the entry. It is infinite if a value is
+    missing, and -1 if nothing was compared. `entry` and `point` (1, 2, ...) locate this error; `compiled` and
+    `reference` are the two values there. `points` is the number of points compared.
     """
 
     quantity: str
@@ -29,7 +29,7 @@ class ReportRow:
     holds: bool
 
     def cells(self) -> tuple[str, str, str, str, str, str]:
-        """Return the row as the table shows it."""
+        """Return the texts of the six cells of the table row."""
         where = self.entry, str(self.point) if self.point else "-"
         return self.quantity, f"{self.error:.1e}", *where, str(self.points), "holds" if self.holds else "FAILS"
 
@@ -39,13 +39,12 @@ HEADINGS = ("quantity", "worst error", "entry", "at point", "points", "verdict")
 
 @dataclass(frozen=True, repr=False)
 class Report(ShownAsPage):
-    """The result of `system.check()`: true when everything holds.
+    """The result of `system.check()`: true if everything holds.
 
-    `rows` has one row per quantity; `points` describes the points used; `outside` counts, by reason, the points that
-    were drawn and put aside because the statement has no value or no derivative there; `unexplained` lists points
-    where the statement has a value and the compiled code none, or the other way round; `notes` says what was not
-    covered; `limit` is the largest error that holds. `seconds` is the time that it took. It is no part of
-    the printed report, which is the same in every process.
+    `rows` has one row per quantity. `points` describes the points used. `outside` counts rejected points by reason: the
+    statement has no value or no derivative there. `unexplained` lists points where only one of statement and compiled
+    code has a value. `notes` lists what was not covered. `limit` is the largest accepted error. `seconds` is the
+    duration of the check; it is not printed, so that the printed report is the same in every process.
     """
 
     system: str
@@ -63,24 +62,24 @@ class Report(ShownAsPage):
 
     @property
     def failures(self) -> tuple[str, ...]:
-        """What does not hold, one sentence each; empty when everything does."""
-        found = []
+        """Sentences on everything that does not hold; empty if everything holds."""
+        sentences = []
         if not self.points:
-            found.append(
+            sentences.append(
                 f"no usable point was found: {self._reasons()}. Give an initial state and parameter values at which "
                 "the energies have finite values and the mass matrix an inverse."
             )
-        found.extend(
+        sentences.extend(
             f"{row.quantity}, entry {row.entry}: compiled {row.compiled:.17g}, expected {row.reference:.17g} (error "
             f"{row.error:.1e}, limit {self.limit:.1e}) at {self._point(row.point)}"
             for row in self.rows
             if self.limit < row.error < math.inf
         )
-        found.extend(f"{row.quantity}: nothing could be compared" for row in self.rows if row.error < 0)
-        return (*found, *self.unexplained)
+        sentences.extend(f"{row.quantity}: nothing could be compared" for row in self.rows if row.error < 0)
+        return (*sentences, *self.unexplained)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return everything as plain data, ready for JSON."""
+        """Return the report, its verdict and its failures as plain data that JSON can store."""
         return {**asdict(self), "outside": dict(self.outside), "holds": bool(self), "failures": list(self.failures)}
 
     def __str__(self) -> str:
@@ -104,12 +103,12 @@ class Report(ShownAsPage):
         return Group(table, *self.remarks())
 
     def title(self) -> str:
-        """Return what was checked, on which machine, at how many points."""
+        """Return the title: the system, the target and the number of points."""
         used = f"{len(self.points)} point" + "s" * (len(self.points) != 1)
         return f"check of {self.system} ({self.target}): {used}"
 
     def remarks(self) -> Sequence[str]:
-        """Return the verdict, and behind it what failed, what was put aside, and the notes."""
+        """Return the lines after the table: the verdict, the failures, the rejected points and the notes."""
         verdict = "Everything holds." if self else f"{len(self.failures)} found wrong:"
         aside = f"Points put aside, being outside the domain: {self._reasons()}."
         put_aside = [aside] if self.outside and self.points else []

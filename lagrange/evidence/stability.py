@@ -1,7 +1,7 @@
-"""Linear stability of a step: its effect on an oscillation whose rates are z and its conjugate.
+"""Linear stability of a step: its growth factor on an oscillation with the eigenvalues z and its conjugate.
 
-A step program only combines vectors and calls the right-hand side, so on a linear system it is a matrix, and the
-unknowns of an implicit step solve linear equations. Tableaus and formulas are not used.
+A step program only combines vectors and calls the right-hand side. On a linear system it is therefore a matrix, and the
+unknowns of an implicit step solve linear equations. Tableaus and formulas of the methods are not used.
 
 Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.2, IV.3 and V.1.
 """
@@ -25,21 +25,21 @@ from lagrange.trajectory.plan import Stepped
 FloatArray = NDArray[np.float64]
 
 GROWTH_TOLERANCE = 1e-9
-"""A growth by less than this is none, per step: eigenvalues of matrices that are not normal lose some digits."""
+"""Growth per step that counts as rounding: eigenvalues of matrices that are not normal lose some digits."""
 
 SEEN = 1e-13
-"""Growth of a step that is more than the rounding of its matrix and of its eigenvalues."""
+"""Smallest growth per step that exceeds the rounding of the matrix and of its eigenvalues, for small steps."""
 
 LARGEST_EXTENT, BISECTIONS = 1e4, 60
-"""Largest extent that is searched, in units of one over the step, and the number of bisections."""
+"""Largest stable interval that is searched, in units of 1/step, and the number of bisections for its end."""
 
 
 @dataclass(frozen=True)
 class Stability:
-    """Where a step does not amplify an oscillation or a decay.
+    """Stability intervals of a step: eigenvalues whose oscillation or decay the step does not amplify.
 
-    `real` and `imaginary` are the lengths of the stable parts of the negative real and of the imaginary axis, in units
-    of one over the step, infinite if they do not end. A symplectic splitting has no damping; its `real` is NaN.
+    `real` and `imaginary` are the lengths of the stable intervals on the negative real and on the imaginary axis, in
+    units of 1/step; infinite if they do not end. A symplectic splitting cannot treat damping; its `real` is NaN.
     """
 
     real: float
@@ -52,13 +52,13 @@ class Stability:
 class _Map:
     """The vectors of a step as linear maps of its initial state: arrays (Z, n, m) for Z systems at once.
 
-    The system is q'' = -k q - c v with the rates z and its conjugate, and a step of 1. n is 2 for a step of y = [q, v],
-    else 1, and m is the size of the state.
+    The systems are q'' = -k q - c v with the eigenvalues z and its conjugate; the step is 1. n is 2 for a step of
+    y = [q, v], else 1, and m is the size of the state.
     """
 
     def __init__(self, step: StepProgram, z: NDArray[np.complex128]) -> None:
         self.step, self.law = step, LAWS[step.law]
-        # A real rate is paired with a slightly smaller one: a double eigenvalue has only half of the digits.
+        # A real eigenvalue is paired with a slightly smaller one, since a double eigenvalue has only half the digits.
         other = np.where(z.imag == 0, 0.99 * z, z.conj())
         self.k, self.c = (z * other).real, -(z + other).real
         self.length = 2 // self.law.states
@@ -69,11 +69,11 @@ class _Map:
             unit = np.zeros((len(z), self.length, self.size))
             unit[:, range(self.length), range(i * self.length, (i + 1) * self.length)] = 1.0
             self.vectors[i] = unit
-        # The coefficients of a step of length 1 at t = 0 after one of the same length.
+        # The coefficients of a step of length 1 at t = 0 after a step of the same length.
         self.numbers = numbers_of(step, step.scalars(step.numbers), 0.0, 1.0, 1.0)
 
     def whole(self) -> FloatArray:
-        """Return the matrix of the step (Z, m, m); with memory, the state that it starts from comes second."""
+        """Return the matrix of the step, (Z, m, m). For a two-step method the state is [new state, previous state]."""
         for action in self.step.actions:
             if isinstance(action, LawCall):
                 self.call(action)
@@ -85,12 +85,12 @@ class _Map:
         return np.concatenate(results, axis=1)
 
     def combined(self, combination: Combination) -> FloatArray:
-        """Return a combination of vectors."""
+        """Return a linear combination of the vectors, as a map of the initial state."""
         zero = np.zeros((len(self.k), self.length, self.vectors[0].shape[2]))
         return sum((self.numbers[c] * self.vectors[i] for i, c in combination), zero)
 
     def call(self, call: LawCall) -> None:
-        """Evaluate the law."""
+        """Evaluate the right-hand side of the linear system, and store its vectors."""
         k, c = self.k[:, None], self.c[:, None]
         arguments = [self.combined(argument) for argument in call.arguments]
         if self.step.law == "rhs":
@@ -100,34 +100,38 @@ class _Map:
             self.vectors[call.first] = -k[:, None] * arguments[0]
         else:
             q, v, *multipliers = arguments
-            found = [v, -k[:, None] * q - c[:, None] * v]
-            # There are no constraints: no force of any, and each is its multiplier; see `lagrange.program.constrained`.
-            found += [part for push in multipliers for part in (0.0 * push, push, push)]
-            for i, vector in enumerate(found):
+            results = [v, -k[:, None] * q - c[:, None] * v]
+            # Without constraints the constraint forces are zero, and the padding entries are the multipliers
+            # themselves; see `lagrange.program.constrained`.
+            results += [part for multiplier in multipliers for part in (0.0 * multiplier, multiplier, multiplier)]
+            for i, vector in enumerate(results):
                 self.vectors[call.first + i] = vector
 
     def solve(self, solve: Solve) -> None:
-        """Find the unknowns: the residuals are linear in columns that stand for them, added to those of the state."""
-        given, fresh = self.vectors[0].shape[2], solve.count * self.length
+        """Solve the implicit equations and store their unknowns.
+
+        The unknowns become additional columns beside those of the initial state, in which the residuals are linear.
+        """
+        width, fresh = self.vectors[0].shape[2], solve.count * self.length
         before = dict(self.vectors)
         for i, vector in before.items():
             self.vectors[i] = np.concatenate([vector, np.zeros((*vector.shape[:2], fresh))], axis=2)
         for j in range(solve.count):
-            unknown = np.zeros((len(self.k), self.length, given + fresh))
-            columns = range(given + j * self.length, given + (j + 1) * self.length)
+            unknown = np.zeros((len(self.k), self.length, width + fresh))
+            columns = range(width + j * self.length, width + (j + 1) * self.length)
             unknown[:, range(self.length), columns] = 1.0
             self.vectors[solve.first + j] = unknown
         for call in solve.calls:
             self.call(call)
-        residual = np.concatenate([self.combined(one) for one in solve.residuals], axis=1)
-        found = -_solved(residual[:, :, given:], residual[:, :, :given])
+        residual = np.concatenate([self.combined(combination) for combination in solve.residuals], axis=1)
+        solution = -_solved(residual[:, :, width:], residual[:, :, :width])
         self.vectors = before
         for j in range(solve.count):
-            self.vectors[solve.first + j] = found[:, j * self.length : (j + 1) * self.length]
+            self.vectors[solve.first + j] = solution[:, j * self.length : (j + 1) * self.length]
 
 
 def _solved(matrices: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the solutions of systems (Z, m, m), infinite where there is none: at a pole of the step."""
+    """Return the solutions of linear systems (Z, m, m); infinite for a singular one, which is a pole of the step."""
     try:
         return np.asarray(np.linalg.solve(matrices, right), dtype=float)
     except np.linalg.LinAlgError:
@@ -137,11 +141,12 @@ def _solved(matrices: FloatArray, right: FloatArray) -> FloatArray:
 
 
 def growth(method: Any, z: ArrayLike) -> FloatArray:
-    """Return the factor by which a step of a method grows the oscillation of rates z times its length, in z's shape.
+    """Return the growth factors of a step for linear oscillations, in the shape of z.
 
-    `method` is a registered name, an instance, or its step program; `z` are complex numbers, and one with its conjugate
-    is what counts. The factor is the spectral radius of the step's matrix. A splitting knows no damping: its z must be
-    imaginary, or a StatementError is raised. At a pole of an implicit step the factor is infinite.
+    `method` is a registered name, an instance, or a step program. Each complex number in `z` is eigenvalue times step
+    length; the oscillation has this eigenvalue and its conjugate. The factor is the spectral radius of the step's
+    matrix, infinite at a pole of an implicit step. Raises StatementError if the method is a splitting, which cannot
+    treat damping, and z is not imaginary.
     """
     step = method if isinstance(method, StepProgram) else step_of(method)
     rates = complex_array(z, "z")
@@ -155,9 +160,9 @@ def growth(method: Any, z: ArrayLike) -> FloatArray:
 
 
 def stability(method: Any) -> Stability:
-    """Return how far along the negative real and the imaginary axis the step of a method is stable; see `growth`.
+    """Return the lengths of the stable intervals of a method on the negative real and on the imaginary axis.
 
-    Raises StatementError for a method without a step of its own, such as SciPy's.
+    `method` is as in `growth`. Raises StatementError for a method without a step program, such as SciPy's.
     """
     step = method if isinstance(method, StepProgram) else step_of(method)
     real = np.nan if step.law == "accelerations" else _extent(step, -1.0 + 0.0j)
@@ -165,7 +170,7 @@ def stability(method: Any) -> Stability:
 
 
 def _extent(step: StepProgram, direction: complex) -> float:
-    """Return the first place along a direction behind which a step amplifies."""
+    """Return the largest distance from 0 in a direction up to which the step is stable: 0 if nowhere, or infinite."""
     grid = np.concatenate([np.linspace(0.01, 20.0, 2000), np.geomspace(20.0, LARGEST_EXTENT, 400)])
     unstable = growth(step, direction * grid) > 1.0 + GROWTH_TOLERANCE * np.maximum(1.0, grid)
     if not unstable.any():
@@ -176,13 +181,13 @@ def _extent(step: StepProgram, direction: complex) -> float:
         middle = (low + high) / 2
         bad = growth(step, [direction * middle])[0] > 1.0 + GROWTH_TOLERANCE * max(1.0, middle)
         low, high = (low, middle) if bad else (middle, high)
-    # A step that amplifies from zero on, if only slightly, is stable nowhere.
+    # A step that amplifies slightly at all distances has no stable interval.
     before = growth(step, direction * low * np.array([0.5, 0.7, 0.9]))
     return 0.0 if (before > 1.0 + SEEN).all() else float(low)
 
 
 def step_of(method: Any) -> StepProgram:
-    """Return the step of a registered method or an instance. Raises StatementError for one that is no step program."""
+    """Return the step program of a registered method or an instance. Raises StatementError if it has none."""
     integrator = find(method)
     if not isinstance(integrator, Stepped) or not isinstance(integrator.program, StepProgram):
         raise StatementError(

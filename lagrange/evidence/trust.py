@@ -16,20 +16,20 @@ from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 PARTS = 4
-"""Into so many steps of the variational equation each step of the run is divided."""
+"""Number of steps of the variational equation per step of the run."""
 
 MOST_STEPS = 50_000
-"""Largest number of steps of the run: each takes some 60 us, and a matrix product for each of its parts."""
+"""Largest number of steps of the run: each takes about 60 us, and `PARTS` matrix products."""
 
 BLOCK = 2**22
-"""Numbers in the matrices that are kept at once: 32 MB."""
+"""Largest number of matrix entries in memory at once: 32 MB."""
 
 ROUNDING = 2.0**-53
 
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """The effect at the end of errors made along the run.
+    """The effect of errors along the run on the state at its end.
 
     `growth` is the largest factor by which a relative error of a state grows until the end. `floor` is the change of
     the end when the most sensitive state of the run is rounded to double precision.
@@ -75,39 +75,41 @@ def sensitivity(
 def _transitions(
     model: Model, run: Trajectory, parameters: Mapping[Any, float], begin: FloatArray, h: FloatArray
 ) -> FloatArray:
-    """Return d y(t + h) / d y(t) for each of the steps, (N, 2n, 2n)."""
+    """Return the transition matrices d y(t + h) / d y(t) of N steps that begin at `begin`, (N, 2n, 2n)."""
 
     def slope(times: FloatArray) -> FloatArray:
         return np.moveaxis(model.jacobian(times, run.dense(times), parameters), -1, 0)
 
     low, high = np.sort((begin[0], begin[-1] + h[-1]))
     first, middle, last = (slope(np.clip(begin + share * h, low, high)) for share in (0.0, 0.5, 1.0))
-    one, width = np.eye(first.shape[1]), h[:, None, None]
+    identity, width = np.eye(first.shape[1]), h[:, None, None]
     k1 = first
-    k2 = middle @ (one + width / 2 * k1)
-    k3 = middle @ (one + width / 2 * k2)
-    k4 = last @ (one + width * k3)
-    whole: FloatArray = one + width / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
-    return whole
+    k2 = middle @ (identity + width / 2 * k1)
+    k3 = middle @ (identity + width / 2 * k2)
+    k4 = last @ (identity + width * k3)
+    transitions: FloatArray = identity + width / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+    return transitions
 
 
 SAFETY = 10.0
-"""An error may be so many times the largest difference seen. Over 200 random starts of a double pendulum at high energy
-the largest true error until a horizon was a ninth of what was claimed, and a twentieth of it where rounding decides
-(docs/benchmarks/hard-cases.md)."""
+"""Ratio of the error bound to the largest difference between the runs.
+
+Over 200 random starts of a double pendulum at high energy the largest true error until a horizon was 1/9 of the bound,
+and 1/20 of it where rounding dominates (docs/benchmarks/hard-cases.md).
+"""
 
 COMPARISON_METHODS: tuple[tuple[str, float, float], ...] = (
     ("taylor", 1.2e-16, 0.0),
     ("dop853", 2.3e-14, 0.0),
     ("taylor", 1e-15, 4.0),
 )
-"""Method, relative tolerance, and perturbation of the start in units of round-off."""
+"""Comparison runs: method, relative tolerance, and perturbation of the initial state in units of rounding."""
 
 WITNESSES = 2
 """Number of comparison runs that must reach the horizon."""
 
 TIMES_PER_STEP, MOST_TIMES = 4, 4000
-"""Times of comparison per step of the run, including its end, and about the largest number of times."""
+"""Number of comparison times per step of the run, including the end of the step, and approximate limit of all times."""
 
 START_PERTURBATION = 2.0**-52
 
@@ -116,9 +118,9 @@ START_PERTURBATION = 2.0**-52
 class TrustHorizon:
     """The time until which a run is accurate to an error: `float(horizon)` is that time.
 
-    `times` (K,) are the times of comparison, and `bounds` (K,) bound the error until then, in units of the state or, if
-    `relative`, of each entry's largest magnitude. `complete` says that the horizon is the end of the run; `witnesses`
-    names the comparison runs.
+    `times` (K,) are the comparison times. `bounds` (K,) are bounds of the error up to each time, in units of the state
+    or, if `relative`, of each entry's largest magnitude. `complete` is true if the horizon is the end of the run.
+    `witnesses` has the names of the comparison runs.
     """
 
     time: float
@@ -152,13 +154,13 @@ def trust_horizon(
     step: float | None = None,
     parameters: Mapping[Any, Any] | None = None,
 ) -> TrustHorizon:
-    """Return how long the run of a system or model is accurate to `error`, at its steps and in between.
+    """Return the time until which the run of a system or model is accurate to `error`, at its steps and in between.
 
-    The run is that of `lg.integrate(model, span, initial, method=..., ...)`; a number in place of a span is its end,
-    and the run begins at 0. `error` is the largest of any entry of the state, in its own units; with `relative`,
-    relative to that entry's largest magnitude along the run.
+    The run is that of `lg.integrate(model, span, initial, method=..., ...)`. A number in place of a span is its end;
+    the run then begins at 0. `error` is the largest accepted error of any entry of the state, in the units of that
+    entry. With `relative` it is relative to that entry's largest magnitude along the run.
 
-    Raises StatementError for a request that has no meaning, RunError if two comparison runs cannot be made.
+    Raises StatementError for invalid arguments, and RunError if fewer than two comparison runs succeed.
     """
     model = _compiled(system)
     allowed, relative = real_number(error, "error"), flag(relative, "relative")
@@ -167,32 +169,30 @@ def trust_horizon(
     t0, t1 = span_or_end(span)
     if t0 == t1:
         raise StatementError(f"the span from {t0:g} to {t1:g} is empty: give an end such as span={t0 + 10:g}.")
-    found, values = integrate(model, (t0, t1), initial, RunOptions(method, rtol, atol, step, parameters=parameters))
-    times = _comparison_times(found.t)
-    states = found.dense(times)
+    run, values = integrate(model, (t0, t1), initial, RunOptions(method, rtol, atol, step, parameters=parameters))
+    times = _comparison_times(run.t)
+    states = run.dense(times)
     size = np.abs(states).max(axis=1)
     unit = np.where(size > 0, size, 1.0) if relative else np.ones(len(size))
     ends, differences, witnesses = [], [], []
-    for name, comparison in _comparison_runs(
-        model, found, values, np.abs(states[:, : len(times) // 10 + 2]).max(axis=1)
-    ):
+    for name, comparison in _comparison_runs(model, run, values, np.abs(states[:, : len(times) // 10 + 2]).max(axis=1)):
         reached = (times - comparison.span[1]) * np.sign(times[-1] - times[0]) <= 0
-        apart = np.zeros(len(times))
-        apart[reached] = (np.abs(comparison.dense(times[reached]) - states[:, reached]) / unit[:, None]).max(axis=0)
+        difference = np.zeros(len(times))
+        distances = np.abs(comparison.dense(times[reached]) - states[:, reached]) / unit[:, None]
+        difference[reached] = distances.max(axis=0)
         ends.append(int(np.count_nonzero(reached)))
-        differences.append(apart)
+        differences.append(difference)
         witnesses.append(name)
     if len(ends) < WITNESSES:
         raise RunError(f"no two other methods run {model.statement.name} from there: nothing to hold the run against.")
     rounded = START_PERTURBATION * (np.abs(states) / unit[:, None]).max(axis=0)
     bounds = SAFETY * np.maximum.accumulate(np.max([*differences, rounded], axis=0))
     last = min(sorted(ends)[-WITNESSES], int(np.searchsorted(bounds, allowed, side="right"))) - 1
-    whole = last == len(times) - 1 and found.status.at_end
     return TrustHorizon(
         time=float(times[max(last, 0)]),
         error=allowed,
         relative=relative,
-        complete=whole,
+        complete=last == len(times) - 1 and run.status.at_end,
         times=times,
         bounds=bounds,
         witnesses=tuple(witnesses),
@@ -210,7 +210,10 @@ def _compiled(system: Any) -> Model:
 
 
 def _comparison_times(marks: FloatArray) -> FloatArray:
-    """Return times (K,) that divide each of the steps, or fewer steps, including the first and the last time."""
+    """Return K times: `TIMES_PER_STEP` in each step between `marks`, thinned to about `MOST_TIMES`.
+
+    The first and the last mark are always included.
+    """
     parts = np.arange(1, TIMES_PER_STEP + 1) / TIMES_PER_STEP
     inner = marks[:-1, None] + np.diff(marks)[:, None] * parts
     inner[:, -1] = marks[1:]
@@ -219,11 +222,14 @@ def _comparison_times(marks: FloatArray) -> FloatArray:
 
 
 def _comparison_runs(
-    model: Model, found: Trajectory, values: Mapping[Any, float], size: FloatArray
+    model: Model, run: Trajectory, values: Mapping[Any, float], size: FloatArray
 ) -> Iterator[tuple[str, Trajectory]]:
-    """Yield the comparison runs that succeed, each with a name; `size` (2n,) is that of the first states."""
+    """Yield (name, comparison run) for those that succeed.
+
+    `size` (2n,) is the magnitude of each entry early in the run, and scales perturbations of entries that start at 0.
+    """
     rows = model.layout.names()
-    start = found.dense(found.t[:1])[:, 0]
+    start = run.dense(run.t[:1])[:, 0]
     moving = np.where(start == 0, size, np.abs(start))
     signs = np.where(np.arange(len(start)) % 2, -1.0, 1.0)
     for method, tolerance, off in COMPARISON_METHODS:
@@ -231,7 +237,7 @@ def _comparison_runs(
         try:
             comparison, _ = integrate(
                 model,
-                found.span,
+                run.span,
                 dict(zip(rows, moved.tolist(), strict=True)),
                 RunOptions(method, tolerance, parameters=values),
             )

@@ -1,4 +1,4 @@
-"""Work-precision: error against time for every method at every tolerance or step, against one reference solution."""
+"""Work-precision data: error and time of every method at every tolerance or step size, for one reference solution."""
 
 from __future__ import annotations
 
@@ -29,13 +29,14 @@ STEP_SIZES = 9
 """Number of step sizes if none are given, each half of the previous one."""
 
 PRELIMINARY_METHOD = "dop853"
-"""The method of the runs before the race. A Taylor step may span half an oscillation, which hides its size."""
+"""Method of the preliminary runs. A Taylor step may span half an oscillation, and then miss its amplitude."""
 
 STEPS_PER_PRELIMINARY = 4
-"""The longest step is that of dop853 at `COARSE_RTOL` divided by this: there RK4 begins to resolve the motion."""
+"""Ratio of dop853's mean step at `COARSE_RTOL` to the longest step, at which RK4 begins to resolve the motion."""
 
 COARSE_RTOL, FINE_RTOL = 1e-6, 1e-11
-"""Tolerances of the preliminary runs: the first gives the step sizes, the second the sizes and growth of errors."""
+"""Tolerances of the preliminary runs. The coarse run gives the step sizes, the fine run the growth of errors and the
+magnitudes of the states."""
 
 RACED = (
     "taylor",
@@ -51,23 +52,24 @@ RACED = (
     "scipy-dop853",
     "scipy-lsoda",
 )
-"""The methods by default, one or two of a kind: the series, explicit with and without step control, symplectic,
-implicit, and SciPy's best. All methods would take minutes, and the others lie close to one of these."""
+"""Default methods, one or two of each kind: Taylor series, explicit with and without step control, symplectic,
+implicit, and SciPy's best. All methods would take minutes, and each of the others performs like one of these."""
 
 FEWEST_STEPS = 16
-"""Least number of steps with the longest step."""
+"""Smallest number of steps of a run with the longest step."""
 
 NOTABLE_GROWTH = 1e4
-"""Growth of errors from which a note is given."""
+"""Growth factor of errors above which the result has a note on it."""
 
 FINE_RUN_SECONDS = 60.0
-"""Seconds that the fine preliminary run may always take."""
+"""Smallest time limit of the fine preliminary run, in seconds."""
 
 MOST_OUTPUTS, MOST_REPEATS = 100_000, 10_000
-"""Most times at which errors are measured, each of which the reference computes with many digits; most timed runs."""
+"""Largest numbers of times at which errors are measured, and of timed runs. Each time costs the reference solution an
+evaluation with many digits."""
 
 SHORTEST_TIMING = 1e-3
-"""Least seconds of a timing; a shorter run is repeated."""
+"""Shortest timing, in seconds; a shorter run is repeated within one timing."""
 
 LARGEST_UNCERTAINTY = 1e-3
 """Largest uncertainty of the reference, and largest effect of rounding, relative to the size of the states.
@@ -76,16 +78,17 @@ Beyond it the comparison has no meaning.
 """
 
 REFUSED, SKIPPED = "refused", "skipped"
-"""Status of a request that the method cannot serve, and of one skipped because a coarser one took too long."""
+"""Status of an entry that the method refuses, and of one skipped because a coarser setting took too long."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One method at one setting.
+    """Measurement of one method at one setting.
 
-    `setting` is the tolerance (rtol) of an adaptive method, else the step. `error` is NaN if the run has no end. If it
-    is not `resolved`, the true error is at most this, the uncertainty of the reference. `time` is the least of `timed`
-    warm runs, in seconds, NaN if none ended. `status` and `message` say how the run ended.
+    `setting` is the tolerance (rtol) of an adaptive method, else the step. `error` is NaN if the run did not reach its
+    end. If `resolved` is false, `error` is the uncertainty of the reference, and the true error is at most that. `time`
+    is the shortest of `timed` warm runs, in seconds, or NaN if none reached its end. `status` and `message` say how the
+    run ended.
     """
 
     method: str
@@ -106,16 +109,16 @@ class Entry:
 
     @property
     def complete(self) -> bool:
-        """Whether the run reached its end."""
+        """True if the run reached its end."""
         return math.isfinite(self.time)
 
 
 @dataclass(frozen=True)
 class Result:
-    """The result of a race.
+    """Result of a comparison of methods.
 
-    `unit` (2n,) is the unit of errors, one number for each entry of the state: 1, or the entry's size. `size` (2n,) is
-    the largest magnitude of each entry along the run.
+    `unit` (2n,) is the unit of errors for each entry of the state: 1, or for relative errors the entry's size. `size`
+    (2n,) is the largest magnitude of each entry along the run.
     """
 
     entries: tuple[Entry, ...]
@@ -128,7 +131,7 @@ class Result:
 
 @dataclass(frozen=True)
 class RaceSettings:
-    """The settings of a race and of its timing; errors are measured at `times`."""
+    """Settings of a comparison of methods and of its timing; errors are measured at `times`."""
 
     times: tuple[float, ...]
     tolerances: tuple[float, ...]
@@ -148,7 +151,11 @@ def race(
     chosen: RaceSettings,
     reference: Any = None,
 ) -> Result:
-    """Measure every method at every setting. Raises StatementError, or RunError if nothing can be measured."""
+    """Measure every method at every setting.
+
+    `methods` is None for the default ones; `reference` is a solution to compare with, or None to compute one. Raises
+    StatementError for bad arguments, and RunError if the run or the reference is too inaccurate to compare with.
+    """
     labelled = _labelled_methods(methods)
     run, values = _fine_run(model, span, initial, parameters, max(chosen.max_wall, FINE_RUN_SECONDS))
     t0, t1 = map(float, span)
@@ -168,18 +175,18 @@ def race(
     refused: dict[str, list[str]] = {}
     for label, method in labelled:
         settings = chosen.tolerances if method.claims.adaptive else chosen.steps or _step_sizes(problem)
-        found = list(measured.run(label, method, settings))
-        if methods is None and all(entry.status == REFUSED for entry in found):
-            refused.setdefault(found[0].message.removeprefix(label), []).append(label)
+        measurements = list(measured.run(label, method, settings))
+        if methods is None and all(entry.status == REFUSED for entry in measurements):
+            refused.setdefault(measurements[0].message.removeprefix(label), []).append(label)
         else:
-            entries += found
+            entries += measurements
     absent = (f"Left out: {listing(labels)}. {labels[0]}{why}" for why, labels in refused.items())
     notes = (*_growth_notes(growth, size, unit), *absent)
     return Result(tuple(entries), right, growth, tuple(size.tolist()), tuple(unit.tolist()), notes)
 
 
 class _Measurements:
-    """The data that all runs of a race share."""
+    """The problem, settings, reference and unit of errors that all measurements of a comparison share."""
 
     def __init__(self, problem: Problem, settings: RaceSettings, right: ReferenceSolution, unit: FloatArray) -> None:
         self.problem, self.settings, self.reference, self.unit = problem, settings, right, unit
@@ -202,14 +209,14 @@ class _Measurements:
         chosen: dict[str, Any] = {"rtol": setting} if adaptive else {"step": setting}
         problem = replace(self.problem, t_eval=self.outputs, began=time.perf_counter(), **chosen)
         try:
-            found = _checked(run_by(method, problem))
-            blank = replace(blank, steps=found.steps, evaluations=found.evaluations)
-            blank = replace(blank, status=found.status.value, message=found.message)
-            if not found.status.complete:
+            trajectory = _checked(run_by(method, problem))
+            blank = replace(blank, steps=trajectory.steps, evaluations=trajectory.evaluations)
+            blank = replace(blank, status=trajectory.status.value, message=trajectory.message)
+            if not trajectory.status.complete:
                 return blank
             run = self._warm(method, problem)
             y = run()
-            seconds, timed = self._timed(run, found.wall)
+            seconds, timed = self._timed(run, trajectory.wall)
         except LagrangeError as refusal:
             return replace(blank, message=str(refusal))
         error = self.reference.error(y, self.unit)
@@ -217,7 +224,7 @@ class _Measurements:
         return replace(blank, error=max(error, bound), resolved=error > bound, time=seconds, timed=timed)
 
     def _timed(self, run: Callable[[], FloatArray], single: float) -> tuple[float, int]:
-        """Return the least seconds of a run that takes about `single`, and how often it was timed."""
+        """Return the shortest time of a run in seconds, and the number of timings; `single` is a rough estimate."""
         least, timed = math.inf, 0
         count = max(1, math.ceil(SHORTEST_TIMING / max(single, 1e-9)))
         began = time.perf_counter()
@@ -230,7 +237,10 @@ class _Measurements:
         return least, timed
 
     def _warm(self, method: Integrator, problem: Problem) -> Callable[[], FloatArray]:
-        """Return a function that runs to the times of the race, (2n, K), with all preparation done."""
+        """Return a function without arguments that runs the method and returns the states (2n, K) at the K times.
+
+        All preparation is done before, so that timings measure the run only.
+        """
         if self.outputs is not None:
             return lambda: method.integrate(problem).y
         flow = Flow(
@@ -250,9 +260,9 @@ def race_settings(
     relative: bool = False,
     digits: Any = None,
 ) -> RaceSettings:
-    """Return the checked settings of a race. Raises StatementError for a request that has no meaning.
+    """Return checked settings of a comparison of methods. Raises StatementError for invalid values.
 
-    `outputs` is the number of equally spaced times at which errors are measured, None for the end alone.
+    `outputs` is the number of equally spaced times at which errors are measured, or None for the end only.
     """
     t0, t1 = float(span[0]), float(span[1])
     if t0 == t1:
@@ -273,11 +283,11 @@ def race_settings(
     )
 
 
-def _sizes(what: str, given: Any) -> tuple[float, ...]:
-    """Return positive numbers without duplicates."""
-    listed = None if isinstance(given, (str, bytes)) else entries(given, what)
+def _sizes(what: str, sizes: Any) -> tuple[float, ...]:
+    """Return a list of positive numbers without duplicates. Raises StatementError, with the name `what`, otherwise."""
+    listed = None if isinstance(sizes, (str, bytes)) else entries(sizes, what)
     if listed is None:
-        raise StatementError(f"{what} is {shown(given)}: give a list of positive numbers, such as [1e-6, 1e-9].")
+        raise StatementError(f"{what} is {shown(sizes)}: give a list of positive numbers, such as [1e-6, 1e-9].")
     numbers = [real_number(x, f"an entry of {what}") for x in listed]
     wrong = [x for x in numbers if x <= 0]
     if wrong:
@@ -288,7 +298,7 @@ def _sizes(what: str, given: Any) -> tuple[float, ...]:
 
 
 def _labelled_methods(methods: Any) -> list[tuple[str, Integrator]]:
-    """Return the methods with distinct labels."""
+    """Return pairs (distinct label, method); a name that occurs again gets a number. None means the default methods."""
     if methods is None:
         chosen: list[Any] = list(RACED)
     else:
@@ -296,14 +306,14 @@ def _labelled_methods(methods: Any) -> list[tuple[str, Integrator]]:
         chosen = [methods] if listed is None else listed
     if not chosen:
         raise StatementError(f"methods is empty: name at least one; there are {listing(names())}.")
-    found: dict[str, Integrator] = {}
+    labelled: dict[str, Integrator] = {}
     for method in map(find, chosen):
         label, number = method.name, 1
-        while label in found:
+        while label in labelled:
             number += 1
             label = f"{method.name} ({number})"
-        found[label] = method
-    return list(found.items())
+        labelled[label] = method
+    return list(labelled.items())
 
 
 def _fine_run(
@@ -313,7 +323,10 @@ def _fine_run(
     parameters: Mapping[Any, Any] | None,
     max_wall: float,
 ) -> tuple[Trajectory, dict[Any, float]]:
-    """Return the run that gives the sizes of the states and the growth of errors, and the parameter values."""
+    """Return the fine preliminary run, and the values of the parameters. Raises RunError if it does not reach its end.
+
+    The run gives the magnitudes of the states and the growth of errors.
+    """
     run, values = integrate(
         model, span, initial, RunOptions(PRELIMINARY_METHOD, FINE_RTOL, max_wall=max_wall, parameters=parameters)
     )
@@ -322,29 +335,29 @@ def _fine_run(
     return run, values
 
 
-def _checked(found: Trajectory) -> Trajectory:
-    """Return the run; raise KeyboardInterrupt if it was interrupted."""
-    if found.status is Status.INTERRUPTED:
+def _checked(run: Trajectory) -> Trajectory:
+    """Return the run. Raises KeyboardInterrupt if the user interrupted it."""
+    if run.status is Status.INTERRUPTED:
         raise KeyboardInterrupt
-    return found
+    return run
 
 
 def _step_sizes(problem: Problem) -> tuple[float, ...]:
-    """Return the steps for methods with equal steps if none are given."""
+    """Return the default step sizes for methods with constant steps, the longest first."""
     preliminary = find(PRELIMINARY_METHOD).integrate(replace(problem, rtol=COARSE_RTOL))
     count = max(FEWEST_STEPS, STEPS_PER_PRELIMINARY * preliminary.steps)
     return tuple(abs(problem.t1 - problem.t0) / (count << k) for k in range(STEP_SIZES))
 
 
-def _growth_notes(found: Sensitivity, size: FloatArray, unit: FloatArray) -> Iterator[str]:
-    """Yield a note on the growth of errors, which all methods share."""
-    if found.floor > LARGEST_UNCERTAINTY * float((size / unit).max()):
+def _growth_notes(effect: Sensitivity, size: FloatArray, unit: FloatArray) -> Iterator[str]:
+    """Yield at most one note on the growth of errors, which affects all methods."""
+    if effect.floor > LARGEST_UNCERTAINTY * float((size / unit).max()):
         yield (
-            f"No method can win: an error grows up to {found.growth:.0e} times, and rounding a single state to double "
+            f"No method can win: an error grows up to {effect.growth:.0e} times, and rounding a single state to double "
             "precision decides where the run ends. Compare methods over a shorter time."
         )
-    elif found.growth > NOTABLE_GROWTH:
+    elif effect.growth > NOTABLE_GROWTH:
         yield (
-            f"Errors grow up to {found.growth:.0e} times until the end. Rounding a single state to double precision "
-            f"moves the end by {found.floor:.0e}: smaller errors are luck."
+            f"Errors grow up to {effect.growth:.0e} times until the end. Rounding a single state to double precision "
+            f"moves the end by {effect.floor:.0e}: smaller errors are luck."
         )
