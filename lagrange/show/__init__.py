@@ -1,1 +1,1 @@
-"""What a person sees: solutions, plots, derivations, files."""
+"""Output for people: solutions, plots, derivations, files."""

@@ -1,4 +1,4 @@
-"""States between the outputs of a run that kept these alone, as one from a file, for pictures."""
+"""States between the outputs of a run without dense output, such as a run from a file, for pictures."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 PER_STEP, MOST_STORED = 4, 20_000
-"""States that a file has for each step of a run besides its outputs, and the most of them: files should stay small."""
+"""States that a file stores for each step of a run besides its outputs, and their largest number: files stay small."""
 
 LARGEST_ERROR = 2e-3
-"""Largest error of a coordinate between two outputs, in its largest change from one to the next.
+"""Largest error of a coordinate between two outputs, relative to its largest change between neighbouring outputs.
 
-A method changes it by half of its amplitude in a step, and the error is then a thousandth of that: less than a pixel.
+A step changes a coordinate by at most about half of its amplitude. Then the error is a thousandth of the amplitude:
+less than a pixel.
 """
 
 ROUNDING = 1e-9
-"""What counts as no error, in the largest entry of all states."""
+"""Rounding noise, relative to the largest entry of all states."""
 
 
 def stored_between(run: Trajectory) -> dict[str, FloatArray]:
     """Return times `t_between` (K,) between the outputs of a run and the states there, `y_between` (2n, K), for a file.
 
-    There are none where the run kept none or would make a large file.
+    They are empty if the run has no dense output or would make a large file.
     """
     parts = -(-PER_STEP * run.steps // max(len(run.t) - 1, 1))
     if known_alone(run) is not None or len(run.t) < 2 or parts * len(run.t) > MOST_STORED:
@@ -36,15 +37,15 @@ def stored_between(run: Trajectory) -> dict[str, FloatArray]:
 
 
 def known_alone(run: Trajectory) -> OutputPath | None:
-    """Return the states that are known of a run which kept no path between them, None of one that did."""
+    """Return the known states of a run without dense output, or None if it has dense output."""
     return run.dense if isinstance(run.dense, OutputPath) and run.dense.path is None else None
 
 
 def states_for_pictures(solution: Solution, t: FloatArray) -> FloatArray:
     """Return the states at times (K,) within a run, (2n, K): from its dense output, else interpolated.
 
-    Between two outputs the coordinates are then the polynomials of degree 5 with the coordinates, velocities and
-    accelerations of both. Raises StatementError where the outputs are too far apart for that.
+    Without dense output the coordinates between two outputs are polynomials of degree 5 through the coordinates,
+    velocities and accelerations of both. Raises StatementError if the outputs are too far apart for that.
     """
     known = known_alone(solution.trajectory)
     if known is None or np.isin(t, known.times).all():
@@ -56,7 +57,7 @@ def states_for_pictures(solution: Solution, t: FloatArray) -> FloatArray:
 
 
 class _Between:
-    """Polynomials between the known states of a run, in rising time."""
+    """Polynomials between the known states of a run, in increasing time."""
 
     def __init__(self, solution: Solution, known: OutputPath) -> None:
         order = slice(None, None, 1 if known.times[-1] >= known.times[0] else -1)
@@ -82,9 +83,9 @@ class _Between:
         return np.vstack([place, speed]), (2 * a0 + s * (6 * c3 + s * (12 * c4 + s * 20 * c5))) / h**2
 
     def test(self) -> None:
-        """Raise StatementError where a polynomial does not obey the equations of motion.
+        """Raise StatementError if a polynomial violates the equations of motion.
 
-        In the middle of an interval h its error c h^6/64 makes the second derivative wrong by 3 c h^4/8.
+        In the middle of an interval h the error is c h^6/64, and that of the second derivative is 3 c h^4/8.
         """
         h = np.diff(self.t)
         apart = np.flatnonzero(h > 0)

@@ -1,4 +1,4 @@
-"""The status card of a run as data, and lines of it."""
+"""The status card of a run: as data, as text, and as HTML."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 MOST_CHANGES = 3
-"""Number of parameter changes on the card; `solution.parameter_changes` has all."""
+"""Number of parameter changes on the card; `solution.parameter_changes` has all of them."""
 
 
 def card_of(solution: Solution) -> dict[str, Any]:
-    """Return the card, ready for JSON; numbers that are not finite are None."""
+    """Return the card as a dict for JSON; numbers that are not finite are None."""
     card: dict[str, Any] = {
         "system": solution.model.statement.name,
         "target": solution.model.target,
@@ -57,7 +57,7 @@ def card_of(solution: Solution) -> dict[str, Any]:
 
 
 def _energy(solution: Solution) -> dict[str, Any] | None:
-    """Return how the energy went, None where it has no value."""
+    """Return the energy data of the card, None if the energy has no value."""
     if not solution.has_energy:
         return None
     drift = {**asdict(solution.drift), "relative": solution.drift.relative}
@@ -81,7 +81,7 @@ def _heading(solution: Solution) -> str:
 
 
 def _lines(solution: Solution) -> list[tuple[str, str]]:
-    """Return the lines of the card as a person reads them, a label and a text each."""
+    """Return the lines of the card, a label and a text each."""
     run, unit = solution.trajectory, unit_of(solution.model.statement, "t")
     begun, reached = run.span
     outputs = counted(len(run.t), "output") if len(run.t) else "no outputs"
@@ -116,7 +116,7 @@ def _setting_lines(run: Trajectory) -> list[tuple[str, str]]:
 
 
 def _change_lines(changes: Sequence[tuple[float, Mapping[str, float]]]) -> list[tuple[str, str]]:
-    """Return the line with the parameters that events have set: the first changes, and how many are left out."""
+    """Return the line with the parameters set by events: the first changes, and the number of the others."""
     told = [
         f"{listing(f'{name} = {value:.6g}' for name, value in values.items())} from t = {t:.6g}"
         for t, values in changes[:MOST_CHANGES]
@@ -127,7 +127,7 @@ def _change_lines(changes: Sequence[tuple[float, Mapping[str, float]]]) -> list[
 
 
 def _event_lines(times: Sequence[FloatArray]) -> list[tuple[str, str]]:
-    """Return the line with how often each event occurred, if there are any."""
+    """Return the line with the number of occurrences of each event, if there are events."""
     if not times:
         return []
     counts = (f"event {i}: {counted(len(found), 'time')}" for i, found in enumerate(times))

@@ -1,4 +1,4 @@
-"""A derivation on paper: plain text, Unicode, LaTeX, Markdown or HTML."""
+"""A derivation as a document: plain text, Unicode, LaTeX, Markdown or HTML."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ LONG_SECTION = 12
 
 @dataclass(frozen=True)
 class Heading:
-    """What stands above a derivation that is handed in: texts, empty where there is none."""
+    """Text above a derivation that is handed in, such as homework; each field may be empty."""
 
     title: str = ""
     author: str = ""
@@ -42,7 +42,7 @@ class Heading:
 NO_HEADING = Heading()
 
 LEFT_OUT = {"full": (), "short": ("Positions and velocities", "Coordinate", "Matrix form", "Energy")}
-"""Sections that each level of detail leaves out."""
+"""Sections that are left out at each level of detail."""
 
 
 def render(
@@ -54,14 +54,13 @@ def render(
 ) -> str:
     """Return the derivation: what was stated, L, each coordinate, equations of motion, accelerations and energy.
 
-    With constraints the equations of motion have their multipliers and the constraints behind them, and the multipliers
-    are solved for beside the accelerations.
+    With constraints the equations of motion contain the multipliers and are followed by the constraints. The
+    multipliers are solved for together with the accelerations.
 
     `style` is "text", where formulas are spelled as in a scene file, "unicode", "latex", a complete document,
     "markdown", with formulas between dollar signs, or "html", a complete page with MathML. `findings` are sentences
-    about the structure. `detail` is "full" or "short": what was stated, L, the equations and the accelerations. A part
-    that is too large to be written out is replaced by the sentence that says so. Raises StatementError for any other
-    format or detail.
+    about the structure. `detail` is "full" or "short": the statement, L, the equations and the accelerations. A part
+    that is too large is replaced by a sentence that says so. Raises StatementError for any other style or detail.
     """
     one_of(style, FORMATS, "{given} is no format of a derivation; they are {known}.")
     left_out = LEFT_OUT[one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")]
@@ -71,7 +70,7 @@ def render(
 
 
 class Page(ABC):
-    """Writes sections in one language."""
+    """Writer of sections in one markup language."""
 
     def __init__(self, statement: Statement, heading: Heading = NO_HEADING) -> None:
         self.statement, self.above = statement, heading
@@ -81,14 +80,14 @@ class Page(ABC):
     @property
     @abstractmethod
     def notation(self) -> Callable[[Sequence[str]], Notation]:
-        """The notation of the formulas, which takes the names of all symbols."""
+        """Class of the notation of the formulas; it is called with the names of all symbols."""
 
     @abstractmethod
     def write(self, sections: Sequence[Section]) -> str:
         """Return the page."""
 
     def heading(self, section: Section, quoted: Callable[[str], str], formula: str) -> str:
-        """Return a heading, with its symbol in a formula."""
+        """Return a heading; `formula` is the format of its symbol."""
         words = quoted(section.heading)
         return words if section.symbol is None else f"{words} {formula.format(self.lines.sides.side(section.symbol))}"
 
@@ -112,7 +111,7 @@ class TextPage(Page):
         return "\n".join(line.rstrip() for line in lines) + "\n"
 
     def row(self, row: Formula | str) -> list[str]:
-        """Return the lines of a row; what goes on below is indented once more."""
+        """Return the lines of a row; continuation lines are indented once more."""
         if isinstance(row, str):
             return [plain_text(row)]
         found: list[str] = []
@@ -158,11 +157,11 @@ class LatexPage(Page):
         return self.in_one_line(lines[0]) if len(lines) == 1 else self.aligned(lines, "aligned")
 
     def in_one_line(self, line: Line) -> str:
-        """Return a line that is the whole formula."""
+        """Return a formula that consists of one line."""
         return f"{line.left} = {line.right}" if line.left else line.right
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return a document that LaTeX sets as it stands."""
+        """Return a complete LaTeX document."""
         lines = [
             "\\documentclass{article}",
             "\\usepackage[T1]{fontenc}",
@@ -185,7 +184,7 @@ class LatexPage(Page):
         return "\n".join([*lines, "", "\\end{document}"]) + "\n"
 
     def sentence(self, text: str, quoted: Callable[[str], str]) -> str:
-        """Return a sentence with its symbols as formulas: those that are Greek letters or end with a digit."""
+        """Return a sentence with its symbols as formulas: Greek letters, and names that end with a digit."""
         names = {*self.statement.names, *(p.name for p in self.statement.parameters)}
         letter = self.lines.sides.notation.letter
 
@@ -225,7 +224,7 @@ class HtmlPage(Page):
     """An HTML page with MathML, whose sections fold; long ones are folded when it opens."""
 
     cell = '<mtd style="text-align: {}">{}</mtd>'
-    """A cell of a formula in several lines, aligned to the right or to the left."""
+    """A cell of a formula with several lines, aligned to the right or to the left."""
 
     @property
     def notation(self) -> Callable[[Sequence[str]], Notation]:
@@ -233,7 +232,7 @@ class HtmlPage(Page):
         return MathmlNotation
 
     def write(self, sections: Sequence[Section]) -> str:
-        """Return a page that needs nothing from elsewhere."""
+        """Return a complete page that loads no other file."""
         title = escape(plain_text(self.title))
         above = (self.above.author, self.above.date, self.above.problem)
         told = "".join(f"<p>{escape(plain_text(text))}</p>\n" for text in above if text)
@@ -244,7 +243,7 @@ class HtmlPage(Page):
         )
 
     def body(self, sections: Sequence[Section]) -> str:
-        """Return the sections alone, as a notebook shows them."""
+        """Return the sections without the frame of a page, for a notebook."""
         parts = []
         for section in sections:
             rows = [self.row(row) for row in section.rows]

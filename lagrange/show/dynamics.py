@@ -1,4 +1,4 @@
-"""What is computed of dynamics as a person uses it: records with a card, a picture, and a file of it."""
+"""Results about dynamics: records with a card, a picture, and a file of it."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _MOST_PLACES = 8
-"""Equilibria and branches that a card lists."""
+"""Most equilibria and branches that a card lists."""
 
 
 class Drawn(ABC):
-    """A record with a card and a picture; `status` says whether all of it is there, `message` what is not."""
+    """A record with a card and a picture; `status` says whether it is complete, `message` what is missing."""
 
     statement: Statement
     status: Status
@@ -45,11 +45,11 @@ class Drawn(ABC):
 
     @abstractmethod
     def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the picture, on axes of Matplotlib if they are given, "light" or "dark"."""
+        """Return the figure, drawn on Matplotlib's axes `ax` if they are given; `style` is "light" or "dark"."""
 
     @abstractmethod
     def _lines(self) -> list[tuple[str, str]]:
-        """Return the lines of the card, each with a name."""
+        """Return the lines of the card, a label and a text each."""
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI, style: str = "light") -> Path:
         """Write the picture of `plot()`; see `Race.to_png`."""
@@ -77,7 +77,7 @@ class PhasePortrait(Drawn, PortraitData):
     """A phase portrait; see `lagrange.phase_portrait`."""
 
     def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: the field, zero lines, orbits, separatrices and equilibria."""
+        """Return the figure: the field, nullclines, orbits, separatrices and equilibria."""
         return plot_portrait(self, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:
@@ -103,7 +103,7 @@ class PoincareSection(Drawn, SectionData):
     """A Poincare section; see `lagrange.poincare`."""
 
     def plot(self, x: Any = None, y: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: a point for each crossing, a colour for each orbit; `x` and `y` are entries to draw."""
+        """Return the figure: a point for each crossing, a colour for each orbit; `x`, `y` are entries of the state."""
         return plot_section(self, x, y, ax, style)
 
     def _lines(self) -> list[tuple[str, str]]:
@@ -153,17 +153,17 @@ class ShownModes(Modes):
     """The modes of a system with their picture; see `System.modes`."""
 
     def shapes_in_numbers(self) -> ModeShapes:
-        """Return the shapes at the values of the parameters, on all coordinates and on the stated positions.
+        """Return the shapes as numbers, at the values of the parameters: all coordinates, and the stated positions.
 
         Raises StatementError where a parameter has no value.
         """
         return mode_shapes(self, self.linearization.statement)
 
     def plot(self, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return the figure: for each mode bars of its components, and the stated positions moved by it.
+        """Return the figure: for each mode the bars of its components, and the displaced positions.
 
-        On `ax` the components of all modes are bars beside one another. Raises StatementError where a parameter has no
-        value.
+        On a user's `ax` the components of all modes are bars side by side. Raises StatementError where a parameter has
+        no value.
         """
         return plot_modes(self.shapes_in_numbers(), ax, style)
 
@@ -172,7 +172,7 @@ _Record = TypeVar("_Record")
 
 
 def shown_as(kind: type[_Record], data: Any) -> _Record:
-    """Return a record of data as another one, which has its picture."""
+    """Return a record of data as its subclass with a picture."""
     base = next((base for base in kind.__mro__ if type(data) is base), None)
     if base is None:
         raise StatementError(f"a {kind.__name__} is made of what was computed, not of {shown(data)}.")
@@ -180,7 +180,7 @@ def shown_as(kind: type[_Record], data: Any) -> _Record:
 
 
 def _stability(values: np.ndarray, stable: np.ndarray) -> str:
-    """Return from where to where no eigenvalue of a branch has a positive real part."""
+    """Return the ranges of the parameter in which no eigenvalue of a branch has a positive real part, as text."""
     within = values[stable == 1]
     if not len(within):
         return "unstable"

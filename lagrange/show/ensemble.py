@@ -1,4 +1,4 @@
-"""The result of an ensemble as a person uses it: ends of all members, how each run ended, and what varied."""
+"""The result of an ensemble: final states of all members, how each run ended, and the varied quantities."""
 
 from __future__ import annotations
 
@@ -68,19 +68,19 @@ if TYPE_CHECKING:
 
 
 MOST_LETTERS = 240
-"""Letters on the card of what happened to the first member that failed; `messages` has all."""
+"""Letters on the card for the message of the first failed member; `messages` has all."""
 
 MOST_DRAWN = 1_000_000
-"""Members of an ensemble whose picture a notebook shows unasked: more take seconds to read and to draw."""
+"""Most members whose picture a notebook shows automatically: more take seconds to read and to draw."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Ensemble:
     """Runs of one model from many starts, or with many parameters; member i is the same in every array.
 
-    `problem` is the run of the first member, `columns` is what was kept, `form` says how members were run, `ran` how
-    many by this call, the others being stored before or interrupted, `wall` is in seconds, and `explain` runs one
-    member again to say how it ends.
+    `problem` is the run of the first member. `columns` are the kept quantities. `form` says how members were run. `ran`
+    is the number of members run by this call; others were stored before or interrupted. `wall` is in seconds. `explain`
+    runs one member again for its message.
     """
 
     table: MemberTable
@@ -98,21 +98,21 @@ class Ensemble:
 
     @property
     def model(self) -> Model:
-        """The model that was run."""
+        """Model of all runs."""
         return self.problem.model
 
     @property
     def t(self) -> FloatArray:
-        """The output times (K,), or the time at which each member ended, (members,), without t_eval."""
+        """Output times (K,) with t_eval; else the time at which each member ended, (members,)."""
         times: FloatArray = self.results.column(TIME)
         return times if self.problem.t_eval is None else self.problem.t_eval
 
     @property
     def y(self) -> FloatArray:
-        """The last states [q, v], (2n, members); with t_eval the states there, (2n, K, members).
+        """Final states [q, v], (2n, members); with t_eval the states at the output times, (2n, K, members).
 
-        What a run did not reach is NaN in the states at output times; without them a state is the last that was
-        reached, and `t` says when.
+        Output times that a run did not reach have NaN. Without t_eval a state is the last one that was reached; `t` is
+        its time.
         """
         if self.problem.t_eval is None:
             return np.asarray(self._kept(STATE, END).T)
@@ -120,13 +120,13 @@ class Ensemble:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of the rows of `y`."""
+        """Names of the rows of `y`."""
         return self.model.layout.names()
 
     def __getitem__(self, key: Any) -> FloatArray:
-        """Return the row of a coordinate or a velocity, the values of what varies, or what was kept, by its name.
+        """Return the row of a coordinate or a velocity, the values of a varied quantity, or a kept quantity, by name.
 
-        A name such as theta_end means the last state, with t_eval too; ("max", theta) means what was kept by it.
+        A name such as theta_end is the final state, even with t_eval; ("max", theta) is the quantity kept by that pair.
         """
         label = self.label(key)
         found: FloatArray
@@ -141,7 +141,7 @@ class Ensemble:
         return found
 
     def label(self, key: Any) -> str:
-        """Return what a row, what varies or what was kept is called. Raises StatementError for anything else."""
+        """Return the name of a row, a varied or a kept quantity. Raises StatementError for anything else."""
         label = key if isinstance(key, str) else reduction_label(key, self.model) or row_label(key)
         others = [column.name for column in self.columns if column.name not in (STATE, OUTPUTS, STATUS)]
         known = dict.fromkeys([*self.names, *self.table.labels, *others])
@@ -160,13 +160,13 @@ class Ensemble:
         return label
 
     def _kept(self, column: str, name: str) -> Any:
-        """Return a column. Raises StatementError where it was not kept."""
+        """Return a column. Raises StatementError if it was not kept."""
         if all(one.name != column for one in self.columns):
             raise StatementError(f'{column} was not kept: add "{name}" to keep, as in keep=("end", "{name}").')
         return self.results.column(column)
 
     def given(self, name: Any) -> FloatArray:
-        """Return the values with which something varies, (members,). Raises StatementError for what does not."""
+        """Return the values of a varied quantity, (members,). Raises StatementError if it does not vary."""
         return self.table.varied[name]
 
     @cached_property
@@ -175,36 +175,36 @@ class Ensemble:
 
     @cached_property
     def status(self) -> NDArray[np.object_]:
-        """How each run ended, (members,) of `lagrange.Status`."""
+        """Status of each run, (members,) of `lagrange.Status`."""
         return np.array(STATUSES, dtype=object)[self._codes]
 
     @property
     def messages(self) -> Mapping[int, str]:
-        """A sentence for each member that did not succeed, by its number."""
+        """Message of each member that did not succeed, by its number."""
         return Messages(self)
 
     @property
     def steps(self) -> NDArray[np.int64]:
-        """The accepted steps of each member, (members,), with "counts" in keep."""
+        """Number of accepted steps of each member, (members,), with "counts" in keep."""
         return np.asarray(self._kept("steps", COUNTS))
 
     @property
     def t_events(self) -> tuple[FloatArray, ...]:
-        """The times of the first k occurrences of each event, (members, k), NaN behind the last."""
+        """Times of the first k occurrences of each event, (members, k), NaN after the last."""
         return tuple(self._kept(event_times(k), EVENTS) for k in range(len(self.problem.events)))
 
     @property
     def y_events(self) -> tuple[FloatArray, ...]:
-        """The states at the first k occurrences of each event, (members, k, 2n)."""
+        """States at the first k occurrences of each event, (members, k, 2n)."""
         return tuple(self._kept(event_states(k), EVENTS) for k in range(len(self.problem.events)))
 
     def plot(self, what: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
-        """Return a figure of a coordinate, a velocity or what was kept, by name: the first there is unless given.
+        """Return a figure of a coordinate, a velocity or a kept quantity, by name; the default is the first of them.
 
-        Two axes of a grid give a map, the first to the right, one a curve, samples and arrays a histogram; with t_eval
-        the median and the quantiles of a row over time. Angles at the end are shown within one turn, members that
-        failed are marked. `style` is "light" or "dark". Draws into `ax` where that is given. Raises StatementError
-        where more varies, and where no member has a value.
+        Two axes of a grid give a map with the first axis horizontal. One axis gives a curve, samples and arrays a
+        histogram. With t_eval the figure shows the median and the quantiles of a row over time. Final angles are shown
+        within one turn; failed members are marked. `style` is "light" or "dark". Draws into `ax` if it is given. Raises
+        StatementError if more than two axes vary, and if no member has a value.
         """
         return plot_ensemble(self, what, ax, style)
 
@@ -215,10 +215,10 @@ class Ensemble:
         return write_atomically(path, picture(lambda: self.plot(what, style=style), dpi))
 
     def to_csv(self, path: str | os.PathLike[str]) -> Path:
-        """Write a line for each member: its number, what varies, its status and what was kept; numbers round-trip.
+        """Write a line for each member: its number, varied quantities, status and kept quantities; numbers round-trip.
 
-        States at the end are named theta_end, arrays t_event_0[0], t_event_0[1]. Raises StatementError with t_eval,
-        for a path that cannot be written, RunError if the disk is full.
+        Final states are named theta_end, arrays t_event_0[0], t_event_0[1]. Raises StatementError with t_eval and for a
+        path that cannot be written, RunError if the disk is full.
         """
         if self.problem.t_eval is not None:
             raise StatementError(
@@ -238,7 +238,7 @@ class Ensemble:
         return write_atomically(path, lambda file: write_rows(file, [*columns], [c.tolist() for c in columns.values()]))
 
     def _repr_html_(self) -> str:
-        """Return the card for a notebook, with the picture where there is something to draw."""
+        """Return the card for a notebook, with the picture if there is one."""
         heading, *lines = self._card()
         card = pairs(heading[1], lines)
         if len(self) > MOST_DRAWN:
@@ -249,9 +249,9 @@ class Ensemble:
             return card + sentences([str(nothing_to_draw)])
 
     def to_xarray(self) -> xarray.Dataset:
-        """Return a Dataset: what was kept over what varies, with a dimension for each axis of a grid.
+        """Return a Dataset: kept quantities as functions of varied ones, with a dimension for each axis of a grid.
 
-        With t_eval a coordinate theta that varies is named theta_start: theta are the states at output times.
+        With t_eval a varied coordinate theta is named theta_start, because theta are the states at output times.
         Raises StatementError without xarray.
         """
         try:
@@ -276,21 +276,21 @@ class Ensemble:
         return xarray.Dataset(data, coords=coordinates, attrs=attributes)
 
     def _start_name(self, label: str) -> str:
-        """Return the name of what varies in a Dataset, where states at output times may have its own."""
+        """Return the name of a varied quantity in a Dataset; with t_eval a coordinate gets the suffix _start."""
         return label if self.problem.t_eval is None else start_name(label, self.names)
 
     def _variables(self, column: Column) -> Iterator[tuple[str, Any, tuple[str, ...]]]:
-        """Yield the variables of a column: name, rows, and the dimensions behind those of what varies."""
+        """Yield the variables of a column: name, rows, and the dimensions after those of the varied quantities."""
         names, rows = self._variables_of(column), self.results.column(column.name)
         if column.name == STATUS:
-            yield STATUS, np.array([one.value for one in STATUSES])[rows], ()
+            yield STATUS, np.array([status.value for status in STATUSES])[rows], ()
         elif column.name in (OUTPUTS, STATE):
             yield from ((name, rows[..., i], column.dimensions) for i, name in enumerate(names))
         else:
             yield column.name, rows, column.dimensions
 
     def _variables_of(self, column: Column) -> list[str]:
-        """Return the names of the variables of a column: of states one for each entry."""
+        """Return the names of the variables of a column; a column of states has one for each entry."""
         if column.name not in (STATE, OUTPUTS):
             return [column.name]
         apart = column.name == STATE and self.problem.t_eval is not None
@@ -303,9 +303,9 @@ class Ensemble:
         return f"{heading}\n{text_table(('', ''), lines)}"
 
     def _card(self) -> list[tuple[str, str]]:
-        """Return the lines of the card, each with a name, the heading first."""
+        """Return the lines of the card, a label and a text each, the heading first."""
         counts = np.bincount(self._codes, minlength=len(STATUSES))
-        ended = listing(f"{count:,} {one.value}" for one, count in zip(STATUSES, counts.tolist(), strict=True) if count)
+        ended = listing(f"{count:,} {end.value}" for end, count in zip(STATUSES, counts.tolist(), strict=True) if count)
         shape = [count for count in self.table.varied.shape if count > 1]
         many = f" ({' x '.join(map(str, shape))})" if len(shape) > 1 else ""
         stored = len(self) - int(counts[INTERRUPTED]) - self.ran
@@ -328,9 +328,10 @@ class Ensemble:
 
 @dataclass(frozen=True, repr=False)
 class Messages(Mapping[int, str]):
-    """The sentences of members that did not succeed, each made when it is asked for unless its run has left one.
+    """Messages of members that did not succeed, by number. Most are computed at first use, by running the member alone.
 
-    It is that of a run of the member alone, where that ends at the same time to six digits: rounding differs in lanes.
+    If the member alone ends at another time, compared to six digits, the message describes the state of the ensemble:
+    rounding differs in lanes.
     """
 
     ensemble: Ensemble
@@ -341,7 +342,7 @@ class Messages(Mapping[int, str]):
         object.__setattr__(self, "failed", tuple(np.flatnonzero(codes != SUCCESS).tolist()))
 
     def __repr__(self) -> str:
-        """Return how many members did not succeed, and the first of their sentences."""
+        """Return the number of members that did not succeed, and the first message."""
         if not self.failed:
             return "<messages of 0 members>"
         first = self.failed[0]
@@ -357,7 +358,7 @@ class Messages(Mapping[int, str]):
         return iter(self.failed)
 
     def __getitem__(self, member: int) -> str:
-        """Return the sentence of a member. Raises StatementError for one that succeeded, and where there is none."""
+        """Return the message of a member. Raises StatementError for a member that succeeded or does not exist."""
         results, ensemble = self.ensemble.results, self.ensemble
         member = whole_number(member, "member", 0, len(ensemble) - 1)
         if member in results.messages:
@@ -397,21 +398,22 @@ def ensemble(
 ) -> Ensemble:
     """Run one system from many starts, or with many parameters, and return the Ensemble.
 
-    `span` is the end, or (t0, t1). `initial` and `parameters` are dicts whose values are numbers, which all members
-    have, or arrays (members,) of one length; or one of them is `lagrange.grid(...)` or `lagrange.sample(...)`. Method,
-    tolerances, `t_eval` and `events` are those of a run. `keep` names what is kept of each member: "end", "counts",
-    "drift", ("events", k), ("max", x), ("min", x) and ("mean", x) for an expression x.
+    `span` is the end, or (t0, t1). `initial` and `parameters` are dicts. Their values are numbers, which are the same
+    for all members, or arrays (members,) of one length. Instead one of the two is `lagrange.grid(...)` or
+    `lagrange.sample(...)`. Method, tolerances, `t_eval` and `events` are those of a run. `keep` names the quantities
+    that are kept for each member: "end", "counts", "drift", ("events", k), ("max", x), ("min", x) and ("mean", x) for
+    an expression x.
 
-    Members run side by side in machine code where the method is explicit, the system has no constraints or switching
-    surfaces and no event has a reset; else one after the other. They do so on as many threads as `workers` says, by
-    default one for each core. With an `executor`, of `concurrent.futures` or a
-    `dask.distributed.Client`, they run where that has its workers. With a `store`, the name of a folder such as
-    "runs.zarr", results are written there block by block and not kept in memory; the same call goes on where another
-    one stopped. `progress` shows members done, their rate and the time left, in a terminal and in a notebook; "lines"
-    writes a line now and then elsewhere too. What a member gives does not depend on the others, nor on where it runs.
-    Its failure is in `.status` and `.messages`; after Ctrl-C members that were not run are INTERRUPTED.
+    Members run in parallel lanes of machine code if the method is explicit, the system has no constraints or switching
+    surfaces and no event has a reset; else one by one. `workers` is the number of threads, by default one for each
+    core. With an `executor`, of `concurrent.futures` or a `dask.distributed.Client`, they run on its workers. With a
+    `store`, the name of a folder such as "runs.zarr", results are written there block by block and not kept in memory;
+    the same call continues where an earlier one stopped. `progress` shows the finished members, their rate and the time
+    left, in a terminal and in a notebook; "lines" also prints a line from time to time elsewhere. The result of a
+    member does not depend on the others, nor on where it runs. Its failure is in `.status` and `.messages`; after
+    Ctrl-C members that were not run are INTERRUPTED.
 
-    Raises StatementError for what cannot be meant, RunError where an executor or a disk fails.
+    Raises StatementError for invalid arguments, RunError if an executor or a disk fails.
     """
     began = time.perf_counter()
     model = _model(system, wanted_progress(progress))
@@ -439,7 +441,7 @@ def ensemble(
 
 
 def _model(system: Stated | Model, progress: bool | str) -> Model:
-    """Return the model of a system. Raises StatementError for what is none."""
+    """Return the model of a system. Raises StatementError for anything but a system or a model."""
     statement = stated(system, "double-pendulum")
     require_values(statement)
     with compiling(statement.name, wanted=bool(progress)):
@@ -449,7 +451,7 @@ def _model(system: Stated | Model, progress: bool | str) -> Model:
 def _run(
     job: Job, table: MemberTable, threads: int, executor: Any, store: Any, *, began: float, progress: bool | str
 ) -> Ensemble:
-    """Run the members of a job, and return what came of them."""
+    """Run the members of a job, and return the results."""
     problem, method = job.problem, job.options.method
     check_names(job.columns, problem.model.layout.names(), table.labels, store=store is not None)
     plan = method.plan(problem) if isinstance(method, Planned) else None
@@ -468,7 +470,7 @@ def _run(
 def _run_left(
     job: Job, table: MemberTable, storage: ResultStorage, threads: int, executor: Any, *, progress: bool | str
 ) -> None:
-    """Run the members that are left, until all are done or Ctrl-C; a member that was not run counts as INTERRUPTED."""
+    """Run the remaining members, until all are done or Ctrl-C; a member that was not run counts as INTERRUPTED."""
     with compiling(job.problem.model.statement.name, wanted=bool(progress)):
         runner: Runner = ThreadRunner(job.engine(), threads) if executor is None else ExecutorRunner(executor, job)
     before = len(table) - storage.members_left

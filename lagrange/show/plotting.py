@@ -27,9 +27,9 @@ def plot(
 ) -> Figure:
     """Return a Matplotlib figure of several runs of systems with the same coordinates, as `Solution.plot` draws one.
 
-    `labels` are what they are called, one text each; else their methods, or a parameter or a first value that differs.
-    Runs have a colour each where a panel has one row, else a kind of line. Raises StatementError for what are no
-    solutions, and for what `Solution.plot` refuses.
+    `labels` are the names of the runs, one text each; by default their methods, or a parameter or a first value that
+    differs. In a panel with one row each run has a colour, else a kind of line. Raises StatementError for arguments
+    that are not solutions, and for those that `Solution.plot` refuses.
     """
     given = [solutions] if isinstance(solutions, Solution) else entries(solutions, "the solutions")
     if not given or not all(isinstance(one, Solution) for one in given):

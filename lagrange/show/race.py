@@ -1,4 +1,4 @@
-"""The result of a race: a table, records, a picture of error against time, a file."""
+"""The result of a race: a table, records, a figure of error against time, a file."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ if TYPE_CHECKING:
 
 
 _ROWS = 15
-"""Methods in a column of the legend; with more than one column it leaves their settings out."""
+"""Most methods in a column of the legend; with more columns it has no settings."""
 
 _WIDTH = 125
-"""Letters to a line below the picture."""
+"""Letters per line below the picture."""
 
 
 def plot(race: Race, style: Any = "light") -> Figure:
@@ -86,7 +86,7 @@ def _below(race: Race, shown: list[Entry]) -> list[str]:
 
 
 def _draw(axis: Axes, label: str, entries: list[Entry], own: LineStyle, style: Style) -> None:
-    """Draw a method; errors below what the reference tells are open and joined by nothing, solvers of others open."""
+    """Draw a method: open marks for other libraries, and open marks without a line for errors below the uncertainty."""
     rival = entries[0].method.startswith(("scipy-", "cvode"))
     common: dict[str, Any] = {"color": own.colour, "marker": own.marker, "markersize": 5.5, "markeredgewidth": 1.0}
     common["linewidth"] = 1.0 if rival else 1.6
@@ -104,7 +104,7 @@ def _draw(axis: Axes, label: str, entries: list[Entry], own: LineStyle, style: S
 
 
 def _settings(entries: list[Entry]) -> str:
-    """Return the settings from the coarsest to the finest that is drawn."""
+    """Return the coarsest and the finest setting as text, such as tol = 1e-3 to 1e-9."""
     sizes = [entry.setting for entry in entries]
     what = "tol" if entries[0].adaptive else "h"
     ends = dict.fromkeys(_short(size) for size in (max(sizes), min(sizes)))
@@ -112,13 +112,13 @@ def _settings(entries: list[Entry]) -> str:
 
 
 def _short(size: float) -> str:
-    """Return two digits of a size, small ones as 1e-9."""
+    """Return a size with two digits, small ones as 1e-9."""
     mantissa, _, exponent = f"{size:.1e}".partition("e")
     return f"{size:.2g}" if 1e-2 < size < 1e3 else f"{mantissa.removesuffix('.0')}e{int(exponent)}"
 
 
 def _mark_limits(axis: Axes, race: Race, style: Style) -> None:
-    """Shade what no method in doubles reaches but by luck, where it lies inside the picture."""
+    """Shade errors that no method in doubles reaches except by chance, if they are inside the picture."""
     low, high = axis.get_ylim()
     if low < race.floor < float("inf"):
         axis.axhspan(low, min(race.floor, high), color=style.grid, alpha=0.55, zorder=0, linewidth=0)
@@ -158,13 +158,13 @@ COLUMNS = (
     "status",
     "message",
 )
-"""The columns of the file and the keys of a record: the fields of an `Entry`."""
+"""Columns of the file and keys of a record: the fields of an `Entry`."""
 
 GOALS = tuple(10.0**-k for k in (3, 6, 9, 12))
-"""Errors for which the table names the fastest method."""
+"""Errors for which the table gives the fastest method."""
 
 _FOLDED = 12
-"""More runs than this stand in a table that a notebook folds."""
+"""Most runs in a table that a notebook shows unfolded."""
 
 _HEADINGS = ("method", "setting", "error", "time / ms", "steps", "evaluations", "status")
 
@@ -173,8 +173,8 @@ _HEADINGS = ("method", "setting", "error", "time / ms", "steps", "evaluations", 
 class Race:
     """Error against time of methods on one system; iterate over it, or take `records`, for the numbers.
 
-    Errors are at the end of the run or the largest over its output times, in the units of the state, or in parts of
-    each entry's size if `relative`; times are in seconds.
+    Errors are those at the end of the run, or the largest over its output times, in the units of the state, or relative
+    to the size of each entry if `relative`; times are in seconds.
     """
 
     result: Result
@@ -204,31 +204,31 @@ class Race:
 
     @property
     def methods(self) -> tuple[str, ...]:
-        """The names of the methods that took part."""
+        """Names of the methods that took part."""
         return tuple(dict.fromkeys(entry.method for entry in self))
 
     @property
     def uncertainty(self) -> float:
-        """A bound on the error of the reference itself, in the measure of the errors; none is reported below it."""
+        """Bound on the error of the reference, in the measure of the errors; smaller errors are not reported."""
         return self.result.reference.uncertainty
 
     @property
     def floor(self) -> float:
-        """How far the end moves, in the measure of the errors, if one state on the way is rounded to a double."""
+        """Change of the end, in the measure of the errors, if one state along the run is rounded to a double."""
         return self.result.sensitivity.floor
 
     @property
     def growth(self) -> float:
-        """The largest factor by which a relative error grows until the end."""
+        """Largest factor by which a relative error grows until the end."""
         return self.result.sensitivity.growth
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What there is to know about the race as a whole, in sentences."""
+        """Sentences about the race as a whole."""
         return self.result.notes
 
     def fastest(self, error: float) -> Entry | None:
-        """Return the entry with the least time among those within an error, None if none is.
+        """Return the fastest entry whose error is at most `error`, or None.
 
         Raises StatementError for an error that is not positive.
         """
@@ -239,7 +239,7 @@ class Race:
         return min(within, key=lambda entry: entry.time, default=None)
 
     def measure(self) -> str:
-        """Return what an error is, in words."""
+        """Return the definition of an error, in words."""
         count = len(self.result.reference.times)
         where = f"t = {self.span[1]:g}" if count == 1 else f"{count} times"
         return f"largest error of the state at {where}" + (", relative to each entry's size" if self.relative else "")
@@ -268,13 +268,13 @@ class Race:
         return write_atomically(path, self._csv)
 
     def to_png(self, path: str | os.PathLike[str], *, dpi: int = FILE_DPI) -> Path:
-        """Write the picture of `plot()`, of `dpi` dots to an inch; raises what `to_csv` does."""
+        """Write the picture of `plot()`, with `dpi` dots per inch. Raises the same errors as `to_csv`."""
         return write_atomically(path, picture(self.plot, dpi))
 
     def to_folder(self, folder: str | os.PathLike[str]) -> list[Path]:
         """Write table.csv and, last, plot.png, and return their paths.
 
-        The folder exists, and keeps its other files. Where no run got to its end there is no picture, and one of an
+        The folder exists, and its other files stay. If no run reached its end there is no picture, and one of an
         earlier race is removed. Raises StatementError for a folder that cannot be written to, RunError if the disk is
         full.
         """
@@ -288,7 +288,7 @@ class Race:
     def plot(self, *, style: str = "light") -> Figure:
         """Return a Matplotlib figure of error against time, one line per method, both axes logarithmic.
 
-        `style` is "light" or "dark". Raises StatementError for another one, and where no run reached the end.
+        `style` is "light" or "dark". Raises StatementError for another style, and if no run reached the end.
         """
         return plot(self, style)
 
@@ -326,12 +326,12 @@ class Race:
 
 
 def setting(entry: Entry) -> str:
-    """Return the setting of an entry as people write it."""
+    """Return the setting of an entry as text."""
     return f"{'tol' if entry.adaptive else 'h'} = {entry.setting:.3g}"
 
 
 def _few(settings: Sequence[str]) -> str:
-    """Return some settings as people write them, from the first to the last where there are many."""
+    """Return some settings as text; of many the first and the last."""
     return listing(settings) if len(settings) < 3 else f"{settings[0]} to {settings[-1]}"
 
 
@@ -350,7 +350,7 @@ def _cells(entry: Entry) -> tuple[str, ...]:
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[list[str]]:
-    """Return the rows with their columns of numbers flush right."""
+    """Return the rows with numeric columns aligned right."""
     columns = [list(column) for column in zip(*rows, strict=True)]
     for k in (2, 3, 4, 5):
         if columns:
@@ -386,19 +386,18 @@ def race(
 ) -> Race:
     """Measure error against time for integration methods, and return the Race: a table, a plot, a CSV file.
 
-    `methods` are registered names or instances; without them ten of our own
-    and two of SciPy's take part, one or two of a kind; those that the system does not suit are left out with a note.
-    Adaptive ones run at each of `tolerances` (rtol; the absolute one follows the scale), others at each of `steps`,
-    whose default fits the motion.
-    An error is the largest of the final state, in the units of its entries; `relative` divides each entry by its
-    largest magnitude along the run, and `outputs` looks at that many equally spaced times instead of the end, as a
-    run gives them with `t_eval`. Times are the least of `repeats` warm runs, in seconds, as `lg.flow` makes them where
-    only the end counts. A run that takes longer than `max_wall` seconds is ended, and finer ones are left out.
+    `methods` are registered names or instances. The default is ten methods of lagrange and two of SciPy, one or two of
+    each kind; those that do not suit the system are left out with a note. Adaptive methods run at each of `tolerances`
+    (rtol; the absolute tolerance follows the scale), others at each of `steps`, whose default fits the motion.
+    An error is the largest of the final state, in the units of its entries. `relative` divides each entry by its
+    largest magnitude along the run. `outputs` is a number of equally spaced times at which errors are measured instead
+    of the end, with `t_eval`. Times are the least of `repeats` warm runs, in seconds; if only the end counts they are
+    those of `lg.flow`. A run that takes longer than `max_wall` seconds is stopped, and finer settings are left out.
 
-    Errors are against a run of `digits` digits, 22 by default, that is independent of everything compiled. A second
-    such run bounds its own error, and none is reported below that. `reference` puts something else in its place:
-    the final state (2n,), or the states (2n, outputs), or a method. Raises StatementError for a request that cannot
-    be meant, RunError where there is no end to race for, or no reference.
+    Errors are against a reference run with `digits` digits, 22 by default, that shares nothing with the compiled code.
+    A second reference run bounds the error of the first; smaller errors are not reported. `reference` replaces it:
+    the final state (2n,), or the states (2n, outputs), or a method. Raises StatementError for invalid arguments,
+    RunError if the run has no end to compare, or there is no reference.
     """
     statement = stated(system, "kepler")
     end = real_number(statement.run.t_end if t_end is None else t_end, "t_end")

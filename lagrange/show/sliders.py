@@ -1,4 +1,4 @@
-"""Sliders that are asked for by name: which values of a system they change, and between which bounds."""
+"""Sliders that the user chose by name: the values that they change, and their bounds."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ from lagrange.statement.parameters import label_of
 from lagrange.statement.statement import Statement
 
 PARAMETER, STATE = "parameter", "state"
-"""What a slider changes: a parameter, or an entry of the initial state."""
+"""Kinds of sliders: for a parameter, or for an entry of the initial state."""
 
 EXAMPLE = (0.5, 2.0)
-"""Bounds that a refusal shows."""
+"""Example of bounds in an error message."""
 
 
 @dataclass(frozen=True)
 class Slider:
-    """A value that may be changed: the entry at a place of the parameters or of the initial state, and its bounds.
+    """A value that a slider changes, with its bounds; `place` is its index in the parameters or in the initial state.
 
-    `chosen` are those that were asked for by name; `angle` says that the value is in radians.
+    `chosen` is true if the user chose it by name; `angle` is true if the value is in radians.
     """
 
     name: str
@@ -39,15 +39,15 @@ class Slider:
 
 
 def places(statement: Statement) -> dict[str, tuple[str, int]]:
-    """Return what may have a slider: kind and place of each parameter and each entry of the state, by name."""
+    """Return the values that may have a slider, by name: kind and index of each parameter and entry of the state."""
     parameters = {p.name: (PARAMETER, place) for place, p in enumerate(statement.parameters)}
     return parameters | {name: (STATE, place) for place, name in enumerate(statement.state_names)}
 
 
 def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, float]]:
-    """Return the bounds of the sliders that were asked for, by name, from a dict by symbol or name.
+    """Return the bounds of the sliders that the user chose, by name, from a dict by symbol or name.
 
-    Raises StatementError for a name that is no parameter, coordinate or velocity, and for what are no bounds.
+    Raises StatementError for a name that is not a parameter, coordinate or velocity, and for invalid bounds.
     """
     if asked is None:
         return {}

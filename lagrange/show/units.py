@@ -1,4 +1,4 @@
-"""Units of what is shown, where units were stated with the dimensions of a system."""
+"""Units of displayed values, if the dimensions of the system were stated with units."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def has_units(statement: Statement) -> bool:
 
 
 def unit_of(statement: Statement, name: str) -> str:
-    """Return the unit of a coordinate, a velocity such as x_dot, a parameter, or t; empty where none was found."""
+    """Return the unit of a coordinate, a velocity such as x_dot, a parameter, or t; empty if it is unknown."""
     if not has_units(statement):
         return ""
     if name == "t":
@@ -28,12 +28,12 @@ def unit_of(statement: Statement, name: str) -> str:
 
 
 def length_unit(statement: Statement) -> str:
-    """Return the unit of positions: that with which a length was stated."""
+    """Return the unit of positions: the one stated with a length."""
     return _unit(statement, named("length")) if has_units(statement) else ""
 
 
 def energy_unit(statement: Statement) -> str:
-    """Return the unit of energies: that with which one was stated, J, or made of those of mass, length and time."""
+    """Return the unit of energies: the stated one, J, or the product of the units of mass, length and time."""
     if not has_units(statement):
         return ""
     stated = _unit(statement, named("energy"))
@@ -45,7 +45,7 @@ def energy_unit(statement: Statement) -> str:
 
 
 def _unit(statement: Statement, dimension: Dimension | None) -> str:
-    """Return the unit of a dimension: that stated with it, rad for an angle, or the first stated one that fits."""
+    """Return the unit of a dimension: the one stated with it, rad for an angle, or the first stated one that fits."""
     if dimension is None or dimension.unit:
         return "" if dimension is None else dimension.unit
     if not dimension.exponents:
@@ -54,5 +54,5 @@ def _unit(statement: Statement, dimension: Dimension | None) -> str:
 
 
 def with_unit(label: str, unit: str) -> str:
-    """Return a label with its unit in parentheses behind it."""
+    """Return a label followed by its unit in parentheses."""
     return f"{label} ({unit})" if unit else label

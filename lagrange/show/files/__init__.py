@@ -1,4 +1,4 @@
-"""Files that are written whole or not at all, and the data that they hold."""
+"""Files that are written whole or not at all, and their contents."""
 
 FILE_DPI = 150
-"""Dots per inch of a picture file, unless others are asked for."""
+"""Default resolution of a picture file, in dots per inch."""

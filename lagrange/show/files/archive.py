@@ -1,4 +1,4 @@
-"""Arrays of a file in NumPy's format npz: their sizes are known before anything is read, and nothing in them is run."""
+"""Arrays of a file in NumPy's format npz: their sizes are checked before they are read, and no code in it is run."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ import numpy as np
 from lagrange.errors import StatementError, counted, shown
 
 MOST_ARRAYS = 10_000
-"""Arrays of a file: those of a run are some ten, and two for each event."""
+"""Most arrays in a file: those of a run are about ten, and two for each event."""
 
 UNREADABLE = (
     *(ValueError, KeyError, TypeError, AttributeError, IndexError, ArithmeticError, RuntimeError, MemoryError),
     *(EOFError, SyntaxError, UnicodeError, struct.error, zlib.error, zipfile.BadZipFile),
 )
-"""Errors of NumPy, of Python's readers of zip archives and JSON, and of SymPy, for what is not in their format."""
+"""Errors of NumPy, zipfile, json and SymPy for data that are not in their format."""
 
 
 def arrays_of(path: str | os.PathLike[str], most: float) -> dict[str, Any]:
     """Return the arrays of a file by name.
 
-    Raises StatementError for a path that is no file, for what is no such archive, and for arrays of more than `most`
-    bytes, which are not read.
+    Raises StatementError for a path that is not a file, for a file that is not an npz archive, and for arrays of more
+    than `most` bytes, which are not read.
     """
     try:
         file = Path(path)
@@ -72,7 +72,7 @@ def _read(archive: zipfile.ZipFile, path: Any, most: float) -> dict[str, Any]:
 
 
 def _array(content: bytes) -> Any:
-    """Return the array that is written in some bytes, which are as many as its header says."""
+    """Return the array of an npy file, whose header states its size."""
     file = io.BytesIO(content)
     version = np.lib.format.read_magic(file)
     readers = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}

@@ -19,14 +19,14 @@ _FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used
 _ROWS_AT_ONCE = 4096
 
 Writer = Callable[[BinaryIO], object]
-"""What fills a file that was opened for it."""
+"""Callback that writes the content of an open binary file."""
 
 
 def write_atomically(path: str | os.PathLike[str], write: Writer) -> Path:
     """Let `write` fill a temporary file in the same folder, sync it and move it to `path`, which is returned.
 
-    Whatever stops it, there is either the whole new file or what was there before. A link is followed; an existing
-    file keeps its permissions. Raises StatementError for a path that cannot be written, RunError if the disk is full or
+    After any failure `path` holds either the whole new file or the old content. A link is followed; an existing file
+    keeps its permissions. Raises StatementError for a path that cannot be written, RunError if the disk is full or
     fails.
     """
     target = real_path(path)
@@ -37,17 +37,17 @@ def write_atomically(path: str | os.PathLike[str], write: Writer) -> Path:
 
 
 def write_rows(file: BinaryIO, names: Sequence[str], columns: Sequence[Iterable[object]]) -> None:
-    """Write columns under their names to a file, as CSV. Numbers are written to round-trip."""
+    """Write columns under their names as CSV. Numbers round-trip."""
     lines = _lines(names, columns)
     while block := list(islice(lines, _ROWS_AT_ONCE)):
         file.write("".join(block).encode())
 
 
 def cell(value: object) -> str:
-    """Return a CSV cell (RFC 4180): a number as its shortest round-trip text, a text so that no spreadsheet runs it.
+    """Return a CSV cell (RFC 4180): a number as its shortest round-trip text, a text in a form that is not a formula.
 
-    A text that starts with ``= + - @`` or a control character gets an apostrophe in front: spreadsheets would take it
-    for a formula.
+    A text that starts with ``= + - @`` or a control character gets an apostrophe in front, because spreadsheets would
+    run it as a formula.
     """
     if isinstance(value, numbers.Integral):
         return str(int(value))
@@ -80,7 +80,7 @@ def _write(target: Path, write: Writer) -> Path:
 def filled_part(target: Path, write: Writer, mode: int | None) -> Path:
     """Let `write` fill a new hidden file beside the target, with permissions `mode`, and return its path.
 
-    It is on the disk when this returns. An exception removes it.
+    It is synced to the disk. After an exception it is removed.
     """
     part = target.with_name(f".{target.name[:32]}.{os.urandom(8).hex()}.part")
     try:
@@ -97,7 +97,7 @@ def filled_part(target: Path, write: Writer, mode: int | None) -> Path:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make new names in a folder last through a power cut, where the system can do that to a folder."""
+    """Sync a folder, so that new names in it survive a power failure, if the system supports this."""
     if os.name == "posix":
         with suppress(OSError):
             descriptor = os.open(folder, os.O_RDONLY)
@@ -112,7 +112,7 @@ def _name(target: Path) -> str:
 
 
 def real_path(path: str | os.PathLike[str]) -> Path:
-    """Return the path with its links followed. Raises StatementError for what is no path."""
+    """Return the path with its links followed. Raises StatementError for an invalid path."""
     if not isinstance(path, (str, os.PathLike)):
         raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file or folder.")
     if not os.fsdecode(path).isprintable():
@@ -124,7 +124,7 @@ def real_path(path: str | os.PathLike[str]) -> Path:
 
 
 def check_place(path: str | os.PathLike[str]) -> None:
-    """Refuse a path that no file can be written to, before what shall be in it is made."""
+    """Raise an error for a path that cannot be written, before its content is computed."""
     target = real_path(path)
     try:
         old_mode(target)
@@ -135,23 +135,23 @@ def check_place(path: str | os.PathLike[str]) -> None:
 
 
 def old_mode(target: Path) -> int | None:
-    """Return the old file's permissions, None if there is none; refuse to replace what is not a file."""
+    """Return the permissions of an existing file, None without one. Raises StatementError for a folder or a device."""
     if not target.parent.is_dir():
         raise StatementError(
             f"Cannot write {_name(target)}: there is no folder {_name(target.parent)}. Make it or name another."
         )
     if not target.exists():
         return None
-    found = target.stat().st_mode
-    if stat.S_ISDIR(found):
+    mode = target.stat().st_mode
+    if stat.S_ISDIR(mode):
         raise StatementError(f"Cannot write {_name(target)}: it is a folder. Name a file in it.")
-    if not stat.S_ISREG(found):
+    if not stat.S_ISREG(mode):
         raise StatementError(f"Cannot write {_name(target)}: it is a device or a pipe, not a file. Name a file.")
-    return stat.S_IMODE(found)
+    return stat.S_IMODE(mode)
 
 
 def in_words(target: Path, error: OSError) -> StatementError | RunError:
-    """Return the system's refusal to write a file as an error that says what to do."""
+    """Return the error for the system's refusal to write a file; its message says what to do."""
     reason = _FULL.get(error.errno or 0)
     if reason:
         return RunError(

@@ -1,7 +1,7 @@
-"""Several files of one folder that belong together: the last of them is there only while all of them are.
+"""Several files of one folder that belong together: the last of them exists only while all of them do.
 
-All new files are written beside their targets first, where a full disk shows. Then the last file of the old set is
-removed, the others are exchanged one by one, and the last file of the new set arrives at the end.
+All new files are first written beside their targets, where a full disk is detected. Then the last file of the old set
+is removed, the others are replaced one by one, and the last file of the new set is moved into place at the end.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from lagrange.show.files.atomic_file import Writer, filled_part, in_words, old_m
 
 
 def write_together(folder: str | os.PathLike[str], files: Mapping[str, Writer | None]) -> list[Path]:
-    """Write files into a folder and return their paths; a file without a writer is removed if it is there.
+    """Write files into a folder and return their paths; a file without a writer is removed if it exists.
 
-    An error while the new files are written changes nothing. Whatever stops the exchange, every file is whole, and the
-    last one is missing or belongs to the others. Other files of the folder stay. Links are followed, existing files
-    keep their permissions. Raises StatementError for a place that cannot be written, RunError if the disk is full or
-    fails.
+    An error while the new files are written changes nothing. If the replacement is interrupted, every file is whole,
+    and the last one is missing or belongs to the others. Other files of the folder stay. Links are followed, existing
+    files keep their permissions. Raises StatementError for a place that cannot be written, RunError if the disk is full
+    or fails.
     """
     home = real_path(folder)
     targets = {name: real_path(home / name) for name in files}

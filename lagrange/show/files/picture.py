@@ -1,4 +1,4 @@
-"""A figure as a picture file, and as bytes of a bounded number."""
+"""A figure as a picture file, and as PNG of limited size."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LEAST_DPI, MOST_DPI = 10, 1200
-"""Dots per inch of a picture: no letter can be drawn with fewer; drawing with more takes over a gigabyte of memory."""
+"""Least and largest dots per inch of a picture: below, no letter can be drawn; above, drawing takes over 1 GB."""
 
 MOST_BYTES = 300_000
-"""Bytes of a picture in a notebook. That of a double pendulum takes 90,000; thirty of them still make a notebook that
-can be mailed."""
+"""Largest picture in a notebook, in bytes. That of a double pendulum takes 90,000; thirty of them still make a notebook
+that can be mailed."""
 
 
 def picture(draw: Callable[[], Figure], dpi: int | None = None) -> Writer:
-    """Return what draws a figure and writes it as PNG: a place that cannot be written is refused before that."""
+    """Return a writer of a figure as PNG. `draw` is called only if the file can be opened."""
     dots = FILE_DPI if dpi is None else whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI)
     return lambda file: draw().savefig(file, format="png", dpi=dots)
 
 
 def bounded_png(figure: Figure, dpi: int) -> bytes:
-    """Return a figure as PNG of at most `MOST_BYTES`: in 256 colours, then with fewer dots, where it takes more."""
+    """Return a figure as PNG of at most `MOST_BYTES`. A larger one gets 256 colours, then fewer dots per inch."""
     drawn = _drawn(figure, dpi)
     if len(drawn) <= MOST_BYTES:
         return drawn
@@ -45,7 +45,7 @@ def _drawn(figure: Figure, dpi: int) -> bytes:
 
 
 def _in_few_colours(png: bytes) -> bytes:
-    from PIL import Image  # comes with Matplotlib
+    from PIL import Image  # installed with Matplotlib
 
     file = BytesIO()
     with Image.open(BytesIO(png)) as image:

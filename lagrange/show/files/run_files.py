@@ -1,4 +1,4 @@
-"""Files of a run: tables for pandas and xarray, a table as text, NumPy arrays, a picture, a folder of all."""
+"""Files of a run: tables for pandas and xarray, CSV, NumPy arrays, a picture, and a folder of all."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def data_frame(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mappin
 
 
 def data_set(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[str, Any]) -> xarray.Dataset:
-    """Return rows (N,) as variables of a Dataset over t, copied; attributes are texts and numbers alone.
+    """Return rows (N,) as variables of a Dataset over t, copied; attributes are texts and numbers only.
 
     Raises StatementError without xarray.
     """
@@ -55,7 +55,7 @@ def data_set(t: FloatArray, rows: Mapping[str, FloatArray], attributes: Mapping[
 
 
 def event_arrays(times: Sequence[FloatArray], states: Sequence[FloatArray]) -> dict[str, FloatArray]:
-    """Return the times (k,) and states (k, 2n) of each event by the names that they have in a file."""
+    """Return the times (k,) and states (k, 2n) of each event, by the names of the arrays in a file."""
     found = {f"t_event_{i}": event for i, event in enumerate(times)}
     return found | {f"y_event_{i}": event for i, event in enumerate(states)}
 
@@ -68,7 +68,7 @@ def _missing(method: str, package: str) -> StatementError:
 
 
 def finite(value: Any) -> float | None:
-    """Return a number as JSON has it: None where it is not finite, or not known."""
+    """Return a number for JSON: None if it is not finite or not known."""
     return None if value is None or not math.isfinite(value) else float(value)
 
 
@@ -106,7 +106,7 @@ def _csv(solution: Solution, file: BinaryIO) -> None:
 
 
 def columns_of(solution: Solution) -> dict[str, FloatArray]:
-    """Return the rows of the state by name, then parameters that events have changed, and multipliers as lambda[name].
+    """Return the rows of the state by name, then parameters changed by events, and multipliers as lambda[name].
 
     Each has a value for each output, (N,).
     """

@@ -1,1 +1,1 @@
-"""What a terminal shows: tables, progress, and the language of a page."""
+"""Output to a terminal: tables, progress, and the language of a document."""

@@ -1,4 +1,4 @@
-"""Text that is as wide as the terminal: longer lines go on below, under the column in which they began."""
+"""Text that fits the width of the terminal: longer lines are wrapped under the column in which they began."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ import textwrap
 from typing import TextIO
 
 LEAST_WIDTH = 40
-"""Columns below which lines stay as they are: broken, they would be no easier to read."""
+"""Width in columns below which lines are not wrapped: it would not make them easier to read."""
 
 _FIRST_COLUMN = re.compile(r"\s*\S+(?: \S+)*\s{2,}")
-"""What stands before the second column of a table."""
+"""Matches the first column of a table row."""
 
 
 def fitted(text: str, stream: TextIO | None) -> str:
-    """Return text for a stream: on a terminal no wider than that, in a pipe or a file each line as it is."""
+    """Return text for a stream: wrapped to the width of a terminal, unchanged for a pipe or a file."""
     if stream is None or not stream.isatty():
         return text
     columns = shutil.get_terminal_size().columns
@@ -23,7 +23,7 @@ def fitted(text: str, stream: TextIO | None) -> str:
 
 
 def _broken(line: str, columns: int) -> str:
-    """Return a line in lines of at most so many columns, but for words that are longer. Rules of dashes are cut."""
+    """Return a line as lines of at most `columns` columns, except for longer words. Rules of dashes are cut."""
     if len(line) <= columns:
         return line
     if not line.strip(" -"):

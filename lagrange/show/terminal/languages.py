@@ -1,4 +1,4 @@
-"""Languages and levels of detail of a derivation, and the language that a terminal reads."""
+"""Markup languages and levels of detail of a derivation, and the language for a terminal."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ FORMATS = ("text", "unicode", "latex", "markdown", "html")
 
 
 def terminal_style() -> str:
-    """Return "unicode" where standard output is a terminal that has Unicode, else "text", which is plain ASCII."""
+    """Return "unicode" if standard output is a terminal that supports Unicode, else "text", which is plain ASCII."""
     stream = sys.stdout
     if stream is None or not stream.isatty():
         return "text"

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 
 def text_table(headings: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """Return an aligned table, numbers to the right, with a rule under the headings if there are any."""
+    """Return an aligned table with numbers to the right, and a rule under the headings if there are any."""
     cells = [[*map(str, row)] for row in rows]
     widths = [max(map(len, column)) for column in zip(headings, *cells, strict=True)]
     right = _numeric(rows, len(headings))
@@ -20,12 +20,12 @@ def _line(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) ->
 
 
 def _numeric(rows: Sequence[Sequence[object]], columns: int) -> list[bool]:
-    """Return which columns hold numbers only."""
+    """Return for each column whether it holds only numbers."""
     return [bool(rows) and all(isinstance(row[j], (int, float)) for row in rows) for j in range(columns)]
 
 
 def duration(seconds: float) -> str:
-    """Return a time in seconds, milliseconds or microseconds."""
+    """Return a time as text in seconds, milliseconds or microseconds."""
     for limit, factor, unit in ((1e-3, 1e6, "us"), (1.0, 1e3, "ms")):
         if seconds < limit:
             return f"{seconds * factor:.3g} {unit}"
