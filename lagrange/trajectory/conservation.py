@@ -47,7 +47,7 @@ DIRECTIONS = 8
 
 
 def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptive: bool) -> Trajectory:
-    """Return the trajectory of a run that began with the energy `before`, as unreliable if the energy is not conserved.
+    """Return the trajectory of a run that began with the energy `before`; UNRELIABLE if the energy is not conserved.
 
     Equal steps may jump over a collision or a singular configuration without an error. If a reset set the state, the
     test ends before it.
@@ -62,7 +62,7 @@ def verified(problem: Problem, trajectory: Trajectory, before: float, *, adaptiv
     with np.errstate(all="ignore"):
         if math.isfinite(after) and _kept(problem, trajectory, end, until, before, after):
             return trajectory
-    # The proof may take a second. It is asked for only where the result depends on it.
+    # The proof of conservation may take a second, so it comes last.
     if not model.conservative:
         return trajectory
     return replace(trajectory, status=Status.UNRELIABLE, message=_with_energy_loss(trajectory, before, after, adaptive))
@@ -136,7 +136,7 @@ def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:
 
 
 def _noise(problem: Problem, before: float) -> float:
-    """Return by how much the energy of the start changes under displacements that are not yet motion."""
+    """Return the largest change of the initial energy under displacements that are only rounding or a first step."""
     n, y0 = problem.model.dimension, problem.y0
     sizes = np.repeat([np.abs(y0[:n]).max(), np.abs(y0[n:]).max()], n)
     ways = np.cos(np.outer(np.arange(1, 2 * n + 1), np.arange(1, DIRECTIONS + 1)))

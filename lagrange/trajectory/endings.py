@@ -1,4 +1,4 @@
-"""Ends of runs that nothing else reports: singular inertia, edges of the domain, passages that no motion takes."""
+"""Detect and explain ends of runs: lost inertia, dependent constraints, ends of tables, passages without a motion."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory, run_until
 
 DOMAIN_PROBE = 1e-6
-"""Fraction of the run by which the right-hand side is evaluated ahead of a step that shrank to nothing.
+"""Distance, as a fraction of the run, at which the right-hand side is evaluated after a step that shrank to nothing.
 
-It shows whether the equations lose their value there.
+It shows whether the equations have a value there.
 """
 
 
@@ -43,10 +43,9 @@ def slope_ahead(model: Model, t: float, y: FloatArray, parameters: FloatArray, l
 
 
 LOST_INERTIA = 2.0**-20
-"""A motion has lost its inertia if that is below this fraction of the smallest inertia at the start.
+"""Fraction of the smallest inertia at the start below which a motion has lost its inertia.
 
-Where accelerations grow without bound because of it, steps become too small at 1e-8 to 1e-11 (eight systems, four
-methods).
+Accelerations grow without bound there, and steps become too small at 1e-8 to 1e-11 (eight systems, four methods).
 """
 
 DOMINANT_SHARE = 0.5
@@ -89,7 +88,10 @@ def _lost_rank(problem: Problem, t: float, y: FloatArray) -> str:
 
 
 def rank_lost(problem: Problem, y: FloatArray, share: float, found: Singular) -> str:
-    """Return the message for a run that ends at a state (2n,) where what is singular has a share of its regularity."""
+    """Return the message for a run that ends at a state (2n,) where constraints, or the inertia, are nearly singular.
+
+    `share` is the least singular value relative to the start; `found` has the constraints or the motion.
+    """
     place = few([f"{name} = {number(x)}" for name, x in zip(row_names(problem), y, strict=True)])
     left = f"{share:.2g} of what it was at the start"
     if found.motion is not None:
@@ -118,7 +120,7 @@ def crossing(problem: Problem, dependent: Singular, y: FloatArray) -> str:
 
 
 def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, metric: FloatArray) -> bool:
-    """Whether the acceleration at a state is mostly that of one motion, measured by the inertia at the start."""
+    """Return True if the acceleration at a state is mostly along `null` (n,), by the `metric` (n,) of the inertia."""
     try:
         rate = problem.model.kernel("rhs")(t, y, problem.parameter_array)[problem.model.layout.v]
     except SingularMassMatrix:
@@ -128,21 +130,24 @@ def _moves_along(problem: Problem, t: float, y: FloatArray, null: FloatArray, me
 
 
 NEAR_END = 1e-6
-"""Part of the range of a table within which a run that cannot go on is at its end: adaptive steps come closer."""
+"""Distance from the end of a table, as a fraction of its range, at which a failed run counts as at the end.
+
+Adaptive steps come closer.
+"""
 
 
 def table_left(problem: Problem, t: float, y: FloatArray, step: float = 0.0) -> str:
-    """Return a sentence on a table that a state (2n,) is at the end of, or one step later, or ""."""
+    """Return a sentence if a state (2n,), or the state one step later, leaves the range of a table, else ""."""
     model, statement = problem.model, problem.model.statement
     stated = (statement.lagrangian, statement.dissipation, *statement.forces)
-    found = dict.fromkeys(one for expression in stated for one in ranges(expression))
-    if not found or not np.isfinite(y).all():
+    tables = dict.fromkeys(table for expression in stated for table in ranges(expression))
+    if not tables or not np.isfinite(y).all():
         return ""
     q, v = model.layout.split(y)
     states = np.stack([y, np.concatenate([q + step * v, v])], axis=1)
-    nodes = tuple(model.equations.translate(variable) for variable, _, _ in found)
+    nodes = tuple(model.equations.translate(variable) for variable, _, _ in tables)
     values = model.function("ranges", nodes)(np.array([t, t + step]), states, problem.parameter_array)
-    for (variable, low, high), row in zip(found, values, strict=True):
+    for (variable, low, high), row in zip(tables, values, strict=True):
         margin = NEAR_END * (high - low)
         if not (low + margin < row.min() and row.max() < high - margin):
             name = formula(variable.xreplace(dict(statement.plain)), 60)
@@ -154,17 +159,19 @@ def table_left(problem: Problem, t: float, y: FloatArray, step: float = 0.0) -> 
 
 
 AT_THE_END = 1e-6
-"""A place within this last part of a step is its end: there steps of series end on surfaces that they know."""
+"""Last fraction of a step that counts as its end, where steps of series end on known surfaces."""
 
 STEPS_AHEAD, PLACES_AHEAD, MUCH_NEARER = 2.0, 65, 0.1
-"""Where a step fails, a crossing is sought at so many places over so many steps ahead: where the least singular value
-of the constraints falls to that part."""
+"""Search for a crossing after a failed step: distance in steps, number of points, and the required decrease.
+
+A crossing is a point where the least singular value of the constraints falls to this fraction of its first value.
+"""
 
 
 def until_dependent(
     problem: Problem, rtol: float, found: Trajectory, accepted: tuple[FloatArray, FloatArray]
 ) -> Trajectory:
-    """Return a run as it is, or up to a configuration that it passed where rounding decides how the motion goes on."""
+    """Return a run, cut at the first passed configuration after which rounding errors decide its motion."""
     times, states = accepted
     stopped = not found.status.complete and found.status is not Status.STEP_TOO_SMALL
     passed = dependent_passage(problem.model, times, states, problem.parameter_array, rtol, stopped=stopped)
@@ -176,9 +183,10 @@ def until_dependent(
 
 
 def until_discontinuity(problem: Problem, found: Trajectory, passed: Discontinuity, *, series: bool) -> Trajectory:
-    """Return a run up to the last state before a discontinuity of its constraints.
+    """Return a run cut at the last state before a discontinuity of its constraints.
 
-    A step of a `series` that ends there, and is kept, is the motion up to it, whatever the projection makes of its end.
+    A step of a `series` that ends there is kept: it is the motion up to the discontinuity, even if the projection
+    moves its end.
     """
     steps = found.steps - passed.steps
     if not series or passed.part < 1.0 - AT_THE_END:
@@ -192,7 +200,7 @@ def until_discontinuity(problem: Problem, found: Trajectory, passed: Discontinui
 
 
 def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> str:
-    """Return the message for equal steps that find no end of the step over a crossing of motions, or ""."""
+    """Return the message for a run whose equal steps fail because a crossing of motions is ahead, else ""."""
     model, parameters = problem.model, problem.parameter_array
     if not len(model.equations.constraints):
         return ""
@@ -213,7 +221,7 @@ def dependent_ahead(problem: Problem, t: float, y: FloatArray, step: float) -> s
 def _shortened(
     problem: Problem, found: Trajectory, end: tuple[float, FloatArray], steps: int, detail: str
 ) -> Trajectory:
-    """Return a run up to a time and a state, as singular there."""
+    """Return a run cut at a time and a state, with the status SINGULAR."""
     t, y = end
     told = message(Status.SINGULAR, problem, t, y, found.method, detail=detail)
     return replace(run_until(found, t), status=Status.SINGULAR, message=told, steps=steps)
@@ -229,7 +237,7 @@ _GAP = "Bodies that touch need a small gap between them, such as a millionth of 
 
 
 def with_touching_bodies(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Return a run with the remedy where contacts act at one time, as unreliable if one of them let a body through."""
+    """Return a run with a note on contacts that act at the same time; UNRELIABLE if one let a body through."""
     contacts = [i for i, event in enumerate(problem.events) if event.reset and event.direction]
     if len(contacts) < 2 or not _coincide([trajectory.t_events[i] for i in contacts]):
         return trajectory
@@ -249,9 +257,9 @@ def with_touching_bodies(problem: Problem, trajectory: Trajectory) -> Trajectory
 
 
 def _coincide(times: Sequence[FloatArray]) -> bool:
-    """Whether two events, of times (k,) each, happen at one time."""
+    """Return True if two different events, with times (k,) each, occur at the same time."""
     all_times = np.concatenate(times)
-    which = np.repeat(np.arange(len(times)), [len(one) for one in times])
+    which = np.repeat(np.arange(len(times)), [len(event_times) for event_times in times])
     order = np.argsort(all_times, kind="stable")
     all_times, which = all_times[order], which[order]
     close = np.abs(np.diff(all_times)) <= TOGETHER * np.abs(all_times[1:])
@@ -259,7 +267,7 @@ def _coincide(times: Sequence[FloatArray]) -> bool:
 
 
 def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -> int | None:
-    """Return the first contact that lets the motion through at some of its zeros only, or None."""
+    """Return the index of the first contact that lets the motion through at only some of its zeros, or None."""
     model, forward = problem.model, 1.0 if problem.t1 >= problem.t0 else -1.0
     t, y = _between_impacts(trajectory, contacts, forward)
     nodes = tuple(model.equations.translate(problem.events[i].expression) for i in contacts)
@@ -271,17 +279,17 @@ def _passed(problem: Problem, trajectory: Trajectory, contacts: Sequence[int]) -
         free = -problem.events[i].direction * g[rows] > 0
         counts = np.searchsorted(forward * trajectory.t_events[i], forward * t[rows])
         if len(rows) and rows[0] > 0:
-            # A contact that starts at zero is on the side that it is to stay on.
+            # A contact that starts at zero is on its free side.
             free, counts = np.append(True, free), np.append(0, counts)
         acts, passes = np.diff(counts), free[:-1] & ~free[1:]
-        # A reset that lets the motion through does so each time: it acts once for each passage.
+        # A reset that is meant to let the motion through acts once for each passage.
         if passes.any() and acts[free[:-1]].sum() > passes.sum():
             return i
     return None
 
 
 def _between_impacts(trajectory: Trajectory, contacts: Sequence[int], forward: float) -> tuple[FloatArray, FloatArray]:
-    """Return the output times with those halfway between impacts, (k,), and the states there, (2n, k)."""
+    """Return the output times and the midpoints between impacts, (k,), and the states there, (2n, k)."""
     impacts = np.sort(forward * np.concatenate([trajectory.t_events[i] for i in contacts]))
     t = np.sort(np.concatenate([forward * trajectory.t, (impacts[1:] + impacts[:-1]) / 2]))
     if isinstance(trajectory.dense, OutputPath) and trajectory.dense.path is None:
@@ -290,13 +298,13 @@ def _between_impacts(trajectory: Trajectory, contacts: Sequence[int], forward: f
 
 
 STANDING = 2.0**-42
-"""A coordinate that ends within this part of its size from its start may be unresolved: a thousand spacings."""
+"""Relative change of a coordinate over the run below which it may be unresolved: a thousand spacings of doubles."""
 
 ROUGH = 2.0**-8
-"""Forces are unresolved if a spacing of the coordinate changes them by this fraction of their whole variation.
+"""Change of forces by one spacing of a coordinate, relative to their variation, from which they are unresolved.
 
 The variation is that over displacements up to 2**-12 of the coordinate. Smooth forces change by 2**-40 of it. At theta
-= 1e14, where a spacing is a 64th, the energy of a pendulum is wrong by a tenth.
+= 1e14, where the spacing is 1/64, the energy of a pendulum has an error of a tenth.
 """
 
 NEIGHBOURS, OCTAVES = 8, 40
@@ -304,9 +312,9 @@ NEIGHBOURS, OCTAVES = 8, 40
 
 
 def unresolved(problem: Problem, trajectory: Trajectory) -> str:
-    """Return a sentence on a coordinate of a complete run whose spacing of doubles the forces do not bear, or "".
+    """Return a sentence on a coordinate whose spacing of doubles is too coarse for the forces, else "".
 
-    Neighbours on both sides of a jump differ once only: the median of their differences is small.
+    A jump of the forces is not reported: only one pair of neighbours differs there, so the median difference is small.
     """
     if not trajectory.status.complete or not trajectory.y.size:
         return ""
@@ -326,7 +334,7 @@ def unresolved(problem: Problem, trajectory: Trajectory) -> str:
 
 
 def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
-    """Return a run, as unreliable if a coordinate is too large for its forces."""
+    """Return a run, with the status UNRELIABLE if doubles do not resolve a large coordinate."""
     note = unresolved(problem, trajectory)
     if not note:
         return trajectory
@@ -334,7 +342,7 @@ def with_resolution(problem: Problem, trajectory: Trajectory) -> Trajectory:
 
 
 def _is_rough(problem: Problem, t: float, y: FloatArray, i: int) -> bool:
-    """Whether the accelerations at a state (2n,) change between neighbouring doubles of a coordinate."""
+    """Return True if the accelerations at a state (2n,) jump between neighbouring doubles of coordinate i."""
     steps = np.concatenate([np.arange(NEIGHBOURS + 1.0), 2.0 ** np.arange(OCTAVES)])
     states = np.repeat(y[:, None], len(steps), axis=1)
     states[i] += steps * np.spacing(abs(y[i])) * (-1.0 if y[i] > 0 else 1.0)

@@ -33,10 +33,10 @@ from lagrange.trajectory.trajectory import FloatArray
 _GOES_ON = (Outcome.PAUSED, Outcome.UNSCALED)
 
 FIRST_STEPS = 1024
-"""Steps after which the pace of a run is looked at first: a second where steps are interpreted."""
+"""Number of steps before the first test of the pace of a run: one second for interpreted steps."""
 
 HOPELESS = 4.0
-"""A run with adaptive steps is given up if, at its pace so far, it needs this multiple of max_steps."""
+"""Multiple of max_steps that an adaptive run may need, at its pace so far, before it is given up."""
 
 _NO_TIMES, _NO_ROWS = np.empty(0), np.empty((0, 0))
 
@@ -51,7 +51,10 @@ class _Prepared(threading.local):
 
 
 class Flow:
-    """A call returns the state at t1 of the run from (t0, y0). Threads may share a flow."""
+    """Function of (y0, t0, t1, parameters) that returns the state (2n,) at t1 of the run from (t0, y0).
+
+    Threads may share a flow.
+    """
 
     def __init__(self, model: Model, options: RunOptions = DEFAULT_OPTIONS) -> None:
         if not isinstance(model, Model):
@@ -78,7 +81,7 @@ class Flow:
         )
         self._problem = unit
         plan = self._integrator.plan(unit) if isinstance(self._integrator, Planned) else None
-        # With events or surfaces the driver returns on the way, which only a run handles, as it looks at constraints.
+        # Only a run handles events, switching surfaces and discontinuous constraints: then each call is a run.
         handled = plan is None or plan.watched or may_be_discontinuous(model)
         self._plan: Plan | None = None if handled else plan
         # Equal steps are not shortened towards a crossing of motions, and runs do not look for one either.
@@ -125,7 +128,7 @@ class Flow:
         return state.y.copy() if known else self._by_run(start, t0, t1, parameters)
 
     def _to_end(self, driver: Driver, state: DriverState, parameters: Mapping[Any, Any] | None) -> bool:
-        """Advance to the end of a run; return whether it was reached."""
+        """Advance to the end of a run; return True if it was reached."""
         outcome = Outcome.PAUSED
         left, steps = self._max_steps, FIRST_STEPS
         while outcome in _GOES_ON and left > 0:
@@ -140,7 +143,7 @@ class Flow:
     def _over_no_crossing(
         self, driver: Driver, state: DriverState, start: tuple[float, FloatArray], parameters: FloatArray
     ) -> bool:
-        """Advance to the end of a run; return whether it was reached, and over no crossing of motions; see passage."""
+        """Advance to the end of a run; return True if it was reached without passing a crossing of motions."""
         passed, counts, model, rtol = self._local.passed, state.integers, self._model, self._rtol
         passed.begin(start)
         counts[DriverState.RECORD] = 1
@@ -159,9 +162,9 @@ class Flow:
         return outcome is Outcome.DONE
 
     def _stays_slow(self, state: DriverState, steps: int) -> bool:
-        """Return whether a slow run is one for `integrate`, which raises its floors to its rounding noise.
+        """Return True if a run is slow because of rounding noise: then `integrate` has to run it with higher floors.
 
-        Raises RunError if the end is beyond `max_steps` at the pace of the steps so far for another reason.
+        Raises RunError if the run, at its pace so far, needs more than `max_steps` for another reason.
         """
         t0, t1 = (float(state.reals[place]) for place in (DriverState.START, DriverState.END))
         share = (state.t - t0) / (t1 - t0)
@@ -188,7 +191,7 @@ class Flow:
         return local.driver, local.state
 
     def _fresh(self, plan: Plan) -> DriverState:
-        """Return the state of a run from 0 to 1; every run of the flow starts from a copy of it."""
+        """Return the driver state of a run from 0 to 1; every run of the flow starts from its values."""
         state = plan.tolerances.begin(0.0, 1.0, np.zeros(self._dimension))
         state.counts[:] = 0
         self._first = state.reals.copy()
@@ -210,7 +213,7 @@ class Flow:
         state.y[:] = y0
 
     def _by_run(self, y0: FloatArray, t0: float, t1: float, parameters: Mapping[Any, Any] | None) -> FloatArray:
-        """Run the integrator, for its message or because it has no step program."""
+        """Return the last state (2n,) of a run by the integrator. Raises RunError with its message if it failed."""
         values = self._model.parameter_values(parameters)
         problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values)
         trajectory = run_over_crossings(self._integrator, problem)

@@ -1,4 +1,4 @@
-"""The protocol of all integrators: those of this package, SciPy's and a user's."""
+"""The protocol of all integrators: those of this package, of SciPy and of users."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ class Problem:
 
     `parameters` has a value for each of the model's parameters. `t_eval` is sorted in the direction of the run
     and lies inside the span, or is None for every accepted step. `step`, `rtol` and `atol` are None where the
-    user left the choice to the method. `max_steps` bounds the steps tried, accepted or not, and `max_wall` the seconds
-    of the run; `max_memory` bounds the bytes that it keeps, None standing for a quarter of the machine's. `began` is
-    when the run was asked for, by `time.perf_counter`. `events` are checked against the model's statement. `progress`
-    is called now and then with the time reached.
+    user left the choice to the method. `max_steps` is the largest number of tried steps, accepted or not, and
+    `max_wall` the time limit in seconds. `max_memory` is the largest number of kept bytes, None for a quarter of the
+    machine's memory. `began` is the time of the request by `time.perf_counter`. `events` are checked against the
+    model's statement. `progress` is called with the time reached, several times during the run.
     """
 
     model: Model
@@ -81,29 +81,29 @@ class Problem:
 
     @property
     def parameter_array(self) -> FloatArray:
-        """The parameters' values (k,), as kernels take them; made once."""
-        found = self._values
-        if found is None:
-            found = ordered(self.parameters, self.model.statement.parameters)
-            object.__setattr__(self, "_values", found)
-        return found
+        """The parameters' values (k,) in the statement's order, as kernels take them; computed once."""
+        values = self._values
+        if values is None:
+            values = ordered(self.parameters, self.model.statement.parameters)
+            object.__setattr__(self, "_values", values)
+        return values
 
 
 def run_by(integrator: Integrator, problem: Problem) -> Trajectory:
-    """Run a problem. Raises StatementError where a method of a user's returns something else than a trajectory."""
-    found: Any = integrator.integrate(problem)
-    if not isinstance(found, Trajectory):
+    """Run a problem. Raises StatementError if a method of a user does not return a trajectory."""
+    trajectory: Any = integrator.integrate(problem)
+    if not isinstance(trajectory, Trajectory):
         raise StatementError(
-            f"method {integrator.name} returned {shown(found)}: integrate() must return an lg.Trajectory."
+            f"method {integrator.name} returned {shown(trajectory)}: integrate() must return an lg.Trajectory."
         )
-    return found
+    return trajectory
 
 
 class Integrator(Protocol):
-    """Anything that turns a `Problem` into a `Trajectory`.
+    """An object that turns a `Problem` into a `Trajectory`.
 
-    It never raises for what happens along the way: a run that ends early returns what it has, with a status
-    and a message that names time and coordinate. It raises StatementError for a request it cannot serve.
+    A failure during the run raises no error: the trajectory then has the states until the failure, with a status and a
+    message that names time and coordinate. Raises StatementError for a request that the method does not support.
     """
 
     @property
@@ -112,10 +112,10 @@ class Integrator(Protocol):
 
     @property
     def claims(self) -> Claims:
-        """What the method promises."""
+        """The claimed properties of the method."""
 
     def integrate(self, problem: Problem) -> Trajectory:
-        """Run the problem."""
+        """Run the problem and return its trajectory."""
 
 
 def method_repr(method: Integrator, **options: float | None) -> str:

@@ -9,7 +9,7 @@ from functools import cache
 from lagrange.trajectory.integrator import Problem
 
 COMPILE_SECONDS = 5.0
-"""Seconds that compilation may take, however small `max_wall` is; it is done once for many runs."""
+"""Seconds that compilation may take even if `max_wall` is smaller, since it is done once for many runs."""
 
 MEMORY_DIVISOR = 4
 """The default memory limit of a run is the memory of the machine divided by this.
@@ -22,15 +22,15 @@ ASSUMED_MEMORY = 8 * 2**30
 
 
 def memory_limit(problem: Problem) -> float:
-    """Return how many bytes the run may keep."""
+    """Return the number of bytes that the run may keep."""
     return machine_memory() / MEMORY_DIVISOR if problem.max_memory is None else problem.max_memory
 
 
 @cache
 def machine_memory() -> int:
     """Return the memory of this machine in bytes."""
-    told = getattr(os, "sysconf_names", {})  # Windows has none
-    if not {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= told.keys():
+    names = getattr(os, "sysconf_names", {})  # Windows has none
+    if not {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= names.keys():
         return ASSUMED_MEMORY
     pages = os.sysconf("SC_PHYS_PAGES")
     return pages * os.sysconf("SC_PAGE_SIZE") if pages > 0 else ASSUMED_MEMORY

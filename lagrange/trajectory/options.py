@@ -94,7 +94,7 @@ class RunOptions:
 
 
 DEFAULT_OPTIONS = RunOptions()
-"""No option is given."""
+"""Options without any choice of the user."""
 
 
 def _positive(limit: float | None, name: str, unit: str) -> float | None:

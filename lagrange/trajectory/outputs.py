@@ -1,4 +1,4 @@
-"""What a run keeps as it goes: its accepted states, and the states at output times."""
+"""Storage of a run: its accepted states, and the states at output times."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
 
 PathOf = Callable[[FloatArray, FloatArray], StepPath]
-"""Makes the path through accepted times (S+1,) and states (S+1, 2n)."""
+"""Function that returns the dense output through accepted times (S+1,) and states (S+1, 2n)."""
 
 
 class Part(NamedTuple):
@@ -32,10 +32,10 @@ class Part(NamedTuple):
 class AcceptedStates:
     """The accepted states so far, in the parts that the driver wrote.
 
-    Where `outputs_alone` holds they may be dropped but for the last, and where `dropped` does, they were; `removed` is
-    the number of parts that are gone. `followed` evaluates output times on the way, if there are any, and
-    `discontinuities` looks at constraints that may have some, of which `passed` ends the run; `approach` looks at how
-    near they come to being dependent.
+    If `outputs_alone`, all but the last may be dropped when memory is used up; `dropped` says that they were, and
+    `removed` is the number of dropped parts. `followed` evaluates output times during the run, or is None.
+    `discontinuities` tests constraints that may jump; `passed` is the first discontinuity, which ends the run.
+    `approach` measures how close constraints come to dependence.
     """
 
     def __init__(self, t: float, y: FloatArray, *, outputs_alone: bool = False) -> None:
@@ -52,36 +52,39 @@ class AcceptedStates:
 
     @property
     def dropped(self) -> bool:
-        """Whether states were dropped."""
+        """True if states were dropped."""
         return self.removed > 0
 
     def add(self, t: float, y: FloatArray) -> None:
-        """Append a state after a jump, without a step."""
+        """Append a state (2n,) after a jump, without a step."""
         self.parts.append(Part(np.array([t]), y[None].copy(), self.parts[-1].call))
 
     def collect(self, state: DriverState, times: FloatArray, rows: FloatArray, call: int) -> None:
-        """Keep what the driver wrote at a call, by its number; doing so twice, as Ctrl-C may, keeps it once."""
+        """Keep the rows that call number `call` of the driver wrote. A second call for the same number does nothing.
+
+        Ctrl-C may cause that second call.
+        """
         written = state.count(DriverState.ROWS)
         if written and self.parts[-1].call < call:
-            # A view of few rows would keep the memory of all.
+            # A view of a few rows would hold the memory of all.
             short = 2 * written < len(times)
             t, y = times[:written], rows[:written]
             self.bytes += t.nbytes + y.nbytes if short else times.nbytes + rows.nbytes
             self.parts.append(Part(t.copy() if short else t, y.copy() if short else y, call))
 
     def follow(self, *, last: bool = False) -> None:
-        """Evaluate the outputs on the steps that are new; `last` says that no more will come."""
+        """Evaluate the outputs on new steps; `last` says that no step follows."""
         if self.followed is not None:
             self.followed.follow(self.parts, self.removed, last=last)
 
     def look_at_constraints(self, model: Model, parameters: FloatArray, span: float) -> None:
-        """Look at the states of a run over a span of time, if there are constraints."""
+        """Test the states of this run, over a span of time, if the model has constraints."""
         if len(model.equations.constraints):
             self.discontinuities = Discontinuities.of(model, parameters, span)
             self.approach = Approach(model, parameters, (float(self.parts[0].times[0]), self.parts[0].states[0]))
 
     def discontinuity(self) -> Discontinuity | None:
-        """Return the first place among the new states where constraints let no motion on, or None."""
+        """Return the first discontinuity of constraints among the new states, or None."""
         if self.discontinuities is None:
             return None
         before, *new = self.parts[self._looked_at - self.removed - 1 :]
@@ -92,7 +95,10 @@ class AcceptedStates:
         return self.discontinuities.on(times, np.concatenate([before.states[-1:], *(part.states for part in new)]))
 
     def make_room(self, limit: float) -> int:
-        """Evaluate the outputs on new steps; return how many states more there is memory for, dropping those there."""
+        """Evaluate the outputs on new steps, and return the number of states for which memory is left.
+
+        `limit` is in bytes. Stored states are dropped if none is left and that is allowed.
+        """
         if self.followed is not None:
             self.follow()
         room = int(limit - self.bytes) // self._each
@@ -102,7 +108,7 @@ class AcceptedStates:
         return room
 
     def drop(self) -> None:
-        """Forget all states but the last, and keep the sizes of the entries."""
+        """Drop all states but the last, and keep the largest sizes of the entries."""
         self._sizes = self._largest()
         last = self.parts[-1]
         kept = last._replace(times=last.times[-1:].copy(), states=last.states[-1:].copy())
@@ -110,7 +116,7 @@ class AcceptedStates:
         self.parts, self.bytes = [kept], 0
 
     def joined(self) -> tuple[FloatArray, FloatArray]:
-        """Return the times (S+1,) and states (S+1, 2n): if they were dropped, the start, the sizes, and the end."""
+        """Return the times (S+1,) and states (S+1, 2n), or if states were dropped, start, largest sizes and end."""
         if self.removed:
             times = [self._begin.times, self.parts[-1].times[-1:], self.parts[-1].times[-1:]]
             states = self._begin.states[0], self._largest(), self.parts[-1].states[-1]
@@ -123,11 +129,11 @@ class AcceptedStates:
 
 
 class FollowedSteps:
-    """Evaluates the states at output times while a run by a step program goes, each on the path of its step.
+    """Evaluates the states at output times during a run by a step program, each by the dense output of its step.
 
-    The last two states of a motion are kept until the next call, for a path may join a step to the one before.
-    `breaks` are those of what watches events, if anything does. What is known changes at once: Ctrl-C may come at any
-    place.
+    The last two states of a smooth piece are kept until the next call, since a dense output may use the step before.
+    `breaks` are the resets that the watcher of events recorded, or None. `_known` is replaced by one assignment, so
+    Ctrl-C leaves it consistent.
     """
 
     def __init__(self, problem: Problem, wanted: FloatArray, path_of: PathOf, breaks: Breaks | None) -> None:
@@ -138,15 +144,15 @@ class FollowedSteps:
         self._y = np.empty((len(problem.y0), len(wanted)))
         self._done = 0
         self._known = np.array([problem.t0]), problem.y0[None], 0, 0, 1
-        """Times and states of the rows that are kept, the number of the first, breaks passed, and parts seen."""
+        """Times and states of the kept rows, number of the first row, number of passed breaks, and of read parts."""
 
     def joined(self, count: int, last: FloatArray) -> FloatArray:
-        """Return the states (2n, count) at the first times; those that are left lie at the end, the state `last`."""
+        """Return the states (2n, count) at the first output times; times not yet evaluated have the state `last`."""
         self._y[:, self._done : count] = last[:, None]
         return np.ascontiguousarray(self._y[:, :count])
 
     def follow(self, parts: Sequence[Part], removed: int, *, last: bool) -> None:
-        """Evaluate the outputs before the end of the parts that are new, of which so many others are `removed`."""
+        """Evaluate the outputs on the new ones of `parts`; `removed` is the number of dropped parts before them."""
         times, states, first, ended, seen = self._known
         new = parts[seen - removed :]
         times = np.concatenate([times, *(part.times for part in new)])
@@ -168,19 +174,19 @@ class FollowedSteps:
         self._known = *known, first + len(times) - keep, ended + len(here), removed + len(parts)
 
     def _wanted_of(self, ends: FloatArray) -> list[int]:
-        """Return the numbers of motions that outputs lie in, from the times at which they end."""
+        """Return the numbers of the smooth pieces that contain output times; `ends` are their last times."""
         until = np.searchsorted(self._rising, self._forward * ends)
         return np.flatnonzero(np.diff(until, prepend=self._done) > 0).tolist()
 
     def _finish(self, times: FloatArray, states: FloatArray, *, last: bool) -> int:
-        """Evaluate what lies on the motion that goes on; return how many of its states are to be kept."""
+        """Evaluate the outputs on the present smooth piece, and return the number of its states to keep."""
         if last or len(times) < 3:
             return min(1, len(times)) if last else len(times)
         self._write(times, states, float(times[-1]))
         return 2
 
     def _write(self, times: FloatArray, states: FloatArray, end: float) -> None:
-        """Write the states at the times before an end of accepted steps."""
+        """Write the states at output times up to `end`, by the dense output of the steps."""
         until = self._done + int(np.searchsorted(self._rising[self._done :], self._forward * end))
         if self._done < until:
             self._path_of(times, states).write(self._wanted[self._done : until], self._y[:, self._done : until])

@@ -1,4 +1,4 @@
-"""The pace of a run: whether it is slow, and why, a body that sticks among the causes."""
+"""The pace of a run: detect slow runs, and their causes, such as a body that sticks."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from lagrange.trajectory.sizes import Slopes, raise_to_noise, slopes_of
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 ROWS = 64
-"""Number of accepted states, the last ones, from which the motion is looked at."""
+"""Number of last accepted states that are tested for sticking."""
 
 LONGEST_SURFACE = 80
 """Most characters of the expression of a surface in a message."""
@@ -29,7 +29,7 @@ LONGEST_SURFACE = 80
 def stuck(problem: Problem, t: float, parts: Sequence[Part], covered: float) -> EventResult | None:
     """Return the end of a run at t if its last accepted states stick to a surface, else None.
 
-    `covered` is the time that the run has gone on since it was tested before.
+    `covered` is the duration of the run since the last test.
     """
     switched = switch(problem.model.equations.graph, problem.model.equations.accelerations)
     if not switched.stated:
@@ -71,7 +71,10 @@ def _name(problem: Problem, surface: Node) -> str:
 
 
 def _lead_back(here: FloatArray, beyond: FloatArray, time: float) -> bool:
-    """Whether values and rates (2, k) on both sides of a surface lead to it within a time, negative for a run back."""
+    """Return True if the motion on both sides of a surface leads to it within a time, negative for a run backwards.
+
+    `here` and `beyond` are values and rates (2, k) on the two sides.
+    """
     (g, rise), (other, rise_there) = here, beyond
     near = (np.abs(g) <= np.abs(rise * time)) & (g * other < 0)
     back = (g * rise * time < 0) & (other * rise_there * time < 0)
@@ -80,7 +83,7 @@ def _lead_back(here: FloatArray, beyond: FloatArray, time: float) -> bool:
 
 
 FIRST_LOOK = 4096
-"""Tries of a run before its first look; the next is after twice as many. Most runs have ended by then."""
+"""Number of tried steps before the first test; the number doubles for each next test. Most runs end before."""
 
 SLOW = 16.0
 """A run is slow if it would need this many times the tries so far: its floors are compared with rounding noise.
@@ -90,7 +93,7 @@ The noise takes 1 to 20 ms, and 4,096 tries of a small system 2 ms.
 
 
 class Pace:
-    """Looks at a run between calls of its driver; `next_look` is the number of tries before the next one."""
+    """Tests the pace of a run between calls of its driver; `next_look` is the number of tries at the next test."""
 
     def __init__(self, problem: Problem) -> None:
         self.next_look = FIRST_LOOK

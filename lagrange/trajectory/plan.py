@@ -1,4 +1,4 @@
-"""What a method prepares for a run, and what a model keeps from run to run."""
+"""Plans: a method prepared for a model, with its driver, and their reuse in later runs of the model."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ PathFunction = Callable[[FloatArray], FloatArray]
 
 
 class WatchMemory(Protocol):
-    """What a watcher keeps for the next run by its driver."""
+    """Memory of a watcher that the next run by its driver reuses."""
 
     @property
     def nbytes(self) -> int:
-        """How many bytes it takes."""
+        """The size in bytes."""
 
 
 class Watcher(Protocol):
@@ -46,7 +46,7 @@ class Watcher(Protocol):
 
     @property
     def memory(self) -> WatchMemory:
-        """What another run by the same driver, with the same parameters and events, may begin with."""
+        """Memory for another run by the same driver, with the same parameters and events."""
 
     @property
     def occurrences(self) -> Sequence[Sized]:
@@ -70,12 +70,12 @@ class Watcher(Protocol):
         """Handle the events at the end of the run."""
 
     def is_due(self, state: DriverState) -> bool:
-        """Whether an event is to be handled at the state although the driver found no step from there."""
+        """Return True if an event has to be handled at the state although the driver found no step from there."""
 
     def continue_past(self, state: DriverState) -> EventResult | None:
         """Continue past a point from which the driver finds no step; return the result, or None if that is impossible.
 
-        The state has then jumped, or the result has another reason for the end of the run.
+        A result says that the state has jumped over the point, or why the run ends.
         """
 
 
@@ -88,30 +88,30 @@ class Plan(Protocol):
 
     @property
     def form(self) -> str:
-        """How a step is computed, for the status card; "" if there is no choice."""
+        """The way in which a step is computed, for the status card; "" if there is no choice."""
 
     @property
     def watched(self) -> bool:
-        """Whether a run by this plan has events or switching surfaces."""
+        """True if a run by this plan has events or switching surfaces."""
 
     @property
     def writes_outputs(self) -> bool:
-        """Whether the driver writes the states at output times as it goes."""
+        """True if the driver writes the states at output times during the run."""
 
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
         """Return a driver for parameters (k,)."""
 
     def watch(self, problem: Problem, driver: Any, memory: Any = None) -> Watcher | None:
-        """Return the watcher of events and switching surfaces for the plan's driver, or None if there are none.
+        """Return the watcher of events and switching surfaces for the plan's driver, or None without any.
 
-        A `memory` is that of the watcher of a former run by this driver.
+        `memory` is that of the watcher of a former run by this driver, or None.
         """
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: Any) -> PathFunction:
         """Return the dense output from the accepted times (S+1,) and states (S+1, 2n), and the watcher."""
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the end of the step from the last accepted state, with its entries that are not finite."""
+        """Return the state (2n,) after the failed step, whose entries that are not finite show the cause."""
 
 
 @runtime_checkable
@@ -119,7 +119,7 @@ class Planned(Protocol):
     """An integrator whose driver can be prepared once for many runs."""
 
     def plan(self, problem: Problem) -> Plan:
-        """Return the plan. Raises StatementError for a setting without a use."""
+        """Return the plan. Raises StatementError for a setting that the method does not use."""
 
 
 @runtime_checkable
@@ -132,12 +132,12 @@ class Stepped(Protocol):
 
 
 def locates_events(integrator: Integrator) -> bool:
-    """Return whether a method locates events: one with a plan has those of the driver."""
+    """Return True if a method locates events: its driver does, for a method with a plan, or it claims to."""
     return hasattr(integrator, "plan") or integrator.claims.events
 
 
 def promises(integrator: Integrator) -> Claims:
-    """Return the claims of a method; a method with a plan has the events of the driver."""
+    """Return the claims of a method, with `events` set for a method with a plan, whose driver locates them."""
     claims = integrator.claims
     return replace(claims, events=locates_events(integrator))
 
@@ -151,13 +151,13 @@ class StepPlan:
     path_of: Callable[[Problem, FloatArray, FloatArray], StepPath]
     form: str = ""
     projected: bool = True
-    """Whether steps are projected onto the constraints of a system, unless they end there by themselves."""
+    """True if steps are projected onto the constraints, False for steps that end on them."""
 
     writes_outputs = False
 
     @property
     def watched(self) -> bool:
-        """Nothing but the events of a run: a step program goes over switching surfaces."""
+        """False: a step program passes switching surfaces without locating them."""
         return False
 
     def driver(self, model: Model, parameters: FloatArray) -> Driver:
@@ -169,18 +169,18 @@ class StepPlan:
         return model.machine.driver(self.step, model.law(law.quantity), parameters, derivative, projection)
 
     def watch(self, problem: Problem, driver: Driver, memory: WatchedEvents | None = None) -> StepWatch | None:
-        """Return what watches the events of the run, if it has any."""
+        """Return the watcher of the events of the run, or None without events."""
         if not problem.events:
             return None
         fixed = self.step.control is None
         return StepWatch(problem, driver, partial(self.path_of, problem), fixed=fixed, memory=memory)
 
     def followed(self, problem: Problem, wanted: FloatArray, watch: Any) -> FollowedSteps:
-        """Return what evaluates output times as a run goes."""
+        """Return the evaluator of output times `wanted` (K,) during a run."""
         return FollowedSteps(problem, wanted, partial(self.path_of, problem), None if watch is None else watch.breaks)
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PathFunction:
-        """Return the dense output that the method has, of each motion between two resets by itself."""
+        """Return the dense output of the method, separately for each smooth piece between two resets."""
         if watch is None:
             return self.path_of(problem, times, states)
         known = watch.path_of.known
@@ -188,7 +188,7 @@ class StepPlan:
         return MotionsPath(times, states, watch.breaks.since(0), path) if len(watch.breaks) else path
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Take the failed step again, in a simpler way if it is implicit; see `Plan`."""
+        """Return the state (2n,) after the failed step, taken again in Python, explicitly if it is implicit."""
         step, parameters = self.step, problem.parameter_array
         kernel, layout = problem.model.kernel("rhs"), problem.model.layout
         h = float(state.reals[DriverState.STEP] or state.reals[DriverState.H] / AFTER_BROKEN)
@@ -211,7 +211,7 @@ class StepPlan:
 
 
 def _state_moved_by_slope(f: Callable[[float, FloatArray], FloatArray], state: DriverState, h: float) -> FloatArray:
-    """Return the state moved by the first slope ahead that is not finite; the search goes a few steps ahead."""
+    """Return the state (2n,) plus h times the first slope that is not finite, searched up to eight steps ahead."""
     first = f(state.t, state.y)
     for reach in (1, 2, 4, 8):
         slope = f(state.t + reach * h, state.y + reach * h * first)
@@ -221,23 +221,23 @@ def _state_moved_by_slope(f: Callable[[float, FloatArray], FloatArray], state: D
 
 
 PLANS_KEPT = 8
-"""Most plans that a model keeps; the oldest is dropped."""
+"""Largest number of plans that a model keeps; the oldest is dropped."""
 
 DRIVERS_KEPT = 4
-"""Most idle drivers that a plan keeps, each for other parameters; the oldest is dropped."""
+"""Largest number of idle drivers that a plan keeps, each for other parameters; the oldest is dropped."""
 
 MOST_BYTES = 2**20
-"""Most bytes that a driver is kept with for what watches its events: enough for some 30 entries of the state.
+"""Largest memory in bytes of an event watcher with which a driver is kept: enough for some 30 entries of the state.
 
-Runs of larger systems take so long that it hardly counts.
+Runs of larger systems take so long that making a new driver does not matter.
 """
 
 
 class IdleDriver(NamedTuple):
-    """A driver between two runs, the state that it advanced, and the `reals` with which such a run begins.
+    """A driver between two runs, the state that it advanced, and the `reals` of that state at the start of a run.
 
-    `steps` are as many as its last run took, for the first call of the next, or 0 where they took too long for one.
-    `memory` is what its watcher has left for the next.
+    `steps` is the number of steps of its last run, for the first call of the next run; 0 if they took too long for
+    one call. `memory` is that of its watcher.
     """
 
     driver: Driver
@@ -249,9 +249,10 @@ class IdleDriver(NamedTuple):
 
 @dataclass(eq=False)
 class Prepared:
-    """A plan, the method that made it, for a span of time, None for any; idle drivers by the bytes of parameters.
+    """A plan, the method that made it, and its idle drivers by the bytes of their parameters.
 
-    `steps` are as many as the last run took whose driver is not kept, or 0 where they took too long for one call.
+    `span` is the only span of time for which the plan holds, None for any. `steps` is the number of steps of the last
+    run whose driver was not kept, or 0 if they took too long for one call.
     """
 
     plan: Plan
@@ -261,16 +262,16 @@ class Prepared:
     steps: int = 0
 
     def take(self, problem: Problem) -> IdleDriver | None:
-        """Return an idle driver, which no other run has from now on, with the state at the start of the problem."""
-        found = self.idle.pop(problem.parameter_array.tobytes(), None)
-        if found is not None:
+        """Remove and return an idle driver with its state at the start of the problem, or None without one."""
+        idle = self.idle.pop(problem.parameter_array.tobytes(), None)
+        if idle is not None:
             settings = self.plan.tolerances
             step = settings.step if problem.t1 >= problem.t0 else -settings.step
-            found.state.restart(found.first, (problem.t0, problem.t1), problem.y0, step, settings.longest)
-            found.state.integers[DriverState.RECORD] = 1
-            if found.memory is not None:
-                found.state.restart_series()
-        return found
+            idle.state.restart(idle.first, (problem.t0, problem.t1), problem.y0, step, settings.longest)
+            idle.state.integers[DriverState.RECORD] = 1
+            if idle.memory is not None:
+                idle.state.restart_series()
+        return idle
 
     def give(
         self,
@@ -281,7 +282,10 @@ class Prepared:
         steps: int,
         watch: Watcher | None,
     ) -> None:
-        """Keep the driver of a run that has succeeded, and was `taken` or is new, for the next with its parameters."""
+        """Keep the driver of a successful run for the next run with its parameters.
+
+        `taken` is the idle driver that the run used, None for a new driver.
+        """
         if self.method is None:
             return
         memory = None if watch is None else watch.memory
@@ -292,7 +296,7 @@ class Prepared:
         if taken is not None:
             first = taken.first
         else:
-            # What watches a run keeps its state apart from that in the driver's memory.
+            # A watched run keeps its state outside the memory of the driver.
             if memory is None:
                 driver.adopt(state)
             first = self.plan.tolerances.begin(problem.t0, problem.t1, problem.y0).reals
@@ -301,9 +305,9 @@ class Prepared:
 
 
 def prepared(method: Planned, problem: Problem) -> Prepared:
-    """Return the plan of a method for a problem, as a former run of the model left it where that holds for this one.
+    """Return the plan of a method for a problem, reused from a former run of the model if it is valid for this one.
 
-    A method and an event are known by their identity: to compare two tableaux takes longer than to make a plan.
+    Methods and events are compared by identity, since a comparison of two tableaux takes longer than a new plan.
     """
     if not isinstance(problem, Problem):
         return Prepared(method.plan(problem))
@@ -324,12 +328,12 @@ def prepared(method: Planned, problem: Problem) -> Prepared:
 
 
 def _is_key(option: Any) -> bool:
-    """Return whether an option is left out or a positive float: zero and its negative would be one key."""
+    """Return True if an option is None or a positive float. Zero and minus zero would be the same key."""
     return option is None or (isinstance(option, float) and option > 0.0)
 
 
 def drop_oldest(kept: dict[Any, Any], most: int) -> None:
-    """Drop the oldest entries beyond so many; other threads may do so too."""
+    """Drop the oldest entries until `most` are left; other threads may drop entries at the same time."""
     if len(kept) > most:
         for key in tuple(kept)[:-most]:
             kept.pop(key, None)

@@ -18,20 +18,20 @@ SILENT_SECONDS = 2.0
 """Seconds before a line says that something is being compiled."""
 
 LINES = "lines"
-"""What `progress` may be instead of True: a line now and then where there is no terminal, as in a log file."""
+"""Value of `progress` for lines instead of a bar where there is no terminal, as in a log file."""
 
 SECONDS_OF_A_LINE = 10.0
-"""Least time between two such lines."""
+"""Least time between two such lines, in seconds."""
 
 SECONDS_BETWEEN = 0.1
-"""Least time between two updates: each is a message to the browser."""
+"""Least time between two updates in a notebook, in seconds: each is a message to the browser."""
 
 Report = Callable[[float], None]
-"""What is told how far it is."""
+"""Progress callback: time reached, or number of finished items."""
 
 
 def wanted_progress(given: Any) -> bool | str:
-    """Return whether progress is shown, and how. Raises StatementError for anything but a truth value or "lines"."""
+    """Return the checked option `progress`: True, False or "lines". Raises StatementError for other values."""
     if isinstance(given, str):
         return one_of(given, (LINES,), "progress = {given}: give True, False or {known}.")
     return flag(given, "progress")
@@ -39,7 +39,7 @@ def wanted_progress(given: Any) -> bool | str:
 
 @contextmanager
 def compiling(name: str, *, wanted: bool) -> Iterator[None]:
-    """Say on a terminal or in a notebook what is being compiled, where that takes more than `SILENT_SECONDS`."""
+    """Show on a terminal or in a notebook that `name` is being compiled, once that takes more than `SILENT_SECONDS`."""
     notebook = wanted and in_notebook()
     if not notebook and not (wanted and _on_a_terminal()):
         yield
@@ -56,7 +56,7 @@ def compiling(name: str, *, wanted: bool) -> Iterator[None]:
 
 
 def _tell(name: str, done: threading.Event, began: float) -> None:
-    """Rewrite one line each second until it is done, and take it away."""
+    """Rewrite one line on the terminal each second until compilation is done, then erase it."""
     line = ""
     pause = SILENT_SECONDS
     while not done.wait(pause):
@@ -70,7 +70,7 @@ def _tell(name: str, done: threading.Event, began: float) -> None:
 
 
 def _tell_notebook(name: str, done: threading.Event, began: float) -> None:
-    """Rewrite one line each second until it is done; it stays in the output, with the time that it took."""
+    """Rewrite one line of the notebook each second until compilation is done; it stays, with the time taken."""
     line: LineDisplay | None = None
     pause = SILENT_SECONDS
     while not done.wait(pause):
@@ -87,17 +87,17 @@ def _on_a_terminal() -> bool:
 
 @contextmanager
 def progress_bar(span: Sequence[float], *, wanted: bool) -> Iterator[Report | None]:
-    """Yield a function to call with the time reached, or None where no bar is wanted or nobody would see it."""
+    """Yield a callback for the time reached, or None without `wanted` and without terminal or notebook."""
     with _bar(span, "t = {:.6g}".format, wanted=wanted, stays=False) as report:
         yield report
 
 
 @contextmanager
 def counter(total: int, noun: str, *, wanted: bool | str, before: int = 0) -> Iterator[Report | None]:
-    """Yield a function to call with how many of so many are done, or None, as `progress_bar` does.
+    """Yield a callback for the number of finished items out of `total`, or None, as `progress_bar` does.
 
-    It tells their rate and the time left, by what was done since; `before` of them were done before. The last line
-    stays. With `LINES` lines are written where there is neither a terminal nor a notebook.
+    The bar shows the rate and the remaining time, from the items finished since the start; `before` items were
+    finished before. The last line stays. With `LINES`, lines are written without a terminal or a notebook.
     """
     began = time.perf_counter()
 
@@ -117,13 +117,13 @@ def counter(total: int, noun: str, *, wanted: bool | str, before: int = 0) -> It
 
 
 def _rate(rate: float) -> str:
-    """Return how many are done in a second, or in a minute where they are few."""
+    """Return a rate, in items a second, as text: a second, or a minute for slow ones."""
     number, unit = (rate, "second") if rate >= 1.0 else (60.0 * rate, "minute")
     return f"{number:,.0f} a {unit}" if number >= 10.0 else f"{number:.2g} a {unit}"
 
 
 def _rounded_time(seconds: float) -> str:
-    """Return a time in two digits or so: seconds, minutes or hours."""
+    """Return a duration as text with about two digits, in seconds, minutes, hours or days."""
     for limit, unit, name in ((100.0, 1.0, "s"), (6000.0, 60.0, "min"), (360_000.0, 3600.0, "h")):
         if seconds < limit:
             return f"{seconds / unit:.0f} {name}"
@@ -134,7 +134,7 @@ def _rounded_time(seconds: float) -> str:
 def _bar(
     span: Sequence[float], describe: Callable[[float], str], *, wanted: bool | str, stays: bool
 ) -> Iterator[Report | None]:
-    """Yield a function to call with how far it is in the span, for a bar where there is somebody to see it."""
+    """Yield a callback for the position in the span, which updates a bar, or None if no bar is shown."""
     start, end = float(span[0]), float(span[1])
     if wanted and in_notebook():
         forward = 1.0 if end >= start else -1.0
@@ -159,7 +159,7 @@ def _bar(
 
 @contextmanager
 def _lines(describe: Callable[[float], str]) -> Iterator[Report]:
-    """Yield a function that writes a line to standard error now and then, and one at the end."""
+    """Yield a callback that writes a line to standard error every `SECONDS_OF_A_LINE`, and one at the end."""
     last, done = time.perf_counter(), 0.0
 
     def write() -> None:
@@ -180,7 +180,7 @@ def _lines(describe: Callable[[float], str]) -> Iterator[Report]:
 
 
 def in_notebook() -> bool:
-    """Return whether a kernel runs this, whose output a notebook shows. IPython is not imported to find out."""
+    """Return True if this code runs in the kernel of a notebook. The test does not import IPython."""
     if "IPython" not in sys.modules:
         return False
     from IPython import get_ipython
@@ -191,7 +191,7 @@ def in_notebook() -> bool:
 
 @dataclass(frozen=True)
 class ProgressDisplay:
-    """A bar with a text behind it, as HTML, and in plain text where that is not shown."""
+    """A bar followed by a text, as HTML, or as plain text where HTML is not shown."""
 
     share: float
     text: str
@@ -206,9 +206,9 @@ class ProgressDisplay:
 
 @contextmanager
 def notebook_bar(total: float, describe: Callable[[float], str]) -> Iterator[Callable[[float], None]]:
-    """Yield a function to call with how much of the total is done; `describe` says it in words.
+    """Yield a callback for the finished amount of `total`; `describe` returns the text for an amount.
 
-    The bar stays in the output as it was last, with the time that it took: where it ended early it is not full.
+    The last bar stays in the output with the time taken; it is not full if the work ended early.
     """
     from IPython.display import display
 
@@ -235,13 +235,13 @@ def notebook_bar(total: float, describe: Callable[[float], str]) -> Iterator[Cal
 
 
 class LineDisplay:
-    """One line in the output of a cell, which may be rewritten and taken away."""
+    """One line in the output of a notebook cell that can be rewritten."""
 
     def __init__(self) -> None:
         self._handle: Any = None
 
     def write(self, text: str) -> None:
-        """Show a text in the place of the one before."""
+        """Replace the text of the line."""
         from IPython.display import display
 
         if self._handle is None:

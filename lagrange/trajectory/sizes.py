@@ -55,7 +55,10 @@ Slopes = Callable[[float, FloatArray], FloatArray]
 def first_floors(
     slopes: Slopes, layout: StateLayout, t: float, y: FloatArray, left: float, share: float
 ) -> tuple[FloatArray, float]:
-    """Return floors (2n,) for a solver that cannot ask for them, a share of the sizes, and the period."""
+    """Return floors (2n,) of the tolerances for a solver of another package, and the natural period.
+
+    A floor is at least `share` times the size of its entry.
+    """
     force_points = [(t + left * k / FORCE_SAMPLES, y) for k in range(FORCE_SAMPLES + 1)]
     sizes, coupled, period = entry_sizes(slopes, layout, t, y, left, force_points)
     return np.maximum(np.maximum(share * sizes, SLOPE_NOISE * coupled), LEAST_FLOOR), period

@@ -1,1 +1,1 @@
-"""What is measured along a run: drifts, invariants, constraint violations and constraint forces."""
+"""Measures of a run: drifts, constraint violations and forces, stiffness, and positions of points."""

@@ -18,19 +18,21 @@ from lagrange.statement.choice import ByName, one_of
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_POINTS = 3
-"""So many points at a time are tried; distances relate two, angles three."""
+"""Largest number of points that a constraint is tested to relate: distances relate two, angles three."""
 
 SAMPLES = 9
-"""States of a run, equally spaced, at which it is decided on what points a constraint acts."""
+"""Number of equally spaced states of a run that decide on which points a constraint acts."""
 
 ROUND_OFF = 1e-9
-"""Part of a row of G that may be left, and singular value relative to the largest that counts as zero: far above the
-rounding of doubles, far below what a part of G makes that is of another direction."""
+"""Relative residual of a row of G, and relative singular value, that count as zero.
+
+It is far above the rounding of doubles, and far below the residual of a row with a component in another direction.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class ConstraintForces:
-    """What constraints exert at the states y (2n, N) at times t (N,)."""
+    """Multipliers and forces of constraints at the states y (2n, N) at times t (N,)."""
 
     model: Model
     t: FloatArray
@@ -44,11 +46,11 @@ class ConstraintForces:
 
     @cached_property
     def multipliers(self) -> ByName[FloatArray]:
-        """The multipliers by name, empty without constraints; NaN at a state at which they are not determined."""
+        """The multipliers (N,) by name, empty without constraints; NaN at states where they are not determined."""
         if not self.names:
             return ByName("constraint")
-        found = self._from(0, len(self.t))
-        return ByName("constraint", zip(self.names, found, strict=True))
+        rows = self._from(0, len(self.t))
+        return ByName("constraint", zip(self.names, rows, strict=True))
 
     def _at_states(self, which: slice) -> FloatArray:
         """Return the multipliers at some of the states, (m, k)."""
@@ -56,9 +58,9 @@ class ConstraintForces:
         return self.model.multipliers(q, v, self.t[which], some_of(self.parameters, which))
 
     def _from(self, begin: int, end: int) -> FloatArray:
-        """Return the multipliers at the states from one to before another, (m, k), NaN where they are not determined.
+        """Return the multipliers (m, k) at states `begin` to before `end`, NaN where they are not determined.
 
-        Such a state is looked for by halving: mostly it is the last one, at which a run ended.
+        Bisection finds such a state; mostly it is the last one, where a run ended.
         """
         try:
             return self._at_states(slice(begin, end))
@@ -116,10 +118,10 @@ class ConstraintForces:
         return found
 
     def _acted_on(self, name: str, rows: FloatArray) -> tuple[str, ...]:
-        """Return the points whose motion alone the constraint relates, the fewest.
+        """Return the smallest set of points such that the constraint relates only their motion.
 
         Then phi is a function of their positions r, and the force on each is lambda dphi/dr. Raises StatementError
-        where there are no such points, or several sets of them.
+        without such a set, and for several sets.
         """
         places = np.unique(np.linspace(0, len(self.t) - 1, SAMPLES).astype(int)) if len(self.t) else np.arange(0)
         moving = [label for label, slopes in self._slopes.items() if np.abs(slopes[:, :, places]).max(initial=0.0) > 0]
@@ -140,7 +142,7 @@ class ConstraintForces:
         )
 
     def _relates(self, chosen: Sequence[str], rows: FloatArray, places: Any) -> bool:
-        """Return whether a row of G is a combination of the derivatives of some points, and of one only."""
+        """Return True if a row of G is a unique linear combination of the derivatives of some points."""
         return all(_unique(slopes, rows[:, k]) for k, slopes in self._at(chosen, places))
 
     def _at(self, chosen: Sequence[str], places: Any) -> Iterator[tuple[int, FloatArray]]:
@@ -149,7 +151,7 @@ class ConstraintForces:
 
 
 def _unique(slopes: FloatArray, row: FloatArray) -> bool:
-    """Return whether row = slopes^T F has a solution F, and one only."""
+    """Return True if row = slopes^T F has exactly one solution F."""
     if len(slopes) > slopes.shape[1] or not (np.isfinite(slopes).all() and np.isfinite(row).all()):
         return False
     force, _, rank, _ = np.linalg.lstsq(slopes.T, row, rcond=ROUND_OFF)

@@ -1,4 +1,4 @@
-"""How much a quantity that should stay constant moved, against an honest scale."""
+"""Drift of the energy along a run, and its scale."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from lagrange.machine.parameters import Parameters
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 _NEAR_ZERO = 1e-3
-"""An initial energy below this part of the energies that are exchanged is no scale: it is what two of them leave."""
+"""Initial energy, relative to the exchanged kinetic energy, below which it is a small difference and not the scale."""
 
 
 @dataclass(frozen=True, repr=False)
 class EnergyDrift:
-    """The energy along a run: where it started, or was at the first output if no start is known, and max |E - E0|.
+    """The energy E along a run: `first` is E0 at the start, or at the first output if no start is known.
 
-    `relative` is that over `scale`: |E0|, or, where E0 is close to zero, the largest |v.p| / 2, which for
-    most systems is the largest kinetic energy. It is a statement about accuracy only if `conserved`, which says
-    whether the equations keep the energy; it is None where that was not found.
+    `last` is E at the end, and `absolute` is max |E - E0|. `relative` divides it by `scale`: |E0|, or if E0 is close
+    to zero, the largest |v.p| / 2, for most systems the largest kinetic energy. `conserved` is True if the equations
+    conserve the energy, and None if that is not known; only if it is True does the drift measure accuracy. `against`
+    is the scale in words.
     """
 
     conserved: bool | None
@@ -43,18 +44,21 @@ class EnergyDrift:
 
     @property
     def unkept(self) -> str:
-        """What is said of an energy that is not known to be conserved."""
+        """The remark on an energy that is not known to be conserved."""
         return "the system does not conserve it" if self.conserved is False else "not found to be conserved"
 
     def sentence(self) -> str:
-        """Return the drift in words, or what the energy does where nothing keeps it."""
+        """Return the drift in words, or the first and the last energy if it is not known to be conserved."""
         if not self.conserved:
             return f"from {self.first:.6g} to {self.last:.6g} ({self.unkept})"
         return f"{self.relative:.1e} of {self.against}"
 
 
 def since_start(run: Trajectory) -> tuple[FloatArray, FloatArray, bool]:
-    """Return times and states of the outputs, behind those of the start, and whether the start is known."""
+    """Return times and states of the start and of the outputs, and True if the start is known.
+
+    An unknown start is left out.
+    """
     first, t, y = run.span[0], run.t, run.y
     if not len(t) or t[0] == first:
         return t, y, True
@@ -68,12 +72,13 @@ def since_start(run: Trajectory) -> tuple[FloatArray, FloatArray, bool]:
 def energy_drift(
     model: Model, t: FloatArray, y: FloatArray, from_start: bool, start: Mapping[Any, float], run: Trajectory
 ) -> EnergyDrift:
-    """Return the drift of the energy of states y (2n, N) at times t (N,); `from_start` says whether the first is it.
+    """Return the drift of the energy of states y (2n, N) at times t (N,).
 
-    `start` are the first parameters of the run. The energy that events add by setting parameters is taken off.
+    `from_start` says that the first state is the start of the run. `start` are the first parameters of the run. The
+    energy that events add by setting parameters is subtracted.
     """
     parameters = run.parameters_at(t, start)
-    with np.errstate(all="ignore"):  # a run that left the finite numbers says so itself
+    with np.errstate(all="ignore"):  # states that are not finite are reported by the run
         energy = np.asarray(model.energy(*model.layout.split(y), t, parameters)) - run.added_energy(t)
         return _drift(model, energy, t, y, parameters, from_start=from_start)
 

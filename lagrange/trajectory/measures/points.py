@@ -1,4 +1,4 @@
-"""Where the stated positions are along a run."""
+"""Stated positions along a run."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from lagrange.trajectory.trajectory import FloatArray
 
 
 def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters) -> dict[str, FloatArray]:
-    """Return each named point, (2, K) or (3, K), at K times and states y (2n, K); the origin too where a link names it.
+    """Return each named point, (2, K) or (3, K), at K times and states y (2n, K).
 
-    The order is that of the statement, the origin last; empty if no position was stated.
+    The order is that of the statement. The origin comes last if a link names it. Empty without stated positions.
     """
     statement = model.statement
     points: dict[str, FloatArray] = {}
@@ -28,9 +28,9 @@ def points_at(model: Model, t: FloatArray, y: FloatArray, parameters: Parameters
 
 
 def fixed_points(statement: Statement) -> dict[str, bool]:
-    """Return of each named point, and the origin, whether it depends on neither a coordinate nor the time."""
-    found = {
+    """Return by name of each point, and the origin, True if it depends on neither a coordinate nor the time."""
+    fixed = {
         name: not any(part.atoms(AppliedUndef) or part.has(time) for part in parts)
         for name, parts in statement.positions.items()
     }
-    return {**found, ORIGIN: True}
+    return {**fixed, ORIGIN: True}

@@ -1,4 +1,4 @@
-"""Times at which a run is looked at, and its states there."""
+"""Sampling of a run: times at a rate, and states at any times."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from lagrange.statement.number import real_array, real_number
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 _CLIPPED = 1e-12
-"""Times beyond an end by less than this part of the span are that end, written with other round-off."""
+"""Fraction of the span by which a time may exceed an end by rounding; it is then set to that end."""
 
 MOST_LINES = 10_000_000
-"""Times at a stated rate: a file with so many lines has some gigabytes."""
+"""Largest number of lines that `to_csv(rate=...)` writes; such a file has some gigabytes."""
 
 
 def states_at(run: Trajectory, t: ArrayLike, width: int) -> FloatArray:
@@ -38,7 +38,7 @@ def states_at(run: Trajectory, t: ArrayLike, width: int) -> FloatArray:
 
 
 def times_at(run: Trajectory, rate: Any) -> FloatArray:
-    """Return times from the first output on, `rate` to a unit of time, up to the last output.
+    """Return times from the first output up to the last, `rate` per unit of time.
 
     Raises StatementError for a rate that is not positive or gives too many times.
     """

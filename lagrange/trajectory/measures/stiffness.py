@@ -32,8 +32,10 @@ to 1.0 and at 0.64 to 0.85.
 """
 
 NEAR = 0.6
-"""A step longer than this part of the limit is at the limit: of the library's scenes only those run at rtol = 1e-3 come
-so far, up to 0.7, and stiff runs swing about 0.7 to 1."""
+"""Step length, relative to the limit of stability, from which a step is at the limit.
+
+Of the library's scenes only those run at rtol = 1e-3 reach it, up to 0.7; stiff runs vary from about 0.7 to 1.
+"""
 
 MOST_OVERSHOOT = 1.5
 """Step control keeps a step below this multiple of the limit; equal steps may exceed it, and the run fails."""
@@ -42,16 +44,20 @@ SLOWER = 30.0
 """The solution must change this many times more slowly than the limiting mode; otherwise the mode is resolved."""
 
 NEGLIGIBLE = 1e-4
-"""A velocity that stays below this part of the speed, both weighted by the square roots of masses, is measured against
-that part: the stiff spring of a pendulum moves so little that its velocity is what the tolerance lets through."""
+"""Least scale of a velocity, relative to the speed; both are weighted by the square roots of masses.
+
+The stiff spring of a pendulum moves so little that its velocity is only the error that the tolerance allows.
+"""
 
 LET_THROUGH = 10.0
-"""Changes of a velocity over a step by so many rtol of the speed are what the tolerance lets through as well: an
-undamped oscillation that the steps do not resolve grows to where step control sees it, 1 to 7 rtol by dopri5 and
-tsit5."""
+"""Change of a velocity over a step, in units of rtol times the speed, that the tolerance allows.
+
+An undamped oscillation that the steps do not resolve grows until step control limits it, at 1 to 7 rtol for dopri5
+and tsit5.
+"""
 
 REMEDY = "radau5"
-"""The method to name."""
+"""Recommended method for stiff runs."""
 
 LIMITS = {
     Status.MAX_STEPS: "max_steps is used up",
@@ -59,7 +65,7 @@ LIMITS = {
     Status.MAX_MEMORY: "max_memory is used up",
     Status.STEP_TOO_SMALL: "the next step is below the spacing of floating-point times",
 }
-"""The ends of a run whose steps have become too short, and what each says of them."""
+"""Statuses of runs whose steps became too short, with their description."""
 
 Polynomial = tuple[float, ...]
 """Coefficients, that of the lowest power first."""
@@ -70,8 +76,8 @@ class Stiffness:
     """Medians over the steps of a stiff run that were at the limit of stability.
 
     `share` is their share of the examined steps. `rate` is the size of the eigenvalue of the Jacobian that limits the
-    step, per unit of time, `product` that times the step, `limit` the bound of the product in the direction of the
-    eigenvalue, and `slower` how many times more slowly the solution changes.
+    step, per unit of time. `product` is the rate times the step, and `limit` its bound in the direction of the
+    eigenvalue. `slower` is the ratio of the rate to the rate of change of the solution.
     """
 
     method: str
@@ -95,10 +101,10 @@ class Stiffness:
 
 
 def stiffness(model: Model, trajectory: Trajectory, parameters: Mapping[Any, Any]) -> Stiffness | None:
-    """Return how stiff a run was; None if it was not, is too short to tell, or if its method's limit is not known.
+    """Return the stiffness of a run, or None if it is not stiff, too short, or by a method without known limit.
 
     The limit is known for explicit Runge-Kutta methods and Taylor series. The Jacobian is evaluated at 20 accepted
-    steps, and only if the solution moves little over most of them.
+    steps, and only if the solution changes little over most of them.
     """
     path = trajectory.dense.path if isinstance(trajectory.dense, OutputPath) else trajectory.dense
     if isinstance(path, SeriesPath):
