@@ -398,11 +398,10 @@ def ensemble(
 ) -> Ensemble:
     """Run one system from many starts, or with many parameters, and return the Ensemble.
 
-    `span` is the end, or (t0, t1). `initial` and `parameters` are dicts. Their values are numbers, which are the same
-    for all members, or arrays (members,) of one length. Instead one of the two is `lagrange.grid(...)` or
-    `lagrange.sample(...)`. Method, tolerances, `t_eval` and `events` are those of a run. `keep` names the quantities
-    that are kept for each member: "end", "counts", "drift", ("events", k), ("max", x), ("min", x) and ("mean", x) for
-    an expression x.
+    `span` is the end, or (t0, t1). `initial` and `parameters` are dicts of numbers, the same for all members, or of
+    arrays (members,) of one length. One of the two may be `lagrange.grid(...)` or `lagrange.sample(...)` instead.
+    Method, tolerances, `t_eval` and `events` are those of a run. `keep` names the quantities kept for each member:
+    "end", "counts", "drift", ("events", k), ("max", x), ("min", x) and ("mean", x) for an expression x.
 
     Members run in parallel lanes of machine code if the method is explicit, the system has no constraints or switching
     surfaces and no event has a reset; else one by one. `workers` is the number of threads, by default one for each
