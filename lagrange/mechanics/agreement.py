@@ -1,4 +1,4 @@
-"""Whether formulas agree with numbers at random states: identities, rates along the motion, values."""
+"""Numerical tests of formulas at random states: identities, rates along the motion, compiled values."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.consistent import consistent_state
 
 STATES = 3
-"""Random states at which an expression that vanishes has to be zero: any other is zero there with probability zero."""
+"""Number of random states at which an expression must be zero to count as identically zero."""
 
 
 def vanishes(form: PlainForm, given: Any) -> bool:
-    """Return whether an expression in plain symbols is zero at every state, time and value of the parameters."""
+    """Return True if an expression in plain symbols is zero at every state, time and value of the parameters."""
     if given == 0:
         return True
     sampler, seen = Sampler(form.statement, seed=7), 0
@@ -47,7 +47,7 @@ def vanishes(form: PlainForm, given: Any) -> bool:
 
 
 def vanishes_in_symbols(given: Any) -> bool:
-    """Return whether an expression in plain symbols is zero for all real values of them, False where it has none."""
+    """Return True if an expression in plain symbols is zero for all real values of them; False if it has no value."""
     if given == 0:
         return True
     dice, seen = random.Random(7), 0
@@ -64,9 +64,9 @@ def vanishes_in_symbols(given: Any) -> bool:
 
 
 def size_of_terms(given: Any, values: Mapping[Any, Any]) -> float:
-    """Return the size of the terms that a value is the sum of, those of sums in products and powers among them.
+    """Return the magnitude of the terms of an expression: sums are replaced by sums of magnitudes, also in factors.
 
-    The value itself is no measure of rounding: (x - y) z has one factor of two terms that may cancel.
+    Rounding is relative to this number, not to the value: in (x - y) z the two terms of the first factor may cancel.
     """
     if given.is_Add:
         return sum(size_of_terms(term, values) for term in given.args)
@@ -78,21 +78,21 @@ def size_of_terms(given: Any, values: Mapping[Any, Any]) -> float:
 
 
 POINTS = 2
-"""States at which a formula is compared: a wrong one is right at a random state with probability zero."""
+"""Number of random states at which a formula is compared: a wrong one agrees with probability zero."""
 
 MOST_DRAWS = 16
-"""Random states that are tried: a formula may have no value at some."""
+"""Largest number of random states tried, since a formula may have no value at some."""
 
 LARGEST_ERROR = 1e-8
-"""Relative to the largest number compared. Terms that cancel cost doubles some digits; a wrong term costs all."""
+"""Largest difference, relative to the largest number compared. Cancellation costs some digits, a wrong term all."""
 
 
 def compared(
     what: str, statement: Statement, values: Callable[[Point], tuple[Sequence[float], Sequence[complex]]]
 ) -> None:
-    """Compare formulas with compiled numbers; `values` gives both at a point. Raises RunError where they differ.
+    """Compare formulas with compiled numbers at random states; `values` returns (compiled, formulas) at a point.
 
-    States at which one of them has no value are passed over.
+    States at which one of them has no value are skipped. Raises RunError, with the name `what`, if they differ.
     """
     sampler, done = Sampler(statement, seed=0), 0
     for attempt in range(MOST_DRAWS):
@@ -108,7 +108,7 @@ def agrees(
     point: Point,
     values: Callable[[Point], tuple[Sequence[float], Sequence[complex]]],
 ) -> bool:
-    """Return whether both have values at a point; raises RunError where these differ."""
+    """Return True if compiled numbers and formulas have values at a point. Raises RunError if the values differ."""
     try:
         compiled, formulas = values(point)
     except RunError:
@@ -127,14 +127,14 @@ def agrees(
 
 
 STEP = 1e-5
-"""Step of the central difference in time, whose error is then some 1e-10."""
+"""Step of the central difference in time: its error is about 1e-10."""
 
 
 CORRECTIONS = 40
-"""Newton steps onto the constraints, half of them for positions; each doubles the digits near them."""
+"""Number of Newton steps onto the constraints: half of them for positions, half for velocities."""
 
 ON_CONSTRAINTS = 1e-10
-"""Violation of constraints whose numbers are of order one."""
+"""Largest violation of constraints by a state with entries of order one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,12 +163,12 @@ class MotionRates:
 
     @cached_property
     def forces(self) -> FloatArray:
-        """What changes the momenta beside constraints, dL/dq + Q - dD/dv, (n, K)."""
+        """Right-hand sides of the momentum equations without constraint forces, dL/dq + Q - dD/dv, (n, K)."""
         return self._values("forces")
 
     @cached_property
     def power(self) -> FloatArray:
-        """The rate of the energy beside constraints, -dL/dt + (Q - dD/dv) . v, (K,)."""
+        """The rate of the energy without constraint forces, -dL/dt + (Q - dD/dv) . v, (K,)."""
         decisions = self.model.equations.structure.decisions
         if decisions.powerless is True:
             return np.zeros(len(self.t))
@@ -183,7 +183,7 @@ class MotionRates:
 
     @cached_property
     def gradient(self) -> FloatArray:
-        """The rows of constraints on velocities, (m, n, K)."""
+        """The gradient G of the constraints, (m, n, K)."""
         return self._values("constraint_gradient")
 
     def _values(self, name: str) -> FloatArray:
@@ -192,9 +192,9 @@ class MotionRates:
 
 
 def random_rates(model: Model, count: int, seed: int, *, moving: bool = True) -> MotionRates:
-    """Return that many random states, on the constraints where there are some; fewer where none are found.
+    """Return `count` random states that satisfy the constraints; fewer if the projection fails for some.
 
-    Velocities that equations of first order determine are theirs, unless the states need not be `moving`.
+    If `moving` is true, the states also satisfy equations of motion without accelerations.
     """
     draw = np.random.default_rng(seed)
     statement, n = model.statement, model.dimension
@@ -207,31 +207,31 @@ def random_rates(model: Model, count: int, seed: int, *, moving: bool = True) ->
     y[n:, 1::3] *= 0.2
     t = draw.uniform(0.2, 1.7, count)
     if moving and model.equations.first_order:
-        found = [_completed(model, float(t[k]), y[:, k], parameters) for k in range(count)]
-        kept = [k for k, state in enumerate(found) if state is not None]
-        y, t = np.array([state for state in found if state is not None]).reshape(-1, 2 * n).T, t[kept]
+        states = [_completed(model, float(t[k]), y[:, k], parameters) for k in range(count)]
+        kept = [k for k, state in enumerate(states) if state is not None]
+        y, t = np.array([state for state in states if state is not None]).reshape(-1, 2 * n).T, t[kept]
     elif statement.constraints:
-        y, t = _held(model, t, y, parameters)
+        y, t = _projected(model, t, y, parameters)
     return MotionRates(model, t, y, parameters)
 
 
 def _completed(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray | None:
-    """Return a state with the velocities that equations of first order give it; None where there is none."""
+    """Return the state (2n,) with velocities that satisfy first-order equations of motion, or None if that fails."""
     try:
         return consistent_state(model, t, y, parameters)
     except (RunError, StatementError):
         return None
 
 
-def _held(model: Model, t: FloatArray, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return states moved onto the constraints by Newton's method, and their times; fewer where that fails."""
+def _projected(model: Model, t: FloatArray, y: FloatArray, parameters: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return states moved onto the constraints by Newton's method, and their times; failed states are omitted."""
     n, m, y = model.dimension, len(model.statement.constraints), y.copy()
     constraints, gradient = (model.interpreted(name) for name in ("constraints", "constraint_gradient"))
     with np.errstate(all="ignore"):
         for step in range(CORRECTIONS):
             violations = constraints(t, y, parameters)
             rows = np.nan_to_num(np.moveaxis(gradient(t, y, parameters), -1, 0))
-            # Positions first: the velocities follow when these are there.
+            # Positions first, since the velocity constraints depend on them.
             part = slice(0, m) if step < CORRECTIONS // 2 else slice(m, 2 * m)
             change = np.linalg.pinv(rows) @ np.nan_to_num(violations[part].T[:, :, None])
             y[:n] -= change[:, :, 0].T if part.start == 0 else 0.0
@@ -241,19 +241,19 @@ def _held(model: Model, t: FloatArray, y: FloatArray, parameters: FloatArray) ->
 
 
 RATE_STATES = 6
-"""Random states at which a rate is tested, fewer where it has no value at some."""
+"""Number of random states at which a rate is tested."""
 
 LARGEST_RATE = 1e-8
-"""Relative to the largest part of the rate. The accelerations are those of doubles, good to 1e-12 as a rule."""
+"""Largest rate that counts as zero, relative to its terms. Accelerations in doubles are accurate to about 1e-12."""
 
 
 REST = 1e-4
-"""Parts of a rate below this share of the largest of all quantities are known to fewer digits."""
+"""Terms of a rate below this fraction of the largest terms of all quantities are treated as rounding."""
 
 
 @dataclass(frozen=True, eq=False)
 class QuantityRates:
-    """The rate of a quantity at states of a model, (K,), and the size of what it is formed from."""
+    """The rate of a quantity at K states of a model: `values` (K,), and `sizes` (K,), the magnitudes of its terms."""
 
     rates: MotionRates
     values: FloatArray
@@ -261,18 +261,18 @@ class QuantityRates:
 
     @property
     def finite(self) -> Any:
-        """The states at which both have a value."""
+        """True at states where the rate and its size are finite, (K,)."""
         return np.isfinite(self.values) & np.isfinite(self.sizes)
 
     @property
     def worst(self) -> int | None:
-        """The state at which it changes most; None where it changes at none."""
+        """Index of the state with the largest significant rate, or None if the rate is zero at all states."""
         share = np.where(self.finite, np.abs(self.values) - LARGEST_RATE * self.sizes, -1.0)
         worst = int(np.argmax(share)) if len(share) else 0
         return worst if len(share) and share[worst] > 0 else None
 
     def described(self, worst: int) -> str:
-        """Return a state and its parameters as a user writes them."""
+        """Return the text of the state with index `worst`, its time and its parameters."""
         statement, rates = self.rates.model.statement, self.rates
         state = statement.state_names
         pairs = [*zip(state, rates.y[:, worst], strict=True), ("t", rates.t[worst])]
@@ -289,18 +289,18 @@ def quantity_rates(model: Model, expressions: Sequence[Any], seed: int = 17) -> 
     nodes = tuple(model.equations.translate(term) for parts in terms for term in parts)
     with np.errstate(all="ignore"):
         values = model.function("rates", nodes)(rates.t, rates.y, rates.parameters)
-    found, done = [], 0
+    quantities, done = [], 0
     for parts in terms:
-        moved = values[done : done + len(parts)]
-        found.append(QuantityRates(rates, moved.sum(axis=0), np.abs(moved).sum(axis=0)))
+        block = values[done : done + len(parts)]
+        quantities.append(QuantityRates(rates, block.sum(axis=0), np.abs(block).sum(axis=0)))
         done += len(parts)
-    # Where all parts of one rate are rounding, what the other quantities are formed from tells how large that may be.
-    largest = REST * np.max([one.sizes for one in found], axis=0)
-    return [QuantityRates(one.rates, one.values, np.maximum(one.sizes, largest)) for one in found]
+    # If all terms of a rate are rounding, the terms of the other quantities give the scale of that rounding.
+    largest = REST * np.max([quantity.sizes for quantity in quantities], axis=0)
+    return [QuantityRates(rates, quantity.values, np.maximum(quantity.sizes, largest)) for quantity in quantities]
 
 
 def _terms(model: Model, expression: Any) -> list[Any]:
-    """Return the terms of the rate of an expression: each slope times the rate of its symbol."""
+    """Return the terms of the time derivative of an expression: partial derivatives times the rates of the symbols."""
     statement = model.statement
     plain = {**statement.plain, t: sympy.Dummy("t", real=True)}
     back = {symbol: leaf for leaf, symbol in plain.items()}
@@ -313,11 +313,11 @@ def _terms(model: Model, expression: Any) -> list[Any]:
 
 
 def check_constant(model: Model, quantities: Mapping[str, Any]) -> None:
-    """Raise RunError where a quantity that was proven to be constant changes along the compiled motion."""
-    for name, found in zip(quantities, quantity_rates(model, list(quantities.values())), strict=True):
-        worst = found.worst
+    """Raise RunError if a quantity that is proven to be constant changes along the compiled motion."""
+    for name, rates in zip(quantities, quantity_rates(model, list(quantities.values())), strict=True):
+        worst = rates.worst
         if worst is not None:
             raise RunError(
                 f"{name} of {model.statement.name} is proven to be conserved, but changes at the rate "
-                f"{found.values[worst]:.6g} at {found.described(worst)}. {FAULT}"
+                f"{rates.values[worst]:.6g} at {rates.described(worst)}. {FAULT}"
             )

@@ -1,7 +1,7 @@
 """Equations solved in symbols, one unknown after another: every factor of an equation is a branch.
 
-Only what is certain is used: factors that are linear in an unknown, or that are of degree two in it, in its sine or in
-its cosine. Where nothing of that kind is left the equations are given up as a whole, and no solution is claimed.
+A factor is solved if it is linear in an unknown, or of degree two in the unknown, its sine or its cosine. If no such
+factor is left, polynomial equations of low degree are solved together. If that fails, no solution is returned at all.
 """
 
 from __future__ import annotations
@@ -15,52 +15,52 @@ import sympy
 from lagrange.mechanics.plain_form import simplest, size
 
 MOST_BRANCHES = 64
-"""Branches that are followed; n factors in each of n equations make n to the n."""
+"""Largest number of branches that are followed; n factors in each of n equations make n^n."""
 
 LONGEST_EQUATION = 400
-"""Operations of an equation that is factored."""
+"""Largest number of operations in an equation that is factored."""
 
 LONGEST_SYSTEM = 500
-"""Operations of all equations together; those of seven attracting bodies are simplified for minutes, in vain."""
+"""Largest number of operations in all equations: those of seven attracting bodies take minutes, without success."""
 
 HIGHEST_DEGREE = 8
-"""Product of the degrees of polynomial equations that are solved together by Groebner bases."""
+"""Largest product of the degrees of polynomial equations that are solved together by Groebner bases."""
 
 LONGEST_VALUE = 100
-"""Operations of a root of polynomial equations: what has more, is simplified for minutes."""
+"""Largest number of operations in a root of polynomial equations: longer ones take minutes to simplify."""
 
 
 class GivenUpError(Exception):
-    """The equations are beyond what is solved here."""
+    """The equations cannot be solved by the methods of this module."""
 
 
 @dataclass(frozen=True)
 class Branch:
-    """One solution: values by unknown, without those that stay free."""
+    """One solution: {unknown: value}. Unknowns with arbitrary values are absent."""
 
     values: Mapping[Any, Any]
 
 
 def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[Branch] | None:
-    """Return all real solutions of equations that are zero, or None where they are not found in symbols."""
+    """Return all real solutions of the equations e = 0, or None if they cannot be solved in symbols."""
     if sum(map(size, equations)) > LONGEST_SYSTEM:
         return None
     try:
-        found = _follow([e for e in equations if e != 0], tuple(unknowns), {}, [MOST_BRANCHES])
+        solutions = _follow([e for e in equations if e != 0], tuple(unknowns), {}, [MOST_BRANCHES])
     except GivenUpError:
         return None
     distinct: list[dict[Any, Any]] = []
-    for values in found:
+    for values in solutions:
         if values in distinct or any(_is_complex(x) for x in values.values()):
             continue
-        # A root of the numerators may be one of the denominators too, where the forces are infinite.
+        # A root of the numerators may also be a root of the denominators, where the forces are infinite.
         if not any(e.xreplace(values).has(sympy.zoo, sympy.nan, sympy.oo) for e in equations):
             distinct.append(values)
     return [Branch(values) for values in distinct]
 
 
 def _is_complex(given: Any) -> bool:
-    """Return whether a value is no real number, whatever the parameters are."""
+    """Return True if a value is infinite or not real for all values of the parameters."""
     if given.is_extended_real is False or given.has(sympy.zoo, sympy.nan, sympy.oo):
         return True
     return bool(given.is_number) and abs(complex(given.evalf(20)).imag) > 1e-12
@@ -69,14 +69,17 @@ def _is_complex(given: Any) -> bool:
 def _follow(
     equations: Sequence[Any], unknowns: tuple[Any, ...], values: dict[Any, Any], left: list[int]
 ) -> list[dict[Any, Any]]:
-    """Return the solutions of what is left."""
+    """Return the solutions of the remaining equations, each with the known `values`.
+
+    `left` holds the number of branches that may still be followed. Raises GivenUpError.
+    """
     remaining = []
     for equation in equations:
         numerator = sympy.numer(sympy.together(simplest(equation)))
         if numerator == 0 or simplest(numerator) == 0:
             continue
         if not numerator.has(*unknowns):
-            return []  # for nearly all values of the parameters
+            return []  # a condition on the parameters, false for nearly all of their values
         if size(numerator) > LONGEST_EQUATION:
             raise GivenUpError
         remaining.append(numerator)
@@ -101,7 +104,7 @@ def _follow(
 
 
 def _steps(equation: Any, unknowns: Sequence[Any]) -> list[tuple[Any, Any]] | None:
-    """Return (unknown, value) of every factor, or None where one is not solved."""
+    """Return (unknown, value) for the roots of every factor of an equation, or None if a factor cannot be solved."""
     found: list[tuple[Any, Any]] = []
     for factor, _ in sympy.factor_list(equation)[1]:
         present = [x for x in unknowns if factor.has(x)]
@@ -115,7 +118,10 @@ def _steps(equation: Any, unknowns: Sequence[Any]) -> list[tuple[Any, Any]] | No
 
 
 def _linear(factor: Any, present: Sequence[Any]) -> list[tuple[Any, Any]] | None:
-    """Return the value of an unknown that a factor is linear in, with a coefficient free of unknowns."""
+    """Return [(unknown, value)] for a factor that is linear in an unknown with a coefficient free of unknowns, or None.
+
+    A factor sin(a - b) gives two values.
+    """
     for x in present:
         slope = sympy.expand(factor.diff(x))
         if slope != 0 and not slope.has(*present):
@@ -129,7 +135,7 @@ def _linear(factor: Any, present: Sequence[Any]) -> list[tuple[Any, Any]] | None
 
 
 def _of_one(factor: Any, x: Any) -> list[tuple[Any, Any]] | None:
-    """Return the values of the one unknown of a factor."""
+    """Return [(x, value)] for the roots of a factor with the single unknown x, or None if it cannot be solved."""
     functions = sorted((f for f in factor.atoms(sympy.sin, sympy.cos, sympy.tan) if f.has(x)), key=str)
     if functions:
         return _angle(factor, x, functions)
@@ -138,7 +144,7 @@ def _of_one(factor: Any, x: Any) -> list[tuple[Any, Any]] | None:
 
 
 def _angle(factor: Any, x: Any, functions: Sequence[Any]) -> list[tuple[Any, Any]] | None:
-    """Return the angles at which a polynomial in sines and cosines of one argument vanishes."""
+    """Return [(x, value)] for the zeros of a polynomial in sines and cosines of one argument, or None."""
     arguments = list(dict.fromkeys(f.args[0] for f in functions))
     if len(arguments) > 1:
         whole = sympy.expand_trig(factor)
@@ -166,7 +172,7 @@ def _angle(factor: Any, x: Any, functions: Sequence[Any]) -> list[tuple[Any, Any
 
 
 def _inverse(function: Any, value: Any) -> list[Any]:
-    """Return the angles of one turn at which a sine, cosine or tangent has a value."""
+    """Return the angles within one turn at which a sine, cosine or tangent equals `value`; empty if there are none."""
     if value.is_number and not isinstance(function, sympy.tan) and abs(complex(value)) > 1:
         return []
     if isinstance(function, sympy.cos):
@@ -179,7 +185,7 @@ def _inverse(function: Any, value: Any) -> list[Any]:
 
 
 def _tangent(factor: Any, argument: Any) -> list[Any] | None:
-    """Return the angles at which a sin + b cos vanishes."""
+    """Return the two angles within one turn at which a sin + b cos vanishes, or None for another form."""
     s, c = sympy.sin(argument), sympy.cos(argument)
     first, second = sympy.Symbol("first"), sympy.Symbol("second")
     whole = sympy.expand(factor.xreplace({s: first, c: second}))
@@ -193,13 +199,13 @@ def _tangent(factor: Any, argument: Any) -> list[Any] | None:
 
 
 def _roots(polynomial: Any, x: Any) -> list[Any] | None:
-    """Return the roots of a polynomial whose factors are of degree one or two, also in x^2."""
+    """Return the roots of a polynomial in x, or None if a factor has a degree above two."""
     if not polynomial.is_polynomial(x):
         return None
     found: list[Any] = []
     for factor, _ in sympy.factor_list(polynomial, x)[1]:
         if not factor.has(x):
-            continue  # a root of a parameter counts as a factor
+            continue  # SymPy lists the square root of a parameter as a factor
         coefficients = sympy.Poly(factor, x).all_coeffs()
         if len(coefficients) == 2:
             found.append(simplest(-coefficients[1] / coefficients[0]))
@@ -213,7 +219,7 @@ def _roots(polynomial: Any, x: Any) -> list[Any] | None:
 
 
 def _together(equations: Sequence[Any], unknowns: Sequence[Any], values: dict[Any, Any]) -> list[dict[Any, Any]]:
-    """Return the solutions of polynomial equations of low degree, by Groebner bases."""
+    """Return the solutions of polynomial equations of low degree, by Groebner bases. Raises GivenUpError."""
     present = [x for x in unknowns if any(e.has(x) for e in equations)]
     if not all(e.is_polynomial(*present) for e in equations) or len(equations) != len(present):
         raise GivenUpError
@@ -229,13 +235,16 @@ def _together(equations: Sequence[Any], unknowns: Sequence[Any], values: dict[An
 
 
 def _is_binomial(equation: Any, x: Any) -> bool:
-    """Return whether every factor is a x^n + b: the roots of other cubics are real through complex numbers."""
+    """Return True if every factor has degree at most two or is a x^n + b.
+
+    Formulas for real roots of other cubics contain complex numbers.
+    """
     factors = [sympy.Poly(factor, x) for factor, _ in sympy.factor_list(equation, x)[1] if factor.has(x)]
     return all(len(factor.terms()) <= 2 or factor.degree() <= 2 for factor in factors)
 
 
 def _is_tangled(value: Any) -> bool:
-    """Return whether a value is long, or may be real although it contains I: nothing can be said of it in symbols."""
+    """Return True if a value is too long, or contains I and may still be real: such values cannot be judged."""
     if size(value) > LONGEST_VALUE:
         return True
     return bool(value.has(sympy.I)) and not (value.is_number and _is_complex(value))

@@ -1,4 +1,4 @@
-"""Equations of motion that somebody else derived: read in the symbols of a statement, and taken apart."""
+"""Equations of motion that a user derived: read in the symbols of a statement, and split into linear coefficients."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from lagrange.statement.survey import Survey
 from lagrange.statement.typed.reader import TypedEquation, TypedReader
 
 MULTIPLIER = "lambda_"
-"""What the name of a constraint has before it where its multiplier is meant."""
+"""Prefix that turns the name of a constraint into the name of its multiplier."""
 
 FORCES = ("T", "N", "S")
-"""Letters of a force of a constraint: the multiplier, or each of them with its number, where no symbol has the name."""
+"""Letters that denote constraint forces, alone or with the number of the constraint, unless a symbol has the name."""
 
 
 @dataclass(frozen=True)
 class StudentEquation:
-    """An equation of motion: what it says is zero, in the plain symbols of `Statement.plain`.
+    """An equation of motion `zero` = 0, in the plain symbols of `Statement.plain`.
 
-    `label` names it in messages. `right` is its right side. `read` is the equation as it was understood. `others` are
-    further readings of a text that can be understood in several ways.
+    `label` names it in messages. `zero` is left side minus right side; `right` is the right side. `read` is the text of
+    the equation as it was understood. `others` are further readings of an ambiguous text.
     """
 
     label: str
@@ -45,10 +45,11 @@ class StudentEquation:
 
 
 def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
-    """Return the equations of a list, of a dict by coordinate, or of one text, expression or Eq.
+    """Return the equations in a list, in a dict by coordinate, or in one text, expression or Eq.
 
-    A text says what is zero, or has = or == between two sides; q_dot and q_ddot are the derivatives of q, lambda_name
-    is the multiplier of a constraint. Raises StatementError, with the equation's place, for what cannot be read.
+    A text has = or == between two sides, or is an expression that is zero. q_dot and q_ddot are the derivatives of q;
+    lambda_name is the multiplier of the constraint `name`. Raises StatementError, with the equation's label, if an
+    equation cannot be read.
     """
     reader = _EquationReader(statement)
     if isinstance(given, str):
@@ -65,7 +66,7 @@ def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:
 
 
 def spelled(expression: Any) -> str:
-    """Return an expression in plain symbols as the text of an equation spells it."""
+    """Return the text of an expression in plain symbols, in the notation of equations."""
     named = {symbol: constraint_of(symbol) for symbol in expression.free_symbols}
     multipliers = {symbol: sympy.Symbol(f"{MULTIPLIER}{name}") for symbol, name in named.items() if name is not None}
     return str(sympy.sstr(expression.xreplace(multipliers)))
@@ -81,30 +82,29 @@ class _EquationReader:
         self.names |= {p.name: p for p in statement.parameters}
         self.given = dict(statement.prescribed)
         self.names |= {_given_name(leaf): value for leaf, value in self.given.items()}
-        multipliers = {f"{MULTIPLIER}{one.name}": one.multiplier for one in statement.constraints}
+        multipliers = {f"{MULTIPLIER}{constraint.name}": constraint.multiplier for constraint in statement.constraints}
         self.names = multipliers | self.names
-        held = [one.name for one in statement.constraints]
         letters = [letter for letter in FORCES if letter not in self.names]
-        spellings = {f"{one}{k}": name for k, name in enumerate(multipliers, 1) for one in ("lambda", *letters)}
-        if len(held) == 1:
+        spellings = {f"{letter}{k}": name for k, name in enumerate(multipliers, 1) for letter in ("lambda", *letters)}
+        if len(statement.constraints) == 1:
             spellings |= dict.fromkeys(("lambda", "lam", *letters), next(iter(multipliers)))
         self.typed = TypedReader(self.names, spellings)
 
     def text(self, given: str) -> list[StudentEquation]:
-        """Return the equations of a text, which may have several lines."""
-        equations = [one for one in self.typed.equations(given) if not self._is_kinetic_energy(one)]
+        """Return the equations of a text, one per line. A definition of the kinetic energy T is skipped."""
+        equations = [typed for typed in self.typed.equations(given) if not self._is_kinetic_energy(typed)]
         if not equations:
             raise StatementError("there is no equation: write one a line, such as  theta_ddot + g/l*sin(theta) = 0.")
-        return [_equation(f"equation {k}", one) for k, one in enumerate(equations, 1)]
+        return [_equation(f"equation {k}", typed) for k, typed in enumerate(equations, 1)]
 
     def _is_kinetic_energy(self, equation: TypedEquation) -> bool:
-        """Return whether an equation says what T is, where T may be the force of a constraint."""
+        """Return True if an equation defines T as the kinetic energy, although T was read as a constraint force."""
         if not self.statement.constraints or not equation.readings[0].read.startswith(MULTIPLIER):
             return False
         return bool(sympy.expand(equation.readings[0].right - self.statement.kinetic.xreplace(self.plain)) == 0)
 
     def read(self, given: Any, what: str) -> StudentEquation:
-        """Return one equation: a text, an expression that is zero, or an Eq."""
+        """Return the equation of a text, of an expression that is zero, or of an Eq; `what` is its label."""
         if isinstance(given, str):
             equations = self.typed.equations(given, what)
             if len(equations) != 1:
@@ -119,14 +119,17 @@ class _EquationReader:
         return StudentEquation(what, zero, read=f"{spelled(zero)} = 0")
 
     def unknown(self, name: str, what: str) -> str:
-        """Return the refusal of a name."""
+        """Return the error message for an unknown name."""
         return (
             f"{what} contains {name[:60]!r}, which this system does not have; its symbols are {listing(self.names)}."
             + suggestion(name, list(self.names))
         )
 
     def symbols(self, stated: Any, what: str) -> Any:
-        """Return SymPy's expression in the symbols of the statement: parameters are the same by their names."""
+        """Return an expression in the plain symbols of the statement. Parameters are identified by their names.
+
+        Raises StatementError, with the label `what`, for unknown symbols, functions and multipliers.
+        """
         survey = Survey()
         survey.add(stated, what, accelerations=True, multipliers=True)
         table: dict[Any, Any] = {}
@@ -137,7 +140,7 @@ class _EquationReader:
             if symbol.name not in self.names:
                 raise StatementError(self.unknown(symbol.name, what))
             table[symbol] = self.names[symbol.name]
-        known = [one.name for one in self.statement.constraints]
+        known = [constraint.name for constraint in self.statement.constraints]
         for name in survey.multipliers:
             if name not in known:
                 raise StatementError(
@@ -151,34 +154,38 @@ class _EquationReader:
 
 
 def _equation(label: str, typed: TypedEquation) -> StudentEquation:
-    """Return a typed equation with its other readings."""
-    first, *others = (StudentEquation(label, one.zero, one.right, one.read) for one in typed.readings)
+    """Return the first reading of a typed equation; `others` are its further readings."""
+    first, *others = (StudentEquation(label, reading.zero, reading.right, reading.read) for reading in typed.readings)
     return replace(first, others=tuple(others))
 
 
 def _given_name(leaf: Any) -> str:
-    """Return the name of a given function or of its derivative: X, X_dot, X_ddot."""
+    """Return the name of a function of time or of its derivative: X, X_dot, X_ddot."""
     if not isinstance(leaf, sympy.Derivative):
         return name_of(leaf)
     return f"{name_of(leaf.expr)}_{'d' * len(leaf.variables)}ot"
 
 
 DIGITS = 40
-"""Digits of the values; the motion is known to some 30 of them."""
+"""Decimal digits of evaluations; the accelerations are accurate to about 30 digits."""
 
 ZERO = 1e-12
-"""An acceleration counts as zero below this part of the largest one, or of 1."""
+"""Accelerations below this fraction of 1 plus the largest count as zero."""
 
 HELD = 1e-14
-"""Residual, relative to the terms, up to which an equation holds: numbers in it may be results of some 50 operations on
-doubles. A term of another size would have to be smaller than that at every state."""
+"""Largest residual, relative to the terms, at which an equation holds.
+
+Numbers in it may be results of about 50 operations on doubles. A wrong term passes only if it is smaller than this at
+every state.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class EquationRow:
-    """zero = sum of slopes[z] * z over the unknowns z, plus rest; all in the plain symbols of the statement.
+    """A linear equation in the plain symbols of a statement: zero = rest + sum of slopes[z] * z over the unknowns z.
 
-    `right` is the right side as it was typed, whose terms have the other sign in `zero`.
+    The unknowns are accelerations and multipliers. `right` is the right side as it was typed; its terms have the
+    opposite sign in `zero`.
     """
 
     statement: Statement
@@ -194,7 +201,7 @@ class EquationRow:
 
     @property
     def _parts(self) -> tuple[Any, ...]:
-        """The terms of an equation without accelerations, such as a constraint: rounding is relative to their sizes."""
+        """Terms of an equation without unknowns, such as a constraint, as a scale for rounding; empty otherwise."""
         return () if any(self.slopes.values()) else sympy.Add.make_args(self.rest)
 
     @property
@@ -203,26 +210,26 @@ class EquationRow:
         return self._tape.switches
 
     def ways(self, point: Point) -> tuple[int | None, ...]:
-        """Return the outcome of each switch at a point. Raises OutsideDomain."""
+        """Return the outcome of each switch at a point. Raises OutsideDomain if the equation has no value there."""
         return self._tape.inspect(point.q, point.v, point.t, point.parameters).outcomes
 
     def with_symbols(self, table: Mapping[Any, Any]) -> EquationRow:
-        """Return the equation with a multiple of a multiplier in place of each that a table has."""
+        """Return the equation with multipliers replaced by a table {multiplier: multiple of it}."""
         slopes = {
             symbol: slope * sympy.diff(table.get(symbol, symbol), symbol) for symbol, slope in self.slopes.items()
         }
-        zero, right = (one.xreplace(table) for one in (self.zero, self.right))
+        zero, right = (side.xreplace(table) for side in (self.zero, self.right))
         return EquationRow(self.statement, self.label, zero, slopes, self.rest, right)
 
     def numbers(self, sample: MotionSample) -> tuple[list[Any], Any]:
-        """Return the coefficients and the rest at a state. Raises OutsideDomain."""
+        """Return the values of the coefficients and of the rest at a sample. Raises OutsideDomain if one has none."""
         values = values_at(self._tape, sample)
         return values[: len(self.slopes)], values[len(self.slopes)]
 
     def leading(self, sample: MotionSample) -> list[Any]:
-        """Return the coefficients of accelerations and multipliers at a state, of a first-order equation of its rate.
+        """Return the values of the coefficients of accelerations and multipliers at a sample.
 
-        Raises OutsideDomain.
+        For a first-order equation they are those of its time derivative. Raises OutsideDomain if one has no value.
         """
         if any(self.slopes.values()) or not sample.first_order:
             return self.numbers(sample)[0]
@@ -231,55 +238,61 @@ class EquationRow:
         return [*slopes, *[0] * len(sample.multipliers)]
 
     def residual(self, sample: MotionSample) -> tuple[Any, Any]:
-        """Return what the equation leaves for the motion, and the size of its terms."""
+        """Return the residual of the equation for the true motion at a sample, and the magnitude of its terms."""
         values, count = values_at(self._tape, sample), len(self.slopes)
         slopes, rest, parts = values[:count], values[count], values[count + 1 :]
         solved = [*sample.accelerations, *sample.multipliers]
         terms = [slope * x for slope, x in zip(slopes, solved, strict=True)]
-        # An acceleration that is zero is known to as many digits as the others are, and not to more.
+        # The error of a zero acceleration is as large as that of the others.
         floor = ZERO * (1 + max(map(abs, solved))) * sum(map(abs, slopes))
         return sum(terms) + rest, sum(map(abs, terms)) + max(abs(rest), sum(map(abs, parts))) + floor
 
     def holds(self, samples: Sequence[MotionSample]) -> bool:
-        """Return whether the motion satisfies the equation at all states where it has a value."""
-        found = []
+        """Return True if the true motion satisfies the equation at all samples where it has a value, at least one."""
+        residuals = []
         for sample in samples:
             try:
-                found.append(self.residual(sample))
+                residuals.append(self.residual(sample))
             except OutsideDomain:
                 continue
-        return bool(found) and all(abs(left) <= HELD * size for left, size in found)
+        return bool(residuals) and all(abs(left) <= HELD * size for left, size in residuals)
 
 
 def unknowns_of(statement: Statement) -> list[Any]:
-    """Return the accelerations in plain symbols, and the multipliers."""
-    return [*list(statement.plain.values())[2::3], *(one.multiplier for one in statement.constraints)]
+    """Return the unknowns of the equations of motion in plain symbols: the accelerations, then the multipliers."""
+    return [*list(statement.plain.values())[2::3], *(constraint.multiplier for constraint in statement.constraints)]
 
 
 def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
-    """Return an equation taken apart. Raises StatementError where it is not linear in accelerations and multipliers."""
+    """Return an equation by its linear coefficients.
+
+    Raises StatementError if it is not linear in accelerations and multipliers.
+    """
     unknowns = unknowns_of(statement)
-    found = [symbol for symbol in unknowns if equation.zero.has(symbol)]
-    slopes = {symbol: sympy.diff(equation.zero, symbol) if symbol in found else sympy.S.Zero for symbol in unknowns}
-    bent = [symbol for symbol in found if any(not vanishes(sympy.diff(slopes[symbol], other)) for other in found)]
+    present = [symbol for symbol in unknowns if equation.zero.has(symbol)]
+    slopes = {symbol: sympy.diff(equation.zero, symbol) if symbol in present else sympy.S.Zero for symbol in unknowns}
+    bent = [symbol for symbol in present if any(not vanishes(sympy.diff(slopes[symbol], x)) for x in present)]
     if bent:
         raise StatementError(
             f"{equation.label} is not linear in {listing(map(str, bent))}: equations of motion are compared as linear "
             "equations for the accelerations. Solve it for them, or clear what stands around them."
         )
-    nothing = dict.fromkeys(found, sympy.S.Zero)
-    slopes = {symbol: slope.xreplace(nothing) for symbol, slope in slopes.items()}
-    rest = equation.zero.xreplace(nothing)
+    zeros = dict.fromkeys(present, sympy.S.Zero)
+    slopes = {symbol: slope.xreplace(zeros) for symbol, slope in slopes.items()}
+    rest = equation.zero.xreplace(zeros)
     return EquationRow(statement, equation.label, equation.zero, slopes, rest, equation.right)
 
 
 def tape(expressions: Sequence[Any], statement: Statement) -> Precise:
-    """Return expressions in plain symbols, ready to be evaluated. Raises OutsideDomain for numbers without a value."""
+    """Return a program that evaluates expressions in plain symbols.
+
+    Raises OutsideDomain if a constant in them has no value.
+    """
     stated = {symbol: leaf for leaf, symbol in statement.plain.items()}
     return Precise([expression.xreplace(stated) for expression in expressions], statement, DIGITS)
 
 
 def values_at(expressions: Precise, sample: MotionSample) -> list[Any]:
-    """Return the values at a state. Raises OutsideDomain."""
+    """Return the values of the expressions of a program at a sample. Raises OutsideDomain if one has none."""
     point, number = sample.point, expressions.context.mpf
     return expressions(point.q, point.v, point.t, {p: number(x) for p, x in point.parameters.items()})

@@ -1,4 +1,4 @@
-"""How a coefficient of an equation differs from what it should be: a sign, a factor, a term too much or too few."""
+"""Difference of a coefficient of an equation from the right one: a sign, a factor, an extra or a missing term."""
 
 from __future__ import annotations
 
@@ -14,29 +14,29 @@ import sympy
 from lagrange.mechanics.student_equations import HELD
 
 Numbers = list[Any]
-"""Values of an expression at some states."""
+"""Values of an expression at the samples."""
 
 Write = Callable[[Any], str]
-"""Returns the text of an expression in plain symbols."""
+"""Function that returns the text of an expression in plain symbols."""
 
 MOST_TERMS = 2_000
-"""Terms of a sum that is multiplied out above which no term is named."""
+"""Largest number of terms of an expanded sum in which a wrong term is searched."""
 
 LARGEST_POWER = 4
-"""Power of a sum up to which it is multiplied out where its terms are sorted."""
+"""Largest power of a sum that is multiplied out."""
 
 LARGEST_FACTOR = 1000
-"""Largest denominator of a factor that is told as a fraction."""
+"""Largest denominator of a fraction that approximates a constant factor."""
 
 MISSING, EXTRA, SCALED, WRONG = range(4)
 
 
 @dataclass(frozen=True)
 class Difference:
-    """How a coefficient differs: `there` is the part of it that was typed, `wanted` what it should be.
+    """Difference of a coefficient: `there` is the part that was typed, `wanted` the right expression for this part.
 
-    `ratio` is the constant by which `wanted` was multiplied where `kind` is SCALED. `whole` is true if the two are the
-    whole coefficient.
+    `kind` is MISSING, EXTRA, SCALED or WRONG. If it is SCALED, `there` is the constant `ratio` times `wanted`. `whole`
+    is true if the two are the whole coefficient.
     """
 
     kind: int
@@ -46,7 +46,7 @@ class Difference:
     whole: bool = False
 
     def told(self, product: Any, sign: int, write: Write) -> str:
-        """Return the difference as the end of a sentence; both parts belong to a product and are taken times a sign."""
+        """Return the difference as the end of a sentence. Both parts are multiplied by `product` and by `sign`."""
         there, wanted = (sign * part * product for part in (self.there, self.wanted))
         if self.kind == MISSING:
             return f"the {_kind(wanted)} {write(wanted)} is missing."
@@ -66,7 +66,10 @@ def _kind(expression: Any) -> str:
 
 
 def difference_of(there: Any, wanted: Any, numbers: Callable[[Any], Numbers | None]) -> Difference:
-    """Return how a coefficient differs from what it should be. `numbers` returns the values of an expression."""
+    """Return the difference of the typed coefficient `there` from the right one, `wanted`.
+
+    `numbers` returns the values of an expression at the samples, or None.
+    """
     if there == 0:
         return Difference(MISSING, there, wanted)
     if wanted == 0:
@@ -76,9 +79,9 @@ def difference_of(there: Any, wanted: Any, numbers: Callable[[Any], Numbers | No
         return Difference(SCALED, there, _times(1 / ratio, there), ratio, whole=True)
     off = numbers(there - wanted)
     for terms_of in (summands, _opened, _expanded):
-        found = _one_term(terms_of(there), terms_of(wanted), off, numbers)
-        if found is not None:
-            return found
+        difference = _one_term(terms_of(there), terms_of(wanted), off, numbers)
+        if difference is not None:
+            return difference
     typed, right = _without_common(summands(there), summands(wanted))
     if len(typed) < len(summands(there)):
         return difference_of(sympy.Add(*typed), sympy.Add(*right), numbers)
@@ -86,7 +89,7 @@ def difference_of(there: Any, wanted: Any, numbers: Callable[[Any], Numbers | No
 
 
 def _without_common(left: Sequence[Any], right: Sequence[Any]) -> tuple[list[Any], list[Any]]:
-    """Return the terms of two sums without those that are in both, as often as they are."""
+    """Return the terms of two sums without their common terms, counted with multiplicity."""
     kept, other = list[Any](), list(right)
     for term in left:
         if term in other:
@@ -99,7 +102,10 @@ def _without_common(left: Sequence[Any], right: Sequence[Any]) -> tuple[list[Any
 def _one_term(
     there: Sequence[Any], wanted: Sequence[Any], off: Numbers | None, numbers: Callable[[Any], Numbers | None]
 ) -> Difference | None:
-    """Return the difference if it is that of one term; `off` are the values of all that differs."""
+    """Return the difference if a single term explains it, else None.
+
+    `off` has the values of typed minus right coefficient.
+    """
     for term in wanted:
         factor = ratio_of(off, numbers(term))
         if factor == -1:
@@ -117,11 +123,11 @@ def _one_term(
 
 
 def spread(expression: Any, opens: Callable[[Any], bool]) -> list[Any] | None:
-    """Return the terms of a sum, with factors that are sums multiplied out where `opens` is true for them.
+    """Return the terms of an expression after expansion of those factors for which `opens` is true.
 
-    None where there are more than MOST_TERMS.
+    None if there are more than MOST_TERMS.
     """
-    found: list[Any] = []
+    expanded: list[Any] = []
     waiting = [*reversed(sympy.Add.make_args(expression))]
     while waiting:
         factors = [_power(factor, opens) for factor in sympy.Mul.make_args(waiting.pop())]
@@ -130,59 +136,60 @@ def spread(expression: Any, opens: Callable[[Any], bool]) -> list[Any] | None:
         if sums:
             waiting += _choices(rest, sums)
         else:
-            found.append(sympy.Mul(*rest))
-        if len(found) + len(waiting) > MOST_TERMS:
+            expanded.append(sympy.Mul(*rest))
+        if len(expanded) + len(waiting) > MOST_TERMS:
             return None
-    return found
+    return expanded
 
 
 def _power(factor: Any, opens: Callable[[Any], bool]) -> Any:
-    """Return a factor, a small power of a sum that `opens` is true for multiplied out."""
+    """Return a factor; a small power of a sum is expanded if `opens` is true for it."""
     small = factor.is_Pow and factor.exp.is_Integer and 1 < factor.exp <= LARGEST_POWER
     return sympy.expand_multinomial(factor) if small and factor.base.is_Add and opens(factor) else factor
 
 
 def summands(expression: Any) -> tuple[Any, ...]:
-    """Return the terms of a sum, with products of sums multiplied out, and powers and denominators as they are."""
+    """Return the terms of an expression after products of sums are expanded; powers and denominators are unchanged."""
     return tuple(spread(expression, lambda factor: not factor.is_Pow) or [expression])
 
 
 def _choices(rest: Sequence[Any], sums: Sequence[Any]) -> Iterator[Any]:
-    """Yield the terms of a product of sums, and of other factors, at most one more than may be used."""
-    for choice in islice(every_choice(*(one.args for one in sums)), MOST_TERMS + 1):
+    """Yield the terms of the product of `sums` and the factors `rest`, at most MOST_TERMS + 1 of them."""
+    for choice in islice(every_choice(*(total.args for total in sums)), MOST_TERMS + 1):
         yield sympy.Mul(*rest, *choice)
 
 
 def _opened(expression: Any) -> tuple[Any, ...]:
-    """Return the terms of a sum whose sines and cosines of sums are written out."""
+    """Return the terms of an expression after addition theorems expand sines and cosines of sums."""
     return summands(sympy.expand_trig(expression))
 
 
 def _expanded(expression: Any) -> tuple[Any, ...]:
-    """Return the terms of a sum with all powers and denominators multiplied out."""
-    found: tuple[Any, ...] = sympy.Add.make_args(sympy.expand(sympy.expand_trig(expression)))
-    return found
+    """Return the terms of an expression after full expansion, powers and denominators included."""
+    terms: tuple[Any, ...] = sympy.Add.make_args(sympy.expand(sympy.expand_trig(expression)))
+    return terms
 
 
 def _times(number: Fraction, expression: Any) -> Any:
-    """Return a number times an expression, times each term of a sum."""
+    """Return a number times an expression, distributed over the terms of a sum."""
     factor = sympy.Rational(number.numerator, number.denominator)
     return sympy.Add(*(factor * term for term in sympy.Add.make_args(expression)))
 
 
 def ratio_of(above: Numbers | None, below: Numbers | None) -> Fraction | None:
-    """Return the constant ratio of two expressions by their values, None where there is none."""
+    """Return the ratio of two expressions if it is the same small fraction at all samples, else None."""
     if above is None or below is None or not all(below):
         return None
     return constant_of([a / b for a, b in zip(above, below, strict=True)])
 
 
 def constant_of(values: Numbers) -> Fraction | None:
-    """Return the short fraction that all values are, None where they are not."""
-    found = Fraction(str(values[0])).limit_denominator(LARGEST_FACTOR)
-    return found if same(values, [values[0] * 0 + found.numerator] * len(values), found.denominator) else None
+    """Return the small fraction that all values equal, or None."""
+    fraction = Fraction(str(values[0])).limit_denominator(LARGEST_FACTOR)
+    constant = [values[0] * 0 + fraction.numerator] * len(values)
+    return fraction if same(values, constant, fraction.denominator) else None
 
 
 def same(left: Numbers, right: Numbers, times: int = 1) -> bool:
-    """Return whether times * left and right agree at all states."""
+    """Return True if times * left equals right at all samples, up to rounding."""
     return all(abs(times * a - b) <= HELD * (abs(times * a) + abs(b)) for a, b in zip(left, right, strict=True))
