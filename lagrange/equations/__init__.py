@@ -1,1 +1,1 @@
-"""The laws of motion: for machines as a graph, for people as SymPy."""
+"""The equations of motion: as a graph for compilation, and in SymPy for people."""

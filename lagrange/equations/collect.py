@@ -1,4 +1,4 @@
-"""Sums as a book sets them: common factors cancelled, like motions together, their coefficients factored."""
+"""Sums written as in a book: common factors cancelled, terms grouped by motion, their coefficients factored."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from sympy import QQ, Add, Integer, Mul, Rational, S, ring
 from lagrange.equations.terms import ONE, Algebra, Monomial, MonomialSum, common_factor
 
 LONGEST_DENOMINATOR = 12
-"""Terms of a denominator whose common factor with the numerator is looked for."""
+"""Most terms of a denominator whose common factor with the numerator is searched."""
 LARGEST_DEGREE = 5000
-"""Product of the degrees, each plus one, up to which it is: the algorithm makes numbers of so many digits."""
+"""Largest product of the degrees, each plus one, in this search: the algorithm makes numbers with this many digits."""
 LONGEST_SUM = 6
-"""Terms of a sum in parentheses that is multiplied out, or divided by, on trial."""
+"""Most terms of a sum in parentheses that is multiplied out, or divided by, on trial."""
 HIGHEST = 3
-"""By how much powers of such a sum may differ in what is put together."""
+"""Largest difference of the powers of such a sum in terms that are merged."""
 
 
 def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
-    """Return a quotient's sums without the factor that they share, each factor of the algebra taken as a variable.
+    """Return numerator and denominator without their common factor; factors of the algebra count as variables.
 
-    `below` has no factor that all its terms share.
+    `below` must have no factor that all its terms share.
     """
     variables = _Variables([above, below])
     parts = _parts(above, below)
@@ -41,7 +41,10 @@ def cancelled(above: MonomialSum, below: MonomialSum) -> tuple[MonomialSum, Mono
 
 
 def _parts(above: MonomialSum, below: MonomialSum) -> list[MonomialSum]:
-    """Return the coefficients of `above`, as a polynomial in the factors that `below` has not: it divides each."""
+    """Return the coefficients of `above` as a polynomial in the factors that `below` does not contain.
+
+    A common factor of `above` and `below` divides each of them.
+    """
     common = {k for monomial in below for k, _ in monomial}
     parts: dict[Monomial, MonomialSum] = {}
     for monomial, number in above.items():
@@ -51,7 +54,7 @@ def _parts(above: MonomialSum, below: MonomialSum) -> list[MonomialSum]:
 
 
 def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return the sum with powers of the same sum in parentheses put together wherever fewer terms are left."""
+    """Return the sum with powers of the same sum in parentheses merged wherever that leaves fewer terms."""
     sums = list(dict.fromkeys(k for monomial in terms for k, _ in monomial if algebra.factors[k].is_Add))
     for k in sums:
         if len(algebra.factors[k].args) <= LONGEST_SUM and _worthwhile(algebra, terms, k):
@@ -60,14 +63,14 @@ def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
-    """Whether a factor stands in several powers, or in enough terms to be divided by; a whole power may meet none."""
+    """Return True if a factor has several powers or a whole one, or occurs in enough terms to divide them."""
     exponents = [powers[k] for powers in map(dict, terms) if k in powers]
     several = len(set(exponents)) > 1 or any(isinstance(exponent, int) for exponent in exponents)
     return several or len(exponents) >= len(algebra.read(algebra.factors[k]))
 
 
 def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
-    """Return the sum, with the terms that differ in powers of factor k and of its symbols merged where it helps."""
+    """Return the sum, where shorter with terms merged that differ only in powers of factor k and of its symbols."""
     inside = algebra.free(k)
     groups: dict[Any, MonomialSum] = {}
     for monomial, number in terms.items():
@@ -81,7 +84,7 @@ def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
 
 
 def _shorter(algebra: Algebra, group: MonomialSum, k: int) -> MonomialSum:
-    """Return the group over the lowest power of factor k, divided by it as often as it can be, if that is shorter."""
+    """Return the group with the lowest power of factor k taken out and divided by k while possible, if shorter."""
     exponents = [dict(monomial).get(k, 0) for monomial in group]
     lowest, highest = min(exponents), max(exponents)
     if len(group) < 2 or lowest >= 1 or highest - lowest > HIGHEST:
@@ -101,7 +104,7 @@ def _shorter(algebra: Algebra, group: MonomialSum, k: int) -> MonomialSum:
 
 
 def _divided(terms: MonomialSum, base: MonomialSum) -> MonomialSum | None:
-    """Return terms / base if that is a sum again, else None."""
+    """Return terms / base if the division has no remainder, else None."""
     number, monomial, rest = common_factor(terms)
     variables = _Variables([rest, base])
     if not variables.usable:
@@ -120,7 +123,7 @@ def _joined(left: Monomial, right: Monomial) -> Monomial:
 
 
 class _Variables:
-    """Sums as polynomials: one variable for each factor, or for its root where it has broken exponents.
+    """Sums as polynomials: one variable for each factor, or for its root if it has fractional exponents.
 
     The lowest power of each factor is taken out first, in all sums alike, so that no exponent is negative.
     """
@@ -140,16 +143,16 @@ class _Variables:
         return prod(self.degrees.values())
 
     def polynomial(self, terms: MonomialSum) -> Any:
-        """Return the polynomial of a sum times the powers that were taken out."""
-        found = {}
+        """Return the polynomial of a sum, whose exponents are shifted by the lowest powers."""
+        coefficients = {}
         for monomial, value in terms.items():
             powers = dict(monomial)
             key = tuple(int((powers.get(k, 0) - self.lowest[k]) * self.roots[k]) for k in self.factors)
-            found[key] = QQ(int(value.p), int(value.q))
-        return self.ring.from_dict(found)
+            coefficients[key] = QQ(int(value.p), int(value.q))
+        return self.ring.from_dict(coefficients)
 
     def terms(self, polynomial: Any) -> MonomialSum:
-        """Return a quotient of two such polynomials as a sum: what was taken out of both is not in it."""
+        """Return a quotient of two such polynomials as a sum; their shifts of exponents cancel."""
         return {
             tuple(
                 (k, _whole(Rational(e, self.roots[k]))) for k, e in zip(self.factors, exponents, strict=True) if e != 0
@@ -163,11 +166,11 @@ def _whole(exponent: Any) -> Any:
 
 
 FACTORED_TERMS = 16
-"""Longer polynomials are not factored: a polynomial this long takes SymPy a few milliseconds."""
+"""Most terms of a polynomial that is factored: one this long takes SymPy a few milliseconds."""
 WORTHWHILE = 0.75
-"""A factored coefficient replaces its expanded form when it has at most this share of its operations."""
+"""A factored coefficient replaces its expanded form if it has at most this fraction of its operations."""
 WRITING = 5
-"""What writing a term costs, in monomials of the algebra's budget, beside the size of its factors."""
+"""Cost of writing a term, in monomials of the algebra's budget, in addition to the size of its factors."""
 LONGER_SUM = 1.4
 """A quotient stays a sum of quotients up to this many times the operations of a single fraction."""
 
@@ -196,7 +199,7 @@ class Collector:
         return Add(*(self._group(inner, outer) for outer, inner in groups.items()))
 
     def quotient(self, above: MonomialSum, below: MonomialSum) -> Any:
-        """Return above / below, the factors that all terms share cancelled: a sum or one fraction, the shorter."""
+        """Return above / below with common factors cancelled, as a sum or as one fraction, whichever is shorter."""
         outside, rest = self._factors(shortened(self.algebra, below))
         above = shortened(self.algebra, self.algebra.divide(above, outside))
         divided = self.write(above)
@@ -250,7 +253,7 @@ class Collector:
         return Mul(expanded, motion)
 
     def _coefficient(self, terms: MonomialSum) -> tuple[Any, Any, Any]:
-        """Return number, monomial and rest, to be multiplied at once: SymPy distributes a number over a lone sum."""
+        """Return number, monomial and rest. Multiply them at once: SymPy distributes a number over a single sum."""
         number, monomial, rest = common_factor(terms)
         written = self._factor(rest)
         if len(rest) == 2 and written.could_extract_minus_sign():
@@ -276,5 +279,5 @@ class Collector:
 
 
 def _shared(base: Any, powers: list[Any]) -> bool:
-    """Whether a sum in parentheses is a factor, to a positive integer power, of every term."""
+    """Return True if a sum in parentheses, to a positive integer power, is a factor of every term."""
     return bool(base.is_Add) and all(base in power and power[base].is_Integer and power[base] > 0 for power in powers)

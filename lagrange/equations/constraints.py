@@ -1,7 +1,7 @@
 """Constraints as graph nodes: on velocities G v + b = 0, and on accelerations G a + gamma = 0.
 
 A holonomic constraint phi(q, t) = 0 is differentiated: psi = dphi/dt = (dphi/dq) v + dphi/dt. A constraint that is
-stated in velocities is psi as it stands. Then G = dpsi/dv, and gamma is what dpsi/dt has beside G a. The generalized
+stated in velocities is psi itself. Then G = dpsi/dv, and gamma is dpsi/dt without the term G a. The generalized
 forces of a constraint are G^T lambda: for constraints that are linear in velocities this is d'Alembert's principle, for
 others Chetaev's rule.
 Source: J. G. Papastavridis, Analytical Mechanics, 2nd ed., 2014, sections 2.4, 3.5 and 5.2.
@@ -21,15 +21,15 @@ from lagrange.graph.rebuild import substitute
 from lagrange.statement.constraint import Constraint
 
 ROUND_OFF = 1e-12
-"""A value counts as zero below this part of the terms that cancel in it."""
+"""A value counts as zero below this fraction of its terms."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConstraintEquations:
     """The m constraints of n coordinates.
 
-    `positions` has phi of each holonomic one and None for the others, `velocities` psi, `gradient` the m rows of G, and
-    `bias` gamma. `rest` is psi at velocities of zero.
+    `positions` has phi of each holonomic constraint and None for the others, `velocities` psi, `gradient` the m rows of
+    G, and `bias` gamma. `rest` is psi with all velocities zero.
     """
 
     names: tuple[str, ...] = ()
@@ -44,22 +44,22 @@ class ConstraintEquations:
 
     @property
     def workless(self) -> bool:
-        """Whether each is linear and homogeneous in the velocities, so that its forces do no work."""
+        """True if all are linear and homogeneous in the velocities, so that their forces do no work."""
         return not self.nonlinear and all(rest is rest.graph.zero for rest in self.rest)
 
     @property
     def nonlinear(self) -> tuple[str, ...]:
-        """The names of those that are not linear in the velocities."""
+        """Names of the constraints that are not linear in the velocities."""
         moving = [any(entry.binding >= Binding.VELOCITY for entry in row) for row in self.gradient]
         return tuple(name for name, depends in zip(self.names, moving, strict=True) if depends)
 
     def part(self, rows: Sequence[int]) -> ConstraintEquations:
-        """Return some of the constraints."""
+        """Return the constraints with these indices."""
         chosen = [[entries[i] for i in rows] for entries in self._entries]
         return ConstraintEquations(*map(tuple, chosen))
 
     def last(self, count: int) -> ConstraintEquations:
-        """Return the last constraints."""
+        """Return the last `count` constraints."""
         return self.part(range(len(self) - count, len(self)))
 
     def joined(self, other: ConstraintEquations) -> ConstraintEquations:
@@ -80,14 +80,17 @@ class ConstraintEquations:
 
 
 def check_rows(stated: Sequence[Constraint], constraints: ConstraintEquations) -> None:
-    """Raise StatementError for a constraint whose derivatives by the velocities are zero as they stand."""
+    """Raise StatementError for a constraint whose derivatives by the velocities are all the zero node."""
     for one, row in zip(stated, constraints.gradient, strict=True):
         if all(entry is entry.graph.zero for entry in row):
             raise StatementError(empty_constraint(one.name, value_somewhere(one.expression), 1.0))
 
 
 def empty_constraint(name: str, value: float, size: float) -> str:
-    """Return the refusal of a constraint that no coordinate and no velocity changes, by its value at some state."""
+    """Return the message for a constraint that no coordinate and no velocity changes.
+
+    `value` is its value at some state, `size` the size of its terms there.
+    """
     if abs(value) <= ROUND_OFF * size:
         return (
             f"the constraint {name!r} is always true: it is zero at every state tried, and constrains nothing. Leave "
@@ -102,7 +105,7 @@ def empty_constraint(name: str, value: float, size: float) -> str:
 def constraint_equations(
     stated: Mapping[str, Node], holonomic: Sequence[bool], q: Sequence[Node], v: Sequence[Node], time: Node
 ) -> ConstraintEquations:
-    """Return the constraints of some stated expressions by name, each with whether it is holonomic."""
+    """Return the constraint equations of expressions by name; `holonomic` has a flag for each."""
     if not stated:
         return ConstraintEquations()
     graph = time.graph

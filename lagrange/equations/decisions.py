@@ -1,8 +1,8 @@
-"""Yes, no, or not found: what the laws of a system are free of, decided as identities.
+"""Decisions on whether laws are independent of time, coordinates or velocities: proven, disproven, or undecided.
 
-A Lagrangian that is stated through positions contains angles and the time in terms that cancel. So what does not appear
-is known at once; what appears is evaluated at random states in many digits, where a value other than zero disproves;
-what is zero there is proven by algebra, or nothing is claimed of it.
+A Lagrangian that is stated through positions contains angles and the time in terms that cancel. So three tests follow
+each other. A symbol that does not appear settles it. Else derivatives are evaluated at random states in many digits: a
+value other than zero disproves. Values of zero are proven by algebra, or the question stays undecided.
 """
 
 from __future__ import annotations
@@ -30,31 +30,31 @@ from lagrange.graph.node import Node
 from lagrange.statement.statement import Statement
 
 BUDGET = 100_000
-"""Monomials that all proofs about one system may make, 1 to 2 s of them."""
+"""Most monomials of all proofs about one system: 1 to 2 s."""
 CONTEXT = precise(50)
 """Numbers of 50 digits, in which laws are evaluated."""
 STEP = "1e-15"
-"""Step of the central difference in time: its error is some 1e-30 of what is differentiated."""
+"""Step of the central difference in time: its error is some 1e-30 of the function."""
 ZERO_SHARE = CONTEXT.mpf("1e-20")
-"""A value above this part of the largest number that it is computed from is not zero."""
+"""A value is not zero above this fraction of the largest number that it is computed from."""
 SAMPLES = 3
-"""States at which something is evaluated."""
+"""Number of states at which laws are evaluated."""
 DRAWS = 24
-"""States that are drawn for these: at some an expression has no value."""
+"""Most states that are drawn for the samples: at some an expression has no value."""
 MOST_HELD = 16
-"""With more constraints no state on them is looked for, which takes a second for 16."""
+"""Most constraints for which a state on them is searched: that takes a second for 16."""
 CORRECTIONS = 40
-"""Newton steps onto the constraints; each doubles the digits near them."""
+"""Most Newton steps onto the constraints; each doubles the digits near them."""
 
 Verdict = bool | None
-"""Proven, disproven, or None where neither was found."""
+"""True if proven, False if disproven, None if undecided."""
 
 Values = dict[Node, Any]
 
 
 @dataclass(frozen=True, eq=False)
 class StatedLaws:
-    """The nodes that are decided about: `forces` are dL/dq + extra, `extra` Q - dD/dv, M a = bias."""
+    """Nodes of the laws that are tested: `extra` is Q - dD/dv, `forces` dL/dq + extra, and M a = `bias`."""
 
     q: tuple[Node, ...]
     v: tuple[Node, ...]
@@ -71,28 +71,28 @@ class StatedLaws:
 
 @dataclass(frozen=True, eq=False)
 class Decisions:
-    """Decides about the laws of a statement, each question once, when it is asked."""
+    """Decisions about the laws of a statement, each made when it is first read."""
 
     statement: Statement
     laws: StatedLaws
 
     def __reduce__(self) -> tuple[Any, ...]:
-        # What was decided is decided again: numbers of a context of mpmath's own do not pickle.
+        # Decisions are made again: numbers of a separate mpmath context do not pickle.
         return Decisions, (self.statement, self.laws)
 
     @cached_property
     def timeless(self) -> Verdict:
-        """Whether dL/dt = 0."""
+        """True if dL/dt = 0."""
         return self._decided(
             not _depends_on(self.laws.lagrangian, [self.laws.time]), self._time_slope, self._proven_timeless
         )
 
     def absent(self, i: int) -> bool:
-        """Whether q_i does not stand in the Lagrangian as it was stated."""
+        """Return True if the Lagrangian as stated does not contain q_i."""
         return not _depends_on(self.laws.lagrangian, [self.laws.q[i]])
 
     def cyclic(self, i: int) -> Verdict:
-        """Whether dL/dq_i = 0, of a coordinate without a force or dissipation."""
+        """Return the verdict on dL/dq_i = 0, for a coordinate without force or dissipation."""
         slope = self.laws.forces[i]
         return self._decided(
             self.absent(i), lambda point: _differs([slope], point), lambda stated: self._proven_cyclic(stated, i)
@@ -100,7 +100,7 @@ class Decisions:
 
     @cached_property
     def powerless(self) -> Verdict:
-        """Whether -dL/dt + (Q - dD/dv) . v = 0, which is the rate of the energy where constraints do no work."""
+        """True if -dL/dt + (Q - dD/dv) . v = 0, the rate of the energy if constraints do no work."""
         if self.power_seen is not None or self._has_power:
             return self.power_seen
         if self._forceless and self.timeless is True:
@@ -109,7 +109,7 @@ class Decisions:
 
     @cached_property
     def power_seen(self) -> Verdict:
-        """`powerless` as far as what stands in the laws and numbers show it: no algebra is done."""
+        """`powerless` decided only by absent symbols and by numbers, without algebra."""
         laws = self.laws
         if self._forceless and not _depends_on(laws.lagrangian, [laws.time]):
             return True
@@ -124,20 +124,20 @@ class Decisions:
 
     @cached_property
     def _has_power(self) -> bool:
-        """Whether the power differs from zero at some state, on the constraints or off them."""
+        """True if the power differs from zero at some state, on the constraints or off them."""
         return any(self._power(point) for point in self._points)
 
     @property
     def stated_alone(self) -> bool:
-        """Whether the Lagrangian was stated without a potential."""
+        """True if the Lagrangian was stated alone, without T and V."""
         return self.statement.lagrangian_alone
 
     @cached_property
     def homogeneous(self) -> Verdict:
-        """Whether T is homogeneous of second degree in the velocities, so that v.p - L is T + V.
+        """True if T is homogeneous of second degree in the velocities, so that v.p - L is T + V.
 
-        A part of first degree beside the second, as of a charge in a field, is not seen here: v.p - L is then the rest
-        of T, and V. Of a Lagrangian that is stated alone T is not homogeneous where L has the terms of a turning frame.
+        Terms of first degree, such as those of a charge in a field, are ignored: v.p - L is then V plus the terms of T
+        of second degree. For a Lagrangian stated alone: False if it has the terms of a rotating frame, else None.
         """
         if visibly_homogeneous(self.statement):
             return True
@@ -152,14 +152,14 @@ class Decisions:
 
     @cached_property
     def separable(self) -> Verdict:
-        """Whether the momenta depend on velocities alone."""
+        """True if the momenta depend on velocities alone."""
         laws, moving = self.laws, [*self.laws.q, self.laws.time]
         absent = not any(_depends_on(p, moving) for p in laws.momenta)
         return self._decided(absent, lambda point: self._changes(laws.momenta, point), self._proven_separable)
 
     @cached_property
     def constant_mass(self) -> Verdict:
-        """Whether the mass matrix is constant."""
+        """True if the mass matrix is constant."""
         laws, entries = self.laws, [entry for row in self.laws.mass for entry in row]
         moving = [*laws.q, *laws.v, laws.time]
         absent = not any(_depends_on(entry, moving) for entry in entries)
@@ -169,9 +169,9 @@ class Decisions:
 
     @cached_property
     def position_only(self) -> Verdict:
-        """Whether the mass matrix is constant and M a free of velocities, and so the accelerations.
+        """True if the mass matrix is constant and M a is free of velocities, and so are the accelerations.
 
-        Constraints are not decided about: their forces may depend on velocities.
+        Undecided with constraints: their forces may depend on velocities.
         """
         laws = self.laws
         if len(laws.constraints):
@@ -187,13 +187,13 @@ class Decisions:
         number: Callable[[Values], bool | None],
         proof: Callable[[StatedAlgebra], bool],
     ) -> Verdict:
-        """Return True if `absent`, False if a number is not zero at some state, True if there is a proof, else None."""
+        """Return True if `absent`, False if `number` is True at a state, True if `proof` succeeds, else None."""
         if absent:
             return True
         return False if any(number(point) for point in self._points) else self._by_algebra(proof)
 
     def _by_algebra(self, proof: Callable[[StatedAlgebra], bool]) -> Verdict:
-        """Return True if there is a proof, None if none was found with the budget."""
+        """Return True if the proof succeeds within the budget, else None."""
         try:
             return proof(self._stated) or None
         except (TooLargeError, RecursionError):
@@ -203,17 +203,17 @@ class Decisions:
 
     @cached_property
     def _points(self) -> list[Values]:
-        """Random states, times and parameters at which the Lagrangian has a value."""
-        found: list[Values] = []
+        """Up to `SAMPLES` random states, times and parameters at which the Lagrangian has a value."""
+        points: list[Values] = []
         for point in self._drawn():
-            if len(found) == SAMPLES:
+            if len(points) == SAMPLES:
                 break
             if values([self.laws.lagrangian], point, CONTEXT) is not None:
-                found.append(point)
-        return found
+                points.append(point)
+        return points
 
     def _drawn(self) -> Iterator[Values]:
-        """Yield points: of order one, and near the initial state with the default parameters, in turn."""
+        """Yield random points, alternately of order one and near the initial state with the default parameters."""
         statement, laws, draw = self.statement, self.laws, random.Random(1)
         state = (*laws.q, *laws.v)
         for k in range(DRAWS):
@@ -229,12 +229,12 @@ class Decisions:
             yield {node: CONTEXT.mpf(value) for node, value in point.items()}
 
     def _time_slope(self, point: Values) -> bool | None:
-        """Return whether dL/dt differs from zero at a point."""
-        found = self._rate(self.laws.lagrangian, point)
-        return None if found is None else abs(found[0]) > ZERO_SHARE * found[1]
+        """Return True if dL/dt differs from zero at a point; None if it has no value there."""
+        rate = self._rate(self.laws.lagrangian, point)
+        return None if rate is None else abs(rate[0]) > ZERO_SHARE * rate[1]
 
     def _rate(self, node: Node, point: Values) -> tuple[Any, Any] | None:
-        """Return the partial derivative in time, by a difference, and the size of what it is formed from."""
+        """Return the partial time derivative, a central difference, and the size of its terms; None without values."""
         step, time = CONTEXT.mpf(STEP), self.laws.time
         ahead, behind = (values([node], {**point, time: point[time] + way * step}, CONTEXT) for way in (1, -1))
         if ahead is None or behind is None:
@@ -242,7 +242,7 @@ class Decisions:
         return (ahead[0][0] - behind[0][0]) / (2 * step), ahead[1]
 
     def _power(self, point: Values) -> bool | None:
-        """Return whether the power differs from zero at a point."""
+        """Return True if the power differs from zero at a point; None if it has no value there."""
         laws = self.laws
         forces, slope = values(laws.extra, point, CONTEXT), self._rate(laws.lagrangian, point)
         if forces is None or slope is None:
@@ -251,19 +251,19 @@ class Decisions:
         return bool(abs(CONTEXT.fsum([*terms, -slope[0]])) > ZERO_SHARE * max(forces[1], slope[1], *map(abs, terms)))
 
     def _pushes(self, point: Values) -> bool | None:
-        """Return whether M a changes where velocities do."""
+        """Return True if M a changes when the velocities change; None without values."""
         other = {**point, **{v: point[v] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for v in self.laws.v}}
         return self._differ(self.laws.bias, point, other)
 
     def _changes(self, nodes: Sequence[Node], point: Values, *, velocities: bool = False) -> bool | None:
-        """Return whether nodes change where positions and time do, at the same parameters."""
+        """Return True if nodes change when positions and time change, and with `velocities` these too."""
         laws = self.laws
         moving = (*laws.q, laws.time, *(laws.v if velocities else ()))
         other = {**point, **{x: point[x] * CONTEXT.mpf("0.87") + CONTEXT.mpf("0.013") for x in moving}}
         return self._differ(nodes, point, other)
 
     def _differ(self, nodes: Sequence[Node], point: Values, other: Values) -> bool | None:
-        """Return whether nodes have other values at another point."""
+        """Return True if nodes have other values at another point; None without values."""
         ends = [values(nodes, at, CONTEXT) for at in (point, other)]
         if ends[0] is None or ends[1] is None:
             return None
@@ -278,7 +278,7 @@ class Decisions:
         return False if any(self._power(state) for state in states if state is not None) else None
 
     def _held(self, point: Values) -> Values | None:
-        """Return a nearby point that satisfies the constraints, on positions and then on velocities."""
+        """Return a nearby point that satisfies the constraints: positions are corrected first, then velocities."""
         laws, held = self.laws, self.laws.constraints
         places = [i for i, phi in enumerate(held.positions) if phi is not None]
         for rows, symbols, nodes in (
@@ -295,14 +295,14 @@ class Decisions:
         """Return the point with some of its symbols moved by Newton's method until the constraints hold."""
         gradient = [entry for i in rows for entry in self.laws.constraints.gradient[i]]
         for _ in range(CORRECTIONS if zeros else 0):
-            found = values([*zeros, *gradient], point, CONTEXT)
-            if found is None:
+            evaluated = values([*zeros, *gradient], point, CONTEXT)
+            if evaluated is None:
                 return None
-            value = CONTEXT.matrix(found[0][: len(zeros)])
-            if CONTEXT.norm(value) <= CONTEXT.mpf(10) ** (5 - CONTEXT.dps) * found[1]:
+            value = CONTEXT.matrix(evaluated[0][: len(zeros)])
+            if CONTEXT.norm(value) <= CONTEXT.mpf(10) ** (5 - CONTEXT.dps) * evaluated[1]:
                 return point
             matrix = CONTEXT.matrix(len(zeros), len(symbols))
-            for k, entry in enumerate(found[0][len(zeros) :]):
+            for k, entry in enumerate(evaluated[0][len(zeros) :]):
                 matrix[k // len(symbols), k % len(symbols)] = entry
             try:
                 step = matrix.T * CONTEXT.lu_solve(matrix * matrix.T, value)
@@ -359,20 +359,20 @@ class Decisions:
         return self._still(stated, sides, stated.v)
 
     def _still(self, stated: StatedAlgebra, parts: Sequence[MonomialSum], symbols: Sequence[Any]) -> bool:
-        """Return whether parts are proven to depend on none of some symbols."""
+        """Return True if the parts are proven not to depend on the symbols."""
         slopes = (stated.algebra.differentiate(part, symbol) for part in parts for symbol in symbols)
         return not stated.jumps(*symbols, twice=True) and all(_vanishes(stated, slope) for slope in slopes)
 
 
 def _depends_on(node: Node, symbols: Sequence[Node]) -> bool:
-    """Whether a node is computed from one of the symbols."""
+    """Return True if a node contains one of the symbols."""
     return any(node.depends & symbol.depends for symbol in symbols)
 
 
 def _differs(nodes: Sequence[Node], point: Values) -> bool | None:
-    """Return whether one of the nodes differs from zero at a point."""
-    found = values(nodes, point, CONTEXT)
-    return None if found is None else any(abs(value) > ZERO_SHARE * found[1] for value in found[0])
+    """Return True if one of the nodes differs from zero at a point; None if they have no value there."""
+    evaluated = values(nodes, point, CONTEXT)
+    return None if evaluated is None else any(abs(value) > ZERO_SHARE * evaluated[1] for value in evaluated[0])
 
 
 def _vanishes(stated: StatedAlgebra, terms: MonomialSum) -> bool:

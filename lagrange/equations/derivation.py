@@ -1,4 +1,4 @@
-"""The equations of motion as a textbook derives them, for people to read; independent of the compiled graph."""
+"""The equations of motion as in a textbook, for people to read. Derived independently of the compiled graph."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ from lagrange.statement.statement import Statement
 Part = TypeVar("Part")
 
 STATED = 200
-"""Operations of L up to which its derivatives are also taken as it was stated. SymPy needs some 0.1 ms for each."""
+"""Most operations of an L whose stated form is differentiated too. SymPy needs some 0.1 ms for each."""
 
 KINKED = (Abs, sign, Heaviside, Max, Min, Piecewise)
-"""Functions whose second derivatives SymPy writes with impulses at their kinks."""
+"""Functions whose second derivatives contain Dirac deltas in SymPy, at their kinks."""
 
 NAMED = 8
-"""Coordinates that a refusal names."""
+"""Largest number of coordinates that a message names."""
 
 ACCELERATIONS = "the solved accelerations"
 
@@ -56,7 +56,7 @@ class Derivation:
 
     Expressions are in q(t), Derivative(q(t), t), Derivative(q(t), (t, 2)), the parameters, t, and the multipliers of
     constraints, `lagrange.multiplier(name)`. They are expanded, their sines and cosines merged by the addition
-    theorems, and collected. Every part raises StatementError when it is too large to be written out. Source: Goldstein,
+    theorems, and collected. Every part raises StatementError if it is too large to be written out. Source: Goldstein,
     Classical Mechanics, chapters 1 and 2.
     """
 
@@ -68,7 +68,7 @@ class Derivation:
 
     @cached_property
     def refusal(self) -> str:
-        """The sentence that says why the equations of motion are not written out, empty if they may be."""
+        """Message on why the equations of motion are too large to be written out, empty if they are not."""
         try:
             self._written("the equations of motion", TextbookAlgebra.require_short_slopes)
         except StatementError as error:
@@ -90,7 +90,7 @@ class Derivation:
 
     @cached_property
     def kinetic(self) -> Any:
-        """T, merged and collected; the whole of L where that was stated alone."""
+        """T, merged and collected; L if that was stated alone."""
         return self._merged("the kinetic energy", self.statement.kinetic)
 
     @cached_property
@@ -128,12 +128,12 @@ class Derivation:
 
     @cached_property
     def right_sides(self) -> Mapping[Any, Any]:
-        """{coordinate: h} of M a = h + G^T lambda: what is left of the equations of motion without accelerations."""
+        """{coordinate: h} of M a = h + G^T lambda, the terms without accelerations."""
         return self._each("the equations of motion", lambda page: page.right_sides)
 
     @cached_property
     def equations(self) -> tuple[Any, ...]:
-        """One Eq per coordinate; on the right stand the generalized forces as stated, and those of the constraints."""
+        """One Eq per coordinate. Its right side has the generalized forces as stated, and those of the constraints."""
         lefts = self._short("the equations of motion", lambda page: page.left_sides, self._stated_sides).values()
         exerted = self.constraint_forces.values()
         rights = [
@@ -144,7 +144,7 @@ class Derivation:
 
     @cached_property
     def constraints(self) -> tuple[Any, ...]:
-        """One Eq per constraint, as stated: what the motion satisfies beside `equations`."""
+        """One Eq per constraint, as stated: the conditions on the motion in addition to `equations`."""
         return tuple(Eq(one.expression, 0, evaluate=False) for one in self.statement.constraints)
 
     @cached_property
@@ -173,7 +173,7 @@ class Derivation:
 
     @cached_property
     def energy(self) -> Any:
-        """The Jacobi integral v . p - L; T + V where T is quadratic in the velocities."""
+        """The Jacobi integral v . p - L; T + V if T is quadratic in the velocities."""
         collected = self._written("the energy", lambda page: page.show(page.energy))
         return _shorter(collected, self.kinetic + self.potential) if self._keeps_its_sum else collected
 
@@ -181,7 +181,7 @@ class Derivation:
     def accelerations(self) -> Mapping[Any, Any]:
         """{coordinate: acceleration}, solved by cofactors: the only denominators are determinants of coupled blocks.
 
-        With constraints the multipliers are solved for with them, and the formulas hold on the constraints. Raises
+        With constraints the multipliers are solved for, too, and the formulas hold on the constraints. Raises
         StatementError for a singular matrix and for formulas that are too long to print.
         """
         return self._written(ACCELERATIONS, lambda page: page.by_coordinate(page.motion[: len(page.q)]))
@@ -196,13 +196,13 @@ class Derivation:
 
     @cached_property
     def _is_short(self) -> bool:
-        """Whether L is short enough for SymPy to differentiate it as it was stated, and has no kinks."""
+        """True if L as stated is short enough for SymPy to differentiate, and has no kinks."""
         stated = self.statement.lagrangian
         return not stated.has(*KINKED) and bool(stated.count_ops() <= STATED)
 
     @cached_property
     def _keeps_its_sum(self) -> bool:
-        """Whether the energy is T + V: T is of degree two in the velocities, and V has none."""
+        """True if the energy is T + V: T is of degree two in the velocities, and V has none. False for a long L."""
         scale = Dummy("scale", positive=True)
         stretched = {v: scale * v for v in self.statement.velocities}
         kinetic, potential = self.statement.kinetic, self.statement.potential
@@ -211,14 +211,14 @@ class Derivation:
         return bool(expand(kinetic.subs(stretched, simultaneous=True) - scale**2 * kinetic) == 0)
 
     def _stated_slopes(self, symbols: Sequence[Any]) -> list[Any]:
-        """Return dL/dx of L as it was stated: of I*(a + b)**2/2 it is I*(a + b)."""
+        """Return dL/dx of L as stated, without expansion: I*(a + b) for I*(a + b)**2/2."""
         plain = self.statement.plain
         stated = {symbol: leaf for leaf, symbol in plain.items()}
         lagrangian = self.statement.lagrangian.xreplace(plain)
         return [_by_terms(lagrangian.diff(symbol.xreplace(plain)).xreplace(stated)) for symbol in symbols]
 
     def _stated_sides(self) -> list[Any]:
-        """Return the left sides of the equations of motion from the parts that are shown."""
+        """Return the left sides of the equations of motion: the sum of the parts as shown."""
         return [self.momentum_rates[q] - self.gradient[q] + self.drag[q] for q in self.statement.coordinates]
 
     def _short(
@@ -227,7 +227,7 @@ class Derivation:
         parts: Callable[[TextbookAlgebra], Sequence[Any]],
         as_stated: Callable[[], Sequence[Any]],
     ) -> Mapping[Any, Any]:
-        """Return collected parts by coordinate, or the form as it was stated of those where that is shorter."""
+        """Return parts by coordinate, each collected or in its stated form, whichever is shorter."""
         collected = self._each(what, parts)
         if not self._is_short:
             return collected
@@ -256,11 +256,11 @@ class Derivation:
 
 
 def _shorter(collected: Any, stated: Any) -> Any:
-    """Return the form with fewer operations, of two with the same number the one with fewer terms."""
+    """Return the form with fewer operations, with fewer terms if these are equal, else the collected form."""
     first, second = ((one.count_ops(), len(Add.make_args(one))) for one in (collected, stated))
     return stated if second < first else collected
 
 
 def _by_terms(expression: Any) -> Any:
-    """Return a sum whose terms have their common numbers in front: m*(a + b), not m*(2*a + 2*b)/2."""
+    """Return a sum with common numbers taken out of each term: m*(a + b), not m*(2*a + 2*b)/2."""
     return Add(*map(factor_terms, Add.make_args(expression)))

@@ -1,4 +1,4 @@
-"""The laws of motion as graph nodes: p = dL/dv, f = dL/dq + Q - dD/dv, M a = h + G^T lambda, G a + gamma = 0."""
+"""The equations of motion as graph nodes: p = dL/dv, f = dL/dq + Q - dD/dv, M a = h + G^T lambda, G a + gamma = 0."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ Matrix = Sequence[Sequence[Node]]
 
 @dataclass(frozen=True, eq=False)
 class MotionForm:
-    """The momenta and forces, n each, of dp/dt = f + G^T lambda as they are solved, and h of M a = h + G^T lambda."""
+    """The solved form of the equations: p and f of dp/dt = f + G^T lambda, and h of M a = h + G^T lambda, n each."""
 
     momenta: tuple[Node, ...]
     forces: tuple[Node, ...]
@@ -40,7 +40,11 @@ class MotionForm:
 def augmentation(
     mass: Matrix, constraints: ConstraintEquations, q: Sequence[Node], v: Sequence[Node], time: Node
 ) -> tuple[list[Node], list[Node]] | None:
-    """Return what is added to momenta and forces, None for a mass matrix that is regular by itself."""
+    """Return terms to add to momenta and forces so that M becomes regular, n each; None if M is regular already.
+
+    Each constraint psi that is linear in the velocities adds w psi G^T to the momenta and w psi dG^T/dt to the forces.
+    These terms vanish on the constraint; w is `_weight`.
+    """
     linear = [name not in constraints.nonlinear for name in constraints.names]
     if not any(linear) or generic_rank(mass) == len(q):
         return None
@@ -59,7 +63,7 @@ def augmentation(
 
 
 def _weight(mass: Matrix, row: Sequence[Node], symbols: Sequence[Node]) -> Node:
-    """Return the size of the mass matrix over that of G^T G, with all that moves replaced by one."""
+    """Return trace(M) / |row|^2 with coordinates, velocities and time replaced by one, or one if that has no value."""
     graph = symbols[0].graph
     inertia = graph.sum([(1, mass[i][i]) for i in range(len(row))])
     square = graph.sum([(1, entry * entry) for entry in row])
@@ -72,15 +76,16 @@ def _weight(mass: Matrix, row: Sequence[Node], symbols: Sequence[Node]) -> Node:
 
 
 RELATION = "equation of "
-"""How the names of relations begin; no name of a user's has a space."""
+"""Prefix of the names of first-order equations. Names of users have no spaces."""
 
 
 def first_order_coordinates(
     mass: Sequence[Sequence[Node]], bias: Sequence[Node], v: Sequence[Node], constraints: ConstraintEquations
 ) -> tuple[int, ...]:
-    """Return the coordinates without inertia that no constraint holds and whose equations determine velocities.
+    """Return the indices of coordinates without inertia and constraints whose equations determine velocities.
 
-    `bias` is h of M a = h: of these coordinates 0 = h is the relation. What is left out has no inertia at all.
+    `bias` is h of M a = h, so their equations are the relations 0 = h. Coordinates without inertia whose relations
+    determine no velocity are left out; `check_inertia` refuses them.
     """
     graph = v[0].graph
     chosen = [
@@ -102,7 +107,7 @@ def first_order_coordinates(
 
 
 def without(chosen: Sequence[int], motion: MotionForm) -> MotionForm:
-    """Return the equations to be solved without those of the coordinates chosen, for which relations stand."""
+    """Return the equations with those of the chosen coordinates set to zero; relations replace them."""
 
     def cleared(entries: Sequence[Node]) -> tuple[Node, ...]:
         return tuple(entry.graph.zero if i in chosen else entry for i, entry in enumerate(entries))
@@ -111,7 +116,7 @@ def without(chosen: Sequence[int], motion: MotionForm) -> MotionForm:
 
 
 def with_ones(chosen: Sequence[int], mass: Matrix) -> Matrix:
-    """Return a mass matrix with an inertia of one for the coordinates chosen, to see whether the others have theirs."""
+    """Return the mass matrix with ones on the diagonal for the chosen coordinates, to test the rank of the others."""
     return [
         [entry.graph.one if i == j and i in chosen else entry for j, entry in enumerate(row)]
         for i, row in enumerate(mass)
@@ -127,7 +132,7 @@ def with_relations(
     v: Sequence[Node],
     time: Node,
 ) -> ConstraintEquations:
-    """Return the constraints with the relations of the coordinates chosen behind them."""
+    """Return the constraints, followed by the relations of the chosen coordinates."""
     if not chosen:
         return constraints
     graph = time.graph
@@ -147,7 +152,10 @@ def with_relations(
 
 
 def least_norm(stated: ConstraintEquations, kept: Sequence[int], multipliers: Sequence[Node]) -> list[Node]:
-    """Return the multipliers of all constraints from those of the constraints kept, whose rows span all rows."""
+    """Return the multipliers of all constraints, of least norm, from those of the kept ones.
+
+    The rows of the kept constraints span all rows of G.
+    """
     others = [i for i in range(len(stated)) if i not in kept]
     if not others:
         return list(multipliers)
@@ -165,9 +173,9 @@ def least_norm(stated: ConstraintEquations, kept: Sequence[int], multipliers: Se
         for a in range(len(rows))
     ]
     weights = graph.solve(gram, list(multipliers))
-    found = dict(zip(kept, weights, strict=True))
-    found |= {i: _dot(c, weights) for i, c in zip(others, shares, strict=True)}
-    return [found[i] for i in range(len(stated))]
+    by_index = dict(zip(kept, weights, strict=True))
+    by_index |= {i: _dot(c, weights) for i, c in zip(others, shares, strict=True)}
+    return [by_index[i] for i in range(len(stated))]
 
 
 def _dot(a: Sequence[Node], b: Sequence[Node]) -> Node:
@@ -176,16 +184,16 @@ def _dot(a: Sequence[Node], b: Sequence[Node]) -> Node:
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """Every law of one system, as nodes of one graph.
+    """All equations of one system, as nodes of one graph.
 
-    `q`, `v` and `parameters` are the symbols, n, n and k of them; `rate`, which is dq/dt, `momenta`, `forces`, `bias`
-    and `accelerations` have n entries, `mass` n rows. `matrix` is M, or with m constraints [[M, G^T], [G, 0]], and
-    `plan` solves with it: for the accelerations and behind them the `multipliers`, m of them, with the other sign. The
-    equations are solved in the form `motion`, which has other momenta where M is singular; `matrix` has its M then.
-    `leaves` maps the statement's SymPy leaves to symbols.
-    `stated` are the constraints of the statement, with their `multipliers`; `constraints`, which are solved for, with
-    `impulses` as theirs, lack those that are redundant, and also have the relations of the coordinates of
-    `first_order`, which have no inertia.
+    - `q`, `v` and `parameters` are symbols: n, n and k of them. `leaves` maps the statement's SymPy leaves to nodes.
+    - `rate` (dq/dt), `momenta`, `forces`, `bias` and `accelerations` have n entries; `mass` has n rows.
+    - `stated` are the constraints of the statement, `multipliers` their multipliers.
+    - `constraints` are those that are solved, `impulses` their multipliers. Redundant constraints are left out. The
+      relations of coordinates without inertia, whose indices are `first_order`, are added.
+    - `motion` is the form that is solved. If M is singular it has other momenta, and so another M.
+    - `matrix` is the M of `motion`, or with constraints [[M, G^T], [G, 0]]. `plan` solves with it for the
+      accelerations, followed by `impulses` with the opposite sign.
     """
 
     graph: Graph
@@ -215,12 +223,12 @@ class Equations:
 
     @property
     def state(self) -> dict[str, Sequence[Node]]:
-        """The symbols of the state by part, as programs read them."""
+        """Symbols of the state by the names of its parts in programs, q and v."""
         return {"q": self.q, "v": self.v}
 
     @property
     def solution(self) -> tuple[Node, ...]:
-        """The unknowns that `plan` solves for: the accelerations, and the multipliers with the other sign."""
+        """Unknowns that `plan` solves for: the accelerations, then `impulses` with the opposite sign."""
         return (*self.accelerations, *(-one for one in self.impulses))
 
     def translate(self, expression: Any) -> Node:
@@ -232,13 +240,13 @@ class Equations:
         return Translator(self.graph, self.leaves)
 
     def express(self, node: Node) -> Any:
-        """Return a node as SymPy, in the statement's symbols; what compiled code computes, to be read."""
+        """Return a node as a SymPy expression in the statement's symbols: the formula that compiled code evaluates."""
         symbols = {leaf: name for name, leaf in self.leaves.items() if leaf.kind is Kind.SYMBOL}
         return to_sympy(node, symbols)
 
 
 def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> Equations:
-    """Form the equations of motion of a statement; of its constraints those `kept` are solved for, all unless given."""
+    """Return the equations of motion of a statement; `kept` has the indices of the solved constraints, None for all."""
     graph = Graph()
     q, v, time, parameters = _symbols(graph, statement)
     rate = v  # dq/dt
@@ -308,7 +316,10 @@ def with_inertia(
     v: Sequence[Node],
     time: Node,
 ) -> tuple[MotionForm, tuple[tuple[Node, ...], ...]]:
-    """Return the motion and its mass matrix, the inertia of constraints added where `complete` is singular."""
+    """Return the motion and its mass matrix, with terms of `augmentation` added if `complete` is singular.
+
+    `complete` is the mass matrix with ones for coordinates of first order.
+    """
     added = augmentation(complete, constraints, q, v, time)
     if added is None:
         return motion, mass
@@ -349,7 +360,7 @@ def check_inertia(
     constraints: ConstraintEquations,
     first_order: Sequence[int] = (),
 ) -> None:
-    """Raise StatementError for a coordinate whose row of the mass matrix is zero, if nothing else holds it."""
+    """Raise StatementError for a coordinate whose rows of M and of G^T are zero, except those of first order."""
     for i, (name, row) in enumerate(zip(names, mass, strict=True)):
         if i in first_order:
             continue
@@ -359,7 +370,7 @@ def check_inertia(
 
 
 def no_inertia(name: str) -> str:
-    """Return the sentence for a coordinate that the Lagrangian gives no inertia."""
+    """Return the message for a coordinate without inertia in the Lagrangian."""
     return (
         f"the Lagrangian has no term of second order in {name}.dot, so {name} has no inertia and its acceleration is "
         f"not determined: the mass matrix d2L/dv2 is singular. Add the kinetic energy of {name}, or make {name} a "
@@ -376,14 +387,14 @@ def bias_forces(
 
 
 def jacobi_integral(lagrangian: Node, momenta: Sequence[Node], v: Sequence[Node]) -> Node:
-    """Return v.p - L, which is T + V where T is quadratic in the velocities and V free of them."""
+    """Return v.p - L, which is T + V if T is quadratic in the velocities and V free of them."""
     graph = lagrangian.graph
     powers = [(1, graph.product(pair)) for pair in zip(v, momenta, strict=True)]
     return graph.sum([*powers, (-1, lagrangian)])
 
 
 def system_matrix(mass: tuple[tuple[Node, ...], ...], constraints: ConstraintEquations) -> tuple[tuple[Node, ...], ...]:
-    """Return [[M, G^T], [G, 0]], which is M itself without constraints."""
+    """Return [[M, G^T], [G, 0]], or M without constraints."""
     if not len(constraints):
         return mass
     gradient, zero = constraints.gradient, mass[0][0].graph.zero
@@ -395,9 +406,9 @@ def solve_motion(
     plan: SolvePlan, matrix: Sequence[Sequence[Node]], bias: Sequence[Node], constraints: ConstraintEquations
 ) -> tuple[list[Node], list[Node]]:
     """Return a and lambda of M a = h + G^T lambda and G a + gamma = 0."""
-    found = plan.solved(matrix, [*bias, *(-gamma for gamma in constraints.bias)])
+    unknowns = plan.solved(matrix, [*bias, *(-gamma for gamma in constraints.bias)])
     n = len(bias)
-    return found[:n], [-one for one in found[n:]]
+    return unknowns[:n], [-one for one in unknowns[n:]]
 
 
 def _symbols(graph: Graph, statement: Statement) -> tuple[tuple[Node, ...], tuple[Node, ...], Node, tuple[Node, ...]]:

@@ -1,8 +1,8 @@
-"""Whether a sum of monomials is zero for every value of its symbols: proofs, not guesses.
+"""Proofs that a sum of monomials is zero for all values of its symbols.
 
-Roots and quotients are multiplied out, sines and cosines of sums and multiples become those of their smallest parts,
-and even powers of sines are written in cosines. What is left is a polynomial in things that few relations tie: if all
-coefficients are zero, so is the sum. A sum that is not reduced to zero here may still vanish: nothing is claimed of it.
+Roots and quotients are multiplied out. Sines and cosines of sums and multiples become those of their smallest parts.
+Even powers of sines are written in cosines. The result is a polynomial in nearly independent factors: if all its
+coefficients are zero, so is the sum. A sum that is not reduced to zero may still vanish: it stays undecided.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from sympy import Dummy, Rational, S
 from lagrange.equations.terms import ONE, Algebra, MonomialSum, TooLargeError, accumulate
 
 ROUNDS = 6
-"""Times that what stands inside a root or a quotient is multiplied out; each round removes one nesting."""
+"""Most rounds of multiplying out roots and quotients; each removes one level of nesting."""
 
 LARGEST = 40_000
-"""Monomials that one proof may make, half a second of them."""
+"""Most monomials of one proof: half a second."""
 
 _SQUARES = {sympy.sin: (sympy.cos, -1), sympy.cosh: (sympy.sinh, 1)}
 """f**2 = 1 + sign * g**2 by function."""
 
 
 def is_identity(algebra: Algebra, terms: MonomialSum) -> bool:
-    """Return whether the sum is proven to be zero; False says that no proof was found."""
+    """Return True if the sum is proven to be zero; False if no proof was found."""
     try:
         with algebra.at_most(LARGEST):
             return not canonical(algebra, terms)
@@ -35,7 +35,7 @@ def is_identity(algebra: Algebra, terms: MonomialSum) -> bool:
 
 
 def canonical(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Return a sum that has factors in common with the given one, and is empty if the given one is found to be zero."""
+    """Return a reduced multiple of the sum, which is empty if the sum is proven to be zero."""
     terms = algebra.merge_angles(terms)
     for _ in range(ROUNDS):
         if not terms:
@@ -48,7 +48,7 @@ def canonical(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _cleared(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Multiply by what stands in denominators, and expand sums that become whole powers."""
+    """Return the sum times its denominators, with sums to whole powers expanded."""
     lowest: dict[int, Any] = {}
     for monomial in terms:
         for k, e in monomial:
@@ -76,7 +76,7 @@ def _composite(factor: Any) -> bool:
 
 
 def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> MonomialSum:
-    """Return the product times a factor to a power from zero up, a sum multiplied out."""
+    """Return the product times a factor to a power of at least zero; a factor that is a sum is multiplied out."""
     factor = algebra.factors[k]
     if not exponent:
         return product
@@ -89,7 +89,7 @@ def _times(algebra: Algebra, product: MonomialSum, k: int, exponent: int) -> Mon
 
 
 def _with_least_angles(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Write sines and cosines of sums and multiples in those of the parts that all arguments are whole multiples of."""
+    """Return the sum with sines and cosines of sums and multiples in terms of those of the smallest parts."""
     present = dict.fromkeys(k for monomial in terms for k, _ in monomial)
     angles = [k for k in present if isinstance(algebra.factors[k], (sympy.sin, sympy.cos, sympy.tan))]
     units = _units([algebra.factors[k].args[0] for k in angles])
@@ -127,8 +127,8 @@ def _units(arguments: list[Any]) -> dict[Any, Any]:
 def _expanded(algebra: Algebra, function: Any, units: dict[Any, Any]) -> Any:
     """Return a function of an angle in sines and cosines of the smallest parts.
 
-    The cosine of N x is a polynomial of degree N, made in about N^2 operations. That of a sum has the product of the
-    terms of its parts. Both are taken off the budget before they are made.
+    The cosine of N x is a polynomial of degree N, made in about N^2 operations. The number of terms of a cosine of a
+    sum is the product of those of its parts. Both costs are subtracted from the budget in advance.
     """
     symbols: dict[Any, Any] = {}
     argument, terms = S.Zero, 1
@@ -139,15 +139,15 @@ def _expanded(algebra: Algebra, function: Any, units: dict[Any, Any]) -> Any:
         argument += symbols.setdefault(unit, Dummy(real=True)) * multiple
         terms *= 1 + abs(int(multiple))
         algebra.spend(int(multiple) ** 2 + terms)
-    made = function.func(argument)
-    if isinstance(made, sympy.tan):
-        made = sympy.sin(argument) / sympy.cos(argument)
+    expanded = function.func(argument)
+    if isinstance(expanded, sympy.tan):
+        expanded = sympy.sin(argument) / sympy.cos(argument)
     back = {symbol: unit for unit, symbol in symbols.items()}
-    return sympy.expand_trig(made).xreplace(back)
+    return sympy.expand_trig(expanded).xreplace(back)
 
 
 def _polynomial(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
-    """Write even powers of sines in cosines, and those of hyperbolic cosines in hyperbolic sines."""
+    """Return the sum with even powers of sines in cosines, and those of hyperbolic cosines in hyperbolic sines."""
     result: MonomialSum = {}
     for monomial, number in terms.items():
         product: MonomialSum = {ONE: number}

@@ -1,4 +1,4 @@
-"""Inputs: parameters whose values change along a motion, with their rates; those that the equations do not need go."""
+"""Removal of inputs that the equations do not contain. Inputs are parameters whose values change, and their rates."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lagrange.statement.statement import Statement
 def with_needed_inputs(statement: Statement, equations: Equations) -> tuple[Statement, Equations]:
     """Return a statement and its equations without the inputs that neither contains.
 
-    The equations are made with more rates of each input than most of them need.
+    Equations are formed with more rates of each input than most of them contain.
     """
     e = equations
     nodes = [e.lagrangian, e.energy, *e.momenta, *e.forces, *e.bias, *e.accelerations, *e.multipliers, *e.impulses]

@@ -22,14 +22,14 @@ from lagrange.statement.multiplier import check_multipliers, constraint_of
 from lagrange.statement.statement import REFUSE, Statement
 
 LONGEST = 20_000
-"""Operations of the multipliers above which they are refused: the series of longer ones takes seconds to compile."""
+"""Most operations of the multipliers: the series of longer ones takes seconds to compile."""
 
 
 def with_solved_multipliers(statement: Statement) -> Statement:
     """Return the statement with the multipliers in its forces as functions of the state.
 
-    A statement without such forces is returned as it is. Raises StatementError for multipliers of no constraint, for
-    forces that are not linear in them, for redundant constraints, for coordinates without inertia, and where the
+    A statement without such forces is returned unchanged. Raises StatementError for multipliers of unknown constraints,
+    for forces that are not linear in them, for redundant constraints, for coordinates without inertia, and if the
     multipliers are not determined.
     """
     free = sorted(sympy.Tuple(*statement.forces).free_symbols, key=str)
@@ -107,13 +107,13 @@ def _multipliers(statement: Statement) -> list[Any]:
     columns = list(zip(*solved, strict=True))
     right = [[-drift(psi) - _dot(line, columns[0])] for psi, line in zip(rates, gradient, strict=True)]
     square = [[_dot(line, column) for column in columns[1:]] for line in gradient]
-    found = _solved(square, right)
-    if found is None:
+    multipliers = _solved(square, right)
+    if multipliers is None:
         raise StatementError(
             f"the multipliers of {statement.name} are not determined: its constraints depend on one another, or the "
             "forces cancel those of a constraint. Change the forces that contain multipliers."
         )
-    return [row[0] for row in found]
+    return [row[0] for row in multipliers]
 
 
 def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
@@ -121,7 +121,7 @@ def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
 
 
 def _solved(matrix: Sequence[Sequence[Any]], right: Sequence[Sequence[Any]]) -> list[list[Any]] | None:
-    """Return X of A X = R by elimination, or None where a pivot vanishes identically; rows change place for it."""
+    """Return X of A X = R by elimination with exchange of rows, or None if a column has no pivot."""
     rows = [[*row, *others] for row, others in zip(matrix, right, strict=True)]
     n = len(rows)
     for k in range(n):
@@ -137,7 +137,7 @@ def _solved(matrix: Sequence[Sequence[Any]], right: Sequence[Sequence[Any]]) -> 
 
 
 def _is_zero(given: Any) -> bool:
-    """Return whether an expression vanishes, by its value where symbols have distinct values."""
+    """Return True if an expression vanishes at a point where its symbols have distinct values."""
     if not given.args:
         return bool(given == 0)
     symbols = sorted(given.free_symbols, key=str)

@@ -1,4 +1,4 @@
-"""Named points whose kinetic energy is a term of T: where a derivation begins, with their velocities and masses."""
+"""Named points whose kinetic energy is a term of T, with their velocities and masses: the start of a derivation."""
 
 from __future__ import annotations
 
@@ -29,13 +29,13 @@ class Point:
 
 
 def moving_points(page: TextbookAlgebra) -> tuple[Point, ...]:
-    """Return the points for which a term of the stated T is half a constant times the square of their velocity.
+    """Return the points for which a term of the stated T is half a mass times the square of their velocity.
 
-    Each term is the energy of one point at most. A point that moves as its coordinates do is left out: its velocity
-    shows nothing.
+    Each term is the energy of one point at most. Points are left out if each component of their velocity is a constant
+    times the velocity of a coordinate: showing it explains nothing.
     """
     left = [page.algebra.merge_angles(page.read(term)) for term in Add.make_args(page.statement.kinetic)]
-    found = []
+    points = []
     for name, position in page.statement.positions.items():
         rates = [page.at_constant_velocities(page.read(entry)) for entry in position]
         squares = (page.algebra.multiply(rate, rate) for rate in rates)
@@ -45,12 +45,12 @@ def moving_points(page: TextbookAlgebra) -> tuple[Point, ...]:
             del left[place]
             if not all(_plain(page, rate) for rate in rates):
                 velocity = tuple(map(page.show, rates))
-                found.append(Point(name, mass, tuple(position), velocity, page.show(squared)))
-    return tuple(found)
+                points.append(Point(name, mass, tuple(position), velocity, page.show(squared)))
+    return tuple(points)
 
 
 def _masses(page: TextbookAlgebra, squared: MonomialSum, terms: list[MonomialSum]) -> Iterator[tuple[Any, int]]:
-    """Yield (mass, place) of the terms that are mass * squared / 2, with a mass that does not move."""
+    """Yield (mass, index) of the terms that are mass * squared / 2 with a constant mass."""
     if not squared:
         return
     number, monomial, rest = common_factor(squared)
@@ -68,7 +68,7 @@ def _ratio(page: TextbookAlgebra, above: Monomial, below: Monomial, number: Any)
 
 
 def _plain(page: TextbookAlgebra, rate: MonomialSum) -> bool:
-    """Whether a component of a velocity is zero, or a constant times the velocity of a coordinate."""
+    """Return True if a component of a velocity is zero, or a constant times the velocity of a coordinate."""
     if len(rate) > 1:
         return False
     moving = [page.algebra.factors[k] for monomial in rate for k, _ in monomial]
@@ -76,7 +76,7 @@ def _plain(page: TextbookAlgebra, rate: MonomialSum) -> bool:
 
 
 def _is_mass(page: TextbookAlgebra, mass: Any) -> bool:
-    """Whether an expression may be the mass of a point: a parameter, a sum of some, or a number."""
+    """Return True if an expression may be a mass: a parameter, a number, or a sum of these."""
     return all(part.is_Symbol or part.is_Number for part in Add.make_args(mass)) and not (
         mass.free_symbols & page.collector.moving
     )

@@ -1,7 +1,7 @@
-"""Whether the motion is determined at all; tested when a system is stated, in the user's symbols.
+"""Test, when a system is stated, that the equations determine the accelerations; messages are in the user's symbols.
 
-Without constraints the mass matrix must not be singular by construction. With constraints each must restrict something,
-they must be independent, and no motion that they allow may be without inertia.
+Without constraints the mass matrix must not be singular at every state. With constraints each must restrict a velocity,
+they must be independent, and every motion that they allow must have inertia.
 """
 
 from __future__ import annotations
@@ -33,20 +33,21 @@ from lagrange.statement.given import with_values
 from lagrange.statement.statement import REFUSE, Statement
 
 POINTS = 8
-"""Random states at which the rank is tested, beside the stated one; one regular point clears a block."""
+"""Number of random states at which the rank is tested, beside the initial state. One regular state is enough."""
 
 ROUND_OFF = 1e-12
-"""A value that vanishes at every state is below this part of its terms at each."""
+"""A value counts as zero if it is below this fraction of its terms."""
 
 Reach = Callable[[Statement, Equations, FloatArray, FloatArray], list[FloatArray]]
-"""A function that projects states (2n, k) onto the constraints, with parameters, and returns those that it reaches."""
+"""A function of statement, equations, states (2n, k) and parameters. Returns the states that it could project onto the
+constraints."""
 
 
 def equations_of(statement: Statement, reach: Reach) -> Equations:
     """Return the equations of motion, solved with independent constraints where redundant ones are allowed.
 
-    `reach` is called for constraints that depend on each other, allowed or not. Raises StatementError where no state
-    determines the motion.
+    `reach` is called for dependent constraints. Raises StatementError if the accelerations are undetermined at every
+    state tried.
     """
     statement = known_statement(statement)
     equations = allowed_equations(statement, reach)
@@ -55,7 +56,7 @@ def equations_of(statement: Statement, reach: Reach) -> Equations:
 
 
 def known_statement(statement: Statement) -> Statement:
-    """Return the statement with given functions, and multipliers in its forces, as functions of time and state."""
+    """Return the statement with given functions, and multipliers in forces, replaced by functions of time and state."""
     return with_solved_multipliers(with_values(statement))
 
 
@@ -69,10 +70,10 @@ def allowed_equations(statement: Statement, reach: Reach) -> Equations:
 
 
 def check_regularity(equations: Equations, statement: Statement | None = None, reach: Reach | None = None) -> None:
-    """Raise StatementError if the accelerations are undetermined at every state and for all parameters that are tried.
+    """Raise StatementError if the accelerations are undetermined at all states and parameters tried.
 
-    These are random ones and, of a statement, its initial state with its default parameters. The message names the
-    constraints, or the combination of velocities that has no inertia. With `reach` it also says whether dependent
+    States and parameters are random; with `statement` also its initial state and default parameters. The message names
+    the constraints, or the combination of velocities that has no inertia. With `reach` it also says whether dependent
     constraints contradict each other.
     """
     if len(equations.constraints):
@@ -82,7 +83,7 @@ def check_regularity(equations: Equations, statement: Statement | None = None, r
 
 
 def _check_mass_matrix(tried: Tried) -> None:
-    """Raise StatementError if the mass matrix is singular at every state and for all parameters that are tried."""
+    """Raise StatementError if the mass matrix is singular at all states and parameters tried."""
     names = tried.equations.structure.names
     coupled = [block for block in tried.equations.structure.blocks if len(block) > 1]
     if not coupled:
@@ -113,9 +114,9 @@ def _check_constraints(tried: Tried, reach: Reach | None) -> None:
 
 
 def _independent_constraints(statement: Statement, equations: Equations, reach: Reach) -> tuple[int, ...]:
-    """Return the most constraints that are independent at a state where all hold; the others follow from them.
+    """Return the indices of a largest set of constraints that are independent at a state where all hold.
 
-    Raises StatementError where no state is found that satisfies them.
+    The others follow from them. Raises StatementError if no state is found that satisfies all.
     """
     tried, count = Tried(equations, statement), len(statement.constraints)
     states, parameters = tried.starts(), tried.some_parameters(statement)
@@ -132,9 +133,9 @@ def _independent_constraints(statement: Statement, equations: Equations, reach: 
 
 
 def _pivots(rows: FloatArray) -> tuple[int, ...]:
-    """Return the indices of rows that span all of them.
+    """Return the indices of rows that span the row space.
 
-    The next row is the longest after projection, in units of its own length.
+    Greedy choice: the next row is the one with the longest part orthogonal to the rows chosen, relative to its length.
     """
     sizes = np.sqrt((rows**2).sum(axis=1))
     left, chosen = rows / np.where(sizes > 0, sizes, 1.0)[:, None], []
@@ -151,15 +152,15 @@ def _pivots(rows: FloatArray) -> tuple[int, ...]:
 
 
 def _dependent(tried: Tried, singular: Singular, reach: Reach | None) -> str:
-    """Return the refusal of constraints that are dependent wherever they were tried."""
+    """Return the message for constraints that are dependent at every state tried."""
     equations, statement = tried.equations, tried.statement
     names = equations.constraints.names
     # Without values for its parameters no state says whether constraints contradict one another.
     only_stated = all(row < len(equations.stated) for row, _ in singular.rows)
     if reach is None or statement is None or not only_stated or len(statement.defaults) < len(statement.parameters):
         return dependent_everywhere(names, singular)
-    found = reach(statement, equations, tried.starts(), tried.some_parameters(statement))
-    return dependent_everywhere(names, singular) if found else contradiction(names, singular)
+    reached = reach(statement, equations, tried.starts(), tried.some_parameters(statement))
+    return dependent_everywhere(names, singular) if reached else contradiction(names, singular)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,7 +180,7 @@ class Tried:
         return random if self.statement is None else np.array([self.statement.initial, *random.T]).T
 
     def some_parameters(self, statement: Statement | None) -> FloatArray:
-        """Return values of the parameters: the defaults of a statement, and random ones where there are none."""
+        """Return values of the parameters (k,): the defaults of a statement, random ones where it has no default."""
         some = np.random.default_rng(9).uniform(0.5, 2.0, len(self.equations.parameters))
         if statement is None:
             return some
@@ -193,21 +194,21 @@ class Tried:
         return dict(zip(symbols, rows, strict=True))
 
     def values(self, nodes: Sequence[Node]) -> FloatArray:
-        """Return nodes at every state, (nodes, states)."""
+        """Return the values of nodes at every state tried, (nodes, states)."""
         statement, state = self.statement, self.random_states()
         random = np.random.default_rng(8)
         some = self.some_parameters(None)
-        found = [doubles(nodes, self.point(random.uniform(0.2, 1.2, POINTS), state, some), POINTS)]
+        blocks = [doubles(nodes, self.point(random.uniform(0.2, 1.2, POINTS), state, some), POINTS)]
         if statement is not None:
             stated = self.some_parameters(statement)
             initial = np.array(statement.initial)[:, None]
             around = initial + (1e-2 * np.abs(initial) + 1e-3) * random.uniform(-1.0, 1.0, state.shape)
             states = np.concatenate([initial, around], axis=1)
-            found.append(doubles(nodes, self.point(0.0, states, stated), 1 + POINTS))
-        return np.concatenate(found, axis=1)
+            blocks.append(doubles(nodes, self.point(0.0, states, stated), 1 + POINTS))
+        return np.concatenate(blocks, axis=1)
 
     def mass_matrices(self) -> FloatArray:
-        """Return the mass matrix at every state, (n, n, states)."""
+        """Return the mass matrix at every state tried, (n, n, states)."""
         n = len(self.equations.q)
         return self.values([entry for row in self.equations.mass for entry in row]).reshape(n, n, -1)
 
@@ -215,7 +216,11 @@ class Tried:
 def _check_empty(
     names: Sequence[str], gradient: FloatArray, sizes: FloatArray, values: FloatArray, terms: FloatArray
 ) -> None:
-    """Refuse constraints whose derivatives by the velocities, (m, n, states), vanish at every state with values."""
+    """Raise StatementError for a constraint whose derivatives by the velocities vanish at every state with values.
+
+    `gradient` has these derivatives and `sizes` the sizes of their terms, (m, n, states). `values` and `terms` are the
+    same of the constraints, (m, states).
+    """
     for name, rows, size, value, term in zip(names, gradient, sizes, values, terms, strict=True):
         finite = np.isfinite(value) & np.isfinite(rows).all(axis=0)
         if finite.any() and (np.abs(rows) <= ROUND_OFF * size)[:, finite].all():
@@ -224,15 +229,15 @@ def _check_empty(
 
 
 def _common_singular(mass: FloatArray, gradient: FloatArray) -> Singular | None:
-    """Return what is singular at the first state if something is at every one with finite numbers."""
+    """Return the singularity at the first state with finite numbers, if all such states have one; else None."""
     first = None
     for k in range(mass.shape[2]):
-        found = least_regular(mass[:, :, k], gradient[:, :, k])
-        if found is None:
+        singular = least_regular(mass[:, :, k], gradient[:, :, k])
+        if singular is None:
             continue
-        if found.regularity > RANK:
+        if singular.regularity > RANK:
             return None
-        first = found if first is None else first
+        first = singular if first is None else first
     return first
 
 
@@ -246,7 +251,7 @@ def _undetermined(equations: Equations, motion: FloatArray) -> str:
 
 def _common_null_vector(matrices: FloatArray) -> FloatArray | None:
     """Return the null vector of the first matrix if every finite one is singular."""
-    found = None
+    null = None
     for k in range(matrices.shape[2]):
         matrix = matrices[:, :, k]
         if not np.isfinite(matrix).all():
@@ -255,8 +260,8 @@ def _common_null_vector(matrices: FloatArray) -> FloatArray | None:
         _, values, vectors = np.linalg.svd(scaled)
         if values[-1] > RANK * values[0]:
             return None
-        found = vectors[-1] / scale if found is None else found
-    return found
+        null = vectors[-1] / scale if null is None else null
+    return null
 
 
 def _no_inertia_along(names: list[str], null: FloatArray) -> str:

@@ -1,6 +1,6 @@
-"""Why a motion has no accelerations at a state: constraints that are dependent there, or a motion without inertia.
+"""Diagnosis of a state without accelerations: dependent constraints, or a motion without inertia.
 
-M a = h + G^T lambda and G a + gamma = 0 have one solution where the rows of G are independent and M is definite on the
+M a = h + G^T lambda and G a + gamma = 0 have one solution if the rows of G are independent and M is definite on the
 motions that they allow, the kernel of G. All tests are made on matrices whose rows are scaled alike, so that units do
 not matter.
 Source: J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., 2006, lemma 16.1.
@@ -25,37 +25,37 @@ Values = Callable[[float, FloatArray, FloatArray], FloatArray]
 """A function of t, a state (2n,) and parameters (k,)."""
 
 RANK = 1e-13
-"""A singular value below this fraction of the largest counts as zero once rows and columns are scaled alike."""
+"""A singular value of a balanced matrix counts as zero below this fraction of the largest."""
 
 NEARLY_SINGULAR = 1e-6
-"""Where nothing is nearer to zero than this part, what was solved for is not the motion."""
+"""If the smallest relative singular value is above this, the message blames the mass matrix, not the constraints."""
 
 DEPENDENT = 1e-8
-"""Rows are dependent on the surface where their least singular value is below this part of the largest: a state is on
-the surface up to 1e-12, and off it rows that are dependent on it differ by as much."""
+"""Rows of G are dependent if their least singular value is below this fraction of the largest. States satisfy the
+constraints to 1e-12, and rows that are dependent on the constraints differ off them by as much."""
 
 NAMED_SHARE = 1e-6
-"""Entries of a null vector below this part of the largest are round-off."""
+"""Entries of a null vector below this fraction of the largest are rounding noise."""
 
 MOST_NAMED = 8
 """Most velocities that a message names."""
 
 
 class Provider(Protocol):
-    """What makes kernels for a few states: a model, or what a model is made of."""
+    """A source of functions for a few states: a model, or an object with its kernels."""
 
     def interpreted(self, name: str) -> Values:
-        """Return a quantity of the system."""
+        """Return the quantity of that name, such as "mass_matrix"."""
 
     def function(self, name: str, nodes: tuple[Node, ...]) -> Values:
-        """Return nodes of the equations' graph as a function of t, q and v."""
+        """Return the values of nodes of the equations' graph as a function."""
 
 
 @dataclass(frozen=True, eq=False)
 class Singular:
-    """What is singular: `rows` of G, each with its factor in the sum that vanishes, or a `motion` (n,) without inertia.
+    """A singularity: dependent `rows` of G with their factors, or a `motion` (n,) without inertia.
 
-    `regularity` is the singular value that vanishes, relative to the largest.
+    The sum of factor times row vanishes. `regularity` is the least singular value relative to the largest.
     """
 
     regularity: float
@@ -78,15 +78,15 @@ def _divided(matrix: FloatArray, scale: FloatArray) -> FloatArray:
 
 
 def scales(mass: FloatArray, gradient: FloatArray) -> FloatArray:
-    """Return what makes the rows of [[M, G^T], [G, 0]] comparable, (n + m,)."""
+    """Return the scale factors s (n + m,) that balance [[M, G^T], [G, 0]]."""
     return balanced(_whole(mass, gradient))[1]
 
 
 def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | None = None) -> Singular | None:
-    """Return what is nearest to being singular, None where an entry is not finite.
+    """Return the combination of rows, or the motion, that is nearest to singular; None if an entry is not finite.
 
-    `mass` is (n, n) and `gradient` (m, n). With the `scale` of another state, (n + m,), rows that are smaller than
-    there count as smaller; else all are scaled alike.
+    `mass` is (n, n) and `gradient` (m, n). `scale` (n + m,) are the factors of another state, so that rows that have
+    become smaller count as smaller. None balances the matrix at this state.
     """
     n, m = len(mass), len(gradient)
     if not (np.isfinite(mass).all() and np.isfinite(gradient).all()):
@@ -114,7 +114,7 @@ def _whole(mass: FloatArray, gradient: FloatArray) -> FloatArray:
 
 
 def _dependent(held: FloatArray, scale: FloatArray, *, alike: bool) -> Singular:
-    """Return the combination of rows that is nearest to zero, the rows made equally long if they count alike."""
+    """Return the combination of rows that is nearest to zero; with `alike` rows are normalised first."""
     sizes = np.sqrt((held**2).sum(axis=1))
     units = np.where(sizes > 0, sizes, 1.0) if alike else np.ones(len(held))
     left, values, _ = np.linalg.svd(held / units[:, None])
@@ -126,7 +126,7 @@ def _dependent(held: FloatArray, scale: FloatArray, *, alike: bool) -> Singular:
 
 
 def _kernel(held: FloatArray) -> FloatArray:
-    """Return a basis, (n, n - m), of what the rows allow."""
+    """Return a basis (n, n - m) of the motions that the rows allow: their null space."""
     return np.asarray(np.linalg.svd(held)[2][len(held) :].T)
 
 
@@ -143,24 +143,24 @@ def matrices_at(
 
 
 def singular_sentence(made: Provider, equations: Equations, t: float, y: FloatArray, parameters: FloatArray) -> str:
-    """Return a sentence for a state (2n,) without accelerations: where it is, what is singular, and the remedy."""
+    """Return the message for a state (2n,) without accelerations: the place, the singularity and the remedy."""
     layout, names = equations.layout, equations.constraints.names
     place = ", ".join([f"t = {t:.6g}", *(f"{name} = {x:.6g}" for name, x in zip(layout.coordinates, y, strict=False))])
-    found = least_regular(*matrices_at(made, equations, t, y, parameters)) if names else None
-    if found is None or found.regularity > NEARLY_SINGULAR:
+    worst = least_regular(*matrices_at(made, equations, t, y, parameters)) if names else None
+    if worst is None or worst.regularity > NEARLY_SINGULAR:
         return (
             f"the mass matrix is singular at {place}: the accelerations are not determined there. Start elsewhere, or "
             "choose coordinates that are regular at this configuration."
         )
-    if found.motion is not None:
+    if worst.motion is not None:
         return (
-            f"a motion with {motion_along(layout.rates, found.motion)} satisfies the constraints and has no inertia at "
+            f"a motion with {motion_along(layout.rates, worst.motion)} satisfies the constraints and has no inertia at "
             f"{place}: the accelerations are not determined there. Add the kinetic energy that is missing, or start "
             "elsewhere."
         )
-    relations = any(names[i].startswith(RELATION) for i, _ in found.rows)
+    relations = any(names[i].startswith(RELATION) for i, _ in worst.rows)
     what, remedy = (FIRST_ORDER, "") if relations else (UNDETERMINED, ", or state one constraint less")
-    return f"{dependent_rows(names, found)} at {place}: {what} Start elsewhere{remedy}."
+    return f"{dependent_rows(names, worst)} at {place}: {what} Start elsewhere{remedy}."
 
 
 FIRST_ORDER = "the accelerations are not determined there."
@@ -168,7 +168,7 @@ UNDETERMINED = "the multipliers, and with them the accelerations, are not determ
 
 
 def dependent_rows(names: Sequence[str], found: Singular) -> str:
-    """Return which constraints are dependent, as the beginning of a sentence."""
+    """Return the beginning of a sentence that names the dependent constraints."""
     related = [names[i].removeprefix(RELATION) for i, _ in found.rows if names[i].startswith(RELATION)]
     if related:
         have = "has no inertia, and its equation" if len(related) == 1 else "have no inertia, and their equations"
@@ -188,12 +188,15 @@ def motion_along(names: Sequence[str], null: FloatArray) -> str:
 
 
 def few(parts: list[str]) -> str:
-    """Return the parts of a list in one line, the last of many left out."""
+    """Return the parts of a list in one line, at most `MOST_NAMED`, then "and so on"."""
     return ", ".join(parts if len(parts) <= MOST_NAMED else [*parts[: MOST_NAMED - 1], "and so on"])
 
 
 def dependent_everywhere(names: tuple[str, ...], singular: Singular, *, allowed: bool = False) -> str:
-    """Return the refusal of constraints that are dependent wherever they hold, those that are `allowed` to be too."""
+    """Return the message for constraints that are dependent wherever they hold.
+
+    `allowed`: the statement allows redundant constraints, which changes the remedy.
+    """
     if any(names[i].startswith(RELATION) for i, _ in singular.rows):
         return (
             f"{dependent_rows(names, singular)} at every state tried. Add the kinetic energy that is missing, or use "
@@ -218,7 +221,7 @@ def dependent_everywhere(names: tuple[str, ...], singular: Singular, *, allowed:
 
 
 def contradiction(names: tuple[str, ...], singular: Singular) -> str:
-    """Return the refusal of dependent constraints that no state satisfies."""
+    """Return the message for dependent constraints that no state satisfies."""
     return (
         f"{dependent_rows(names, singular)} and contradict one another: no state was found that satisfies them "
         "together. Drop one of them, or correct it."

@@ -1,4 +1,4 @@
-"""Solve M a = h in symbols by cofactors, so that only the determinant is ever divided by.
+"""Solve M a = h in symbols by cofactors, so that the only divisor is the determinant.
 
 Elimination divides by pivots. A pivot is a function of the state; it can vanish at a state where M is regular, and
 then the formula is wrong exactly there, at theta = pi/2 or with straight arms. det M vanishes only where M is singular.
@@ -18,7 +18,7 @@ from lagrange.equations.terms import ONE, Algebra, MonomialSum, TooLargeError, p
 
 
 def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
-    """Return the index sets, each sorted, into which a symmetric matrix falls."""
+    """Return the diagonal blocks of a symmetric matrix as index lists, each sorted."""
     blocks: list[list[int]] = []
     left = dict.fromkeys(range(len(nonzero)))
     while left:
@@ -73,7 +73,7 @@ def _minor(
 
 
 def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
-    """Whether the determinant is zero at a point with nothing special about it, in 50 digits."""
+    """Return True if the determinant is zero at a generic point, in 50 digits."""
     point = _point(set().union(*(entry.free_symbols for row in matrix for entry in row)))
     with mpmath.workdps(50):
         numbers = mpmath.matrix([[_number(entry.xreplace(point)) for entry in row] for row in matrix])
@@ -82,7 +82,7 @@ def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
 
 
 def value_somewhere(expression: Any) -> float:
-    """Return the value of an expression at a point with nothing special about it."""
+    """Return the value of an expression at a generic point."""
     leaves = sorted(expression.atoms(AppliedUndef, Derivative), key=str)
     plain = expression.xreplace({leaf: sympy.Dummy(str(leaf)) for leaf in leaves})
     return float(sympy.N(plain.xreplace(_point(plain.free_symbols)), 30))
@@ -99,7 +99,7 @@ def _number(entry: Any) -> Any:
 
 
 class NestedCofactors:
-    """M^-1 h with the entries left as they are: one expression per minor, shared wherever it occurs.
+    """M^-1 h with the entries not multiplied out: one shared expression per minor.
 
     `longest` bounds the operations of each formula as it would be printed; TooLargeError above it.
     """

@@ -1,4 +1,4 @@
-"""How a linear system of the equations is solved: the order of elimination, as one record for all readers."""
+"""Plan of the linear solve of the equations: blocks and order of elimination, in one record for all its users."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from functools import cached_property
 from lagrange.graph.node import Binding, Node
 
 Neighbours = Sequence[Collection[int]]
-"""For each unknown those that stand in its row of the matrix."""
+"""For each unknown, the unknowns with a nonzero entry in its row of the matrix."""
 
 
 def band_order(neighbours: Neighbours) -> list[int]:
-    """Return the unknowns of a system so that neighbours stand close to each other (Cuthill, McKee).
+    """Return the unknowns in an order of small bandwidth (Cuthill, McKee).
 
-    They are ordered by their distance from an unknown at one end, in whatever order they were stated.
+    They are ordered by their distance from an unknown at one end, independently of the order in which they were stated.
     """
     order: list[int] = []
     left = dict.fromkeys(range(len(neighbours)))
@@ -35,7 +35,7 @@ def band_order(neighbours: Neighbours) -> list[int]:
 
 
 def _levels(root: int, neighbours: Neighbours) -> list[list[int]]:
-    """Return the unknowns by their distance from one, in each level those with few neighbours first."""
+    """Return the unknowns by distance from `root`; in each level those with few neighbours come first."""
     levels, seen = [[root]], {root}
     while True:
         level: list[int] = []
@@ -49,7 +49,10 @@ def _levels(root: int, neighbours: Neighbours) -> list[list[int]]:
 
 
 def elimination_order(block: Sequence[int], neighbours: Neighbours, multipliers: Collection[int]) -> tuple[int, ...]:
-    """Return the unknowns of a block in the order of their elimination; in doubt from one end of the system on."""
+    """Return the unknowns of a block in the order of elimination: fewest neighbours first, ties by `band_order`.
+
+    A multiplier waits until the accelerations in its row are eliminated.
+    """
     place = {unknown: i for i, unknown in enumerate(block)}
     ends = band_order([[place[j] for j in neighbours[i]] for i in block])
     rank = {block[i]: k for k, i in enumerate(ends)}
@@ -74,12 +77,12 @@ def elimination_order(block: Sequence[int], neighbours: Neighbours, multipliers:
 
 @dataclass(frozen=True)
 class SolvePlan:
-    """How A x = b is solved: its unknowns in `blocks` that the symmetric matrix couples within, in order.
+    """Plan to solve A x = b block by block.
 
-    What is solved for in one block may stand in the rows of later ones, which makes a system of variations. `moving`
-    says that A changes along the motion; otherwise it is factored once per set of parameters. A is positive definite
-    but for `multipliers`, unknowns with pivots below zero. `present` has the places of A that are not identically zero;
-    without it all are read.
+    `blocks` are groups of unknowns that the symmetric matrix couples, in the order of elimination. Rows of later blocks
+    may contain unknowns of earlier ones, as in variational equations. `moving`: A changes along the motion; otherwise
+    it is factored once per set of parameters. A is positive definite except for `multipliers`, unknowns with negative
+    pivots. `present` has the index pairs of entries that are not identically zero; None reads all entries.
     """
 
     blocks: tuple[tuple[int, ...], ...]
@@ -94,30 +97,30 @@ class SolvePlan:
 
     @property
     def diagonal(self) -> bool:
-        """Whether every unknown stands alone, so that a division finds it."""
+        """True if A is diagonal, so that a division gives each unknown."""
         return len(self.blocks) == self.size
 
     @property
     def inverted(self) -> bool:
-        """Whether a matrix is factored or inverted along the motion."""
+        """True if a matrix is factored or inverted along the motion."""
         return self.moving and not self.diagonal
 
     @cached_property
     def triangle(self) -> tuple[tuple[int, int], ...]:
-        """The places (i, j) of the entries that are read: lower triangles by rows, block by block."""
+        """Index pairs (i, j) of the entries that are read: lower triangles by rows, block by block."""
         lower = ((block[a], block[b]) for block in self.blocks for a in range(len(block)) for b in range(a + 1))
         return tuple(place for place in lower if self.present is None or place in self.present)
 
     def negative(self, block: Sequence[int]) -> tuple[int, ...]:
-        """Return the places in a block of the pivots below zero."""
+        """Return the positions in a block of the unknowns with negative pivots."""
         return tuple(place for place, unknown in enumerate(block) if unknown in self.multipliers)
 
     def solved(self, matrix: Sequence[Sequence[Node]], right: Sequence[Node]) -> list[Node]:
-        """Return x; the factors of one matrix are shared by all right-hand sides."""
+        """Return x of matrix x = right. Factors of a matrix are shared by all right-hand sides."""
         return self.solver(matrix)(right)
 
     def solver(self, matrix: Sequence[Sequence[Node]]) -> Callable[[Sequence[Node]], list[Node]]:
-        """Return the function that gives x for a right-hand side; the structure of the matrix is found once."""
+        """Return a function from a right-hand side to x. The structure of the matrix is analysed once."""
         graph = matrix[0][0].graph
         earlier: list[list[int]] = []
         before: list[int] = []
@@ -127,11 +130,11 @@ class SolvePlan:
         squares = [[[matrix[i][j] for j in block] for i in block] for block in self.blocks]
 
         def solve(right: Sequence[Node]) -> list[Node]:
-            found: dict[int, Node] = {}
+            solution: dict[int, Node] = {}
             for block, square, known in zip(self.blocks, squares, earlier, strict=True):
-                rest = [graph.sum([(1, right[i]), *((-1, matrix[i][j] * found[j]) for j in known)]) for i in block]
-                found.update(zip(block, graph.solve(square, rest, self.negative(block)), strict=True))
-            return [found[i] for i in range(len(right))]
+                rest = [graph.sum([(1, right[i]), *((-1, matrix[i][j] * solution[j]) for j in known)]) for i in block]
+                solution.update(zip(block, graph.solve(square, rest, self.negative(block)), strict=True))
+            return [solution[i] for i in range(len(right))]
 
         return solve
 
@@ -151,7 +154,7 @@ def plan_of(matrix: Sequence[Sequence[Node]], multipliers: tuple[int, ...] = ())
 
 
 def coupled(neighbours: Sequence[Sequence[int]]) -> tuple[tuple[int, ...], ...]:
-    """Return the groups of indices that are neighbours of one another, directly or through others, each sorted."""
+    """Return the connected components of the graph of neighbours, each sorted."""
     seen: set[int] = set()
     groups = []
     for root in range(len(neighbours)):

@@ -1,4 +1,4 @@
-"""Where the parts of a state stand, and what its entries are called."""
+"""Layout of a state: the slices of its parts and the names of its entries."""
 
 from __future__ import annotations
 
@@ -9,9 +9,10 @@ from typing import Any
 
 @dataclass(frozen=True)
 class StateLayout:
-    """The state y = [q, v]: where coordinates and velocities stand in it, and the names of both.
+    """Layout of the state y = [q, v].
 
-    `coordinates` are the names of q, `rates` those of what v is the derivative of: the same where dq/dt is v.
+    `coordinates` are the names of q. `rates` are the names of the quantities whose derivatives are v: the same names if
+    dq/dt is v.
     """
 
     coordinates: tuple[str, ...]
@@ -37,5 +38,5 @@ class StateLayout:
         return y[self.q], y[self.v]
 
     def names(self, ending: str = "_dot") -> tuple[str, ...]:
-        """Return what to call each entry: theta, then theta_dot."""
+        """Return the name of each entry: theta of a coordinate, theta_dot of a velocity; `ending` is the suffix."""
         return (*self.coordinates, *(f"{name}{ending}" for name in self.rates))

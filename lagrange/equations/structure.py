@@ -1,7 +1,7 @@
-"""What kind of system it is: findings that choose code, allow methods, and are told to the user in words.
+"""Structure of a system: properties that select code, allow methods, and are reported to the user.
 
-What chooses code is taken from the expressions as they stand, so it is never wrong but can be missed. What is told is
-decided as an identity: see `lagrange.equations.decisions`.
+Properties that select code are read off the expressions: they are never wrongly claimed, but may be missed. Reported
+properties are decided as identities in `lagrange.equations.decisions`.
 """
 
 from __future__ import annotations
@@ -19,13 +19,16 @@ from lagrange.statement.statement import Statement
 
 @dataclass(frozen=True, eq=False)
 class Structure:
-    """The findings; `blocks` are the groups of coordinates that the mass matrix couples.
+    """Properties of the equations. Coordinates are given by index.
 
-    `constant_mass` and `position_only`, accelerations free of velocities, are taken from the expressions as they
-    stand, and so is `forced`. `brief`: time stands in some other function than a polynomial, a sine or a cosine, so
-    that a force may act briefly and leave no trace before and after. `constraints` are the names of the constraints,
-    `nonlinear` of those that are not linear in the velocities. `workless`: the forces of no constraint do work.
-    `first_order` are the coordinates without inertia.
+    - `blocks`: groups of coordinates that the mass matrix couples.
+    - `constant_mass`, `forced` (forces or dissipation act), `position_only` (accelerations without velocities): read
+      off the expressions.
+    - `free`: coordinates without force, dissipation and constraint.
+    - `brief`: time is in a function other than a polynomial, a sine or a cosine, so a force may act for a moment only.
+    - `constraints`: their names; `nonlinear`: names of those that are not linear in the velocities.
+    - `workless`: constraint forces do no work.
+    - `first_order`: coordinates without inertia.
     """
 
     names: tuple[str, ...]
@@ -43,40 +46,40 @@ class Structure:
 
     @property
     def separable(self) -> Verdict:
-        """Whether the momenta depend on velocities alone; None where that was not found."""
+        """True if the momenta depend on velocities alone; None if undecided."""
         return self.decisions.separable
 
     @property
     def autonomous(self) -> Verdict:
-        """Whether the Lagrangian does not depend on time; None where that was not found."""
+        """True if the Lagrangian does not depend on time; None if undecided."""
         return self.decisions.timeless
 
     @cached_property
     def cyclic(self) -> tuple[int, ...]:
-        """The coordinates that the Lagrangian does not depend on, with no force and no constraint on them."""
+        """Indices of coordinates that the Lagrangian does not depend on, without force and constraint."""
         return tuple(i for i in self.free if self.decisions.cyclic(i))
 
     @property
     def energy_kept(self) -> Verdict:
-        """Whether the energy v.p - L is conserved; None where that was not found.
+        """True if the energy v.p - L is conserved; None if undecided.
 
-        Explicit time, forces and dissipation do no work together. Constraints that depend on time, or are not
-        homogeneous in the velocities, may do work.
+        It is if explicit time, forces and dissipation together do no work. Undecided with constraints that depend on
+        time, or are not homogeneous in the velocities: they may do work.
         """
         return self.decisions.powerless if self.workless else None
 
     @property
     def may_keep_energy(self) -> bool:
-        """Whether nothing but algebra can show that the energy changes. `energy_kept` does the algebra."""
+        """False if constraints may do work, or numbers show that the energy changes. No algebra is done."""
         return self.workless and self.decisions.power_seen is not False
 
     @property
     def conservative(self) -> bool:
-        """Whether the energy v.p - L is known to be conserved."""
+        """True if the energy v.p - L is proven to be conserved."""
         return self.energy_kept is True
 
     def sentences(self) -> list[str]:
-        """Return the findings in words, one sentence each."""
+        """Return the properties in words, one sentence each."""
         return [
             self._mass(),
             *self._separation(),
@@ -144,11 +147,11 @@ class Structure:
 
     @property
     def energy_name(self) -> str:
-        """The name of v.p - L: "Jacobi integral" where T is not homogeneous of second degree, as in a turning frame."""
+        """Name of v.p - L: "energy", or "Jacobi integral" if T is not of second degree in v, as in a rotating frame."""
         return "Jacobi integral" if self.decisions.homogeneous is False else "energy"
 
     def energy_reason(self) -> str:
-        """Return why the energy is conserved, where it is."""
+        """Return the reason why the energy is conserved, the beginning of a sentence. Only valid if it is."""
         if not self.forced:
             return "Nothing depends on time explicitly and no force acts beside the potential"
         if self.autonomous:
@@ -170,7 +173,7 @@ def find_structure(
     accelerations: Sequence[Node],
     first_order: tuple[int, ...] = (),
 ) -> Structure:
-    """Find the structure; what is only told is decided when it is asked for."""
+    """Return the structure. Properties that are only reported are decided when they are first read."""
     constraints, inertia, graph = laws.constraints, plan_of(laws.mass), laws.time.graph
     free = [force is graph.zero for force in laws.extra]
     held = [any(row[i] is not graph.zero for row in constraints.gradient) for i in range(len(laws.q))]
@@ -191,7 +194,7 @@ def find_structure(
 
 
 def _is_brief(node: Node) -> bool:
-    """Whether the function of time that the node applies may be all but zero except for a moment."""
+    """Return True if a function of time, such as exp or 1/t, may be near zero except for a moment."""
     if node.kind is Kind.CALL:
         return node.data not in ("sin", "cos")
     return node.kind is Kind.POWER and not (isinstance(node.data, int) and node.data > 0)

@@ -12,7 +12,7 @@ import sympy
 from sympy import Add, Expr, Function, Mul, Pow, Rational, S
 
 Monomial = tuple[tuple[int, Any], ...]
-"""Factor numbers with their exponents (int or Rational), sorted by number."""
+"""Pairs (number of a factor, exponent), sorted by number; exponents are int or Rational."""
 
 MonomialSum = dict[Monomial, Any]
 """A sum: its monomials, each with a SymPy number."""
@@ -21,7 +21,7 @@ ONE: Monomial = ()
 
 
 def raise_power(powers: dict[int, Any], factor: int, by: Any) -> None:
-    """Multiply by a factor to a power, in place; whole exponents are ints."""
+    """Multiply a monomial, a dict of exponents by factor, by a power of a factor in place; whole exponents are ints."""
     total = powers.get(factor, 0) + by
     if total == 0:
         del powers[factor]
@@ -30,7 +30,7 @@ def raise_power(powers: dict[int, Any], factor: int, by: Any) -> None:
 
 
 def accumulate(terms: MonomialSum, monomial: Monomial, number: Any) -> None:
-    """Add number * monomial, in place; a sum has no zeros."""
+    """Add number * monomial to a sum in place; terms of zero are removed."""
     total = terms.get(monomial, S.Zero) + number
     if total == 0:
         terms.pop(monomial, None)
@@ -63,7 +63,7 @@ def common_factor(terms: MonomialSum) -> tuple[Any, Monomial, MonomialSum]:
 
 
 WIDEST_PRODUCT = 2000
-"""Sums whose product has more terms than this stay factors; a 30-link chain needs 900."""
+"""Most terms of a product of sums that is multiplied out; a 30-link chain needs 900."""
 SHORT_PRODUCT = 30
 HIGHEST_POWER = 6
 
@@ -71,11 +71,11 @@ _CO = {sympy.sin: sympy.cos, sympy.cos: sympy.sin}
 
 
 class TooLargeError(Exception):
-    """The sum has outgrown what a person could read; callers turn this into words."""
+    """Raised if a sum is too large to be read by a person. Callers turn it into a message."""
 
 
 class Magnitude(Function):
-    """|x| of a real x. SymPy's own differentiates to Derivative(re(x)) where it cannot prove that x is real."""
+    """|x| of a real x. SymPy's Abs has derivatives with Derivative(re(x)) unless it can prove that x is real."""
 
     is_real = True
 
@@ -85,7 +85,7 @@ class Magnitude(Function):
 
 
 class Direction(Function):
-    """The sign of a real x, constant on either side of zero: no Dirac delta reaches an equation of motion."""
+    """The sign of a real x. Its derivative is zero, so that equations of motion contain no Dirac delta."""
 
     is_real = True
 
@@ -95,7 +95,7 @@ class Direction(Function):
 
 
 class Step(Function):
-    """Heaviside's step of a real x, constant on either side of zero."""
+    """Heaviside's step of a real x. Its derivative is zero."""
 
     is_real = True
 
@@ -113,7 +113,7 @@ def differentiable(expression: Any) -> Any:
 
 
 def printable(expression: Any) -> Any:
-    """Return the expression with the usual |x|, sign and Heaviside."""
+    """Return the expression with SymPy's Abs, sign and Heaviside again."""
     return _exchange(expression, {Magnitude: sympy.Abs, Direction: sympy.sign, Step: sympy.Heaviside})
 
 
@@ -136,9 +136,9 @@ def _minimum(first: Any, *rest: Any) -> Any:
 
 
 class Algebra:
-    """Arithmetic on `MonomialSum` over one growing table of factors. `budget` bounds the monomials ever made.
+    """Arithmetic on `MonomialSum` over one growing table of factors.
 
-    Every operation raises TooLargeError when the budget is spent.
+    `budget` is the number of monomials that may still be made. Operations raise TooLargeError if it is spent.
     """
 
     def __init__(self, budget: int) -> None:
@@ -155,7 +155,7 @@ class Algebra:
         self._slopes: dict[tuple[int, Any], MonomialSum] = {}
 
     def read(self, expression: Any) -> MonomialSum:
-        """Return the expression as a sum of monomials, expanded as far as that stays small."""
+        """Return the expression as a sum of monomials; products of at most `WIDEST_PRODUCT` terms are expanded."""
         known = self._read.get(expression)
         if known is None:
             known = self._read[expression] = self._read_new(expression)
@@ -170,7 +170,7 @@ class Algebra:
         return Mul(*(Pow(self.factors[k], e) for k, e in monomial))
 
     def size(self, monomial: Monomial) -> int:
-        """Return how many operations stand inside the factors of a monomial."""
+        """Return the number of operations inside the factors of a monomial."""
         return sum(self._sizes[k] for k, _ in monomial)
 
     def free(self, number: int) -> frozenset[Any]:
@@ -218,14 +218,14 @@ class Algebra:
         return self.multiply(terms, {tuple((k, -e) for k, e in monomial): 1 / number})
 
     def spend(self, amount: int) -> None:
-        """Take that many monomials off the budget."""
+        """Subtract that many monomials from the budget. Raises TooLargeError below zero."""
         self.budget -= amount
         if self.budget < 0:
             raise TooLargeError
 
     @contextmanager
     def at_most(self, amount: int) -> Iterator[None]:
-        """Do what follows with at most that much of the budget."""
+        """Limit the budget to that many monomials inside the with block."""
         reserve = max(self.budget - amount, 0)
         self.budget -= reserve
         try:
@@ -234,7 +234,7 @@ class Algebra:
             self.budget = max(self.budget, 0) + reserve
 
     def unfold(self, terms: MonomialSum) -> MonomialSum:
-        """Expand sums that have become whole positive powers, such as the square of a root, where they are short."""
+        """Return the sum with short sums to whole positive powers expanded, such as the square of a root."""
         result: MonomialSum = {}
         for monomial, number in terms.items():
             sums = [(k, e) for k, e in monomial if isinstance(e, int) and e > 0 and self.factors[k].is_Add]
@@ -249,9 +249,9 @@ class Algebra:
         return result
 
     def merge_angles(self, terms: MonomialSum) -> MonomialSum:
-        """Use sin^2 + cos^2 = 1 and the addition theorems wherever they make the sum shorter or lower its degree.
+        """Return the sum after sin^2 + cos^2 = 1 and addition theorems, wherever they shorten it or lower its degree.
 
-        It ends: every replacement lowers the number of terms, or keeps it and lowers the degree.
+        The loop ends: every replacement lowers the number of terms, or keeps it and lowers the degree.
         """
         terms = dict(terms)
         changed = True
@@ -284,7 +284,7 @@ class Algebra:
     def _identities(self, monomial: Monomial) -> Iterator[tuple[Monomial, int, tuple[Monomial, Any], bool]]:
         """Yield (partner, sign, (rest, expression), exact): monomial + sign * partner = rest * expression.
 
-        `exact` asks for equal coefficients, where a remainder would leave the sum no shorter.
+        `exact` requires equal coefficients, since with a remainder the sum would not become shorter.
         """
         circular = [(k, self._angles[k]) for k, e in monomial if k in self._angles and isinstance(e, int) and e > 0]
         exponents = dict(monomial)
@@ -304,7 +304,7 @@ class Algebra:
                         yield partner, sign, (rest, _addition_theorem(kind, other_kind, a, b, sign)), False
 
     def _join(self, left: Monomial, right: Monomial) -> tuple[Monomial, Any]:
-        """Return the product of two monomials, and the number that powers such as sqrt(2) sqrt(2) leave."""
+        """Return the product of two monomials, and a number from powers such as sqrt(2) sqrt(2)."""
         powers = dict(left)
         for k, e in right:
             raise_power(powers, k, e)
@@ -317,7 +317,7 @@ class Algebra:
         return tuple(sorted(powers.items())), number
 
     def _absorb_directions(self, powers: dict[int, Any]) -> None:
-        """Write sign(x) x as |x|, and sign(x) |x| as x."""
+        """Replace sign(x) x by |x|, and sign(x) |x| by x, in place."""
         for direction, (plain, magnitude) in self._directions.items():
             for one, other in ((plain, magnitude), (magnitude, plain)):
                 exponent = powers.get(one)
@@ -423,7 +423,7 @@ class Algebra:
         return {monomial: number}, stated if as_stated else inside
 
     def _tidy(self, expression: Any) -> Any:
-        """Return what stands inside a root or a function, merged and with its common factor taken out."""
+        """Return the argument of a root or function, if shorter merged and with its common factor taken out."""
         if not isinstance(expression, Expr) or not expression.is_Add:
             return expression
         number, monomial, rest = common_factor(self.merge_angles(self.read(expression)))

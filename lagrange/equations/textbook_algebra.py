@@ -1,4 +1,4 @@
-"""The textbook derivation as sums of monomials: what was stated, momenta, rates, accelerations."""
+"""The textbook derivation as sums of monomials: stated energies, momenta, their rates, accelerations."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from lagrange.statement.coordinate import acceleration_of, t
 from lagrange.statement.statement import Statement
 
 JUMPING = (sympy.Piecewise, sympy.sign, sympy.Heaviside, sympy.Max, sympy.Min)
-"""Functions that may jump, or whose derivatives may, while those are zero on either side."""
+"""Functions that may jump, or whose derivatives may jump, while the derivatives next to the jump are zero."""
 
 
 class StatedAlgebra:
-    """A statement in `MonomialSum`, each part computed once; coordinates and velocities are plain real symbols here.
+    """A statement in `MonomialSum`. Coordinates and velocities are real symbols; each part is computed once.
 
-    The symbols are dummies, so that a parameter or coordinate named like a velocity cannot be taken for it. `budget`
-    bounds the monomials that are made; what needs more raises TooLargeError.
+    The symbols are dummies, so that a parameter or coordinate named like a velocity differs from it. `budget` is the
+    largest number of monomials; a part that needs more raises TooLargeError.
     """
 
     def __init__(self, statement: Statement, budget: int) -> None:
@@ -69,7 +69,7 @@ class StatedAlgebra:
         return self.algebra.merge_angles(self.algebra.add(self.algebra.scale(self.lagrangian, S.NegativeOne), *work))
 
     def read(self, expression: Any) -> MonomialSum:
-        """Return a stated expression as terms, its decimals exact: 0.1 is one tenth."""
+        """Return a stated expression as a sum of monomials with exact decimals: 0.1 is one tenth."""
         plain = expression.xreplace(self.plain)
         decimals = sorted(plain.atoms(Float), key=str)
         if decimals:
@@ -78,9 +78,9 @@ class StatedAlgebra:
         return self.algebra.read(differentiable(plain))
 
     def jumps(self, *symbols: Any, twice: bool = False) -> bool:
-        """Return whether a symbol stands in a choice, whose derivative says nothing of a jump.
+        """Return True if one of the symbols is inside a function of `JUMPING`, whose derivative does not show the jump.
 
-        With `twice` also where the second derivative says nothing of one of the first, as of |x|.
+        With `twice` also inside |x|, whose second derivative does not show the jump of the first.
         """
         statement = self.statement
         stated = (statement.lagrangian, statement.dissipation, *statement.forces)
@@ -89,23 +89,23 @@ class StatedAlgebra:
         return any(any(node.has(*symbols) for node in given.atoms(*kinds)) for given in plain)
 
     def symbol(self, symbol: Any) -> MonomialSum:
-        """Return one of the symbols as a sum."""
+        """Return a symbol as a sum of one monomial."""
         return self.algebra.read(symbol)
 
 
 BUDGET = 300_000
-"""Monomials that one part may make, 3 to 4 s of them; the equations of a 30-link chain take 200,000."""
+"""Most monomials of one part: 3 to 4 s. The equations of a 30-link chain take 200,000."""
 EXPANDED_BLOCK = 3
-"""Up to this many coupled coordinates are solved with the determinants multiplied out and merged."""
+"""Most coupled coordinates that are solved with the determinants multiplied out and merged."""
 EXPANDED_WITH_MULTIPLIERS = 6
-"""As many accelerations and multipliers of one block are: half of their matrix is zero, and what is left often cancels.
+"""The same for accelerations and multipliers of one block: half of their matrix is zero, and other terms often cancel.
 Two masses on two rods, six unknowns, take 0.3 s, and their formulas are a third as long as nested ones."""
 EXPANDED_TERMS = 10_000
-"""What multiplying out may take of the budget, 0.1 s; beyond it the formulas stay nested. Three links need 2,000."""
+"""Most monomials for multiplying out: 0.1 s. Beyond it the formulas stay nested. Three links need 2,000."""
 LONGEST_FORMULA = 20_000
-"""Operations in one acceleration above which it is refused, some 50 printed pages."""
+"""Most operations in one acceleration: some 50 printed pages."""
 LONGEST_SLOPES = 10_000
-"""Operations inside the derivatives of L by all coordinates, above which they are refused: 20 bodies with forces
+"""Most operations inside the derivatives of L by all coordinates together. 20 bodies with forces
 between all pairs have 9,000, and their derivation takes 20 s. A chain of 30 links has 2,000."""
 LARGEST_FRACTION = 10**6
 """Fractions with larger numbers are shown as decimals, where the statement has decimals."""
@@ -163,7 +163,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def remainders(self) -> list[MonomialSum]:
-        """What stands beside M a on the left: (dp/dq) v + dp/dt - dL/dq + dD/dv, for each coordinate."""
+        """Terms on the left other than M a: (dp/dq) v + dp/dt - dL/dq + dD/dv, for each coordinate."""
         algebra = self.algebra
         return [
             algebra.merge_angles(algebra.add({}, drift, algebra.scale(pull, S.NegativeOne), drag))
@@ -185,7 +185,7 @@ class TextbookAlgebra(StatedAlgebra):
         return [self.accelerated(i, rest) for i, rest in enumerate(self.remainders)]
 
     def accelerated(self, i: int, rest: MonomialSum) -> MonomialSum:
-        """Return row i of M a, and the rest."""
+        """Return row i of M a, plus `rest`."""
         multiply = self.algebra.multiply
         row = (multiply(m, self.symbol(a)) for m, a in zip(self.mass[i], self.a, strict=True))
         return self.algebra.add({}, *row, rest)
@@ -201,7 +201,7 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def constraint_bias(self) -> list[MonomialSum]:
-        """The rate of psi at constant velocities, gamma of G a + gamma = 0; psi is dphi/dt, or as stated."""
+        """The terms gamma of G a + gamma = 0: rates of psi at constant velocities. psi is dphi/dt, or as stated."""
         return [
             self.at_constant_velocities(self.at_constant_velocities(zero) if one.holonomic else zero)
             for one in self.statement.constraints
@@ -252,7 +252,7 @@ class TextbookAlgebra(StatedAlgebra):
         return [solved[i] for i in range(len(solved))]
 
     def solve(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
-        """Return the unknowns of a block, with the determinants multiplied out where that stays short."""
+        """Return the unknowns of a block, with the determinants multiplied out if that stays short."""
         held = any(i >= len(self.q) for i in block)
         if len(block) <= (EXPANDED_WITH_MULTIPLIERS if held else EXPANDED_BLOCK):
             try:
@@ -270,7 +270,7 @@ class TextbookAlgebra(StatedAlgebra):
         return [self.finish(self.collector.quotient(terms, determinant)) for terms in above]
 
     def solve_nested(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
-        """Return the unknowns with the minors left as they are."""
+        """Return the unknowns with the minors not multiplied out."""
         entries = [[self.collector.write(entry) for entry in row] for row in matrix]
         right = [self.collector.write(entry) for entry in bias]
         if vanishes(entries):
@@ -278,7 +278,7 @@ class TextbookAlgebra(StatedAlgebra):
         return [self.finish(expression) for expression in NestedCofactors(entries, right, LONGEST_FORMULA).solution()]
 
     def singular(self, block: list[int]) -> StatementError:
-        """Return what to say about a block whose matrix is singular everywhere."""
+        """Return the error for a block whose matrix is singular at every state."""
         n = len(self.q)
         names = [self.statement.names[i] for i in block if i < n]
         held = [self.statement.constraints[i - n].name for i in block if i >= n]
@@ -305,7 +305,7 @@ class TextbookAlgebra(StatedAlgebra):
         return self.finish(self.collector.write(shortened(self.algebra, terms)))
 
     def finish(self, expression: Any) -> Any:
-        """Return the expression in the stated symbols, with decimals again where a fraction is no help."""
+        """Return the expression in the stated symbols. Fractions that are hard to read become decimals again."""
         expression = printable(expression).xreplace(self.stated)
         if not self.decimal:
             return expression
@@ -318,7 +318,7 @@ class TextbookAlgebra(StatedAlgebra):
 
 
 def _unreadable(number: Any) -> bool:
-    """Whether a fraction that came from decimals is better shown as one: 981/100 is, 1/2 and 1/3 are not."""
+    """Return True if a fraction is better shown as a decimal: 981/100 is, 1/2 and 1/3 are not."""
     numerator, denominator = abs(int(number.p)), int(number.q)
     if max(numerator, denominator) > LARGEST_FRACTION:
         return True

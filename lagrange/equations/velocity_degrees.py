@@ -1,4 +1,4 @@
-"""Whether the energy v.p - L is T + V: the degrees of T, or of L, in the velocities."""
+"""Degrees of T, or of L, in the velocities. They decide whether the energy v.p - L is T + V."""
 
 from __future__ import annotations
 
@@ -17,20 +17,20 @@ from lagrange.statement.statement import Statement
 SECOND = 2
 
 MOST_TURNING = 4
-"""Coordinates of a Lagrangian whose mass matrix is solved to look for centrifugal terms."""
+"""Most coordinates of a Lagrangian whose mass matrix is solved to search for centrifugal terms."""
 
 DIGITS = 30
 ZERO = sympy.Float("1e-15", DIGITS)
-"""Of numbers of 30 digits, a difference below this part of them is taken for rounding."""
+"""Differences of numbers of 30 digits below this fraction of them are taken for rounding."""
 
 
 def visibly_homogeneous(statement: Statement) -> bool:
-    """Whether T is seen to be of second degree in every term, without algebra."""
+    """Return True if every term of T as stated is of second degree; no algebra is done."""
     return _degree(statement.kinetic, statement.velocities) == SECOND
 
 
 def _degree(node: Any, velocities: tuple[Any, ...]) -> int | None:
-    """Return the degree in the velocities that all terms have; None where it is not seen."""
+    """Return the common degree of all terms in the velocities; None if terms differ or it is not visible."""
     if node in velocities:
         return 1
     if node.is_Mul or node.is_Add:
@@ -46,17 +46,18 @@ def _degree(node: Any, velocities: tuple[Any, ...]) -> int | None:
 
 
 def proven_homogeneous(stated: StatedAlgebra) -> bool:
-    """Whether v . dT/dv = 2 T is proven."""
+    """Return True if v . dT/dv = 2 T is proven."""
     algebra, kinetic = stated.algebra, stated.read(stated.statement.kinetic)
     slopes = [algebra.multiply(algebra.differentiate(kinetic, v), stated.symbol(v)) for v in stated.v]
     return is_identity(algebra, algebra.add(algebra.scale(kinetic, sympy.Integer(-2)), *slopes))
 
 
 def seen_mixed(statement: Statement) -> bool:
-    """Whether T has parts of other degrees than 1 and 2 at some state, by number; open functions have none.
+    """Return True if a number shows that T has terms of other degrees than 1 and 2 in the velocities.
 
-    Of the mean of T at v and at -v the part of first degree is gone, which a charge in a field has: its energy is the
-    rest of T, and V. What is left is four times as large at doubled velocities, unless T has other parts.
+    The sum T(v) + T(-v) has no terms of first degree, which are allowed: a charge in a field has them. Terms of second
+    degree become four times as large at doubled velocities; any other factor shows other terms. False if T contains
+    undefined functions.
     """
     draw = random.Random(1)
     fixed = {leaf: sympy.Float(draw.uniform(0.6, 1.6), DIGITS) for leaf in (*statement.parameters, t)}
@@ -76,10 +77,10 @@ def seen_mixed(statement: Statement) -> bool:
 
 
 def seen_turning(stated: StatedAlgebra) -> bool:
-    """Whether L has the terms of a moving frame: v M v/2 + a v + a M^-1 a/2, where the last are centrifugal.
+    """Return True if L has the terms of a moving frame: v M v/2 + a v + a M^-1 a/2, of which the last are centrifugal.
 
-    Of a charge in a field L has terms of first degree, too, and others without velocities, but not these. Terms are
-    compared one by one, so that a number that was added up with another one hides them.
+    L of a charge in a field also has terms of first degree and of degree zero, but not the centrifugal ones. Terms are
+    compared one by one: a centrifugal term that was merged with another term is not recognised.
     """
     algebra, n = stated.algebra, len(stated.q)
     terms = canonical(algebra, stated.lagrangian)
@@ -97,7 +98,7 @@ def seen_turning(stated: StatedAlgebra) -> bool:
 
 
 def _monomial_degree(stated: StatedAlgebra, monomial: Monomial) -> int | None:
-    """Return the degree of a monomial; None where a velocity stands in a function or under a root."""
+    """Return the degree of a monomial in the velocities; None if a velocity is inside a function or a root."""
     degree = 0
     for number, exponent in monomial:
         if stated.algebra.free(number).isdisjoint(stated.v):

@@ -1,1 +1,1 @@
-"""What is being computed, once each: an interned expression graph and its derivatives."""
+"""Expression graph with interned nodes, and its derivatives."""

@@ -1,7 +1,7 @@
-"""Branches: under which condition a node is read at all, and which nodes may have no value.
+"""Conditions under which nodes of branches are read, and nodes that may have no value.
 
-Of a piecewise only one branch counts. What stands in another may be a root of a negative number, and nothing may be
-asked of it: neither its sign, nor whether the motion leaves its domain.
+Only one branch of a piecewise is read. Other branches may have no value, such as a root of a negative number. So their
+signs and domains must not be followed along a run.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ from functools import lru_cache
 from lagrange.graph.node import Binding, Graph, Kind, Node, reachable
 
 LIMITED = frozenset(("log", "asin", "acos", "atan2", "pow", "exp", "sinh", "cosh", "acosh", "atanh", "nan"))
-"""The functions that have no finite value, or no derivative, at some arguments that are finite doubles."""
+"""Functions without finite value or derivative at some finite arguments."""
 
 
 class Domains:
-    """Tells which nodes may have no finite value at a finite state; the answers are kept."""
+    """Cached test for nodes that may have no finite value at a finite state."""
 
     def __init__(self) -> None:
         self._known: dict[Node, bool] = {}
 
     def limited(self, node: Node) -> bool:
-        """Whether the node, or one that it is computed from, has a value in some domain only."""
+        """Return True if the node, or one that it is computed from, has values in a limited domain only."""
         known = self._known
         stack = [node]
         while stack:
@@ -46,19 +46,19 @@ def _is_limited(node: Node) -> bool:
 
 
 def read_when(graph: Graph, outputs: Sequence[Node]) -> Callable[[Node], Node]:
-    """Return a function from a node that the outputs are computed from to the condition under which they read it.
+    """Return a function from a node to the condition under which the outputs read it.
 
-    The condition is 1 where they always do. Of two conditions joined by `and`, one that may have no value is read
-    where the other holds, and by `or` where the other does not.
+    The condition is 1 for nodes that are always read. Of two conditions joined by `and`, one that may have no value is
+    read if the other holds; of two joined by `or`, if the other does not hold.
     """
     order = reachable(outputs)
     if not any(node.kind is Kind.CALL and node.data == "piecewise" for node in order):
         return lambda node: graph.one
-    domains, found = Domains(), dict.fromkeys(outputs, graph.one)
+    domains, conditions = Domains(), dict.fromkeys(outputs, graph.one)
     for node in reversed(order):
-        for arg, condition in _readings(node, found[node], domains):
-            found[arg] = either(found[arg], condition) if arg in found else condition
-    return found.__getitem__
+        for arg, condition in _readings(node, conditions[node], domains):
+            conditions[arg] = either(conditions[arg], condition) if arg in conditions else condition
+    return conditions.__getitem__
 
 
 def _readings(node: Node, when: Node, domains: Domains) -> list[tuple[Node, Node]]:
@@ -66,24 +66,27 @@ def _readings(node: Node, when: Node, domains: Domains) -> list[tuple[Node, Node
     if node.kind is not Kind.CALL or node.data not in ("piecewise", "and", "or"):
         return [(arg, when) for arg in node.args]
     if node.data == "piecewise":
-        found = []
+        readings = []
         for condition, value in zip(node.args[:-1:2], node.args[1::2], strict=True):
-            found += [(condition, when), (value, both(when, condition))]
+            readings += [(condition, when), (value, both(when, condition))]
             when = both(when, opposite(condition))
-        return [*found, (node.args[-1], when)]
+        return [*readings, (node.args[-1], when)]
     first, second = node.args
     return [(arg, _beside(node, when, other, domains)) for arg, other in ((first, second), (second, first))]
 
 
 def _beside(node: Node, when: Node, other: Node, domains: Domains) -> Node:
-    """Return when a condition matters that is joined with another one that always has a value."""
+    """Return when an argument of `and` or `or` is read: if the other argument does not decide the result.
+
+    If the other argument may have no value, it is always read.
+    """
     if domains.limited(other):
         return when
     return both(when, other if node.data == "and" else opposite(other))
 
 
 def both(a: Node, b: Node) -> Node:
-    """Return the condition that two conditions hold."""
+    """Return the condition that both conditions hold."""
     one = a.graph.one
     return b if a is one or a is b else a if b is one else a.graph.call("and", a, b)
 
@@ -95,22 +98,22 @@ def either(a: Node, b: Node) -> Node:
 
 
 def opposite(condition: Node) -> Node:
-    """Return the condition that a condition does not hold."""
+    """Return the negation of a condition."""
     return condition.graph.call("not", condition)
 
 
 def where_read(node: Node, condition: Node) -> Node:
-    """Return the node where it is read, and 1 elsewhere: finite, positive, and without a zero."""
+    """Return a node that equals the given one if the condition holds, else 1, which is finite and has no zero."""
     graph = node.graph
     return node if condition is graph.one else graph.piecewise([(condition, node)], graph.one)
 
 
 @lru_cache(maxsize=64)
 def square_roots(graph: Graph, nodes: tuple[Node, ...]) -> Mapping[Node, Node]:
-    """Return the square roots of what has a fractional power in some nodes, with what is under each.
+    """Return {square root: base} for the bases of fractional powers in some nodes.
 
-    A root in a branch that is not taken counts as 1. Powers of positions from -1 down are left out. The last few
-    answers are kept, since many runs have the same events.
+    A root in a branch that is not taken has the value 1. Powers of positions with exponents of at most -1 are left out.
+    Cached, since many runs have the same events.
     """
     powers = [node for node in reachable(nodes) if node.kind is Kind.POWER and node.binding > Binding.PARAMETER]
     bases: dict[Node, Node] = {}

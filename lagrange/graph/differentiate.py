@@ -1,9 +1,9 @@
 """Derivatives as graph transformations: reverse mode for gradients, forward mode along a direction.
 
-Both modes read the same local rules, `PARTIALS`. A choice (piecewise, min, max) is differentiated branch by branch and
-the choice is made last: pushing a zero through the branch not taken would multiply it by that branch's
-infinities. For the same reason a derivative that a choice is multiplied by, and that may be infinite, goes into the
-branches that are not zero: that of sqrt(max(x, 0)) is 0 for x < 0.
+Both modes read the same local rules, `PARTIALS`. A choice (piecewise, min, max) is differentiated branch by branch, and
+the branch is selected last. Otherwise a zero from the branch not taken would be multiplied by infinities of that
+branch. For the same reason a factor of a choice that may be infinite is moved into the branches that are not zero. So
+the derivative of sqrt(max(x, 0)) is 0 for x < 0.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Graph, Kind, Node, exact, reachable
 
 Partial = tuple[int, Node]
-"""Position of an argument, and the derivative of the node in it."""
+"""Index of an argument, and the partial derivative of the node in it."""
 
 
 def _sum(node: Node) -> list[Partial]:
@@ -46,7 +46,7 @@ PARTIALS: dict[Kind, Callable[[Node], list[Partial]]] = {
 
 
 def gradient(output: Node, symbols: Sequence[Node]) -> list[Node]:
-    """Return the derivative of `output` in each symbol, by one reverse sweep."""
+    """Return the derivatives of `output` in the symbols, by one reverse sweep."""
     graph = output.graph
     mask = _mask(symbols)
     order = reachable([output], mask)
@@ -59,7 +59,7 @@ def gradient(output: Node, symbols: Sequence[Node]) -> list[Node]:
 
 
 def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callable[[Node], Node]:
-    """Return a function giving the derivative of each output along the direction {symbol: component}."""
+    """Return a function from an output to its derivative along the direction {symbol: component}."""
     outputs = list(outputs)
     table: dict[Node, Node] = dict(direction)
     domains = Domains()
@@ -70,7 +70,7 @@ def tangents(outputs: Iterable[Node], direction: Mapping[Node, Node]) -> Callabl
 
 
 def _push(node: Node, table: dict[Node, Node], domains: Domains) -> None:
-    """Enter the tangents of one node (of a solved system: of all its unknowns) from those of its arguments."""
+    """Enter the tangent of a node from those of its arguments; for a linear solve those of all its unknowns."""
     graph = node.graph
     if node.kind is Kind.COMPONENT:
         _push_component(node, table)
@@ -85,7 +85,7 @@ def _push(node: Node, table: dict[Node, Node], domains: Domains) -> None:
 
 
 def _push_component(node: Node, table: dict[Node, Node]) -> None:
-    """Differentiate M x = b: dx solves M dx = db - dM x with the factors of M at hand."""
+    """Enter the tangents dx of M x = b: M dx = db - dM x, solved with the same factors of M."""
     graph, solution = node.graph, node.args[0]
     factor, right = solution.args[0], solution.args[1:]
     n = solution.data
@@ -105,7 +105,7 @@ def _push_component(node: Node, table: dict[Node, Node]) -> None:
 def _sweep(
     graph: Graph, output: Node, order: list[Node], mask: int, inner: Mapping[Node, Mapping[Node, Node]]
 ) -> dict[Node, Node]:
-    """Return the adjoint of every symbol of the mask; `inner` has the gradients of choices."""
+    """Return the adjoint of every symbol of the mask, from a reverse sweep; `inner` has the gradients of choices."""
     incoming: dict[Node, list[tuple[int, Node]]] = {output: [(1, graph.one)]}
     adjoints: dict[Node, Node] = {}
     domains = Domains()
@@ -134,16 +134,16 @@ def _choice_gradient(
 ) -> dict[Node, Node]:
     graph, mask = node.graph, _mask(symbols)
     branches = [_sweep(graph, value, reachable([value], mask), mask, inner) for value in _values(node)]
-    found: dict[Node, Node] = {}
+    partials: dict[Node, Node] = {}
     for symbol in symbols:
         chosen = _branchwise(node, [branch.get(symbol, graph.zero) for branch in branches])
         if chosen is not graph.zero:
-            found[symbol] = chosen
-    return found
+            partials[symbol] = chosen
+    return partials
 
 
 def _branchwise(node: Node, derivatives: list[Node]) -> Node:
-    """Return the choice with a derivative in place of each value; undefined where it is undefined."""
+    """Return the choice with a derivative in place of each value. It stays undefined where the choice is undefined."""
     last = node.args[-1]
     undefined = last.kind is Kind.CALL and last.data == "nan"
     otherwise = last if undefined else derivatives[-1]
@@ -151,7 +151,7 @@ def _branchwise(node: Node, derivatives: list[Node]) -> Node:
 
 
 def _chosen(derivative: Node, factor: Node, domains: Domains) -> Node:
-    """Return a derivative times a factor, which goes into the branches of a choice where it may be infinite."""
+    """Return derivative times factor. A factor that may be infinite is moved into nonzero branches of a choice."""
     graph = derivative.graph
     choice = derivative.kind is Kind.CALL and derivative.data == "piecewise" and graph.zero in derivative.args
     if not choice or not domains.limited(factor):

@@ -1,4 +1,4 @@
-"""The value of nodes: in as many digits as wanted, to disprove an identity, or in doubles at many points at once."""
+"""Values of nodes: in any number of digits, to disprove an identity, or in doubles at many points at once."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from lagrange.graph.node import Kind, Node, reachable
 
 BEYOND_DOUBLES = mpmath.mpf(2) ** 1024
-"""Number from which no double is as large. The sine of a number takes as many digits of pi as the number has."""
+"""Least number beyond all doubles; values from here on are refused. Their sine would need as many digits of pi."""
 
 
 @dataclass(frozen=True)
@@ -32,41 +32,41 @@ class Numbers:
 
 
 def values(outputs: Iterable[Node], point: Mapping[Node, Any], context: Any) -> tuple[list[Any], Any] | None:
-    """Return the outputs, numbers of an mpmath context, and the largest size of what they are computed from.
+    """Return the outputs as numbers of an mpmath context, and the largest absolute value of all nodes evaluated.
 
-    `point` has a number for every symbol. None where something is not a real number in the range of doubles. The
-    outputs are formed before any linear system is solved.
+    `point` has a number for every symbol. None if a value is not a real number in the range of doubles. Outputs must
+    not contain linear solves.
     """
     outputs = list(outputs)
     numbers = _numbers_of(context)
-    found: dict[Node, Any] = dict(point)
+    known: dict[Node, Any] = dict(point)
     for node in reachable(outputs):
-        if node not in found:
+        if node not in known:
             try:
-                value = _value(node, [found[arg] for arg in node.args], numbers)
+                value = _value(node, [known[arg] for arg in node.args], numbers)
             except (ArithmeticError, ValueError):
                 return None
             if not isinstance(value, bool) and not (isinstance(value, context.mpf) and abs(value) < BEYOND_DOUBLES):
                 return None
-            found[node] = value
-    largest = max((abs(value) for value in found.values() if not isinstance(value, bool)), default=context.mpf(1))
-    return [found[node] for node in outputs], largest
+            known[node] = value
+    largest = max((abs(value) for value in known.values() if not isinstance(value, bool)), default=context.mpf(1))
+    return [known[node] for node in outputs], largest
 
 
 def doubles(outputs: Iterable[Node], point: Mapping[Node, NDArray[np.float64]], count: int) -> NDArray[np.float64]:
     """Return the outputs in doubles, (outputs, count), at `count` points.
 
-    `point` has an array (count,) for every symbol. A value that does not exist is NaN or infinite.
+    `point` has an array (count,) for every symbol. A value that is not defined is NaN or infinite.
     """
     outputs = list(outputs)
-    found: dict[Node, Any] = dict(point)
+    known: dict[Node, Any] = dict(point)
     with np.errstate(all="ignore"):
         for node in reachable(outputs):
-            if node not in found:
-                found[node] = _value(node, [found[arg] for arg in node.args], DOUBLES)
+            if node not in known:
+                known[node] = _value(node, [known[arg] for arg in node.args], DOUBLES)
     rows = np.empty((len(outputs), count))
     for row, node in zip(rows, outputs, strict=True):
-        row[:] = found[node]
+        row[:] = known[node]
     return rows
 
 
@@ -113,11 +113,11 @@ FUNCTIONS: dict[str, Callable[..., Any]] = {
     "or": lambda context, a, b: a or b,
     "not": lambda context, a: not a,
 }
-"""The functions of nodes in many digits, each of an mpmath context and its arguments."""
+"""Functions of nodes in many digits; arguments are an mpmath context, then numbers."""
 
 
 def precise(digits: int) -> Any:
-    """Return an mpmath context of its own with that many digits."""
+    """Return a new mpmath context with that many digits."""
     context = mpmath.MPContext()
     context.dps = digits
     return context
@@ -137,7 +137,7 @@ def _numbers_of(context: Any) -> Numbers:
 
 
 def _error_function(a: Any) -> Any:
-    """Return the error function of a number or of each number; NumPy has none, and SciPy's takes 0.2 s to import."""
+    """Return the error function of a number or an array. NumPy has none, and SciPy's takes 0.2 s to import."""
     return np.array([math.erf(x) for x in np.ravel(a).tolist()]).reshape(np.shape(a))[()]
 
 
@@ -169,7 +169,7 @@ DOUBLE_FUNCTIONS: dict[str, Callable[..., Any]] = {
     "or": np.logical_or,
     "not": np.logical_not,
 }
-"""The functions of nodes in doubles, on numbers or arrays, as programs have them too."""
+"""Functions of nodes in doubles, on numbers or arrays; programs use them too."""
 
 DOUBLES = Numbers(
     number=float,

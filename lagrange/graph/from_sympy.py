@@ -1,4 +1,4 @@
-"""SymPy in: translate an expression into graph nodes, each distinct subexpression once, without recursion."""
+"""Translation of SymPy expressions into graph nodes, without recursion; each distinct subexpression is visited once."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from lagrange.errors import StatementError, formula
 from lagrange.graph.node import Graph, Kind, Node
 
 SINC_RADIUS = Fraction(1, 2)
-"""Below it sinc is its series."""
+"""Largest |a| at which sinc(a) is computed by its series."""
 SINC_TERMS = 12
-"""Its first term left out, a**24/25!, is 4e-33 there, and the fourth derivative of that 1e-26."""
+"""Terms of this series. The first omitted term, a**24/25!, is 4e-33 at the radius, its fourth derivative 1e-26."""
 
 
 class Translator:
-    """Translates into one graph; `leaves` says which node stands for each symbol, coordinate and velocity."""
+    """Translates into one graph; `leaves` maps symbols, coordinates and velocities to their nodes."""
 
     def __init__(self, graph: Graph, leaves: Mapping[Any, Node]) -> None:
         self.graph = graph
         self._done: dict[Any, Node] = dict(leaves)
 
     def __call__(self, expression: Any) -> Node:
-        """Return the node of a SymPy expression. Raises StatementError for what the graph has no node for."""
+        """Return the node of a SymPy expression. Raises StatementError for unsupported parts."""
         done = self._done
         if (known := done.get(expression)) is not None:
             return known
@@ -99,7 +99,7 @@ def _piecewise(graph: Graph, *args: Node) -> Node:
 
 
 def _sinc(graph: Graph, a: Node) -> Node:
-    """Return sin(a)/a, near 0 by its series, where the quotient and its derivatives lose their digits."""
+    """Return sin(a)/a. Near 0 it is a series, since the quotient and its derivatives lose digits there."""
     terms = [Fraction((-1) ** k, factorial(2 * k + 1)) for k in range(SINC_TERMS)]
     square, series = a**2, graph.zero
     for term in reversed(terms):

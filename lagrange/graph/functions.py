@@ -1,7 +1,7 @@
-"""The function table: everything the graph knows of each elementary function.
+"""Table of elementary functions: arity, derivatives and exact values.
 
-`partials` holds one rule per argument, giving the derivative from the value and the arguments. How a target
-computes a function stands with that target.
+`partials` has one rule per argument, which returns the derivative from the value and the arguments. The code that
+computes a function is stated with each target.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ PartialRule = Callable[..., "Node"]
 class Function:
     """One elementary function: its name, number of arguments (None: any) and derivative rules.
 
-    A function that is always one of its two arguments has in place of rules the condition for being the `first`: it
-    is differentiated as a choice, so that an infinite derivative of the other argument does not matter.
+    min and max always equal one of their two arguments. Instead of rules they have `first`, the condition that this is
+    the first argument. They are differentiated as a choice, which ignores an infinite derivative of the other one.
     """
 
     name: str
@@ -87,7 +87,7 @@ FUNCTIONS: dict[str, Function] = {
 }
 
 CONDITIONS = frozenset(("less", "less_equal", "equal", "and", "or", "not"))
-"""The functions whose value is true or false."""
+"""Functions whose value is true or false."""
 
 ODD = frozenset(("sin", "tan", "asin", "atan", "sinh", "tanh", "asinh", "atanh", "erf", "sign"))
 EVEN = frozenset(("cos", "cosh", "abs"))
@@ -109,7 +109,7 @@ EXACT: dict[tuple[Any, ...], int] = {
     ("atanh", 0): 0,
     ("erf", 0): 0,
 }
-"""Values that are exact, so that they fold."""
+"""Exact values, used to fold constants: (function, argument) to value."""
 
 FOLDS: dict[str, Callable[..., Any]] = {
     "abs": abs,
@@ -117,4 +117,4 @@ FOLDS: dict[str, Callable[..., Any]] = {
     "min": min,
     "max": max,
 }
-"""Functions of exact numbers that give exact numbers."""
+"""Functions that fold exact numbers to exact numbers."""

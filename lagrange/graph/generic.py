@@ -1,8 +1,8 @@
 """The rank of a matrix of nodes at almost every point, by arithmetic modulo a large prime.
 
-Symbols, and functions of what moves, become random residues; sines and cosines of one argument are a random point of
-the circle. A rank that is found is reached at some point; a smaller rank is found with a probability of about 1e-17.
-Functions that are related otherwise, such as cosh and sinh, count as independent.
+Symbols and function values become random residues. Sine and cosine of the same argument are a random point of the unit
+circle. The result is never above the generic rank, and below it with a probability of about 1e-17. Functions with other
+relations, such as cosh and sinh, count as independent.
 Source: J. T. Schwartz, Fast probabilistic algorithms for verification of polynomial identities, J. ACM 27, 1980.
 """
 
@@ -17,7 +17,7 @@ PRIME = 2**61 - 1
 
 
 def generic_rank(matrix: Sequence[Sequence[Node]]) -> int:
-    """Return the rank."""
+    """Return the rank of a matrix of nodes at almost every point."""
     nodes = [node for row in matrix for node in row]
     values = _residues(nodes)
     rows = [[values[node] for node in row] for row in matrix]
@@ -39,12 +39,12 @@ def generic_rank(matrix: Sequence[Sequence[Node]]) -> int:
 
 
 def _residues(outputs: Sequence[Node]) -> dict[Node, int]:
-    """Return every node that the outputs are made of as a residue."""
+    """Return the residue of every node that the outputs are computed from."""
     chosen = random.Random(1)
-    found: dict[Node, int] = {}
+    residues: dict[Node, int] = {}
     circle: dict[Node, tuple[int, int]] = {}
     for node in reachable(outputs):
-        args = [found[arg] for arg in node.args]
+        args = [residues[arg] for arg in node.args]
         value: int | None = None
         if node.kind is Kind.CONSTANT:
             value = node.data.numerator * pow(node.data.denominator, -1, PRIME)
@@ -64,5 +64,5 @@ def _residues(outputs: Sequence[Node]) -> dict[Node, int]:
                 over = pow(1 + half * half, -1, PRIME)
                 circle[node.args[0]] = 2 * half * over, (1 - half * half) * over
             value = circle[node.args[0]][node.data == "cos"]
-        found[node] = chosen.randrange(1, PRIME) if value is None else value % PRIME
-    return found
+        residues[node] = chosen.randrange(1, PRIME) if value is None else value % PRIME
+    return residues

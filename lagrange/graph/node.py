@@ -1,4 +1,4 @@
-"""Interned expression nodes: what is being computed, once each.
+"""Interned nodes of expressions: equal expressions are one node.
 
 A `Graph` owns its nodes. Constructors simplify locally (fold constants, drop zeros, merge equal terms and factors, take
 out a common factor) and return an existing node wherever one fits. Arguments are always older than the node that uses
@@ -23,7 +23,7 @@ Exact: TypeAlias = int | Fraction
 Rows: TypeAlias = "Sequence[Sequence[Node]]"
 
 LARGEST_POWER = 4096
-"""Largest exponent that is folded into an exact constant; beyond it the number would not fit a double anyway."""
+"""Largest exponent that is folded into an exact constant; larger powers would not fit a double."""
 
 LONGEST_FLAT = 16
 """Longest product that merges into another: the adjoints of a deep nesting would grow by a factor per level."""
@@ -32,11 +32,11 @@ LONGEST_PRODUCT = 4 * LONGEST_FLAT
 """Longest product of one node: a longer one becomes a product of products, for each factor has its own derivative."""
 
 _ADDING = threading.Lock()
-"""Held while a node is added: threads that run one model build from one graph."""
+"""Lock for adding a node: threads that run one model share its graph."""
 
 
 class Binding(enum.IntEnum):
-    """The latest thing that a node depends on; it decides what is computed once per run."""
+    """Latest kind of quantity that a node depends on. Nodes up to PARAMETER are computed once per run."""
 
     CONSTANT = 0
     PARAMETER = 1
@@ -47,7 +47,7 @@ class Binding(enum.IntEnum):
 
 
 class Kind(enum.Enum):
-    """The node kinds; `data` of a node is given behind each."""
+    """Kinds of nodes; the comment after each says what `data` of such a node contains."""
 
     CONSTANT = "constant"  # the exact value
     SYMBOL = "symbol"  # its name
@@ -61,7 +61,7 @@ class Kind(enum.Enum):
 
 
 class Node:
-    """One interned expression. Never built directly: ask its `Graph`."""
+    """One interned expression. Nodes are made by methods of `Graph`, never directly."""
 
     __slots__ = ("args", "binding", "data", "depends", "graph", "id", "kind")
 
@@ -114,7 +114,7 @@ class Node:
 
 
 def exact(value: Exact | float) -> Exact:
-    """Return the value as an int where it is one, else as a Fraction; a float is taken at its exact binary value."""
+    """Return the value as an int if it is whole, else as a Fraction; a float has its exact binary value."""
     if isinstance(value, int):
         return value
     if isinstance(value, float) and not math.isfinite(value):
@@ -193,7 +193,7 @@ class Graph:
         return self._intern(Kind.SUM, tuple(node for _, node, _ in items), (constant, tuple(c for _, _, c in items)))
 
     def _join_squares(self, terms: dict[Node, Exact]) -> Exact:
-        """Replace c r sin(a)**2 + c r cos(a)**2 by c r among the terms; return what becomes a constant."""
+        """Replace c r sin(a)**2 + c r cos(a)**2 by c r in the terms, in place; return the sum of constant c r."""
         constant: Exact = 0
         for node in [node for node in terms if _square_of(node, "sin") is not None]:
             sine = _square_of(node, "sin")
@@ -214,7 +214,7 @@ class Graph:
         return constant
 
     def _factored(self, items: list[tuple[Node, Exact]]) -> Node:
-        """Return the sum with a scale that all terms share, and factors that all terms share, taken out."""
+        """Return the sum with common factors of all terms, or else a common coefficient, taken out."""
         first = items[0][1]
         scale: Exact = first if all(abs(c) == abs(first) for _, c in items) else 1
         common = list(_factors(items[0][0]))
@@ -288,9 +288,10 @@ class Graph:
         return self._intern(Kind.POWER, (base,), exponent)
 
     def _squares(self, base: Node) -> list[tuple[Node, int]] | None:
-        """Return (part, n) of a product of part**n in which all that moves has even powers: (x**2)**e is |x|**(2 e).
+        """Return pairs (part, n) if the base is a product of part**n whose moving factors have even powers, else None.
 
-        Else None. The series of sqrt(x**2) itself would go on as x behind x = 0.
+        Parts are absolute values, so that (x**2)**e becomes |x|**(2 e). The Taylor series of sqrt(x**2) itself would
+        continue as x beyond x = 0.
         """
         if _is_scaled(base) and base.data[1][0] > 0:
             parts = self._squares(base.args[0])
@@ -322,9 +323,9 @@ class Graph:
         return self._intern(Kind.CALL, args, name)
 
     def piecewise(self, branches: Sequence[tuple[Node, Node]], otherwise: Node | None = None) -> Node:
-        """Return the value of the first branch (condition, value) that holds, `otherwise` when none does.
+        """Return the value of the first branch (condition, value) that holds, `otherwise` if none does.
 
-        Without `otherwise` the value is undefined (NaN) where no condition holds.
+        Without `otherwise` the value is undefined (NaN) if no condition holds.
         """
         last = self.call("nan") if otherwise is None else otherwise
         if all(value is last for _, value in branches):
@@ -353,19 +354,19 @@ class Graph:
 
 
 def reachable(outputs: Iterable[Node], mask: int = -1, held: Collection[Node] = ()) -> list[Node]:
-    """Return the nodes that the outputs are computed from, arguments first.
+    """Return the nodes that the outputs are computed from, arguments first, outputs included.
 
-    With a mask, only nodes that depend on one of its symbols (their bits of `depends`). Nodes that are `held`
-    are left out, and what only they need.
+    With a mask, only nodes that depend on one of its symbols (their bits of `depends`). Nodes of `held` are left out,
+    and so are nodes that only they need.
     """
-    found: set[Node] = set(held)
+    visited: set[Node] = set(held)
     stack = [node for node in outputs if mask == -1 or node.depends & mask]
     while stack:
         node = stack.pop()
-        if node not in found:
-            found.add(node)
+        if node not in visited:
+            visited.add(node)
             stack.extend(arg for arg in node.args if mask == -1 or arg.depends & mask)
-    return sorted(found.difference(held), key=attrgetter("id"))
+    return sorted(visited.difference(held), key=attrgetter("id"))
 
 
 def _is_scaled(node: Node) -> bool:
@@ -373,7 +374,7 @@ def _is_scaled(node: Node) -> bool:
 
 
 def _irreducible(node: Node) -> bool:
-    """Whether a product takes the node as a factor as it is."""
+    """Return True if a product keeps the node as a factor unchanged."""
     short = node.kind is Kind.PRODUCT and len(node.args) <= LONGEST_FLAT
     return not (short or node.kind is Kind.CONSTANT or _is_scaled(node))
 

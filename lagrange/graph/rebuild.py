@@ -1,4 +1,4 @@
-"""Build nodes again from other arguments: substitution, and the base of passes over a graph."""
+"""Rebuilding of nodes with other arguments: substitution, and the base of passes over a graph."""
 
 from __future__ import annotations
 
@@ -35,14 +35,14 @@ def substitute(outputs: Iterable[Node], replacements: Mapping[Node, Node]) -> li
 
 
 class Substitution:
-    """Replaces nodes by others, which may be added between calls; what was rebuilt is kept for later calls."""
+    """Replaces nodes by others. Replacements may be added between calls; rebuilt nodes are cached."""
 
     def __init__(self) -> None:
         self._replaced: dict[Node, Node] = {}
         self._table: dict[Node, Node] = {}
 
     def __call__(self, node: Node) -> Node:
-        """Return the node with what was replaced so far."""
+        """Return the node with all replacements so far."""
         table = self._table
         missing: set[Node] = set()
         stack = [node]
@@ -59,6 +59,6 @@ class Substitution:
         """Replace a node by another one in later calls."""
         self._replaced[node] = other
         if self._table.get(node, other) is not other:
-            # What contains the node was built from what it was.
+            # Cached nodes that contain this one were built from its old value.
             self._table = dict(self._replaced)
         self._table[node] = other

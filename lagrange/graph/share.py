@@ -1,7 +1,7 @@
-"""Write long sums in terms of the shorter sums they contain.
+"""Rewriting of long sums in terms of the shorter sums that they contain.
 
 A chain of links states the k-th position as a sum of k terms. SymPy flattens each one, so the sums overlap
-without sharing a node, and every derivative pays for all of them. Here S = a + b + c + d becomes P + d where
+without sharing a node, and every derivative repeats their terms. Here S = a + b + c + d becomes P + d where
 P = a + b + c is a sum of its own: cost falls from quadratic to linear in the length of the chain, in every
 derivative as well.
 """
@@ -19,7 +19,7 @@ from lagrange.graph.rebuild import rebuild
 
 @dataclass(frozen=True)
 class _Split:
-    """A sum that contains another one: it is `ratio` times the node `part`, and the terms of `rest`."""
+    """A sum that contains another one: `ratio` times the sum `part`, plus the terms of `rest`."""
 
     ratio: Exact
     part: Node
@@ -40,7 +40,7 @@ def share_sums(graph: Graph, outputs: Sequence[Node]) -> list[Node]:
 
 
 def _unbuilt_parts(node: Node, splits: dict[Node, _Split], built: dict[Node, Node]) -> list[Node]:
-    """Return the node and the sums inside it, shortest first, as far as they are not built yet."""
+    """Return the node and the sums inside it that are not built yet, shortest first."""
     chain: list[Node] = []
     while node not in built:
         chain.append(node)
@@ -61,7 +61,7 @@ def _rebuild(graph: Graph, node: Node, splits: dict[Node, _Split], built: dict[N
 def _splits(sums: list[Node]) -> dict[Node, _Split]:
     """Return for each sum the longest other sum, without a constant, that it contains."""
     spread = Counter(term for node in sums for term in node.args)
-    # Each sum is looked up by its rarest term: a term that stands in every sum would pair all with all.
+    # Each sum is looked up by its rarest term: a term of every sum would pair all with all.
     by_rarest: dict[Node, list[Node]] = {}
     splits: dict[Node, _Split] = {}
     for node in sorted(sums, key=lambda s: (len(s.args), s.id)):
@@ -78,7 +78,7 @@ def _splits(sums: list[Node]) -> dict[Node, _Split]:
 
 
 def _split(terms: dict[Node, Exact], part: Node) -> _Split | None:
-    """Return the split of a sum with these terms by another, if that is part of it, times a number."""
+    """Return the split of a sum with these terms by `part`, or None if no multiple of `part` is in the sum."""
     if any(term not in terms for term in part.args):
         return None
     coefficients = dict(zip(part.args, part.data[1], strict=True))

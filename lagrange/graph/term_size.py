@@ -1,8 +1,8 @@
-"""The sizes of the terms of an expression: what its value is to be compared with where it should be zero.
+"""Sizes of the terms of an expression: the scale for deciding whether its value is zero.
 
-A sum counts with the sum of the sizes of its terms, a product with the product of those of its factors. Bounded
-functions, and functions whose value is an angle or a logarithm, count with at least 1, the unit of their argument or
-value. So x**2 + y**2 - l**2 has the size x**2 + y**2 + l**2, and l sin(a) the size l at every angle.
+The size of a sum is the sum of the sizes of its terms, that of a product the product of those of its factors. Bounded
+functions, and functions whose value is an angle or a logarithm, have a size of at least 1, the unit of their argument
+or value. So x**2 + y**2 - l**2 has the size x**2 + y**2 + l**2, and l sin(a) the size l at every angle.
 """
 
 from __future__ import annotations
@@ -12,10 +12,10 @@ from collections.abc import Iterable
 from lagrange.graph.node import Graph, Kind, Node, reachable
 
 BOUNDED = frozenset(("sin", "cos", "tanh", "erf"))
-"""Functions with values up to 1, which count with that."""
+"""Functions with values up to 1; their size is 1."""
 
 AT_LEAST_ONE = frozenset(("tan", "asin", "acos", "atan", "atan2", "log", "sinh", "asinh", "acosh", "atanh"))
-"""Functions that may cancel inside, and whose argument or value is a plain number."""
+"""Functions with dimensionless argument or value, in whose argument terms may cancel; their size is at least 1."""
 
 
 def term_sizes(outputs: Iterable[Node]) -> list[Node]:
@@ -28,7 +28,7 @@ def term_sizes(outputs: Iterable[Node]) -> list[Node]:
 
 
 def _size(node: Node, sizes: dict[Node, Node]) -> Node:
-    """Return the size of a node whose arguments have theirs."""
+    """Return the size of a node from the sizes of its arguments."""
     graph, inner = node.graph, [sizes[arg] for arg in node.args]
     if node.kind is Kind.SUM:
         constant, coefficients = node.data

@@ -1,4 +1,4 @@
-"""SymPy out: the expression of a node, for reading and for tests."""
+"""Translation of nodes into SymPy expressions, for reading and for tests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from lagrange.graph.node import Kind, Node, reachable
 
 
 def to_sympy(node: Node, symbols: Mapping[Node, Any]) -> Any:
-    """Return the node as SymPy; `symbols` gives what each symbol node stands for."""
+    """Return the node as a SymPy expression; `symbols` maps symbol nodes to SymPy symbols."""
     table: dict[Node, Any] = dict(symbols)
     for step in reachable([node]):
         if step not in table and step.kind not in (Kind.FACTOR, Kind.SOLVE):
