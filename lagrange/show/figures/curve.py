@@ -1,4 +1,4 @@
-"""Curves from dense output, within a pixel; where they blow up, and the level that is subtracted from them."""
+"""Curves from dense output, exact within a pixel; windows of runs that blow up; offsets of nearly equal values."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 _NARROW = 1e-4
-"""Values, and times, that differ by less than this part of the largest are drawn as differences from a number, which
-is said: else their labels would have more than five digits alike."""
+"""Range of values or times, relative to the largest, below which a constant is subtracted and named in the label: else
+tick labels would share more than five digits."""
 
 
 def base_of(values: FloatArray) -> float:
-    """Return a round number that is subtracted from values which are almost alike, else 0."""
+    """Return a round number to subtract from values that are almost equal, else 0."""
     size = float(np.max(np.abs(values), initial=0.0))
     extent = float(np.ptp(values)) if len(values) else 0.0
     if not LEVEL * size < extent < _NARROW * size:
@@ -29,14 +29,14 @@ def base_of(values: FloatArray) -> float:
 
 
 def less(label: str, base: float) -> str:
-    """Return a label of values from which a number was subtracted."""
+    """Return a label of values with the subtracted number."""
     if base == 0:
         return label
     return f"{label} {'−' if base > 0 else '+'} {abs(base):.15g}"
 
 
 def level(values: FloatArray) -> tuple[float, float] | None:
-    """Return limits in which values that stay put up to round-off are a level line; None for others."""
+    """Return limits that show values with only rounding noise as a level line; None for other values."""
     size = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
     if not len(values) or np.ptp(values) > LEVEL * size:
         return None
@@ -45,23 +45,23 @@ def level(values: FloatArray) -> tuple[float, float] | None:
 
 
 BLOWN_UP = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.SINGULAR, Status.DIVERGED)
-"""How runs end whose values may have grown without bound; any other run is drawn whole."""
+"""Statuses of runs whose values may have grown without bound; any other run is drawn whole."""
 
 SHARE = 0.9
-"""The part of the time whose values a panel shows at least, with as much room again on either side."""
+"""Least part of the time whose values a panel shows; as much room again is on either side."""
 
 ROOM = 0.15
-"""How far beyond a panel lines go on, in parts of its height."""
+"""Distance that lines continue beyond a panel, in parts of its height."""
 
 EDGE = 0.1
-"""Room beside the least or largest value where a window has it, in parts of the range of the middle values."""
+"""Room beside the least or largest value at the edge of a window, in parts of the range of the middle values."""
 
 _SAMPLES = 2001
 
 
 @dataclass(frozen=True)
 class Window:
-    """The values (low, high) that a panel shows of a run that leaves it, and the largest that it does not show."""
+    """Range (low, high) of values in the panel of a run that leaves it, and the largest value outside."""
 
     low: float
     high: float
@@ -69,21 +69,21 @@ class Window:
 
     @property
     def note(self) -> str:
-        """What is said of the values beyond."""
+        """Note on the values outside of the window."""
         return f"shown: {SHARE:.0%} of the time; then up to {self.largest:.1e}"
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """The values up to which lines are drawn, a little beyond the panel."""
+        """Values at which lines are cut, a little beyond the panel."""
         room = ROOM * (self.high - self.low)
         return self.low - room, self.high + room
 
 
 def window_of(solution: Solution, values: Rows) -> Window | None:
-    """Return what a panel shows of the rows (r, K) of a run at times (K,); None where it shows all of them.
+    """Return the window for rows (r, K) of a run at times (K,); None if the panel shows all values.
 
-    That is the middle of the values, weighted by time, and as much again on either side. A run that did not end at a
-    singularity is shown whole, and so is one whose values are all within these limits.
+    The window is the middle of the values, weighted by time, and as much again on either side. A run that did not end
+    at a singularity is shown whole, and so is one whose values are all within these limits.
     """
     if solution.status not in BLOWN_UP or len(solution.t) < 2:
         return None
@@ -110,29 +110,29 @@ def window_of(solution: Solution, values: Rows) -> Window | None:
 
 
 def row_of(values: Rows, k: int) -> Rows:
-    """Return the values of one row alone, (1, K), or of one entry of all points (p, K)."""
+    """Return the values of one row, (1, K), or of one entry of all points (p, K)."""
     return lambda t: np.atleast_2d(values(t)[k])
 
 
 def clipped(windows: Sequence[Window | None], rows: FloatArray) -> FloatArray:
-    """Return rows (r, ..., K) with the bounds of the window of each for what is beyond them."""
+    """Return rows (r, ..., K) in which values beyond the window of each are replaced by its bounds."""
     pairs = zip(windows, rows, strict=True)
     return np.array([row if window is None else np.clip(row, *window.bounds) for window, row in pairs])
 
 
 def cut(windows: Sequence[Window | None], rows: FloatArray) -> FloatArray:
-    """Return clipped rows (r, ..., K) with NaN where one is at its bounds, so that lines end there."""
+    """Return clipped rows (r, ..., K) with NaN where a row is at its bounds, so that lines end there."""
     beyond = np.zeros(rows.shape[1:], dtype=bool)
     for window, row in zip(windows, rows, strict=True):
         if window is not None:
             beyond |= (row <= window.bounds[0]) | (row >= window.bounds[1])
-    inner = beyond.copy()  # a line is drawn up to the first corner beyond
+    inner = beyond.copy()  # a line includes its first corner beyond the bounds
     inner[..., 1:] &= beyond[..., :-1]
     return np.where(inner, np.nan, rows)
 
 
 def limits_of(windows: Sequence[Window | None], drawn: Sequence[FloatArray]) -> tuple[float, float] | None:
-    """Return the limits in which some curves are shown, each in its window or whole; None where all are whole."""
+    """Return the limits for several curves, each in its window or whole; None if all are whole."""
     if all(window is None for window in windows):
         return None
     ends = [value for window in windows if window is not None for value in (window.low, window.high)]
@@ -142,59 +142,59 @@ def limits_of(windows: Sequence[Window | None], drawn: Sequence[FloatArray]) -> 
 
 
 def notes_of(windows: Iterable[Window | None]) -> str:
-    """Return what is said of the values beyond some windows: of the one with the largest."""
+    """Return the note of the window with the largest value outside, or an empty text."""
     found = [window for window in windows if window is not None]
     return max(found, key=lambda window: abs(window.largest)).note if found else ""
 
 
 Rows = Callable[[FloatArray], FloatArray]
-"""Times (K,) to r values at each, (r, K)."""
+"""Function from times (K,) to r values at each, (r, K)."""
 
 Points = Callable[[FloatArray], FloatArray]
-"""Times (K,) to p points of the plane at each, (p, 2, K)."""
+"""Function from times (K,) to p points of the plane at each, (p, 2, K)."""
 
 TOLERANCE = 0.3
-"""Pixels from a chord to the curve behind which a chord is halved. Halving leaves about a quarter of it: the largest
-distance that was measured over all scenes and 1,000 periods is 0.3."""
+"""Largest distance in pixels from a chord to the curve; a chord with a larger one is halved. Halving leaves about a
+quarter. The largest distance measured over all scenes and 1,000 periods is 0.3."""
 
 MOST = 2**18
-"""Samples of a curve, over its rows. Chords that are not within the tolerance then stay, which was seen for round-off
-alone and behind 10,000 periods, where each column of pixels has the smallest and the largest of 100 samples."""
+"""Most samples of a curve: then inexact chords remain. This was seen only for rounding noise and after 10,000 periods,
+where each column of pixels has the smallest and the largest of 100 samples."""
 
 _MOST_VALUES = 2**24
-"""Samples times rows: 128 MB."""
+"""Most samples times rows: 128 MB."""
 
 _EACH_STEP, _FEWEST, _MOST_FIRST = 12, 500, 120_000
-"""Samples of a step to begin with, and the least and the most of them: a step of order 30 holds three periods."""
+"""Initial samples per step, and the least and largest number of them: a step of order 30 covers three periods."""
 
 MOST_ROUNDS = 60
-"""Rounds of halving, more than lead from any interval to the least."""
+"""Most rounds of halving; fewer lead from any interval to the least."""
 
 _SHARE = 0.47
-"""Where an interval is halved, which is not in the middle: there a curve with a turning point meets its chord."""
+"""Point at which an interval is divided. It is not the middle, where a symmetric turning point would meet its chord."""
 
 _LEAST = 1e-9
-"""An interval below this part of the span is not halved: there is a jump in it."""
+"""Least interval, as a part of the span, that is halved: in shorter ones there is a jump."""
 
 LEVEL = 1e-9
-"""Values that differ by less than this part of the largest are drawn as a level line: the rest is round-off."""
+"""Range of values, relative to the largest, below which they are drawn as a level line: the rest is rounding noise."""
 
 _COLUMNS = 2
-"""Columns to a pixel, of each of which a line has the first, the last, the smallest and the largest value."""
+"""Columns per pixel. In each column a line has the first, the last, the smallest and the largest value."""
 
 
 @dataclass(frozen=True)
 class Pixels:
-    """The width and the height of a panel in pixels, for a figure with so many dots to an inch."""
+    """Width and height of a panel in pixels, for a figure with `dpi` dots per inch."""
 
     width: float
     height: float
 
 
 def first_times(run: Trajectory) -> FloatArray:
-    """Return times to begin with, (K,) from the first output to the last, all outputs and those between steps.
+    """Return the initial times, (K,) from the first output to the last: all outputs and times between steps.
 
-    Of very many outputs it has some, at irregular distances, so that no oscillation keeps in step with them.
+    Of very many outputs it is a selection at irregular distances, so that it is not in step with an oscillation.
     """
     t = run.t
     if len(t) > MOST:
@@ -209,18 +209,18 @@ def first_times(run: Trajectory) -> FloatArray:
 
 
 def outputs_alone(run: Trajectory) -> bool:
-    """Return whether there are no states between the outputs: they came from a file."""
+    """Return whether there are no states between the outputs: the run is from a file."""
     return known_alone(run) is not None
 
 
 def over_time(
     values: Rows, t: FloatArray, pixels: Pixels, *, together: bool = True, rounds: int = MOST_ROUNDS
 ) -> list[FloatArray]:
-    """Return a line for each row of values, corners (2, K) with time first, within a pixel of the exact curve.
+    """Return a line for each row of values, corners (2, K) with time first, exact within a pixel.
 
-    It is drawn from the first of the times (K,) to the last, rising or falling, in a panel that the values fill; rows
-    that are not drawn `together` have a scale each. Where several oscillations share a column of pixels the line has
-    their exact minimum and maximum. Chords are halved in so many `rounds`: few for what is round-off at the end.
+    It goes from the first of the times (K,) to the last, rising or falling, in a panel that the values fill. Rows that
+    are not drawn `together` have a scale each. Where several oscillations share a column of pixels the line has their
+    exact minimum and maximum. Chords are halved at most `rounds` times: few if the values end as rounding noise.
     """
     found = values(t)
     height = _extents(found, axis=(0, 1) if together else 1)
@@ -231,9 +231,9 @@ def over_time(
 
 
 def in_plane(points: Points, t: FloatArray, pixels: Pixels, *, equal: bool = True) -> tuple[FloatArray, FloatArray]:
-    """Return times (K,) and points of the plane (p, 2, K), whose polylines are within a pixel of the exact paths.
+    """Return times (K,) and points of the plane (p, 2, K), whose polylines are exact within a pixel.
 
-    They are drawn in one panel that they fill, with lengths that are `equal` in both directions unless told otherwise.
+    The panel is filled by the points; with `equal` the scale is the same in both directions.
     """
     found = points(t)
     scale = _pixels_in(np.array([pixels.width, pixels.height]), _extents(found, axis=(0, 2)))
@@ -251,7 +251,7 @@ def in_plane(points: Points, t: FloatArray, pixels: Pixels, *, equal: bool = Tru
 
 
 def lengths(points: FloatArray) -> FloatArray:
-    """Return how far the polyline of points (p, 2, K) has gone at each corner, (K,), that of the longest one."""
+    """Return the arc length of the polyline of points (p, 2, K) at each corner, (K,), the largest over the points."""
     steps = np.nan_to_num(np.hypot(*np.moveaxis(np.diff(points, axis=2), 1, 0)))
     gone = np.concatenate([np.zeros((len(points), 1)), np.cumsum(steps, axis=1)], axis=1)
     longest: FloatArray = gone[np.argmax(gone[:, -1])] if len(gone) else np.zeros(points.shape[2])
@@ -259,7 +259,7 @@ def lengths(points: FloatArray) -> FloatArray:
 
 
 def _extents(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
-    """Return from the smallest to the largest of the finite values along axes, 0 where they are level."""
+    """Return the range of the finite values along axes, 0 if they are level."""
     finite = np.isfinite(values)
     low = np.min(values, axis=axis, initial=np.inf, where=finite)
     high = np.max(values, axis=axis, initial=-np.inf, where=finite)
@@ -267,13 +267,13 @@ def _extents(values: FloatArray, axis: int | tuple[int, ...]) -> FloatArray:
 
 
 def _pixels_in(pixels: float | FloatArray, extent: float | FloatArray) -> FloatArray:
-    """Return pixels to a unit; 0 where nothing extends."""
+    """Return pixels per unit; 0 if the extent is 0."""
     some = np.asarray(extent) > 0
     return np.where(some, pixels / np.where(some, extent, 1.0), 0.0)
 
 
 def _over(t: FloatArray, values: FloatArray) -> FloatArray:
-    """Return values (r, K) as points (r, 2, K) over time."""
+    """Return values (r, K) as points (r, 2, K) with time as abscissa."""
     return np.stack([np.broadcast_to(t, values.shape), values], axis=1)
 
 
@@ -285,10 +285,10 @@ def _refined(
     scale: FloatArray,
     rounds: int = MOST_ROUNDS,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return times and values with intervals halved until every chord is within the tolerance of the curve.
+    """Return times and values, with intervals halved until every chord is within the tolerance of the curve.
 
-    `placed` takes times (K,) and values (r, K) to points (p, 2, K), and `scale` (p, 2) those to pixels. What stands
-    next to a chord that is too far off, or to a turn whose end is missed, is looked at again.
+    `placed` maps times (K,) and values (r, K) to points (p, 2, K); `scale` (p, 2) is pixels per unit. Intervals next to
+    an inexact chord, or to a turn whose end is missed, are tested again.
     """
     most = min(MOST, _MOST_VALUES // max(len(found), 1))
     least = _LEAST * abs(float(t[-1] - t[0])) if len(t) else 0.0
@@ -310,11 +310,11 @@ def _refined(
 
 
 def _beside_turns(t: FloatArray, pixels: FloatArray) -> NDArray[np.bool_]:
-    """Return which intervals of times (K,), (K - 1,), are beside a turn whose end is missed by more than the tolerance.
+    """Return for each interval of times (K,), (K - 1,), whether it is beside a turn whose end is missed.
 
-    A turn is a place where points (p, 2, K) go back, to the right or upwards, and its end is that of the parabola
-    through three of them. The distance from a chord does not tell: where many oscillations share a column of pixels the
-    curve is as good as upright, and lies on its chord, however far it goes on behind it.
+    A turn is a place where points (p, 2, K) go back, to the right or upwards. Its end is that of the parabola through
+    three points. The distance from a chord is not sufficient: where many oscillations share a column of pixels the
+    curve is almost vertical and lies on its chord, however far it continues.
     """
     beside = np.zeros(max(len(t) - 1, 0), dtype=bool)
     with np.errstate(all="ignore"):
@@ -330,7 +330,7 @@ def _beside_turns(t: FloatArray, pixels: FloatArray) -> NDArray[np.bool_]:
 
 
 def with_neighbours(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return flags (K,) that are set at the neighbours of those that are set too."""
+    """Return flags (K,) that are set where a flag or a neighbour of it is set."""
     wider = flags.copy()
     wider[1:] |= flags[:-1]
     wider[:-1] |= flags[1:]
@@ -338,7 +338,7 @@ def with_neighbours(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _distance(middle: FloatArray, begin: FloatArray, end: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return the largest distance in pixels from points (p, 2, K) to chords between two others, (K,); not finite: 0."""
+    """Return the largest distance in pixels from points (p, 2, K) to chords between two others, (K,), or 0."""
     with np.errstate(all="ignore"):
         chord, away = (end - begin) * scale[:, :, None], (middle - begin) * scale[:, :, None]
         square = np.sum(chord**2, axis=1)
@@ -348,7 +348,7 @@ def _distance(middle: FloatArray, begin: FloatArray, end: FloatArray, scale: Flo
 
 
 def thinned(t: FloatArray, row: FloatArray, pixels: Pixels) -> FloatArray:
-    """Return values (N,) at times (N,) as a line (2, K), in each column first, last, smallest and largest.
+    """Return values (N,) at times (N,) as a line (2, K): in each column the first, last, smallest and largest.
 
     It covers the same pixels as the line through all of them: U. Jugel et al., M4: a visualization-oriented time
     series data aggregation, VLDB Endowment 7 (2014) 797.

@@ -1,4 +1,4 @@
-"""Pictures of an ensemble, and the quantity that each shows."""
+"""Figures of an ensemble, and the quantities that they show."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 COMPLETE = np.array([status.complete for status in STATUSES])
-"""Whether a run got to its end, by the code of its status."""
+"""True for each status code of a complete run."""
 
 _REDUCED = re.compile(r"(max|min|mean)\((.*)\)")
 _WORDS = {"max": "largest", "min": "least", "mean": "mean"}
@@ -39,9 +39,9 @@ _EVENT = re.compile(r"t_event_([0-9]+)")
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
-    """A number for each member, (members,): NaN where it failed, and where there is none.
+    """A number for each member, (members,): NaN if the member failed or has no value.
 
-    `angle` says that it is one, between -pi and pi.
+    `angle` is true for an angle, between -pi and pi.
     """
 
     name: str
@@ -53,7 +53,7 @@ class Quantity:
 
     @property
     def remark(self) -> str:
-        """The sentence about members that are not in the picture, empty where all are."""
+        """Sentence about members that are not in the picture, empty if all are."""
         said, members = [], len(self.values)
         lost = int(self.failed.sum()) - self.unrun
         none = int((~np.isfinite(self.values) & ~self.failed).sum())
@@ -67,7 +67,7 @@ class Quantity:
 
 
 def quantity(runs: Ensemble, name: str) -> Quantity:
-    """Return what is drawn by a name. Raises StatementError for what has more than a number for each member."""
+    """Return the quantity to draw, by name. Raises StatementError if it has more than a number for each member."""
     statement = runs.model.statement
     codes = np.asarray(runs.results.column(STATUS))
     row = runs.names.index(name) if name in runs.names else None
@@ -91,7 +91,7 @@ def quantity(runs: Ensemble, name: str) -> Quantity:
 
 
 def label_of(runs: Ensemble, name: str) -> str:
-    """Return what varies or was kept as a label of an axis, with its unit."""
+    """Return a varied or kept quantity as a label of an axis, with its unit."""
     statement = runs.model.statement
     if name in runs.names:
         return label_of_entry(statement, name)
@@ -109,12 +109,12 @@ def label_of(runs: Ensemble, name: str) -> str:
 
 
 def _parameter(statement: Statement, name: str) -> str:
-    """Return a parameter as mathematics, anything else as it is."""
+    """Return a parameter as mathematics, and any other name unchanged."""
     return f"${letter_of(name)}$" if any(one.name == name for one in statement.parameters) else name
 
 
 def first_drawn(runs: Ensemble) -> str:
-    """Return the name of what is drawn where nobody says it: what was kept beside states, else the first coordinate."""
+    """Return the name of the default quantity: the first that is kept besides states, else the first coordinate."""
     kept = [column.name for column in runs.columns if column.name not in (STATE, OUTPUTS, STATUS, TIME)]
     numbers = [column.name for column in runs.columns if column.name in kept and not column.shape]
     if numbers:
@@ -125,22 +125,22 @@ def first_drawn(runs: Ensemble) -> str:
 
 
 Values = FloatArray | MemberNumbers
-"""Values along an axis: those that were stated, or numbers of members."""
+"""Values along an axis: stated values, or numbers of members."""
 
 BANDS = ((0.05, 0.95), (0.25, 0.75))
-"""Quantiles between which a fan is shaded, the wider band paler."""
+"""Quantiles between which a fan is shaded; the wider band is paler."""
 
 FEW = 12
-"""Up to so many members are drawn as lines of their own in a fan."""
+"""Most members that are drawn as separate lines in a fan."""
 
 BINS = 60
 """Most bins of a histogram."""
 
 MOST_CROSSES = 200
-"""Up to so many members that failed have a cross each on a map; more are seen by their colour."""
+"""Most failed members that are marked with a cross each on a map; more are shown by their colour only."""
 
 EVEN = 1e-9
-"""Differences between values, relative to their range, within which they are equally spaced."""
+"""Largest difference of spacings, relative to the range, for which values count as equally spaced."""
 
 
 def plot_ensemble(runs: Ensemble, what: Any, ax: Any, style: Any) -> Figure:
@@ -177,12 +177,12 @@ def _title(runs: Ensemble, what: str) -> str:
 
 
 def _map(axis: Axes, runs: Ensemble, found: Quantity, look: Style) -> str:
-    """Draw a colour for every combination of two axes, the first to the right; return the remark below."""
+    """Draw a colour for every combination of two axes, the first horizontal; return the remark below."""
     from matplotlib.colors import ListedColormap
 
     across, up = ((name, values) for name, values in runs.table.varied.axes.items() if len(values) > 1)
     shape = len(across[1]), len(up[1])
-    # Hues that come round for angles; the mark of failures is a colour that the scale does not have.
+    # Angles have cyclic colours; failures have a colour that is not in the scale.
     name, mark, said = ("twilight", look.colours[2], "green") if found.angle else ("viridis", look.colours[1], "red")
     image = _image(axis, across[1], up[1], np.ma.masked_invalid(found.values.reshape(shape).T), cmap=name)
     if found.angle:
@@ -210,7 +210,7 @@ def _map(axis: Axes, runs: Ensemble, found: Quantity, look: Style) -> str:
 
 
 def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> ScalarMappable:
-    """Draw a colour for each value (k, m) at places (m,) and (k,): as an image where these are equally spaced."""
+    """Draw a colour for each value (k, m) at x (m,) and y (k,), as an image if these are equally spaced."""
     steps = np.diff(x), np.diff(y)
     if all(step[0] > 0 and np.ptp(step) <= EVEN * step.sum() for step in steps):
         (dx, dy) = (float(step[0]) / 2 for step in steps)
@@ -220,7 +220,7 @@ def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> Scalar
 
 
 def _curve(axis: Axes, runs: Ensemble, found: Quantity, look: Style) -> None:
-    """Draw a quantity over the one that varies, with a cross at the bottom for each member that failed."""
+    """Draw a quantity against the varied one, with a cross at the bottom for each failed member."""
     (varied, values), *_ = ((name, one) for name, one in runs.table.varied.axes.items() if len(one) > 1)
     axis.plot(values, found.values, color=look.colours[0], linewidth=1.3, marker="." if len(values) <= 100 else "")
     bottom = axis.get_xaxis_transform()
@@ -233,7 +233,7 @@ def _curve(axis: Axes, runs: Ensemble, found: Quantity, look: Style) -> None:
 
 
 def _histogram(axis: Axes, runs: Ensemble, found: Quantity, look: Style) -> None:
-    """Draw how often values occur, with their median and the middle nine tenths."""
+    """Draw the distribution of the values, with their median and the middle nine tenths."""
     values = found.values[np.isfinite(found.values)]
     axis.hist(values, bins=min(BINS, max(8, round(len(values) ** 0.5))), color=look.colours[0], alpha=0.85)
     low, middle, high = np.quantile(values, [BANDS[0][0], 0.5, BANDS[0][1]])
@@ -245,7 +245,7 @@ def _histogram(axis: Axes, runs: Ensemble, found: Quantity, look: Style) -> None
 
 
 def _fan(axis: Axes, runs: Ensemble, name: str, look: Style) -> None:
-    """Draw quantiles of a row over time, or each member where there are few."""
+    """Draw quantiles of a row over time, or each member if there are few."""
     row, times = runs.y[runs.names.index(name)], runs.t
     if len(runs) <= FEW:
         for values, colour in zip(row.T, colours(len(runs), look.colours), strict=True):

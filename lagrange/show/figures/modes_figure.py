@@ -29,16 +29,16 @@ if TYPE_CHECKING:
 
 
 MOST_MODES = 8
-"""Modes that are drawn; a figure of more is taller than a page."""
+"""Most modes in a figure; one with more is taller than a page."""
 
 LARGEST = 0.22
-"""The largest displacement that is drawn, as a part of the extent of the positions at rest."""
+"""Largest displacement in the figure, as a part of the extent of the positions at rest."""
 
 
 def plot_modes(shapes: ModeShapes, ax: Any, style: Any) -> Figure:
-    """Return the figure of modes: a row for each, its components as bars and, where positions are stated, its shape.
+    """Return the figure of modes: a row for each, with its components as bars and, if positions are stated, its shape.
 
-    On axes of the user's the components of all modes are bars beside one another.
+    On a user's axes the components of all modes are bars side by side.
     """
     look = style_of(style)
     if not len(shapes.components):
@@ -105,7 +105,7 @@ def _all_bars(axis: Axes, shapes: ModeShapes, look: Style) -> None:
 
 
 def _seen(shapes: ModeShapes) -> tuple[dict[str, FloatArray], dict[str, FloatArray], float]:
-    """Return points (2,) and displacements (m, 2) as they are drawn, and the extent of the points."""
+    """Return points (2,) and displacements (m, 2) projected to the plane, and the extent of the points."""
     if not shapes.points:
         return {}, {}, 0.0
     places = {
@@ -125,7 +125,7 @@ def _shape(
     k: int,
     look: Style,
 ) -> None:
-    """Draw the positions at rest, quietly, and as they are moved, with arrows."""
+    """Draw the positions at rest in a pale colour, and the displaced positions with arrows."""
     points, moved, extent = seen
     largest = max(float(np.linalg.norm(rows[k])) for rows in moved.values())
     scale = LARGEST * extent / largest if largest > 1e-12 else 0.0
@@ -152,7 +152,7 @@ def _shape(
 
 
 def _room(axis: Axes, points: Mapping[str, FloatArray], moved: Mapping[str, FloatArray], extent: float) -> None:
-    """Frame all modes alike: the points at rest with room for the largest displacement, and no narrow strip."""
+    """Set the same limits for all modes: the points at rest and the largest displacement; no narrow strip."""
     whole = np.array(list(points.values()))
     middle = (whole.max(axis=0) + whole.min(axis=0)) / 2
     half = np.maximum((whole.max(axis=0) - whole.min(axis=0)) / 2, 0.12 * extent) + 1.15 * LARGEST * extent
@@ -162,7 +162,7 @@ def _room(axis: Axes, points: Mapping[str, FloatArray], moved: Mapping[str, Floa
 
 
 def plot_eigenvalues(path: EigenvaluePath, style: Any = "light") -> Figure:
-    """Return a figure of real and imaginary parts; above the line at zero the equilibrium is unstable."""
+    """Return a figure of real and imaginary parts; real parts above zero mean that the equilibrium is unstable."""
     look = style_of(style)
     figure = new_figure(figsize=(7.2, 6.0), layout="constrained")
     growth, frequency = figure.subplots(2, 1, sharex=True)
@@ -183,11 +183,11 @@ _POINTS = 401
 def plot_stability(
     *methods: Any, left: float = -8.0, right: float = 4.0, top: float = 7.0, style: str = "light"
 ) -> Figure:
-    """Return a figure of the borders of stability of methods, named or given, for rates between left and right.
+    """Return a figure of the stability boundaries of methods, by name or instance, for rates between left and right.
 
-    A step is stable on the left of, or inside, its line; shaded is where every method is. Raises StatementError for a
-    splitting, which knows no damping and is stable on a part of the imaginary axis alone (see
-    `lg.methods.stability`), and for a method without a step of its own.
+    A step is stable to the left of, or inside, its line; the region where every method is stable is shaded. Raises
+    StatementError for a splitting, which has no damping and is stable only on a part of the imaginary axis (see
+    `lg.methods.stability`), and for a method without steps of its own.
     """
     look = style_of(style)
     left, right, top = real_number(left, "left"), real_number(right, "right"), real_number(top, "top")
@@ -197,7 +197,7 @@ def plot_stability(
         raise StatementError("name at least one method, such as lg.methods.plot_stability('rk4', 'radau5').")
     x, y = np.linspace(left, right, _POINTS), np.linspace(-top, top, _POINTS | 1)
     grid = x + 1j * y[:, None]
-    # On the real axis a rate has no conjugate: the row next to it stands for it.
+    # On the real axis a rate has no conjugate: the next row is used instead.
     plane = np.where(grid.imag == 0, grid + 1e-6j, grid)
     figure = new_figure(figsize=(7.2, 6.4), layout="constrained")
     axis = figure.add_subplot()

@@ -1,4 +1,4 @@
-"""Figures without pyplot: a new one, one that a notebook shows, and an empty one."""
+"""Figures without pyplot, and with a representation in notebooks."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ if TYPE_CHECKING:
 
 
 SCREEN_DPI = 80
-"""Pixels of a notebook to an inch: the widest figure, 10.6 in, takes 848, as wide as a column of text."""
+"""Dots per inch in a notebook: the widest figure, 10.6 in, takes 848 pixels, as wide as a column of text."""
 
 
 def new_figure(**options: Any) -> Figure:
-    """Return an empty figure, with the options of Matplotlib's `Figure`."""
+    """Return an empty figure with options of Matplotlib's `Figure`."""
     return _figure_class()(**options)
 
 
 @cache
 def _figure_class() -> type[Figure]:
-    """Return the class, made when the first figure is: Matplotlib takes 0.2 s to import."""
+    """Return the class `ShownFigure`. It is made with the first figure: Matplotlib takes 0.2 s to import."""
     from matplotlib.figure import Figure
 
     class ShownFigure(Figure):
-        """A Matplotlib figure that a notebook shows, as a picture that is sharp on screens with two dots to a pixel."""
+        """A Matplotlib figure that a notebook shows, sharp on screens with two dots per pixel."""
 
-        __qualname__ = "ShownFigure"  # by which pickle finds it in this module
+        __qualname__ = "ShownFigure"  # the name under which pickle looks it up in this module
 
         def _repr_png_(self) -> tuple[bytes, dict[str, int]]:
             width, height = (round(SCREEN_DPI * size) for size in self.get_size_inches())
@@ -46,27 +46,27 @@ def _figure_class() -> type[Figure]:
 
 
 def __getattr__(name: str) -> Any:
-    """Return the class to pickle, which looks for it by name (PEP 562)."""
+    """Return the class for pickle, which looks it up by name (PEP 562)."""
     if name == "ShownFigure":
         return _figure_class()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
 
 
 _MOST = 8
-"""More rows or columns of panels than this are too small to be read."""
+"""Most rows or columns of panels: more are too small to be read."""
 
 _WIDTH, _NARROW, _HEIGHT = 7.2, 5.3, 3.4
-"""Inches of a panel: the width of one alone, of one beside others, and the height."""
+"""Size of a panel in inches: width of a single one, width of one beside others, and height."""
 
 _LONGEST = 40.0
-"""Inches of a side of a figure: at 160 dots to an inch some 6,400 pixels."""
+"""Longest side of a figure, in inches: at 160 dots per inch some 6,400 pixels."""
 
 
 def figure(rows: int = 1, columns: int = 1, *, size: Any = None, style: str = "light") -> Figure:
     """Return a Matplotlib figure of empty panels, which a notebook shows: `left, right = lg.figure(columns=2).axes`.
 
-    Panels are drawn on with Matplotlib's own methods, and given to plots as `ax`. `size` is (width, height) in inches,
-    `style` is "light" or "dark". Raises StatementError for another style, a size that cannot be, and too many panels.
+    Panels are drawn on with Matplotlib's methods, or passed to plots as `ax`. `size` is (width, height) in inches,
+    `style` is "light" or "dark". Raises StatementError for another style, an invalid size, and too many panels.
     """
     look = style_of(style)
     rows, columns = (whole_number(count, what, 1, _MOST) for count, what in ((rows, "rows"), (columns, "columns")))
@@ -79,7 +79,7 @@ def figure(rows: int = 1, columns: int = 1, *, size: Any = None, style: str = "l
 
 
 def size_of(size: Any) -> tuple[float, float]:
-    """Return the width and the height of a figure in inches. Raises StatementError for what can be none."""
+    """Return the width and the height of a figure in inches. Raises StatementError for an invalid size."""
     sides = real_array(size, "size")
     if sides.shape != (2,) or not ((sides >= 1.0) & (sides <= _LONGEST)).all():
         raise StatementError(f"size = {shown(size)}: give (width, height) in inches, each from 1 to {_LONGEST:g}.")

@@ -1,4 +1,4 @@
-"""Panels of a figure: what they show, their axes, curves over time, and curves in a plane."""
+"""Panels of a figure: their quantities, their axes, curves over time, and curves in a plane."""
 
 from __future__ import annotations
 
@@ -66,21 +66,21 @@ PANELS = 28
 """More coordinates than this share panels."""
 
 _SHORT = 10
-"""A longer name stands above its panel and not beside it."""
+"""Longest name, in letters, beside a panel; a longer one is above it."""
 
 _LONGEST, _WIDEST = 120, 50
-"""Letters of a formula in LaTeX, and in plain text, that still fits above a panel."""
+"""Longest formula above a panel, in letters of LaTeX and of plain text."""
 
 Values = Callable[["Solution"], FloatArray]
-"""Values (r, N) of a solution at its N outputs."""
+"""Function from a solution to values (r, N) at its N outputs."""
 
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
-    """Rows over time in one panel: what they are called, in mathematics or words, their unit, and their values.
+    """Rows over time in one panel: labels in mathematics or words, unit, and values.
 
-    `name` is what stands above the panel; where it is empty the one label stands beside it. Where `drift` is set the
-    values are how far something that should be constant has moved, which is a statement about the steps.
+    `name` is the title of the panel; if it is empty, the only label is beside the panel. `drift` is true if the values
+    are the change of a conserved quantity, which measures the error of the steps.
     """
 
     name: str
@@ -91,12 +91,12 @@ class Quantity:
 
 
 def coordinates(solution: Solution, chosen: Sequence[str], *, merged: bool = False) -> list[Quantity]:
-    """Return the chosen coordinates, one to a panel unless there are many, or all in one."""
+    """Return the chosen coordinates: one per panel, several if there are many, or all in one panel with `merged`."""
     return _entries(solution, chosen, merged=merged, rate=False)
 
 
 def velocities(solution: Solution, chosen: Sequence[str], *, merged: bool = False) -> list[Quantity]:
-    """Return the velocities of the chosen coordinates, one to a panel unless there are many, or all in one."""
+    """Return the velocities of the chosen coordinates, in panels as for `coordinates`."""
     return _entries(solution, chosen, merged=merged, rate=True)
 
 
@@ -118,7 +118,7 @@ def _group(statement: Statement, names: Sequence[str], *, rate: bool) -> Quantit
 
 
 def _above(names: Sequence[str], *, rate: bool) -> str:
-    """Return what stands above the panel of some coordinates or their velocities: nothing over a short label."""
+    """Return the title of a panel of coordinates or their velocities, empty if a short label is enough."""
     what = "velocity of " if rate else ""
     if len(names) > 1:
         return f"{'velocities' if rate else 'coordinates'} {names[0]} to {names[-1]}"
@@ -126,7 +126,7 @@ def _above(names: Sequence[str], *, rate: bool) -> str:
 
 
 def energies(solution: Solution) -> Quantity:
-    """Return T, V and E = v.p - L, or E alone where a Lagrangian was stated and not its parts."""
+    """Return T, V and E = v.p - L, or only E if a Lagrangian was stated."""
     statement = solution.model.statement
     parts = [("T", statement.kinetic), ("V", statement.potential)]
     stated = [] if statement.lagrangian_alone else parts
@@ -139,7 +139,7 @@ def energies(solution: Solution) -> Quantity:
 
 
 def energy(solution: Solution) -> Quantity:
-    """Return the drift of an energy that is conserved, else the energy; no row where some state has none."""
+    """Return the drift of the energy if it is conserved, else the energy; no row if it has no value at some state."""
     if not solution.has_energy:
         return Quantity("energy: it has no value at some state of the run", (), lambda run: np.empty((0, len(run.t))))
     drift = solution.drift
@@ -152,7 +152,7 @@ def energy(solution: Solution) -> Quantity:
 
 
 def momenta(solution: Solution) -> Quantity | None:
-    """Return how far the momenta of ignorable coordinates are from their first values; None where there are none."""
+    """Return the changes of the momenta of ignorable coordinates from their first values; None if there are none."""
     found = list(solution.momentum_drift)[:MOST_LINES]
     if not found:
         return None
@@ -162,7 +162,7 @@ def momenta(solution: Solution) -> Quantity | None:
 
 
 def invariants(solution: Solution) -> list[Quantity]:
-    """Return how far each conserved quantity is from its first value, relative to the size of its terms."""
+    """Return the change of each conserved quantity from its first value, relative to the size of its terms."""
     sizes = invariant_sizes(solution.model, solution.t, solution.y, solution.parameters_at(solution.t))
     return [_invariant(name, values[0], sizes[name]) for name, values in solution.invariants.items()]
 
@@ -201,18 +201,18 @@ def violation(solution: Solution) -> Quantity:
 
 
 def expression(solution: Solution, given: Any) -> Quantity:
-    """Return a SymPy expression in coordinates, velocities, accelerations, multipliers, parameters and t."""
+    """Return the quantity of an expression in coordinates, velocities, accelerations, multipliers, parameters and t."""
     label = row_label(given)
     if label in solution.names:
         return _group(solution.model.statement, [label.removesuffix("_dot")], rate=label.endswith("_dot"))
     formula = expression_of(given, "what")
-    solution.evaluate(formula)  # refuses what the system does not have
+    solution.evaluate(formula)  # raises for symbols that the system does not have
     text = formula_label(solution.model.statement, formula)
     return Quantity(text, (text,), lambda run: run.evaluate(formula)[None])
 
 
 def formula_label(statement: Statement, given: Any) -> str:
-    """Return an expression as mathematics that Matplotlib can set, or as short text."""
+    """Return an expression as mathematics for Matplotlib, or as short text."""
     formula = f"${Typesetter(statement, LatexNotation()).write(given)}$"
     if len(formula) <= _LONGEST and "\\begin" not in formula:
         return formula
@@ -221,11 +221,11 @@ def formula_label(statement: Statement, given: Any) -> str:
 
 
 FEWEST_TICKS, MOST_TICKS = 3, 10
-"""Numbers beside a logarithmic scale."""
+"""Least and largest number of tick labels on a logarithmic scale."""
 
 
 def panel_on(ax: Any, style: Style, size: tuple[float, float]) -> tuple[Figure, Axes]:
-    """Return a user's axes with their figure, or those of a new figure of a size in inches."""
+    """Return the user's axes with their figure, or those of a new figure of a size in inches."""
     if ax is None:
         figure = new_figure(figsize=size, layout="constrained")
         return on_paper(figure, style), figure.subplots()
@@ -233,14 +233,14 @@ def panel_on(ax: Any, style: Style, size: tuple[float, float]) -> tuple[Figure, 
 
 
 def figure_of(ax: Any) -> Figure:
-    """Return the whole figure of a user's axes. Raises StatementError for what are none, and for axes without one."""
+    """Return the whole figure of a user's axes. Raises StatementError for anything else, or axes without a figure."""
     if getattr(ax, "plot", None) is None or getattr(ax, "get_figure", None) is None:
         raise StatementError(f"ax is {shown(ax)}: give axes of Matplotlib, or leave it out for a new figure.")
     return of_figure(ax)
 
 
 def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: Style) -> None:
-    """Put the scale of the colours of a map beside its panel."""
+    """Add the colour scale of a map beside its panel."""
     from matplotlib.colors import LogNorm
 
     bar = of_figure(axis).colorbar(image, ax=axis, pad=0.02, aspect=30)
@@ -255,7 +255,7 @@ def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: Style) -> N
 
 
 def log_ticks(low: float, high: float) -> list[float]:
-    """Return round values for a logarithmic scale: 1, 2 and 5 times powers of ten, or finer ones where it is short."""
+    """Return round values for a logarithmic scale: 1, 2 and 5 times powers of ten, or finer ones on a short scale."""
     powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 1)
     found = [first * 10.0**power for power in powers for first in (1, 2, 5) if low <= first * 10.0**power <= high]
     if len(found) >= FEWEST_TICKS:
@@ -266,14 +266,14 @@ def log_ticks(low: float, high: float) -> list[float]:
 
 
 def say_below(figure: Figure, ax: Any, style: Style, message: str) -> None:
-    """Write a sentence below a figure of our own."""
+    """Write a sentence below a figure, unless the axes are the user's."""
     if ax is None and message:
         lines = "\n".join(textwrap.wrap(message, round(13 * figure.get_size_inches()[0])))
         figure.supxlabel(lines, x=0.01, ha="left", fontsize=8, color=style.quiet)
 
 
 def legend_beside(axis: Axes, ax: Any, style: Style, **more: Any) -> None:
-    """Put the legend beside a panel of our own, and inside one of the user's, whose width is theirs."""
+    """Put the legend beside a new panel, or inside a user's axes, whose width must not change."""
     if ax is None:
         axis.legend(
             fontsize=8, loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False, labelcolor=style.ink, **more
@@ -284,7 +284,7 @@ def legend_beside(axis: Axes, ax: Any, style: Style, **more: Any) -> None:
 
 
 def label_of_entry(statement: Statement, name: str) -> str:
-    """Return an entry of the state as a label of an axis, a velocity with a dot, with its unit."""
+    """Return the label of an axis for an entry of the state, with its unit; a velocity has a dot."""
     return with_unit(f"${entry(statement, name)}$", unit_of(statement, name))
 
 
@@ -297,7 +297,7 @@ def entry(statement: Statement, name: str, *, rate: bool = False) -> str:
 
 
 def angle_ticks(axis: Any, low: float, high: float) -> None:
-    """Mark an axis of an angle at multiples of pi/2, or of pi where it is long."""
+    """Put ticks of an angle at multiples of pi/2, or of pi if the axis is long."""
     unit = math.pi / 2 if high - low <= 1.01 * TURN else math.pi
     places = np.arange(math.ceil(low / unit - 1e-9), math.floor(high / unit + 1e-9) + 1)
     axis.set_ticks(places * unit, [f"${_multiple(int(k), unit)}$" for k in places])
@@ -314,10 +314,10 @@ def _multiple(k: int, unit: float) -> str:
 
 
 def turned_lines(x: FloatArray, y: FloatArray, low: float, high: float) -> list[tuple[FloatArray, FloatArray]]:
-    """Return a line (k,) in an angle as it is drawn from low to high: out on one side, and in on the other.
+    """Return a line (k,) in an angle, wrapped to the range from low to high.
 
-    Each passage of the border has a point on either side of it, with NaN between. Where more than a turn is seen there
-    is a copy for each turn.
+    Where it crosses the border it has a point on either side, with NaN between them. If the range is more than a turn,
+    there is a copy for each turn.
     """
     turns = np.floor((x - low) / TURN)
     at = np.nonzero(np.diff(turns))[0]
@@ -333,23 +333,23 @@ def turned_lines(x: FloatArray, y: FloatArray, low: float, high: float) -> list[
 
 
 _ROUND_OFF = 1e-15
-"""A relative drift below this is round-off, and does not fill a panel."""
+"""Relative drift below which the values are rounding noise, and do not fill a panel."""
 
 _MORE = 2.0
-"""Dense output that drifts so many times as far as the steps is told apart from them: it is not the method's drift."""
+"""Ratio of the drift of the dense output to that of the steps from which on it is an error of the dense output."""
 
 _DRIFT_ROUNDS = 3
-"""Halvings of the samples of a drift, which is round-off at the end, where no curve is smooth."""
+"""Rounds of halving for a drift: it ends as rounding noise, which is never smooth."""
 
 _FEW = 3
-"""Fewer points than this are dots, for there is no line to see."""
+"""Fewer points than this are drawn as dots, because they form no line."""
 
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """Lines (2, K) of a quantity of one run, whether they are dots at the steps, and what is said of them.
+    """Lines (2, K) of a quantity of one run, whether they are dots at the steps, and a note on them.
 
-    `window` is what a panel shows of them where that is not all.
+    `window` is the range of a panel that does not show all values.
     """
 
     lines: list[FloatArray]
@@ -360,7 +360,7 @@ class Curves:
 
 @dataclass(frozen=True, eq=False)
 class TimePanel:
-    """A quantity of some runs of systems with the same coordinates; `labels` tell the runs apart."""
+    """A quantity of some runs of systems with the same coordinates; `labels` distinguish the runs."""
 
     quantities: tuple[Quantity, ...]
     solutions: tuple[Solution, ...]
@@ -369,11 +369,11 @@ class TimePanel:
 
     @property
     def height(self) -> float:
-        """The height relative to that of a coordinate."""
+        """Height relative to that of a coordinate."""
         return 1.3 if self.wide else 1.0
 
     def draw(self, axis: Axes, pixels: Pixels, style: Style) -> None:
-        """Draw all curves, with a legend where there are several."""
+        """Draw all curves, with a legend if there are several."""
         runs = [curves(one, run, pixels) for one, run in zip(self.quantities, self.solutions, strict=True)]
         values = np.concatenate([np.empty(0), *map(_values, runs)])
         values = values[np.isfinite(values)]
@@ -394,7 +394,7 @@ class TimePanel:
         self._name(axis, base, "; ".join(dict.fromkeys(run.note for run in runs if run.note)), style)
 
     def _draw_run(self, axis: Axes, place: int, run: Curves, origin: tuple[float, float], style: Style) -> None:
-        """Draw the lines of a run: runs have a colour each, or a kind of line where the rows have the colours."""
+        """Draw the lines of a run. Runs have a colour each, or a line style if the rows have the colours."""
         several, count = len(self.solutions) > 1, len(run.lines)
         own = colours(len(self.solutions), style.colours)[place]
         shades = (style.ink,) if self.quantities[0].drift else colours(1, style.colours)
@@ -420,7 +420,7 @@ class TimePanel:
             )
 
     def _name(self, axis: Axes, base: float, notes: str, style: Style) -> None:
-        """Say what is drawn: beside the panel if it is short, else above it, and in a legend if there are several."""
+        """Label the panel: beside it if the label is short, else above it, and in a legend for several curves."""
         quantity = self.quantities[0]
         title = notes
         if quantity.name or len(quantity.labels) != 1:
@@ -435,11 +435,11 @@ class TimePanel:
 
 
 def curves(quantity: Quantity, solution: Solution, pixels: Pixels) -> Curves:
-    """Return a quantity of a run as lines within a pixel, in a panel of some size.
+    """Return a quantity of a run as lines exact within a pixel, for a panel size in pixels.
 
-    A drift is that of the dense output, which agrees with the steps at the steps. Where it moves much further between
-    them than the steps do it is an error of the dense output and not of the method: then there are dots at the steps,
-    and a note has the largest value between them.
+    A drift is that of the dense output, which equals the steps at their ends. If it changes much more between the steps
+    than at them, this is an error of the dense output and not of the method. Then dots are drawn at the steps, and a
+    note gives the largest value between them.
     """
     run = solution.trajectory
     window = None if quantity.drift else window_of(solution, lambda t: quantity.values(solution.sampled(t)))
@@ -473,7 +473,7 @@ def _largest(rows: FloatArray) -> float:
 
 
 def _widen(axis: Axes, values: FloatArray, least: float) -> None:
-    """Keep round-off from filling a panel: what stays put, or moves by less than the least, is a level line."""
+    """Set limits in which rounding noise does not fill the panel: a change below `least` is a level line."""
     size = _largest(values)
     if size < least:
         axis.set_ylim(-2 * least, 2 * least)
@@ -491,7 +491,7 @@ class PhasePanel:
     shape: str = "square"
 
     def draw(self, axis: Axes, pixels: Pixels, style: Style) -> None:
-        """Draw velocities over coordinates, open circles where runs begin, and dots where they end."""
+        """Draw velocities against coordinates, with an open circle at the start of a run and a dot at its end."""
         dress(axis, style)
         keys = (self.name, f"{self.name}_dot")
         shades = colours(len(self.solutions), style.colours)
@@ -530,7 +530,7 @@ def _states(run: Solution, keys: tuple[str, str], t: FloatArray) -> FloatArray:
 
 
 def _windows(run: Solution, keys: tuple[str, str]) -> list[Window | None]:
-    """Return what is shown to the right and upwards of a run that leaves the panel."""
+    """Return the windows of both axes for a run that leaves the panel."""
     return [window_of(run, row_of(lambda t: _states(run, keys, t), k)) for k in range(2)]
 
 

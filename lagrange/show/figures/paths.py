@@ -1,4 +1,4 @@
-"""Paths of named points: places over a run, links, the floor under them, and their panel."""
+"""Paths of named points: positions along a run, links, the floor below them, and their panel."""
 
 from __future__ import annotations
 
@@ -40,28 +40,28 @@ if TYPE_CHECKING:
 
 
 _LEAST_SIDE = 0.25
-"""The least side of the box relative to its largest: a floor that is thinner cannot be seen."""
+"""Least side of the box relative to its largest: a thinner floor would be invisible."""
 
 _MARGIN = 0.06
 _TICKS = 4
 _STEPS = [1, 2, 2.5, 5, 10]
 
 _NUMBERS, _NAMES = 9.0, 27.0
-"""Points from an edge of the floor to its numbers, and to the name of its axis."""
+"""Distance in points from an edge of the floor to its numbers, and to the name of its axis."""
 
 
 @dataclass(frozen=True, eq=False)
 class Box:
-    """The box around points in space: its lowest and its highest corner, (3,) each."""
+    """Box around points in space: its lowest and its highest corner, (3,) each."""
 
     low: FloatArray
     high: FloatArray
 
     @classmethod
     def around(cls, points: FloatArray) -> Box:
-        """Return the box around the finite points (3, K), a little larger, no side much shorter than the others.
+        """Return the box around the finite points (3, K), a little larger, with no side much shorter than the others.
 
-        The floor is at the lowest point: what rolls on a plane z = 0 rolls on it.
+        The floor is exactly at the lowest point, so that a body that rolls on a plane z = 0 touches it.
         """
         good = points[:, np.isfinite(points).all(axis=0)]
         low, high = (good.min(axis=1), good.max(axis=1)) if good.shape[1] else (np.zeros(3), np.zeros(3))
@@ -78,7 +78,7 @@ class Box:
         return np.array([ends[list(np.unravel_index(k, (2, 2, 2))), range(3)] for k in range(8)]).T
 
     def ticks(self, axis: int) -> FloatArray:
-        """Return round numbers between both ends of an axis, (k,)."""
+        """Return round numbers between the ends of an axis, (k,)."""
         from matplotlib.ticker import MaxNLocator
 
         low, high = float(self.low[axis]), float(self.high[axis])
@@ -89,7 +89,7 @@ class Box:
 def draw_floor(axis: Axes, view: View, box: Box, unit: str, style: Style) -> None:
     """Draw the floor at the lowest z of a box, with numbers at its front edges, and the z axis at its left corner.
 
-    The view is from an azimuth between -90 and 0 degrees, from above.
+    The azimuth of the view is between -90 and 0 degrees, and it is from above.
     """
     (x0, y0, z0), (x1, y1, z1) = box.low, box.high
     for k, (begin, end) in enumerate((((0, y0), (0, y1)), ((x0, 0), (x1, 0)))):
@@ -113,7 +113,7 @@ def _line(axis: Axes, view: View, points: FloatArray, colour: str, width: float)
 
 
 def _numbers(axis: Axes, view: View, box: Box, k: int, foot: tuple[float | None, ...], unit: str, style: Style) -> None:
-    """Write the numbers and the name of one axis of space outside of its edge."""
+    """Write the numbers and the name of an axis of space outside of its edge."""
     ticks = box.ticks(k)
     outwards = np.array([(0.0, -1.0, 0.0), (1.0, 0.0, 0.0)][k]) if k < 2 else np.zeros(3)
     away = view.of(outwards[:, None])[:, 0] if k < 2 else np.array([-1.0, 0.0])
@@ -134,26 +134,26 @@ def _numbers(axis: Axes, view: View, box: Box, k: int, foot: tuple[float | None,
             fontsize=9 if named else 8,
             color=style.ink,
         )
-        written.set_in_layout(False)  # the limits of the panel leave room for it
+        written.set_in_layout(False)  # the limits of the panel already leave room for it
 
 
 SLENDER = 12
-"""Paths that are so many times as long as they are wide are not drawn to scale: they would be a narrow strip."""
+"""Ratio of length to width above which paths are not drawn to scale: they would be a narrow strip."""
 
 _LONGEST = 80.0
-"""Sides of a panel that a line goes at most: three times as many would cover half of it."""
+"""Longest path, in sides of its panel: three times as much would cover half of it."""
 
 _DENSITY = 300_000
-"""States of the density that is drawn of what was before."""
+"""States for the density of the earlier part of a path."""
 
 
 @dataclass(frozen=True, eq=False)
 class Paths:
-    """Paths of points on paper (p, 2, K) at times (K,), how they are seen, and the links between them.
+    """Paths of points on paper (p, 2, K) at times (K,), their view, and the links between them.
 
-    `space` are the same points as stated, (p, 2, K) or (p, 3, K), and `starts` where they began, (p, 2). `fixed` points
-    are those that do not depend on coordinates or time. Of a long run the paths are the last part, and `before` are
-    points (2, k) of the part before it.
+    `space` are the same points as stated, (p, 2, K) or (p, 3, K), and `starts` their initial positions, (p, 2). `fixed`
+    points do not depend on coordinates or time. For a long run the paths are its last part, and `before` are points
+    (2, k) of the earlier part.
     """
 
     times: FloatArray
@@ -166,14 +166,14 @@ class Paths:
     view: View
     links: tuple[Link, ...]
     note: str
-    """What is said of points that leave the panel."""
+    """Note on points that leave the panel."""
 
     def of(self, name: str) -> FloatArray:
         """Return the path of a point, (2, K)."""
         return np.asarray(self.points[self.names.index(name)])
 
     def from_origin(self, origin: FloatArray) -> Paths:
-        """Return the same paths, counted from another origin: (2,) on paper, or (3,) in space seen from a side."""
+        """Return the same paths relative to another origin: (2,) on paper, or (3,) in space with a view from a side."""
         space = self.space - origin[:, None] if self.view.spatial else self.space
         place = self.view.of(origin[:, None]) if self.view.spatial else origin[:, None]
         points, starts, before = self.points - place, self.starts - place[:, 0], self.before - place
@@ -181,44 +181,44 @@ class Paths:
 
     @cached_property
     def on_paper(self) -> FloatArray:
-        """All places where points are, (2, N)."""
+        """All positions of the points, (2, N)."""
         return np.concatenate([*self.points, self.starts.T, self.before], axis=1)
 
     @cached_property
     def extents(self) -> FloatArray:
-        """How far all paths extend to the right and up, (2,)."""
+        """Extents of all paths to the right and up, (2,)."""
         low, high = limits(self.on_paper)
         return high - low
 
     @property
     def to_scale(self) -> bool:
-        """Whether lengths are equal in both directions, which would make some paths a narrow strip."""
+        """True if lengths are equal in both directions; false for paths that would be a narrow strip."""
         low, high = sorted(self.extents.tolist())
         return bool(low > high / SLENDER or low <= 1e-9 * high)
 
 
 def limits(points: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the lowest and the highest of the finite points (d, K), (d,) each."""
+    """Return the minima and the maxima of the finite points (d, K), (d,) each."""
     good = points[:, np.isfinite(points).all(axis=0)]
     return (good.min(axis=1), good.max(axis=1)) if good.shape[1] else (np.zeros(len(points)), np.zeros(len(points)))
 
 
 def named_points(solution: Solution, t: FloatArray) -> dict[str, FloatArray]:
-    """Return where the named points are at times (K,), (2, K) or (3, K) each; empty where none was stated."""
+    """Return the positions of the named points at times (K,), (2, K) or (3, K) each; empty if none are stated."""
     return points_at(solution.model, t, solution.at(t), solution.parameters_at(t))
 
 
 def common_view(solutions: tuple[Solution, ...]) -> View | None:
-    """Return the view in which the paths of some runs are seen together; None where no point was stated."""
+    """Return a common view of the paths of several runs; None if no point is stated."""
     runs = [placed_points(run, first_times(run.trajectory), _windows(run)) for run in solutions]
     found = {f"{name} {k}": points for k, run in enumerate(runs) for name, points in run.items()}
     return view_of(found) if found else None
 
 
 def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
-    """Return the paths of the named points of a run within a pixel, in a panel of some size.
+    """Return the paths of the named points of a run, exact within a pixel, for a panel size in pixels.
 
-    Of a run that goes on for longer than a line can show, the last part.
+    For a run that is longer than a line can show, they are its last part.
     """
     names = tuple(named_points(solution, solution.t[:1]))
     windows = _windows(solution)
@@ -258,12 +258,12 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
 
 
 def placed_points(solution: Solution, t: FloatArray, windows: Sequence[Window | None]) -> dict[str, FloatArray]:
-    """Return where the named points are, at the bounds of a panel where they are beyond these."""
+    """Return the positions of the named points; those beyond a window are moved to its bounds."""
     return {name: clipped(windows, point) for name, point in named_points(solution, t).items()}
 
 
 def _windows(solution: Solution) -> list[Window | None]:
-    """Return what is shown in each direction of a run whose points leave the panel; empty where no point was stated."""
+    """Return the windows of each direction for a run whose points leave the panel; empty if no point is stated."""
     dimension = max(map(len, named_points(solution, solution.t[:1]).values()), default=0)
 
     def entries(t: FloatArray) -> FloatArray:
@@ -273,7 +273,7 @@ def _windows(solution: Solution) -> list[Window | None]:
 
 
 def _moving(solution: Solution, points: FloatArray) -> list[FloatArray]:
-    """Return of the points (p, 2, K), those that are not fixed."""
+    """Return those of the points (p, 2, K) that are not fixed."""
     fixed: Mapping[str, bool] = fixed_points(solution.model.statement)
     names = named_points(solution, solution.t[:1])
     return [point for name, point in zip(names, points, strict=True) if not fixed[name]]
@@ -289,13 +289,13 @@ def _last_part(t: FloatArray, points: FloatArray) -> FloatArray:
 
 
 _DEPTHS = 6
-"""Depths of a path in space: what is near is wider and darker."""
+"""Number of depths of a path in space: near parts are wider and darker."""
 
 _FARTHEST = 0.28
-"""The part of its colour that the farthest depth has."""
+"""Share of its colour that the farthest depth has."""
 
 _LETTERS = 40
-"""Letters of a line above the panel of a path, as many as have room there."""
+"""Letters of a line above the panel of a path, as many as fit."""
 
 _CELLS = 220
 """Cells of the density along the longer side of the panel."""
@@ -303,7 +303,7 @@ _CELLS = 220
 
 @dataclass(frozen=True, eq=False)
 class PathPanel:
-    """The paths of named points of some runs, all seen in one view."""
+    """The paths of named points of some runs, all in one view."""
 
     solutions: tuple[Solution, ...]
     labels: tuple[str, ...]
@@ -311,11 +311,11 @@ class PathPanel:
 
     @property
     def shape(self) -> str:
-        """The form of the panel: row, column or square."""
+        """Shape of the panel: row, column or square."""
         return self.view.shape
 
     def draw(self, axis: Axes, pixels: Pixels, style: Style) -> None:
-        """Draw paths in a panel, open circles where they begin, points and links where they end."""
+        """Draw paths in a panel, with open circles at their starts, and points and links at their ends."""
         runs = [paths_of(run, self.view, pixels) for run in self.solutions]
         statement = self.solutions[0].model.statement
         unit = length_unit(statement)
@@ -341,9 +341,9 @@ class PathPanel:
             legend(axis, style, title, 10)
 
     def _bounds(self, runs: list[Paths]) -> FloatArray:
-        """Return between which values a panel has each direction, (2, d): of paper, or of space seen from a side.
+        """Return the limits of each direction, (2, d): of paper, or of space with a view from a side.
 
-        To scale it has as much of one direction as of the other.
+        To scale, both directions have the same length.
         """
         own = [np.concatenate([*run.space], axis=1) if self.view.spatial else run.on_paper for run in runs]
         low, high = limits(np.concatenate(own, axis=1))
@@ -352,18 +352,18 @@ class PathPanel:
         return np.array([low - more, high + more])
 
     def _shades(self, run: Paths, place: int, style: Style) -> dict[str, str]:
-        """Return the colour of each point that moves: its own, or that of the run where one point moves."""
+        """Return the colour of each moving point: its own, or that of the run if only one point moves."""
         moving = [name for name, fixed in zip(run.names, run.fixed, strict=True) if not fixed]
         if len(moving) == 1 and len(self.solutions) > 1:
             return {moving[0]: colours(len(self.solutions), style.colours)[place]}
         return dict(zip(moving, colours(len(moving), style.colours), strict=True))
 
     def _frame(self, axis: Axes, runs: list[Paths], bounds: FloatArray) -> None:
-        """Leave room around all points; round-off fills no panel."""
+        """Set limits with room around all points; rounding noise does not fill the panel."""
         axis.margins(0.06)
         if self.shape == "square":
             if self.view.spatial:
-                axis.set_aspect("equal", adjustable="box")  # without a frame, so that its title stands near it
+                axis.set_aspect("equal", adjustable="box")  # without a frame, so that the title is close to it
             elif all(run.to_scale for run in runs):
                 axis.set_aspect("equal", adjustable="datalim")
         elif self.shape == "row":
@@ -381,10 +381,10 @@ class PathPanel:
             few_ticks(axis)
 
     def _name(self, axis: Axes, origin: FloatArray, unit: str) -> None:
-        """Name the directions of the plane, and what was subtracted from them."""
+        """Label the directions of the plane, with the subtracted numbers."""
         right, up = (with_unit(less(name, base), unit) for name, base in zip(self.view.labels, origin, strict=True))
         axis.set_xlabel(right if self.shape != "column" else "", labelpad=2.0)
-        # Above a narrow column its title has room for this distance and no more.
+        # The title above a narrow column fits only within this distance.
         axis.set_ylabel(up if self.shape != "row" else "", labelpad=2.0 if self.shape == "column" else 6.0)
 
 
@@ -397,7 +397,7 @@ def _title(paths: Paths, shape: str) -> str:
 
 
 def _counted(origin: FloatArray) -> str:
-    """Say from where places in space are counted, whose axes have no room for it."""
+    """Return a note on the subtracted origin of positions in space, whose axes have no room for it."""
     parts = [f"{name} = {base:.15g}" for name, base in zip("xyz", origin, strict=True) if base]
     return fill(f"counted from {', '.join(parts)}".replace("-", "−"), _LETTERS) if parts else ""
 
@@ -410,7 +410,7 @@ def _draw_run(
         ends = paths.of(start)[:, -1], paths.of(end)[:, -1]
         line = spring(*ends, 0.04 * size) if kind == SPRING else np.array(ends).T
         axis.plot(*line, color=style.quiet, linewidth=1.6, zorder=3)
-    shared = bool(label) and len(shades) > 1  # then points have the colours, and runs kinds of lines
+    shared = bool(label) and len(shades) > 1  # then points have colours, and runs have line styles
     kind = LINES[place % len(LINES)] if shared else "-"
     for k, name in enumerate(paths.names):
         if paths.fixed[k]:
@@ -426,11 +426,11 @@ def _draw_run(
         axis.plot(*paths.starts[k], "o", mfc=style.paper, mec=shade, ms=5, zorder=4)
         shown = " ".join(part for part in (name if len(shades) > 1 or not label else "", label) if part)
         mark = axis.plot(*paths.of(name)[:, -1], "o", color=shade, ms=7, lw=0.9, zorder=5, label=shown)[0]
-        mark.set(linestyle=kind if shared else "none")  # which the legend shows
+        mark.set(linestyle=kind if shared else "none")  # for the legend
 
 
 def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style: Style, kind: str) -> None:
-    """Draw a path with its shadow on the floor; what is near is wider and darker."""
+    """Draw a path with its shadow on the floor; near parts are wider and darker."""
     view, space = paths.view, paths.space[k]
     floor = np.array([*space[:2], np.full(space.shape[1], box.low[2])])
     axis.plot(*view.of(floor), color=mixed(style.quiet, style.paper, 0.45), linewidth=0.8, zorder=1)
@@ -463,7 +463,7 @@ def by_depth(points: FloatArray, nearness: FloatArray) -> Iterator[FloatArray]:
 
 
 def draw_density(axis: Axes, paths: Paths, style: Style) -> None:
-    """Shade where points were before the part of their paths that is drawn: darker where they were for longer."""
+    """Shade the earlier positions of points, before the paths: darker where they stayed for longer."""
     low, high = limits(np.concatenate([paths.before, *paths.points], axis=1))
     cell = float(np.max(high - low)) / _CELLS
     shape = np.maximum(np.ceil((high - low) / cell).astype(int), 1)
@@ -478,4 +478,4 @@ def draw_density(axis: Axes, paths: Paths, style: Style) -> None:
     coloured = np.concatenate([image, alpha], axis=2)
     shade = axis.imshow(coloured, extent=extent, origin="lower", aspect="auto", zorder=1.1)
     for edges in shade.sticky_edges:
-        edges.clear()  # else the panel would have no room around its points, and cut the marks there
+        edges.clear()  # else the panel would have no room around its points, and would cut the marks there

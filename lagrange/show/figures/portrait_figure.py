@@ -1,4 +1,4 @@
-"""The picture of a phase portrait: arrows of the field, zero lines, orbits, separatrices, equilibria by their kind."""
+"""The figure of a phase portrait: arrows of the field, nullclines, orbits, separatrices, and marked equilibria."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 WIDTH, HEIGHT = 1000.0, 800.0
-"""Pixels of the panel, at 160 to an inch."""
+"""Size of the panel in pixels, at 160 dots per inch."""
 
 ARROW = 0.62
-"""Length of an arrow of the field, as a part of the distance to the next."""
+"""Length of an arrow of the field, as a part of the distance to the next one."""
 
 _MARKERS = {
     "saddle": ("X", "paper"),
@@ -42,11 +42,11 @@ _MARKERS = {
     "unstable node": ("s", "open"),
     "degenerate": ("D", "paper"),
 }
-"""The marker of each kind of equilibrium, and what fills it."""
+"""Marker of each kind of equilibrium, and its fill."""
 
 
 def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") -> Figure:
-    """Return the figure of a portrait, drawn on `ax` if that is given."""
+    """Return the figure of a portrait, drawn on `ax` if it is given."""
     look = style_of(style)
     figure, axis = panel_on(ax, look, (8.2, 5.4))
     _field(axis, portrait, look)
@@ -69,7 +69,7 @@ def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") 
 
 
 def _field(axis: Axes, portrait: PortraitData, look: Style) -> None:
-    """Draw arrows of one length; their directions are those of the curves in the picture."""
+    """Draw arrows of equal length in the directions of the curves of the picture."""
     widths = np.array([one.width for one in portrait.plane])
     u, v = portrait.u / widths[0], portrait.v / widths[1]
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -106,14 +106,14 @@ def _nullclines(axis: Axes, portrait: PortraitData, look: Style) -> None:
 
 
 def _line(portrait: PortraitData, orbit: Orbit) -> tuple[FloatArray, FloatArray]:
-    """Return the line of an orbit on the plane, (k,) each, within a pixel of it; NaN between its parts."""
+    """Return the line of an orbit on the plane, (k,) each, exact within a pixel; NaN between its parts."""
     first, second = portrait.plane
     rows = [first.row, second.row]
     pieces = []
     for part in orbit.parts:
         begin = first_times(part)
         extent = np.ptp(part.dense(begin)[rows], axis=1)
-        # What fills a panel here is the window, which an angle may go through several times.
+        # Here a panel shows the window, and an angle may cross it several times.
         pixels = Pixels(WIDTH * extent[0] / first.width, HEIGHT * extent[1] / second.width)
         _, points = in_plane(partial(_points, part, rows), begin, pixels, equal=False)
         x, y = points[0]

@@ -1,4 +1,4 @@
-"""Figures of runs: which panels they have, and where each is on the paper."""
+"""Figures of runs: their panels, and the layout of the panels."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ if TYPE_CHECKING:
 Panel = TimePanel | PhasePanel | PathPanel
 
 _MOST_PHASES = 9
-"""Phase planes in one figure."""
+"""Most phase planes in one figure."""
 
 
 class Contents:
-    """The panels of some runs: `chosen` are coordinates by name, and in one panel stands what is `merged`."""
+    """Panels of some runs: `chosen` are coordinates by name; if `merged`, all of a kind share one panel."""
 
     def __init__(
         self, solutions: Sequence[Solution], labels: Sequence[str], chosen: Sequence[str] | None, *, merged: bool
@@ -45,7 +45,7 @@ class Contents:
         self.merged = merged
 
     def overview(self) -> list[Panel]:
-        """Return the panels of the coordinates, of what should be constant, and of the paths where points are named."""
+        """Return the panels of the coordinates, of conserved quantities, and of paths if points are named."""
         return [
             *self.coordinates(),
             *self.drift(),
@@ -54,7 +54,7 @@ class Contents:
         ]
 
     def of(self, what: Any) -> list[Panel]:
-        """Return the panels of one thing to show. Raises StatementError for what is none."""
+        """Return the panels of one entry of what=. Raises StatementError for an invalid one."""
         if isinstance(what, str):
             if what in WHAT:
                 return WHAT[what](self)
@@ -94,7 +94,7 @@ class Contents:
         return self._over_time(quantities.energy, wide=True)
 
     def invariants(self) -> list[Panel]:
-        """Return panels of the drifts of all that is conserved."""
+        """Return panels of the drifts of all conserved quantities."""
         found = self._each(quantities.invariants)
         if not found:
             name = self.solutions[0].model.statement.name
@@ -110,7 +110,7 @@ class Contents:
         return self._over_time(quantities.violation, wide=True)
 
     def path(self) -> list[Panel]:
-        """Return the panel of the paths of named points. Raises StatementError where there are none."""
+        """Return the panel of the paths of named points. Raises StatementError if there are none."""
         found = self._paths()
         if not found:
             name = self.solutions[0].model.statement.name
@@ -125,13 +125,13 @@ class Contents:
         return [] if view is None else [PathPanel(self.solutions, self.labels, view)]
 
     def _over_time(self, of: Callable[[Solution], Quantity | None], *, wide: bool = False) -> list[Panel]:
-        """Return one panel of a quantity of each run; none where a run has none."""
+        """Return one panel of a quantity of each run; none if a run lacks it."""
         found = [of(run) for run in self.solutions]
         kept = [one for one in found if one is not None]
         return [TimePanel(tuple(kept), self.solutions, self.labels, wide)] if len(kept) == len(found) else []
 
     def _each(self, of: Callable[[Solution], list[Quantity]]) -> list[Panel]:
-        """Return a panel for each of the quantities of runs."""
+        """Return a panel for each of several quantities of the runs."""
         rows = zip(*(of(run) for run in self.solutions), strict=True)
         return [TimePanel(row, self.solutions, self.labels) for row in rows]
 
@@ -147,14 +147,14 @@ WHAT: Mapping[str, Callable[[Contents], list[Panel]]] = {
     "multipliers": Contents.multipliers,
     "violation": Contents.violation,
 }
-"""What can be shown by name."""
+"""Panels of each name that what= accepts."""
 
 OTHER_NAMES = {"phase plane": "phase", "phase planes": "phase", "energy": "energies", "paths": "path"}
-"""Other words for them, where no coordinate has that name."""
+"""Synonyms of these names, unless a coordinate has the same name."""
 
 
 def chosen_coordinates(of: Any, names: Sequence[str]) -> list[str] | None:
-    """Return coordinates by name that were given as one or several. Raises StatementError for what is none."""
+    """Return the names of one or several given coordinates. Raises StatementError for anything else."""
     if of is None:
         return None
     given = list(of) if isinstance(of, (list, tuple)) else [of]
@@ -171,20 +171,20 @@ def chosen_coordinates(of: Any, names: Sequence[str]) -> list[str] | None:
 
 
 DPI = 200
-"""Least dots to an inch for which curves are drawn: files have 150, notebooks 160."""
+"""Least resolution for which curves are computed, in dots per inch: files have 150, notebooks 160."""
 
 _LEFT, _RIGHT, _NARROW = 6.0, 4.6, 1.9
-"""Inches of panels over time, of a plane, and of paths on an upright line."""
+"""Widths in inches of panels over time, of a plane, and of paths along a vertical line."""
 
 _LEAST, _LEAST_PLANE, _BESIDE, _NARROWEST = 0.45, 1.5, 0.8, 0.4
-"""The least height in inches of a coordinate, of a plane and of what stands beside them, and the least part of the
-natural width: smaller panels collapse."""
+"""Least heights in inches of a coordinate, of a plane and of panels beside them, and the least part of the natural
+width: smaller panels collapse."""
 
 MOST_QUANTITIES = 100
-"""Largest number of entries of what=. A panel takes 30 ms, and 100 of them are 100 inches high."""
+"""Most entries of what=. A panel takes 30 ms, and 100 panels are 100 inches high."""
 
 _ONE_COLUMN = 4
-"""More coordinates than this stand in two columns."""
+"""More coordinates than this are in two columns."""
 
 
 def plot_runs(
@@ -198,7 +198,7 @@ def plot_runs(
     labels: Sequence[str] | None = None,
     dpi: int | None = None,
 ) -> Figure:
-    """Return a figure of runs; see `Solution.plot`. Raises StatementError for what cannot be drawn."""
+    """Return a figure of runs; see `Solution.plot`. Raises StatementError for invalid arguments."""
     look, dpi = style_of(style), max(DPI if dpi is None else whole_number(dpi, "dpi", LEAST_DPI, MOST_DPI), DPI)
     for run in solutions:
         if not len(run.t):
@@ -223,7 +223,7 @@ def plot_runs(
 
 
 def labels_of(solutions: Sequence[Solution], given: Sequence[str] | None) -> list[str]:
-    """Return what runs are called: what was given, else methods, parameters or first values that differ."""
+    """Return the names of runs: those given, else methods, parameters or first values that differ."""
     if given is not None:
         found = [given] if isinstance(given, str) else entries(given, "labels")
         if found is None or len(found) != len(solutions) or not all(isinstance(one, str) for one in found):
@@ -277,7 +277,7 @@ def _draw_into(ax: Any, panels: Sequence[Panel], style: Style, dpi: int) -> Figu
 
 
 def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: Style, dpi: int) -> Figure:
-    """Return a new figure with panels over time and rows on the left, and planes and columns on the right."""
+    """Return a new figure: panels over time and rows of paths on the left, planes and columns on the right."""
     left = [panel for panel in panels if isinstance(panel, TimePanel)]
     rows = [panel for panel in panels if not isinstance(panel, TimePanel) and panel.shape == "row"]
     right = [panel for panel in panels if not isinstance(panel, TimePanel) and panel.shape != "row"]
@@ -310,7 +310,7 @@ def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: 
 
 
 class _Left:
-    """Panels over time, which share it, the narrow ones in two columns if they are many, and rows of paths below."""
+    """Panels over time with a common axis, narrow ones in two columns if they are many, and rows of paths below."""
 
     def __init__(self, panels: Sequence[TimePanel], rows: Sequence[Panel]) -> None:
         narrow = [panel for panel in panels if not panel.wide]
@@ -322,16 +322,16 @@ class _Left:
 
     @property
     def ratios(self) -> list[float]:
-        """The heights of the rows of panels, that of a coordinate is 1."""
+        """Heights of the rows of panels, relative to a coordinate."""
         return [1.0] * self.down + [panel.height for panel in self.wide] + [0.55] * len(self.rows)
 
     @property
     def height(self) -> float:
-        """The height in inches that they want."""
+        """Natural height in inches."""
         return max(2.6, 0.9 + (1.15 if self.down <= _ONE_COLUMN else 0.85) * sum(self.ratios))
 
     def draw(self, figure: Figure | SubFigure, size: tuple[float, float], style: Style, dpi: int) -> None:
-        """Draw them all in a part of a figure, of a width and a height in inches."""
+        """Draw all panels in a part of a figure with a width and a height in inches."""
         grid = figure.add_gridspec(len(self.ratios), self.columns, height_ratios=self.ratios)
         pixels = Pixels(size[0] * dpi, size[1] * max(self.ratios) / sum(self.ratios) * dpi)
         places = [grid[k % self.down, k // self.down] for k in range(len(self.narrow))]
@@ -350,7 +350,7 @@ class _Left:
 
 
 def _inner(axis: Axes) -> None:
-    """Leave the time to the panel below."""
+    """Remove the labels of time, which the panel below has."""
     axis.tick_params(labelbottom=False)
     axis.set_xlabel("")
 

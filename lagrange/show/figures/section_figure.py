@@ -1,4 +1,4 @@
-"""Pictures of points: Poincare sections and bifurcation diagrams."""
+"""Figures of points: Poincare sections and bifurcation diagrams."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LARGEST, SMALLEST = 6.0, 0.5
-"""Diameters of points, in points of type: a hundred are large, a hundred thousand small."""
+"""Largest and smallest diameter of points, in typographic points: for a hundred points, and for a hundred thousand."""
 
 
 def plot_section(section: SectionData, x: Any, y: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of a section: an orbit in a colour, and the border of what has the energy around them."""
+    """Return the figure of a section: a colour for each orbit, and the border of the region that the energy allows."""
     look, statement = style_of(style), section.statement
     if not len(section.points):
         raise StatementError(f"there is nothing to draw: {section.message}")
@@ -54,7 +54,7 @@ def _diameter(count: int) -> float:
 
 
 def _wrapped(statement: Statement, states: FloatArray, columns: list[int]) -> list[FloatArray]:
-    """Return two entries of states (..., 2n), angles between -pi and pi."""
+    """Return two entries of states (..., 2n); angles are between -pi and pi."""
     return [wrapped(states[..., k], -np.pi) if is_angle(statement, k) else states[..., k] for k in columns]
 
 
@@ -78,7 +78,7 @@ def _label(axis: Axes, statement: Statement, columns: list[int], points: FloatAr
 
 
 def plot_sweep(sweep: SweepData, entry: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of a bifurcation diagram: the points on the section above each value of the parameter."""
+    """Return the figure of a bifurcation diagram: the points on the section for each value of the parameter."""
     look, statement = style_of(style), sweep.statement
     row = row_of(statement, sweep.axes[0] if entry is None else entry, "entry")
     known = np.isfinite(sweep.states[..., row])
@@ -114,7 +114,7 @@ def _parameter_axis(axis: Axes, statement: Statement, parameter: str, values: Fl
 
 
 def plot_branches(found: BranchesData, entry: Any, ax: Any, style: Any) -> Figure:
-    """Return the figure of branches of equilibria: lines where they are stable, dashes where they are not."""
+    """Return the figure of branches of equilibria: solid lines where they are stable, dashed lines elsewhere."""
     look, statement = style_of(style), found.statement
     row = row_of(statement, found.axis if entry is None else entry, "entry")
     if row >= len(statement.names) or not found.branches:

@@ -1,4 +1,4 @@
-"""Space on paper: the direction of view, and springs."""
+"""Projection of space to paper, and the shape of springs."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from lagrange.trajectory.trajectory import FloatArray
 
 AZIMUTH, ELEVATION = -60.0, 25.0
-"""Degrees from which paths in space are seen."""
+"""Default direction of view for paths in space, in degrees."""
 
 _STILL = 1e-9
-"""A direction in which points extend by less than this part of their largest extent is one in which nothing moves."""
+"""Extent of points in a direction, relative to their largest extent, below which nothing moves in it."""
 
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """A projection to paper: `matrix` (2, d) takes points (d, K), d = 2 or 3, to what is right and up.
+    """A projection to paper: the matrix (2, d) maps points (d, K), d = 2 or 3, to coordinates to the right and up.
 
-    `labels` are the names of those directions, empty where the view is from a side, and then `depth` (3,) takes points
-    to how near they are, else it is None. `extended` says in which directions of the paper the points extend.
+    `labels` are the names of the two directions. For a view from a side they are empty, and `depth` (3,) maps points to
+    their nearness; else `depth` is None. `extended` says in which directions of the paper the points extend.
     """
 
     matrix: FloatArray
@@ -31,29 +31,29 @@ class View:
 
     @property
     def shape(self) -> str:
-        """The form of a panel: "row" or "column" where all points lie on one line, else "square"."""
+        """Shape of a panel: "row" or "column" if all points lie on one line, else "square"."""
         if self.extended[0] == self.extended[1]:
             return "square"
         return "row" if self.extended[0] else "column"
 
     @property
     def spatial(self) -> bool:
-        """Whether the view is from a side, with three directions in it."""
+        """True for a view from a side, which shows three directions."""
         return self.depth is not None
 
     def of(self, points: FloatArray) -> FloatArray:
-        """Return points (d, K) on paper, (2, K); points of the plane among those of space have z = 0."""
+        """Return the projection (2, K) of points (d, K); points of the plane in a view of space have z = 0."""
         return np.asarray(self.matrix[:, : len(points)] @ points)
 
     def nearness(self, points: FloatArray) -> FloatArray:
-        """Return how near points (d, K) are, (K,), in their units; 0 in a plane."""
+        """Return the nearness of points (d, K), (K,), in their units; 0 in a plane."""
         return np.zeros(points.shape[1]) if self.depth is None else np.asarray(self.depth[: len(points)] @ points)
 
 
 def view_of(points: Mapping[str, FloatArray]) -> View:
-    """Return how named points, each (2, K) or (3, K) along a run, are seen.
+    """Return the view of named points, each (2, K) or (3, K) along a run.
 
-    The plane is seen as it is, and points of space that keep to a plane of two axes are seen at right angles to it.
+    A plane is not projected. Points of space that stay in a plane of two axes are viewed at right angles to it.
     Else the view is from azimuth -60 and elevation 25 degrees, without perspective.
     """
     dimension = max(len(point) for point in points.values())
@@ -69,7 +69,7 @@ def view_of(points: Mapping[str, FloatArray]) -> View:
 
 
 def from_side(azimuth: float, elevation: float) -> View:
-    """Return the view of space from an azimuth and an elevation in degrees, without perspective."""
+    """Return the parallel projection of space for an azimuth and an elevation in degrees."""
     a, e = np.radians((azimuth, elevation))
     across = (-np.sin(a), np.cos(a), 0.0)
     up = (-np.sin(e) * np.cos(a), -np.sin(e) * np.sin(a), np.cos(e))
@@ -83,22 +83,22 @@ def _kept(extents: FloatArray) -> FloatArray:
 
 
 def _extents(points: FloatArray) -> FloatArray:
-    """Return how far the finite points (d, K) extend along each axis, (d,)."""
+    """Return the extents of the finite points (d, K) along each axis, (d,)."""
     good = points[:, np.isfinite(points).all(axis=0)]
     return np.ptp(good, axis=1) if good.shape[1] else np.zeros(len(points))
 
 
 TURNS = 8
-"""Turns of a spring, whatever its length: it is seen to be stretched by how far they are apart."""
+"""Turns of a spring, whatever its length: their distance shows how far it is stretched."""
 
 _STRAIGHT = 0.1
-"""The part of the length that is straight, at each end."""
+"""Part of the length that is straight, at each end."""
 
 
 def spring(start: FloatArray, end: FloatArray, width: float) -> FloatArray:
     """Return the corners of a zigzag from start to end, (2, 2 TURNS + 3), `width` wide, in the units of the points.
 
-    A spring of no length is a point.
+    A spring of zero length is a point.
     """
     along = np.concatenate([[0.0], np.linspace(_STRAIGHT, 1.0 - _STRAIGHT, 2 * TURNS + 1), [1.0]])
     aside = np.zeros_like(along)

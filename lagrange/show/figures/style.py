@@ -1,4 +1,4 @@
-"""The look of figures: colours of a style, marks of numbers on axes."""
+"""Style of figures: colours, line styles, tick labels."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ if TYPE_CHECKING:
 
 
 COLOURS = ("#0b6e99", "#d1495b", "#3c7d45", "#a35c00", "#6a4c93", "#00798c", "#8d5b4c", "#4a5568")
-"""For up to eight lines on white, told apart by people who see few colours too."""
+"""Colours for up to eight lines on white, distinguishable with colour blindness."""
 
 DARK_COLOURS = ("#4db3e0", "#f0808c", "#79c585", "#e0a458", "#b79ae0", "#4fd0dd", "#c9a090", "#a9b4c4")
-"""The same hues in the same order, light enough for dark paper."""
+"""The same hues in the same order, light enough for a dark background."""
 
 _LIGHTNESS, _SATURATION = (0.33, 0.5, 0.62), (0.75, 0.9, 0.55)
 
 
 def colours(count: int, few: tuple[str, ...] = COLOURS) -> tuple[str, ...]:
-    """Return as many colours, no two the same: beyond eight, hues around the circle, light and dark in turn."""
+    """Return `count` different colours: beyond eight, hues around the circle, light and dark in turn."""
     if count <= len(few):
         return few[:count]
     shares = (hls_to_rgb(k / count, _LIGHTNESS[k % 3], _SATURATION[k % 3]) for k in range(count))
@@ -39,18 +39,18 @@ def colours(count: int, few: tuple[str, ...] = COLOURS) -> tuple[str, ...]:
 
 _MOST_NUMBERS = 7
 _POINTS_OF_A_LETTER = 5.0
-"""The width of a letter of 10 points, on average."""
+"""Average width of a letter of 10 points, in points."""
 
 _COMMAND = re.compile(r"\\\\(mathrm|dot|ddot|left|right|frac)?[a-zA-Z]*")
 _UNSEEN = str.maketrans("", "", "${}_^\\")
 
 
 MARKERS = "osD^vP*Xh<p"
-"""Marks of lines; as many as have no factor in common with eight colours, so that pairs do not come twice."""
+"""Markers of lines. Their number has no common factor with eight colours, so that pairs do not repeat."""
 
 
 class LineStyle(NamedTuple):
-    """How one of many lines is told apart: its colour, its marks and its kind."""
+    """Look of one of many lines: its colour, its marker and its line style."""
 
     colour: str
     marker: str
@@ -59,7 +59,7 @@ class LineStyle(NamedTuple):
 
 @dataclass(frozen=True)
 class Style:
-    """Colours of a figure: its paper, its ink, what is quieter, the grid, and lines that are drawn together."""
+    """Colours of a figure: background, text, pale text, grid, and lines."""
 
     name: str
     paper: str
@@ -70,7 +70,7 @@ class Style:
 
 
 LINES = ("-", "--", ":", "-.")
-"""Kinds of lines, for runs that share the colours of their rows."""
+"""Line styles, for runs that share the colours of their rows."""
 
 LIGHT = Style("light", "#ffffff", "#222222", "#737373", "#e3e3e3", COLOURS)
 DARK = Style("dark", "#16191d", "#e6e6e6", "#8b9097", "#2c3138", DARK_COLOURS)
@@ -78,12 +78,12 @@ STYLES = {style.name: style for style in (LIGHT, DARK)}
 
 
 def style_of(name: Any) -> Style:
-    """Return a style by its name. Raises StatementError for any other."""
+    """Return a style by its name. Raises StatementError for an unknown name."""
     return STYLES[one_of(name, STYLES, "style = {given} is not known: give one of {known}.")]
 
 
 def line_styles(count: int, style: Style) -> list[LineStyle]:
-    """Return how lines are drawn, up to 88 of them, no two alike: in colour, in marks, and in kind or colour."""
+    """Return `count` line styles, up to 88, all different: in colour, in marker, and in line style or colour."""
     few = style.colours
     return [
         LineStyle(few[k % len(few)], MARKERS[k % len(MARKERS)], LINES[k // len(few) % len(LINES)]) for k in range(count)
@@ -91,13 +91,13 @@ def line_styles(count: int, style: Style) -> list[LineStyle]:
 
 
 def on_paper(figure: Figure, style: Style) -> Figure:
-    """Give a figure, which is returned, the paper of its style."""
+    """Set the background of a figure to that of the style, and return the figure."""
     figure.set_facecolor(style.paper)
     return figure
 
 
 def dress(axis: Axes, style: Style, title: str = "") -> None:
-    """Give a panel its quiet frame, and a title at its left."""
+    """Set the frame of a panel, in pale colours, and its title at the left."""
     axis.set_facecolor(style.paper)
     axis.spines[["top", "right"]].set_visible(False)
     axis.spines[["left", "bottom"]].set_color(style.quiet)
@@ -113,7 +113,7 @@ def dress(axis: Axes, style: Style, title: str = "") -> None:
 
 
 def few_ticks(axis: Axes) -> None:
-    """Give the horizontal axis of a panel so many numbers that they stand apart."""
+    """Limit the tick labels of the horizontal axis of a panel so that they do not touch."""
     low, high = axis.get_xlim()
     width = 72 * axis.get_window_extent().width / of_figure(axis).dpi
     for count in range(_MOST_NUMBERS, 1, -1):
@@ -125,7 +125,7 @@ def few_ticks(axis: Axes) -> None:
 
 
 def legend(axis: Axes, style: Style, title: str = "", size: float = 9.0) -> None:
-    """Give a panel a legend at its upper right, outside, and a title at its left; above it where both are long."""
+    """Add a legend outside the upper right of a panel, and a title at its left; above it if both are long."""
     labels = axis.get_legend_handles_labels()[1]
     corners = axis.get_window_extent()
     room = 72 * corners.width / of_figure(axis).dpi
@@ -148,7 +148,7 @@ def legend(axis: Axes, style: Style, title: str = "", size: float = 9.0) -> None
 
 
 def of_figure(axis: Axes) -> Figure:
-    """Return the whole figure that a panel is in."""
+    """Return the whole figure of a panel."""
     figure = axis.get_figure(root=True)
     if figure is None:
         raise StatementError("the axes were removed from their figure: give others.")
@@ -156,12 +156,12 @@ def of_figure(axis: Axes) -> Figure:
 
 
 def letters_in(text: str) -> int:
-    """Return about how many letters wide a text with mathematics in it is."""
+    """Return the approximate width of a text with mathematics, in letters."""
     return len(_COMMAND.sub("x", text).translate(_UNSEEN))
 
 
 def mixed(colour: str, other: str, share: float) -> str:
-    """Return a colour made of a share of one and the rest of another, all as #rrggbb."""
+    """Return a mixture of a share of `colour` and the rest of `other`, all as #rrggbb."""
     parts = (share * a + (1 - share) * b for a, b in zip(parts_of(colour), parts_of(other), strict=True))
     return "#" + "".join(f"{round(255 * part):02x}" for part in parts)
 
@@ -172,16 +172,16 @@ def parts_of(colour: str) -> tuple[float, ...]:
 
 
 _LARGEST, _SMALLEST = 5, -4
-"""Powers of ten from which on, and up to which, numbers are written with their power."""
+"""Powers of ten from which on, and up to which, numbers are written with a power."""
 
 _MOST_DIGITS = 15
-"""Digits behind the point: more than a double has."""
+"""Most decimals: more than a double has."""
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def number_labels(values: Sequence[float]) -> list[str]:
-    """Return numbers as text, with as many digits as tell neighbours apart: -0.5, 0.0, 0.5 or −2·10⁻⁹, 0, 2·10⁻⁹."""
+    """Return numbers as text, with the digits that distinguish neighbours: -0.5, 0.0, 0.5 or −2·10⁻⁹, 0, 2·10⁻⁹."""
     finite = sorted({float(value) for value in values if isfinite(value)})
     size = max(map(abs, finite), default=0.0)
     if size == 0.0:
@@ -204,7 +204,7 @@ def _ten(power: int) -> str:
 
 
 def _digits(gap: float) -> int:
-    """Return how many digits behind the point a multiple of a gap has, which is 1, 2, 2.5 or 5 times a power of ten."""
+    """Return the number of decimals of a multiple of a gap, which is 1, 2, 2.5 or 5 times a power of ten."""
     digits = -floor(log10(gap) + 1e-9)
     return digits + (abs(gap * 10.0**digits - round(gap * 10.0**digits)) > 1e-3)
 
@@ -219,22 +219,22 @@ def _decimal(value: float, digits: int) -> str:
 
 
 def number_formatter() -> Formatter:
-    """Return what labels the marks of one axis of Matplotlib."""
+    """Return a Matplotlib formatter for the tick labels of one axis."""
     return _formatter_class()()
 
 
 @cache
 def _formatter_class() -> type[Formatter]:
-    """Return the class, made with the first figure: Matplotlib takes 0.2 s to import."""
+    """Return the class `NumberFormatter`. It is made with the first figure: Matplotlib takes 0.2 s to import."""
     from matplotlib.ticker import Formatter
 
     class NumberFormatter(Formatter):
-        """Labels of the marks of an axis, which are told apart by their digits alone."""
+        """Tick labels of an axis, with only the digits that distinguish them."""
 
-        __qualname__ = "NumberFormatter"  # by which pickle finds it in this module
+        __qualname__ = "NumberFormatter"  # the name under which pickle looks it up in this module
 
         def __call__(self, x: float, pos: int | None = None) -> str:
-            if pos is None:  # the position of a pointer, which is no mark
+            if pos is None:  # the position of the pointer, not of a tick
                 return f"{x:.6g}"
             return self.format_ticks([*self.locs])[pos] if pos < len(self.locs) else ""
 
@@ -246,7 +246,7 @@ def _formatter_class() -> type[Formatter]:
 
 
 def __getattr__(name: str) -> Any:
-    """Return the class to pickle, which looks for it by name (PEP 562)."""
+    """Return the class for pickle, which looks it up by name (PEP 562)."""
     if name == "NumberFormatter":
         return _formatter_class()
     raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
