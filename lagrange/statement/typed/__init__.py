@@ -1,1 +1,1 @@
-"""What people type: equations as in a notebook, in Unicode or LaTeX, read into the strict notation of scene files."""
+"""Reader of typed equations, plain, in Unicode or LaTeX, into the strict notation of scene files."""

@@ -1,4 +1,4 @@
-"""Derivatives among the tokens of a formula: primes, dots of LaTeX and d/dt in all its forms become one notation."""
+"""One notation for all derivatives among the tokens of a formula: primes, dots of LaTeX, and d/dt in all its forms."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import replace
 from lagrange.statement.typed.tokens import Token
 
 OPENING = {"(": ")", "[": "]", "{": "}"}
-"""Brackets and what closes each."""
+"""Opening brackets and their closing brackets."""
 
 _TOP = re.compile(r"d([0-9]?)(.*)", re.DOTALL)
 _BOTTOM = re.compile(r"dt([0-9]?)")
@@ -18,14 +18,14 @@ _BOTTOM = re.compile(r"dt([0-9]?)")
 def with_derivatives(tokens: Sequence[Token]) -> list[Token]:
     """Return the tokens of a formula with derivatives marked.
 
-    A word has its dots and primes as `order` and `primes`. Any other derivative becomes a token of kind "rate", whose
-    text is the order, and the operand follows. A subscript after a mark moves to its word.
+    Dots and primes of a word become its `order` and `primes`. Any other derivative becomes a token of kind "rate" whose
+    text is the order, followed by the operand. A subscript after a mark moves to its word.
     """
     return _leibniz(_marked(tokens))
 
 
 def closing(tokens: Sequence[Token], place: int) -> int:
-    """Return the place of the bracket that closes the one at a place, or the number of tokens if none does."""
+    """Return the index of the bracket that closes the one at `place`, or the number of tokens if none does."""
     depth = 0
     for i in range(place, len(tokens)):
         if tokens[i].is_sign(*OPENING):
@@ -38,8 +38,8 @@ def closing(tokens: Sequence[Token], place: int) -> int:
 
 
 def _marked(tokens: Sequence[Token]) -> list[Token]:
-    """Return the tokens with the marks of words joined to them: dots, primes and the subscripts after these."""
-    found: list[Token] = []
+    """Return the tokens with dots, primes and the subscripts after these joined to their words."""
+    joined: list[Token] = []
     i = 0
     while i < len(tokens):
         token = tokens[i]
@@ -52,18 +52,18 @@ def _marked(tokens: Sequence[Token]) -> list[Token]:
                 word = replace(inside[0], begin=token.begin, spaced=token.spaced)
                 token = replace(word, primes=word.primes + int(token.text))
             else:
-                found += [replace(token, kind="rate"), *group]
+                joined += [replace(token, kind="rate"), *group]
                 continue
         if token.kind == "word":
             token, power, i = _with_marks(token, tokens, i)
-            found += [token, *power]
+            joined += [token, *power]
         else:
-            found.append(token)
-    return found
+            joined.append(token)
+    return joined
 
 
 def _with_marks(word: Token, tokens: Sequence[Token], i: int) -> tuple[Token, list[Token], int]:
-    """Return a word with its primes and subscripts, the tokens of a power between them, and the next place."""
+    """Return a word with its primes and subscripts, the tokens of a power between them, and the next index."""
     power: list[Token] = []
     while i < len(tokens):
         token = tokens[i]
@@ -86,28 +86,28 @@ def _with_marks(word: Token, tokens: Sequence[Token], i: int) -> tuple[Token, li
 
 
 def _leibniz(tokens: Sequence[Token]) -> list[Token]:
-    """Return the tokens with d^2x/dt^2, d/dt(...) and the same as fractions written as rates."""
-    found: list[Token] = []
+    """Return the tokens with d^2x/dt^2 and d/dt(...), also as LaTeX fractions, replaced by rates."""
+    replaced: list[Token] = []
     i = 0
     while i < len(tokens):
         match = _fraction(tokens, i) or _quotient(tokens, i)
         if match is None:
-            found.append(tokens[i])
+            replaced.append(tokens[i])
             i += 1
             continue
         order, operand, after = match
-        found.append(Token("rate", str(order), tokens[i].begin, tokens[after - 1].end, spaced=tokens[i].spaced))
-        found += operand
+        replaced.append(Token("rate", str(order), tokens[i].begin, tokens[after - 1].end, spaced=tokens[i].spaced))
+        replaced += operand
         i = after
-    return found
+    return replaced
 
 
 _Rate = tuple[int, list[Token], int]
-"""The order of a derivative, the tokens of its operand, none where it follows, and the next place."""
+"""Order of a derivative, tokens of its operand (none if the operand follows), and the next index."""
 
 
 def _quotient(tokens: Sequence[Token], i: int) -> _Rate | None:
-    """Return the derivative d^n x / dt^n that begins at a place."""
+    """Return the derivative d^n x / dt^n that begins at index i, or None."""
     top = _top(tokens, i, len(tokens))
     if top is None or top[2] >= len(tokens) or not tokens[top[2]].is_sign("/"):
         return None
@@ -116,7 +116,7 @@ def _quotient(tokens: Sequence[Token], i: int) -> _Rate | None:
 
 
 def _fraction(tokens: Sequence[Token], i: int) -> _Rate | None:
-    r"""Return the derivative \frac{d^n x}{dt^n} that begins at a place."""
+    r"""Return the derivative \frac{d^n x}{dt^n} that begins at index i, or None."""
     if tokens[i].kind != "fraction" or not tokens[i + 1 : i + 2] or not tokens[i + 1].is_sign("{"):
         return None
     middle = closing(tokens, i + 1)
@@ -132,7 +132,7 @@ def _fraction(tokens: Sequence[Token], i: int) -> _Rate | None:
 
 
 def _top(tokens: Sequence[Token], i: int, end: int) -> _Rate | None:
-    """Return the order and the operand of d^n x, x in one word with d or after it."""
+    """Return the order and the operand of d^n x, where x is joined to d or follows it; None for other tokens."""
     match = _TOP.fullmatch(tokens[i].text) if i < end and tokens[i].kind == "word" else None
     if match is None:
         return None
@@ -151,7 +151,7 @@ def _top(tokens: Sequence[Token], i: int, end: int) -> _Rate | None:
 
 
 def _bottom(tokens: Sequence[Token], i: int, end: int) -> tuple[int, int] | None:
-    """Return the order of dt^n, and the place after it."""
+    """Return the order of dt^n and the next index; None for other tokens."""
     bracket = i < end and tokens[i].is_sign("(", "{")
     i += bracket
     match = _BOTTOM.fullmatch(tokens[i].text) if i < end and tokens[i].kind == "word" else None
@@ -173,7 +173,7 @@ def _bottom(tokens: Sequence[Token], i: int, end: int) -> tuple[int, int] | None
 
 
 def _order(tokens: Sequence[Token], i: int, end: int) -> tuple[int, int]:
-    """Return the exponent at a place, 1 if there is none, and the place after it."""
+    """Return the exponent at index i, 1 by default, and the next index."""
     if i < end and tokens[i].kind == "power" and tokens[i].text.isdigit():
         return int(tokens[i].text), i + 1
     if i + 1 < end and tokens[i].is_sign("^"):

@@ -1,4 +1,4 @@
-"""Faults of a typed text that are seen before it is parsed: unknown words, impossible derivatives, lost brackets."""
+"""Faults of a typed text that are found before parsing: unknown words, impossible derivatives, unmatched brackets."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lagrange.statement.typed.tokens import Token
 
 
 class TypedFault(Exception):
-    """One fault of a typed text: a sentence without its end, and the place in the text."""
+    """One fault of a typed text: a sentence without its final period, and its offset in the text."""
 
     def __init__(self, reason: str, place: int) -> None:
         super().__init__(reason)
@@ -18,14 +18,14 @@ class TypedFault(Exception):
 
 
 def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
-    """Return the faults that are seen without parsing: characters, unknown words and derivatives, brackets."""
-    found = [TypedFault(token.text, token.begin) for token in tokens if token.kind == "fault"]
+    """Return the faults that are found without parsing: characters, unknown words and derivatives, brackets."""
+    faults = [TypedFault(token.text, token.begin) for token in tokens if token.kind == "fault"]
     for i, token in enumerate(tokens):
         if token.kind == "word":
-            found += _word_faults(token, tokens[i + 1 : i + 2], names)
+            faults += _word_faults(token, tokens[i + 1 : i + 2], names)
         elif token.kind == "index":
-            found.append(TypedFault("a subscript follows no symbol", token.begin))
-    return sorted([*found, *_bracket_faults(tokens)], key=lambda fault: fault.place)
+            faults.append(TypedFault("a subscript follows no symbol", token.begin))
+    return sorted([*faults, *_bracket_faults(tokens)], key=lambda fault: fault.place)
 
 
 def _word_faults(token: Token, following: Sequence[Token], names: Names) -> list[TypedFault]:
@@ -41,8 +41,11 @@ def _word_faults(token: Token, following: Sequence[Token], names: Names) -> list
 
 
 def differentiated(readings: list[list[Piece]], token: Token, names: Names) -> list[list[Piece]]:
-    """Return the readings of a word with its dots on the first factor and its primes on the last."""
-    found = []
+    """Return the readings of a word with its dots on the first factor and its primes on the last.
+
+    Readings without such a derivative are left out.
+    """
+    results = []
     for pieces in readings:
         first = names.derivative(pieces[0], token.order) if token.order else pieces[0]
         changed = [first, *pieces[1:]]
@@ -51,13 +54,13 @@ def differentiated(readings: list[list[Piece]], token: Token, names: Names) -> l
             changed[-1] = names.derivative(last, token.primes)
         known = [piece for piece in changed if piece is not None]
         if len(known) == len(changed):
-            found.append(known)
-    return found
+            results.append(known)
+    return results
 
 
 def _bracket_faults(tokens: Sequence[Token]) -> list[TypedFault]:
-    """Return the brackets that open or close nothing."""
-    found, opened = [], []
+    """Return the faults of unmatched brackets."""
+    faults, opened = [], []
     for token in tokens:
         if token.is_sign(*OPENING):
             opened.append(token)
@@ -65,6 +68,6 @@ def _bracket_faults(tokens: Sequence[Token]) -> list[TypedFault]:
             if opened and OPENING[opened[-1].text] == token.text:
                 opened.pop()
             else:
-                found.append(TypedFault(f"{token.text!r} closes nothing", token.begin))
+                faults.append(TypedFault(f"{token.text!r} closes nothing", token.begin))
                 opened = opened[:-1]
-    return found + [TypedFault(f"{token.text!r} is never closed", token.begin) for token in opened]
+    return faults + [TypedFault(f"{token.text!r} is never closed", token.begin) for token in opened]

@@ -16,10 +16,10 @@ from lagrange.statement.typed.names import Names, Piece
 from lagrange.statement.typed.tokens import Token
 
 DEEPEST = 40
-"""Brackets inside each other that are read; the parser calls itself for each."""
+"""Most levels of nested brackets; the parser is recursive."""
 
 MOST_READINGS = 12
-"""Readings of one text that are tried."""
+"""Most readings of one text that are tried."""
 
 SUM, PRODUCT, POWER, ATOM = range(4)
 
@@ -28,7 +28,7 @@ SUM, PRODUCT, POWER, ATOM = range(4)
 class Part:
     """Strict text of a part of a formula, and its outermost operation: SUM, PRODUCT, POWER or ATOM.
 
-    `number` is true for constants. `moves` is true if a coordinate, a velocity or t stands in it.
+    `number` is true for constants. `moves` is true if it contains a coordinate, a velocity or t.
     """
 
     text: str
@@ -37,24 +37,27 @@ class Part:
     moves: bool = False
 
     def at(self, level: int) -> str:
-        """Return the text, in brackets where the outermost operation binds less than a level."""
+        """Return the text, in brackets if the outermost operation binds less than `level`."""
         return self.text if self.level >= level else f"({self.text})"
 
 
 @dataclass
 class Choices:
-    """Decisions at the places with two readings: `chosen` has the option taken at each, 0 where it has none."""
+    """Decisions at places with several readings: `chosen` has the option for each, by default 0.
+
+    `asked` has the number of options at each place that was met.
+    """
 
     chosen: dict[str, int] = field(default_factory=dict)
     asked: dict[str, int] = field(default_factory=dict)
 
     def take(self, place: str, count: int) -> int:
-        """Return which of `count` options is taken at a place."""
+        """Return the index of the option, of `count`, that is taken at a place."""
         self.asked[place] = max(count, self.asked.get(place, 0))
         return min(self.chosen.get(place, 0), count - 1)
 
     def others(self) -> list[dict[str, int]]:
-        """Return the other decisions, those first that differ at few places."""
+        """Return alternative decisions; those that differ at few places come first."""
         open_places = {place: count for place, count in self.asked.items() if count > 1}
         every = product(*(range(count) for count in open_places.values()))
         listed = [dict(zip(open_places, options, strict=True)) for options in islice(every, 1, 256)]
@@ -63,7 +66,7 @@ class Choices:
 
 @dataclass
 class Formula:
-    """One reading of a formula: strict text with a name for each time derivative, and what these names stand for.
+    """One reading of a formula: strict text with a name for each time derivative, and the meaning of these names.
 
     `rates` maps each such name to the strict text of its operand and the order of the derivative.
     """
@@ -82,7 +85,7 @@ class Formula:
 
 
 def parsed(tokens: Sequence[Token], names: Names, choices: Choices, taken: int = 0) -> Formula:
-    """Return the strict text of a formula. Raises TypedFault for what is not one.
+    """Return the strict text of a formula. Raises TypedFault for tokens that are not a formula.
 
     `taken` is the number of names of time derivatives that another side of the equation has.
     """
@@ -117,7 +120,7 @@ def _expanded(tokens: Sequence[Token], names: Names, choices: Choices) -> list[T
 
 
 class _Parser:
-    """Reads the tokens of one side from left to right; each method reads one part and leaves the place behind it."""
+    """Recursive-descent parser of one side of an equation. Each method reads one part and moves `place` after it."""
 
     def __init__(self, tokens: list[Token], choices: Choices, names: Names, taken: int) -> None:
         self.tokens, self.choices, self.names, self.taken = tokens, choices, names, taken
@@ -125,22 +128,22 @@ class _Parser:
         self.rates: dict[str, tuple[str, int]] = {}
 
     def peek(self, ahead: int = 0) -> Token | None:
-        """Return a coming token, None at the end."""
+        """Return the token `ahead` of the current one, None at the end."""
         place = self.place + ahead
         return self.tokens[place] if place < len(self.tokens) else None
 
     def next_is(self, *signs: str) -> bool:
-        """Return whether the coming token is one of some signs."""
+        """Return True if the current token is one of these signs."""
         token = self.peek()
         return token is not None and token.is_sign(*signs)
 
     def fault(self, reason: str) -> TypedFault:
-        """Return a fault at the coming token."""
+        """Return a fault at the current token."""
         token = self.peek()
         return TypedFault(reason, token.begin if token else self.tokens[-1].end if self.tokens else 0)
 
     def sum(self) -> Part:
-        """Return terms with + and - between them."""
+        """Read terms with + and - between them."""
         self.depth += 1
         if self.depth > DEEPEST:
             raise self.fault(f"more than {DEEPEST} brackets stand inside each other")
@@ -161,7 +164,7 @@ class _Parser:
         return replace(part, text=text) if count == 1 and not negative else Part(text, SUM, moves=moves)
 
     def product(self) -> Part:
-        """Return factors with *, / or nothing between them."""
+        """Read factors with *, / or nothing between them."""
         left = self.factor()
         while True:
             if self.next_is("*"):
@@ -176,7 +179,7 @@ class _Parser:
                 return left
 
     def signed(self) -> Part:
-        """Return a factor that may have a sign."""
+        """Read a factor that may have a sign."""
         negative = False
         while self.next_is("+", "-"):
             negative ^= self.tokens[self.place].text == "-"
@@ -185,7 +188,7 @@ class _Parser:
         return Part(f"-{part.at(POWER)}", SUM, part.number, part.moves) if negative else part
 
     def divided(self, above: Part) -> Part:
-        """Return a quotient. Factors after its denominator without a sign belong to it or follow it: both are tried."""
+        """Read a quotient. Factors after the denominator without a sign may belong to it or not: both are tried."""
         below = self.signed()
         following = self.peek()
         if following is not None and self.starts_value():
@@ -198,7 +201,7 @@ class _Parser:
         )
 
     def starts_value(self) -> bool:
-        """Return whether the coming token begins a factor."""
+        """Return True if the current token begins a factor."""
         token = self.peek()
         if token is None:
             return False
@@ -207,11 +210,11 @@ class _Parser:
         return token.kind in ("number", "fraction", "rate", "symbol", "function", "e", "pi")
 
     def factor(self) -> Part:
-        """Return a value with its exponent."""
+        """Read a value with its exponent."""
         return self.raised(self.value())
 
     def raised(self, base: Part) -> Part:
-        """Return a base with the exponents and primes that follow it."""
+        """Read the exponents and primes after a base, and return all together."""
         while (token := self.peek()) is not None:
             if token.kind == "prime":
                 self.place += 1
@@ -224,7 +227,7 @@ class _Parser:
         return base
 
     def exponent(self) -> Part | None:
-        """Return the exponent at the coming token, None if there is none."""
+        """Read the exponent at the current token; return None if there is none."""
         token = self.peek()
         if token is None or not (token.is_sign("^") or token.kind == "power"):
             return None
@@ -237,7 +240,7 @@ class _Parser:
         return Part(f"-{part.at(POWER)}", SUM, part.number) if negative else part
 
     def value(self) -> Part:
-        """Return a number, a symbol, a function's value, or what is in brackets."""
+        """Read a number, a symbol, a function call, or an expression in brackets."""
         token = self.peek()
         if token is None:
             raise self.fault("a value is missing at the end")
@@ -274,7 +277,7 @@ class _Parser:
         )
 
     def inside(self, opened: Token) -> Part:
-        """Return what is in brackets; the opening one was read."""
+        """Read the expression in brackets and the closing bracket; the opening one was read."""
         bars, self.bars = self.bars, 0
         part = self.sum()
         self.bars = bars
@@ -284,7 +287,7 @@ class _Parser:
         return part
 
     def group(self) -> Part:
-        """Return one argument of a LaTeX command: a group, a digit of a number, or one value."""
+        """Read one argument of a LaTeX command: a group, a digit of a number, or one value."""
         token = self.peek()
         if token is not None and token.kind == "number" and token.text.isdigit() and len(token.text) > 1:
             rest = replace(token, text=token.text[1:], begin=token.begin + 1)
@@ -293,7 +296,7 @@ class _Parser:
         return self.value()
 
     def symbol(self, token: _Symbol) -> Part:
-        """Return a symbol, or the value of a function."""
+        """Read a symbol or a function call that begins with this token."""
         piece = token.piece
         if piece.kind == "function":
             return self.function(piece.name, token)
@@ -306,7 +309,7 @@ class _Parser:
         return Part(piece.name, number=piece.kind == "pi", moves=piece.moves)
 
     def function(self, name: str, token: Token) -> Part:
-        """Return a function's value: its exponent may stand before the argument, which needs no brackets."""
+        """Read a function call. Its exponent may precede the argument, which needs no brackets."""
         exponent = self.exponent()
         if exponent is not None and exponent.text == "-1" and name in ("sin", "cos", "tan", "sinh", "cosh", "tanh"):
             name, exponent = f"a{name}", None
@@ -317,7 +320,7 @@ class _Parser:
         return value if exponent is None else Part(f"{value.text}**{exponent.at(ATOM)}", POWER, moves=value.moves)
 
     def arguments(self) -> list[Part]:
-        """Return the arguments of a function, in brackets, with commas between them."""
+        """Read the arguments of a function, in brackets, with commas between them."""
         opened = self.tokens[self.place]
         self.place += 1
         bars, self.bars = self.bars, 0
@@ -332,7 +335,7 @@ class _Parser:
         return found
 
     def bare_argument(self, function: Token) -> Part:
-        """Return an argument without brackets: factors up to the first one that moves, such as `2 omega t` or `k x`."""
+        """Read an argument without brackets: factors up to the first that moves, such as `2 omega t` or `k x`."""
         negative = self.next_is("-")
         self.place += negative
         if not self.starts_value():
@@ -349,7 +352,7 @@ class _Parser:
         return Part(f"-{part.at(PRODUCT)}", SUM, moves=part.moves) if negative else part
 
     def goes_on(self, part: Part) -> bool:
-        """Return whether the argument of a function without brackets has one more factor."""
+        """Return True if the argument of a function without brackets has one more factor."""
         token, after = self.peek(), self.peek(1)
         if token is None or token.kind == "function":
             return False
@@ -360,7 +363,7 @@ class _Parser:
         return self.starts_value() and bool(self.choices.take("argument", 2))
 
     def bare_factor(self) -> Part:
-        """Return a factor of an argument without brackets. An exponent may belong to the function: both are tried."""
+        """Read a factor of an argument without brackets. An exponent may belong to the function: both are tried."""
         part = self.value()
         powered = (token := self.peek()) is not None and (token.is_sign("^") or token.kind == "power")
         if part.moves and powered and self.choices.take("power of an argument", 2):
@@ -368,12 +371,12 @@ class _Parser:
         return self.raised(part)
 
     def called(self, name: str, arguments: list[Part]) -> Part:
-        """Return the value of a function."""
+        """Return the part for a function call."""
         moves = any(part.moves for part in arguments)
         return Part(f"{name}({', '.join(part.text for part in arguments)})", moves=moves)
 
     def rate(self, operand: Part, order: int, place: int) -> Part:
-        """Return the name of a time derivative."""
+        """Return the part for a time derivative: a symbol of the system, or a new name entered in `rates`."""
         if order > 2:
             raise TypedFault("an equation of motion has no third derivative", place)
         for piece in self.names.exact.values():

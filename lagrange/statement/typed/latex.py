@@ -1,4 +1,4 @@
-"""LaTeX in typed answers: what each command means, and which marks divide or frame formulas."""
+"""LaTeX in typed answers: the meaning of each command, and the marks that divide or frame formulas."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ COMMAND_SIGNS = {
     "rparen": ")",
     "prime": "'",
 }
-"""LaTeX commands that are signs, and what each means."""
+"""LaTeX commands that are signs, and their plain signs."""
 
 FRACTIONS = ("frac", "dfrac", "tfrac", "cfrac", "sfrac", "nicefrac")
 """LaTeX commands with a numerator and a denominator."""
 
 DERIVATIVES = {"dot": 1, "ddot": 2}
-"""LaTeX commands that put dots on a letter, and the order of the derivative."""
+"""LaTeX commands that put dots above a letter, and the order of the derivative."""
 
 WORD_GROUPS = ("mathrm", "text", "textrm", "mathit", "operatorname", "mathsf", "mathbf", "boldsymbol", "rm", "mathop")
 """LaTeX commands whose group is one word."""
@@ -31,7 +31,7 @@ SPACES = (
     *("quad", "qquad", "left", "right", "big", "Big", "bigg", "Bigg", "bigl", "bigr", "Bigl", "Bigr", "displaystyle"),
     *("biggl", "biggr", "Biggl", "Biggr", "textstyle", "limits", "nonumber", "notag", "thinspace", "space", "hfill"),
 )
-"""LaTeX commands that change only how a formula looks."""
+"""LaTeX commands that change only the appearance of a formula."""
 
 LETTER_COMMANDS = {name: name for name in GREEK.values()} | {
     "varphi": "phi",
@@ -43,7 +43,7 @@ LETTER_COMMANDS = {name: name for name in GREEK.values()} | {
     "pi": "pi",
     "ell": "ell",
 }
-"""LaTeX commands that are letters, and how a name spells them."""
+"""LaTeX commands that are letters, and their spelling in names."""
 
 FUNCTION_COMMANDS = {
     **{name: name for name in ("sin", "cos", "tan", "cot", "sec", "csc", "sinh", "cosh", "tanh", "exp", "log", "ln")},
@@ -60,10 +60,10 @@ FRAME = re.compile(r"\\(?:begin|end|label|tag)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\
 """Marks around formulas: environments, labels, dollar signs."""
 
 PROSE = re.compile(r"(?<![_{])\\(?:text|mbox|textrm|textit|intertext)\s*\{([^{}\n]*)\}")
-"""A group of words that is no subscript."""
+"""A group of words outside of subscripts."""
 
 OPERATOR = rf"\\(?:{'|'.join(name for name, sign in COMMAND_SIGNS.items() if sign in '*/')})(?![A-Za-z])"
 """A command that is an operator between two values."""
 
 ARROW = r"\\(?:Rightarrow|implies|Longrightarrow|rightarrow|therefore|iff)(?![A-Za-z])"
-"""A command between an equation and what follows from it."""
+"""A command between an equation and its consequence."""

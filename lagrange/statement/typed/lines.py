@@ -1,6 +1,6 @@
-"""Lines of a text with equations: what is no part of a formula is blanked out, and lines that go on are joined.
+"""Lines of a text with equations: text outside of formulas is blanked out, and continued lines are joined.
 
-The text keeps its length, so that every place in it stays what it was in the text that somebody typed.
+The text keeps its length, so that offsets in it are those of the typed text.
 """
 
 from __future__ import annotations
@@ -27,8 +27,8 @@ _OPEN, _CLOSE = "([{", ")]}"
 def equation_spans(text: str) -> tuple[str, list[tuple[int, int]]]:
     """Return a text of the same length with blanks for all but formulas, and the spans (begin, end) of its equations.
 
-    Comments, labels, LaTeX environments and marks at the ends of lines are blanked out. A line goes on if it ends with
-    an operator, if the next one begins with one, or if a bracket is open. A line that begins with a sign is a new
+    Comments, labels, LaTeX environments and marks at the ends of lines are blanked out. A line continues if it ends
+    with an operator, if the next one begins with one, or if a bracket is open. A line that begins with a sign is a new
     equation if both it and the one before have a sign of equality.
     """
     blanked = _blank(_COMMENT, text)
@@ -54,7 +54,7 @@ def equation_spans(text: str) -> tuple[str, list[tuple[int, int]]]:
 
 
 def _joined(before: str, line: str) -> bool:
-    """Return whether a line goes on with the equation before it."""
+    """Return True if a line continues the equation before it."""
     if _GOES_ON.search(before) or _depth(before) > 0:
         return True
     if not _CONTINUES.match(line):
@@ -81,14 +81,14 @@ def _without_label(line: str) -> str:
 
 
 def _separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
-    """Return the spans of equations that stand in one line with ; or , between them."""
-    found, start = [], begin
+    """Return the spans of the equations of one line, which are separated by ; or ,."""
+    spans, start = [], begin
     for match in _SEPARATOR.finditer(text, begin, end):
         left, right = text[start : match.start()], text[match.end() : end]
         if _EQUALITY.search(left) and _EQUALITY.search(right) and _depth(left) == 0:
-            found.append((start, match.start()))
+            spans.append((start, match.start()))
             start = match.end()
-    return [*found, (start, end)]
+    return [*spans, (start, end)]
 
 
 def _blank(pattern: re.Pattern[str], text: str) -> str:
@@ -96,5 +96,5 @@ def _blank(pattern: re.Pattern[str], text: str) -> str:
 
 
 def _spaces(text: str) -> str:
-    """Return blanks in place of a text, with its line breaks."""
+    """Return blanks of the same length as a text, with its line breaks kept."""
     return re.sub(r"[^\n]", " ", text)

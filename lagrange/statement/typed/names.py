@@ -14,22 +14,22 @@ RATES = ("", "_dot", "_ddot")
 """Endings of a coordinate, its velocity and its acceleration in the strict notation."""
 
 SPELLINGS = (("",), ("dot",), ("ddot", "dotdot", "doubledot"))
-"""Endings that people type for the same three, without underscores."""
+"""Other endings that people type for these, by order, without underscores."""
 
 LONGEST_SPLIT = 64
-"""Characters of a word that is taken for a product of several symbols."""
+"""Most characters of a word that is taken for a product of several symbols."""
 
 MOST_SPLITS = 4
-"""Products that one word may stand for, of which each is tried."""
+"""Most products that one word may mean; each is tried."""
 
 SIMILAR = 0.8
 """Least similarity, from 0 to 1, of a name that a hint offers."""
 
 SHORTEST_HINT = 4
-"""Characters of the shortest name that a hint offers."""
+"""Least number of characters of a name that a hint offers."""
 
 FUNCTION_SPELLINGS = {"arcsin": "asin", "arccos": "acos", "arctan": "atan", "sgn": "sign", "H": "heaviside"}
-"""Names of functions that people type, and the strict ones."""
+"""Other names of functions that people type, and their strict names."""
 
 
 _DERIVATIVE = re.compile(r"_?(?:d?dot)+$")
@@ -37,10 +37,10 @@ _DERIVATIVE = re.compile(r"_?(?:d?dot)+$")
 
 @dataclass(frozen=True)
 class Piece:
-    """One symbol or function within a word: its strict name, and what it is.
+    """One symbol or function within a word, by its strict name.
 
     `kind` is "symbol", "function", "e" (Euler's number) or "pi". `base` is the coordinate or given function whose
-    derivative of order `order` the symbol is, or "" where it is neither. `moves` is true for what changes in time.
+    derivative of order `order` the symbol is, "" for other symbols. `moves` is true if it changes in time.
     """
 
     name: str
@@ -51,9 +51,9 @@ class Piece:
 
 
 class Names:
-    """The symbols of one system, by every spelling that is understood.
+    """The symbols of one system, by all accepted spellings.
 
-    `names` are all strict names of the system; a coordinate or given function X has X_dot among them too. `multipliers`
+    `names` are all strict names of the system; for a coordinate or given function X they include X_dot. `multipliers`
     maps the other spellings of a multiplier to its strict name.
     """
 
@@ -78,7 +78,7 @@ class Names:
         self.words |= {"pi": Piece("pi", "pi"), "t": Piece("t", moves=True), "e": Piece("e", "e")}
 
     def readings(self, word: str) -> list[list[Piece]]:
-        """Return what a word may stand for, the likeliest first: one symbol, or the factors of a product."""
+        """Return the readings of a word, the likeliest first: one symbol, or the factors of a product."""
         if word in self.exact:
             return [[self.exact[word]], *self._differential(word)]
         key = canonical(word)
@@ -88,45 +88,46 @@ class Names:
         return self._splits(key)
 
     def _differential(self, word: str) -> list[list[Piece]]:
-        """Return d*theta for dtheta where the system has a symbol d: both are tried."""
+        """Return the reading d*theta of dtheta if the system has a symbol d; both readings are tried."""
         return self._splits(canonical(word)) if word.startswith("d") and "d" in self.exact and word != "d" else []
 
     def _splits(self, key: str) -> list[list[Piece]]:
-        """Return the products of known symbols whose names in a row make a word, those of fewest factors first.
+        """Return the products of known symbols whose joined names are the word, those of fewest factors first.
 
-        Of two products with the same factors the first has the longer names. A factor ends where no digit follows.
+        Of products with equal numbers of factors, the one with the longer first name comes first. No digit may follow a
+        factor.
         """
         if len(key) > LONGEST_SPLIT:
             return []
         best: list[list[list[Piece]]] = [[] for _ in range(len(key) + 1)]
         best[len(key)] = [[]]
         for begin in range(len(key) - 1, -1, -1):
-            found: list[list[Piece]] = []
+            products: list[list[Piece]] = []
             for end in range(len(key), begin, -1):
                 piece = self._whole.get(key[begin:end])
                 if piece is None or not best[end] or key[end : end + 1].isdigit():
                     continue
-                found += [[piece, *rest] for rest in best[end]]
-            best[begin] = sorted(found, key=len)[:MOST_SPLITS]
+                products += [[piece, *rest] for rest in best[end]]
+            best[begin] = sorted(products, key=len)[:MOST_SPLITS]
         return best[0]
 
     @cached_property
     def _whole(self) -> dict[str, Piece]:
-        """Every spelling that may be a factor within a word. The letter e is none: too many words have it."""
+        """All spellings that may be a factor within a word, without the letter e, which too many words contain."""
         return {key: piece for key, piece in self.words.items() if piece.kind != "e"} | self.spellings
 
     def derivative(self, piece: Piece, order: int) -> Piece | None:
-        """Return the derivative of a coordinate or given function, None where the system has none of this order."""
+        """Return the derivative of a coordinate or given function, None if the system has none of this order."""
         total = piece.order + order
         if not piece.base or total >= len(RATES):
             return None
         return self.exact.get(piece.base + RATES[total])
 
     def hint(self, word: str) -> str:
-        """Return a sentence on what may be meant by an unknown word, "" where nothing is likely.
+        """Return a sentence on the likely meaning of an unknown word, "" if there is none.
 
-        Only coordinates and parameters are offered, never another derivative. No short name is, since a word that
-        begins with it may be a product.
+        It offers coordinates and parameters only, no derivatives. It offers no short name, since a word that begins
+        with one may be a product.
         """
         power = re.fullmatch(r"([A-Za-z]+)([0-9]+)", word)
         if power and self.readings(power.group(1)):
@@ -137,7 +138,7 @@ class Names:
 
 
 def canonical(name: str) -> str:
-    """Return a name without underscores, its Greek letters spelled out: theta_1, θ₁ and theta1 are one."""
+    """Return a name without underscores and with Greek letters spelled out, the same for theta_1, θ₁ and theta1."""
     return "".join(GREEK.get(mark, mark) for mark in name if mark != "_" and mark not in "[] ")
 
 
@@ -147,8 +148,8 @@ def _spellings(base: str, order: int) -> list[str]:
     head = key.rstrip("0123456789")
     index = key[len(head) :]
     parts = canonical(base.split("_", maxsplit=1)[0])
-    found = {key + ending for ending in SPELLINGS[order]} | {head + ending + index for ending in SPELLINGS[order]}
-    found |= {parts + ending + key[len(parts) :] for ending in SPELLINGS[order]}
+    spellings = {key + ending for ending in SPELLINGS[order]} | {head + ending + index for ending in SPELLINGS[order]}
+    spellings |= {parts + ending + key[len(parts) :] for ending in SPELLINGS[order]}
     if order:
-        found.add("d" * order + key)
-    return sorted(found)
+        spellings.add("d" * order + key)
+    return sorted(spellings)

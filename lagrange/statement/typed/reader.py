@@ -1,7 +1,7 @@
 """Reader for equations as people type them: plain, with primes or dots, in Unicode or LaTeX, over several lines.
 
-The text becomes the strict notation of scene files, and only `statement.text` builds expressions: lengths, depths and
-work have the bounds that it sets, and nothing is ever executed.
+The text becomes the strict notation of scene files, and only `statement.text` builds expressions from it. So its limits
+on length, depth and work apply, and no code is run.
 """
 
 from __future__ import annotations
@@ -28,27 +28,27 @@ from lagrange.statement.typed.remarks import Clause, Line, Word, clauses_of
 from lagrange.statement.typed.tokens import Token, tokens_of
 
 LONGEST_TEXT = 20_000
-"""Characters of one equation; a longer text is no equation that a person wrote."""
+"""Most characters of one equation; no person writes a longer one."""
 
 _CONSTANT = (["const"], ["constant"], ["konst"])
-"""What is said of a quantity whose derivative is zero."""
+"""Right sides that state that a quantity is constant."""
 
 _ABBREVIATION = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]{0,30})\s*(\^2|\*\*2|²)?\s*=(?!=)")
-"""A name alone on the left side, or its square."""
+"""A single name on the left side, or its square."""
 
 MOST_EQUATIONS = 1_000
-"""Equations of one text."""
+"""Most equations of one text."""
 
 LONGEST_REFUSAL = 360
-"""Characters up to which a refusal lists further faults; with the count of the others it stays below 400."""
+"""Most characters of the faults listed in a message; with the count of the others it stays below 400."""
 
 LONGEST_SYMBOLS = 120
-"""Characters of the list of symbols at the end of a message."""
+"""Most characters of the list of symbols at the end of a message."""
 
 
 @dataclass(frozen=True)
 class Reading:
-    """One way to understand an equation: what is zero, and the right side, in the symbols of the reader.
+    """One reading of an equation: left minus right side, `zero`, and the right side, in the symbols of the reader.
 
     `read` is the equation in the strict notation, with both its sides.
     """
@@ -106,7 +106,7 @@ class TypedReader:
         return reader._all(text, clean, listed, what)
 
     def _all(self, text: str, clean: str, clauses: Sequence[Clause], what: str) -> list[TypedEquation]:
-        """Return the equations of clauses. Raises StatementError, also where there are only remarks."""
+        """Return the equations of clauses. Raises StatementError for faults, and if all clauses are remarks."""
         found, faults, remarks = list[TypedEquation](), list[TypedFault](), list[TypedFault]()
         for clause in clauses:
             line = self._line_of(clean, clause.begin, clause.end)
@@ -136,20 +136,20 @@ class TypedReader:
         return Line(text, begin, end, tuple(words))
 
     def _is_introduced(self, text: str, begin: int) -> bool:
-        """Return whether a sentence with a colon stands before a part, such as "Steady state:"."""
+        """Return True if a sentence with a colon, such as "Steady state:", precedes a part."""
         above, colon, rest = text[text.rfind("\n", 0, begin) + 1 : begin].rpartition(":")
         return bool(colon) and not rest.strip() and self._line_of(above, 0, len(above)).is_sentence()
 
     def _is_equation(self, line: Line) -> bool:
-        """Return whether a part has a sign of equality and an acceleration."""
+        """Return True if a part has a sign of equality and an acceleration."""
         return "=" in line.shown and self._accelerates(with_derivatives(tokens_of(line.text, line.begin, line.end)))
 
     def _reads(self, word: str) -> bool:
-        """Return whether a word is a symbol of the system, or a product of such."""
+        """Return True if a word is a symbol of the system, or a product of symbols."""
         return bool(self.names.readings(word))
 
     def _is_parameter(self, word: str) -> bool:
-        """Return whether a word is one symbol that does not move."""
+        """Return True if a word is a single constant symbol."""
         pieces = next(iter(self.names.readings(word)), [])
         return len(pieces) == 1 and pieces[0].kind == "symbol" and not pieces[0].moves
 
@@ -223,7 +223,7 @@ class TypedReader:
         """Return the sides of each equation of a part. Raises _Faults.
 
         Of a = b = c these are a = b and a = c. A further side with a name of its own, as in p = m x' = const, is left
-        out. The derivative of what is said to be constant is zero.
+        out. For a side equated with "const" the derivative is zero.
         """
         tokens = with_derivatives(tokens_of(text, begin, end))
         places = [i for i, token in enumerate(tokens) if token.is_sign("=")]
@@ -247,7 +247,7 @@ class TypedReader:
         return [token.text for token in side] in _CONSTANT
 
     def _accelerates(self, side: Sequence[Token]) -> bool:
-        """Return whether a second derivative, or the derivative of an expression, is in a formula."""
+        """Return True if a formula contains a second derivative, or the derivative of an expression."""
         return any(
             token.kind == "rate"
             or max(token.order, token.primes) > 1
@@ -268,7 +268,7 @@ class TypedReader:
         return found
 
     def _built(self, formulas: Sequence[Formula], begin: int) -> Reading:
-        """Return the expressions of strict text. Raises _Faults where the strict reader refuses it."""
+        """Return the reading of formulas in strict text. Raises _Faults if the strict reader refuses them."""
         names = dict(self.symbols)
         try:
             for formula in formulas:
@@ -283,7 +283,7 @@ class TypedReader:
         return _reading(values, " = ".join(formula.shown for formula in formulas))
 
     def _rates(self) -> dict[Any, Any]:
-        """Return the derivative of each symbol that has one."""
+        """Return {symbol: its time derivative} for coordinates, velocities and given functions."""
         pairs = (
             (name, f"{base}{ending}")
             for base in self.names.bases
@@ -296,7 +296,7 @@ class TypedReader:
         }
 
     def _differentiated(self, expression: Any, order: int) -> Any:
-        """Return the derivative along the motion. Raises SceneError where one is missing."""
+        """Return the time derivative of that order along the motion. Raises SceneError if a symbol has none."""
         for _ in range(order):
             left = expression.free_symbols - set(self.rates)
             last = [symbol for symbol in left if str(symbol).endswith("_ddot") or str(symbol).startswith("lambda")]
@@ -309,7 +309,7 @@ class TypedReader:
         return expression
 
     def _refusal(self, text: str, faults: Sequence[TypedFault], what: str) -> str:
-        """Return all faults with their places, and the symbols of the system at the end."""
+        """Return the message: the faults with their places, as far as they fit, then the symbols of the system."""
         if not any(self._known(word) for word in WORD.findall(text)):
             shown = " ".join(text.split())[:60]
             return (
@@ -331,16 +331,16 @@ class TypedReader:
         return f"{place}: {fault.reason}{'' if fault.reason.endswith(('.', '?')) else '.'}"
 
     def _known(self, word: str) -> bool:
-        """Return whether a word has a reading that is more than a number or a function."""
+        """Return True if a reading of a word contains a symbol other than t."""
         return any(piece.kind == "symbol" and piece.name != "t" for one in self.names.readings(word) for piece in one)
 
     def _example(self) -> str:
-        """Return what an answer looks like, without giving it away."""
+        """Return an example of the form of an answer, without the solution."""
         first = self.names.bases[0] if self.names.bases else self.names.names[0]
         return f"{first}'' = ..., or {first}_ddot = ..., with {self._symbols()} on its sides"
 
     def _symbols(self) -> str:
-        """Return the names of the system as a message lists them."""
+        """Return the list of the names of the system for a message."""
         names = listing(name for name in self.symbols if not name.endswith(("_dot", "_ddot")))
         if len(names) > LONGEST_SYMBOLS:
             names = names[:LONGEST_SYMBOLS].rsplit(",", 1)[0] + " and others"

@@ -1,7 +1,7 @@
-"""Words in an answer that belong to no equation: remarks, units, clauses such as "where g = 9.81", whole sentences.
+"""Words in an answer outside of equations: remarks, units, clauses such as "where g = 9.81", whole sentences.
 
-A word is one of a sentence only if it is no symbol of the system. Nothing is left out of what can be read as it stands,
-and a word that may be a misspelled symbol stays, so that it is refused.
+A word belongs to a sentence only if it is not a symbol of the system. Text that can be read as an equation is kept
+completely. A word that may be a misspelled symbol is kept, so that it is refused.
 """
 
 from __future__ import annotations
@@ -40,8 +40,8 @@ _OPEN, _CLOSE = "([{", ")]}"
 class Word:
     """The span of a word in a text.
 
-    `known` is true for what may be a symbol or a product of the system, misspelled too, or a function. `formula` is
-    true for functions and derivatives, which no sentence has.
+    `known` is true for symbols and products of the system, also misspelled, and functions. `formula` is true for
+    functions and derivatives, which sentences do not contain.
     """
 
     begin: int
@@ -62,17 +62,17 @@ class Clause:
 def clauses_of(text: str, begin: int, end: int, known: Callable[[str], bool]) -> list[Clause]:
     """Return the clauses of text[begin:end]: it is divided at arrows, at words such as "where" and before "(name =".
 
-    A word that is a symbol of the system divides nothing.
+    A word that is a symbol of the system does not divide.
     """
     cuts = [(match.span(), False) for match in _ARROW.finditer(text, begin, end)]
     cuts += [(match.span(), True) for match in _ASIDE.finditer(text, begin, end) if not known(match.group())]
     cuts += [(match.span(), True) for match in _DEFINITION.finditer(text, begin, end) if not known(match.group(1))]
-    found, start, aside = [], begin, False
+    clauses, start, aside = [], begin, False
     for (left, right), opens in sorted(cuts):
-        found.append(_trimmed(text, start, left, aside))
+        clauses.append(_trimmed(text, start, left, aside))
         start, aside = right, opens
-    found.append(_trimmed(text, start, end, aside))
-    return [one for one in found if one.end > one.begin]
+    clauses.append(_trimmed(text, start, end, aside))
+    return [one for one in clauses if one.end > one.begin]
 
 
 def _trimmed(text: str, begin: int, end: int, aside: bool) -> Clause:
@@ -100,11 +100,11 @@ class Line:
 
     @property
     def shown(self) -> str:
-        """The part itself."""
+        """Text of the part."""
         return self.text[self.begin : self.end]
 
     def narrower(self) -> Iterator[tuple[int, int]]:
-        """Yield spans of the equation that is left without the words before and after it."""
+        """Yield candidate spans of the equation, without the words before and after it."""
         head = self._after_introduction()
         for start in dict.fromkeys((self.begin, head)):
             if start != self.begin:
@@ -115,7 +115,7 @@ class Line:
                     yield start, start + len(before)
 
     def is_remark(self) -> bool:
-        """Return whether a part that cannot be read says nothing about the motion.
+        """Return True if a part that cannot be read is not about the motion.
 
         It is a sentence, a definition of another quantity such as L = T - V, or Lagrange's formula.
         """
@@ -128,11 +128,11 @@ class Line:
         return self._has_sentence(self.begin)
 
     def is_sentence(self) -> bool:
-        """Return whether two words stand side by side of which one is no symbol."""
+        """Return True if the part has two adjacent words of which one is not a symbol."""
         return self._has_sentence(self.begin)
 
     def is_value(self, parameter: Callable[[str], bool]) -> bool:
-        """Return whether a part gives a parameter its value, such as g = 9.81, or a coordinate one at t = 0."""
+        """Return True if a part states a value of a parameter, such as g = 9.81, or of a coordinate at t = 0."""
         name, _, _ = self.shown.partition("=")
         if _AT_START.fullmatch(name):
             return True
@@ -140,7 +140,7 @@ class Line:
         return parameter(name.strip()) and bool(_NUMBER_AT_END.fullmatch(self.text, place, self.end))
 
     def _after_introduction(self) -> int:
-        """Return the place after the words that introduce an equation, `begin` where there are none."""
+        """Return the offset after the words that introduce an equation, `begin` without such words."""
         colon = self.text.rfind(":", self.begin, self.end)
         if colon >= 0 and any(not word.known for word in self.words if word.end <= colon):
             return colon + 1
@@ -159,7 +159,7 @@ class Line:
         return strange[-1].end
 
     def _remarks(self, begin: int) -> Iterator[int]:
-        """Yield places from which the rest of the part is a remark or a unit."""
+        """Yield offsets at which a remark or a unit begins that reaches to the end of the part."""
         strange = [word for word in self.words if not word.known and word.begin >= begin]
         unit = _UNITS_AT_END.search(self.text, begin, self.end)
         if unit and any(word.begin >= unit.start() for word in strange):
@@ -178,7 +178,7 @@ class Line:
                 yield cut
 
     def _is_remark_in_brackets(self, begin: int) -> bool:
-        """Return whether brackets that end a part have words in them, or one word of more than three letters."""
+        """Return True if brackets at the end of a part contain words, or one word of more than three letters."""
         inside = [word for word in self.words if word.begin >= begin]
         spaced = self.text[begin - 1 : begin].isspace()
         alone = len(inside) == 1 and inside[0].end - inside[0].begin > 3
@@ -187,14 +187,14 @@ class Line:
         return spaced and (self._has_sentence(begin) or (alone and plain) or strange)
 
     def _is_sentence(self, begin: int) -> bool:
-        """Return whether the end of a part is words rather than factors."""
+        """Return True if the end of a part consists of words and not of factors."""
         rest, words = self.text[begin : self.end], [word for word in self.words if word.begin >= begin]
         if _LETTERS.match(rest) or (len(words) == 1 and self._links(words[0])):
             return True
         return not re.search(r"[+*/^]", rest) and self._has_sentence(begin)
 
     def _has_sentence(self, begin: int) -> bool:
-        """Return whether two words stand side by side of which one is no symbol and no short name."""
+        """Return True if two adjacent words follow of which one is neither a symbol nor a short name."""
         pairs = pairwise(word for word in self.words if word.begin >= begin)
         return any(
             not self.text[left.end : right.begin].strip(" \t\r\n.,;:")
@@ -209,12 +209,12 @@ class Line:
         return not word.known and "dot" not in spelled and (len(spelled) > 2 or self._links(word))
 
     def _links(self, word: Word) -> bool:
-        """Return whether a word is one that joins equations in a text."""
+        """Return True if a word is a conjunction or another word that joins equations."""
         return self.text[word.begin : word.end].lower() in (*_LINKS, *_ASIDES)
 
 
 def _outermost(text: str, begin: int, place: int) -> int | None:
-    """Return the place of the outermost bracket that is open at a place, None where there is none."""
+    """Return the offset of the outermost bracket that is open at an offset, or None."""
     opened: list[int] = []
     for i in range(begin, place + 1):
         if text[i] in _OPEN:

@@ -1,6 +1,6 @@
 """Tokens of a typed formula: words, numbers, signs and LaTeX commands, each with its place in the text.
 
-Nothing is looked up here: whether a word is a symbol of the system is for `typed.names` to say.
+Words are not looked up here: `typed.names` decides whether a word is a symbol of the system.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from lagrange.statement.typed.latex import (
 )
 
 DOTS = {"\N{COMBINING DOT ABOVE}": 1, "\N{COMBINING DIAERESIS}": 2}
-"""Combining marks above a letter, and the order of the time derivative that each stands for."""
+"""Combining marks above a letter, and the order of the time derivative that each means."""
 
 PRIMES = {"'": 1, "’": 1, "‘": 1, "′": 1, "´": 1, "`": 1, '"': 2, "″": 2, "”": 2, "“": 2}
-"""Marks after a letter that stand for derivatives, and their order."""
+"""Marks after a letter that mean derivatives, and their order."""
 
 SIGNS = {
     **{mark: mark for mark in "+-*/^=()[]{}|,"},
@@ -32,10 +32,10 @@ SIGNS = {
     **dict.fromkeys("÷∕⁄", "/"),
     "√": "sqrt",
 }
-"""Signs of a formula, and what each means."""
+"""Signs of a formula, and their plain signs."""
 
 GREEK_VARIANTS = {"ϕ": "phi", "ϑ": "theta", "ϵ": "epsilon", "ϱ": "rho", "µ": "mu", "π": "pi", "ℓ": "ell", "ς": "sigma"}
-"""Letters that look like those of a name but are other characters."""
+"""Characters that look like letters of a name, and their spelling in names."""
 
 _NUMBER = re.compile(r"(?:[0-9]+(?:\.[0-9]*)?|\.[0-9]+)(?:[eE][+-]?[0-9]+(?![A-Za-z0-9_]))?")
 _COMMAND = re.compile(r"\\([A-Za-z]+|.)", re.DOTALL)
@@ -56,8 +56,8 @@ class Token:
 
     Kinds: "word", "number", "sign", "power" (a superscript), "prime" (text is the order), "index" (a subscript that
     follows a mark), "dots" (a LaTeX command for a derivative; text is the order), "fraction", "fault" (text is a
-    sentence). `order` is the number of dots on the first letter of a word, `primes` that of marks after it. `spaced`
-    is true where a blank stands before the token.
+    sentence). `order` is the number of dots on the first letter of a word, `primes` that of primes after the word.
+    `spaced` is true if a blank precedes the token.
     """
 
     kind: str
@@ -69,7 +69,7 @@ class Token:
     primes: int = 0
 
     def is_sign(self, *signs: str) -> bool:
-        """Return whether the token is one of these signs."""
+        """Return True if the token is one of these signs."""
         return self.kind == "sign" and self.text in signs
 
 
@@ -79,7 +79,7 @@ def tokens_of(text: str, begin: int, end: int) -> list[Token]:
 
 
 class _Scanner:
-    """Goes once through a text, from left to right."""
+    """Scans a text once, from left to right."""
 
     def __init__(self, text: str, end: int) -> None:
         self.text, self.end = text[:end], end
@@ -87,7 +87,7 @@ class _Scanner:
         self.spaced = False
 
     def scan(self, place: int) -> list[Token]:
-        """Return all tokens from a place on."""
+        """Return all tokens from an offset on."""
         while place < self.end:
             blank = _BLANK.match(self.text, place)
             if blank:
@@ -102,7 +102,7 @@ class _Scanner:
         return end
 
     def _token(self, place: int) -> int:
-        """Add the token that begins at a place, and return the place after it."""
+        """Add the token that begins at an offset, and return the next offset."""
         mark = self.text[place]
         number = _NUMBER.match(self.text, place)
         if number:
@@ -134,7 +134,7 @@ class _Scanner:
         return self._add("fault", f"the character {_named(mark)} cannot stand in an equation", place, place + 1)
 
     def _word(self, place: int) -> int:
-        """Add a word: letters, digits and an index. A letter with dots begins a word of its own."""
+        """Add a word: letters, digits and subscripts. A letter with dots begins a new word. Return the next offset."""
         begin, spelled, order = place, "", 0
         while place < self.end:
             mark = self.text[place]
@@ -157,16 +157,16 @@ class _Scanner:
         return self._add("word", spelled, begin, place, order)
 
     def _indices(self, place: int) -> tuple[str, int]:
-        """Return all subscripts in a row at a place, and the place after them: _1_dot has two."""
-        found = ""
+        """Return all consecutive subscripts at an offset, such as the two of _1_dot, and the next offset."""
+        joined = ""
         while True:
             index, after = self._index(place)
             if not index:
-                return found, place
-            found, place = found + index, after
+                return joined, place
+            joined, place = joined + index, after
 
     def _index(self, place: int) -> tuple[str, int]:
-        """Return the subscript at a place, "" if there is none, and the place after it."""
+        """Return the subscript at an offset, "" if there is none, and the next offset."""
         after = place
         while after < self.end and self.text[after] in _SUBSCRIPTS:
             after += 1
@@ -182,7 +182,7 @@ class _Scanner:
         return "_" + re.sub(r"[\s,]+", "_", inside.strip()), index.end()
 
     def _command(self, place: int) -> int:
-        """Add what a LaTeX command stands for."""
+        """Add the token that a LaTeX command means, and return the next offset."""
         match = _COMMAND.match(self.text, place)
         if match is None:
             return self._add("fault", "a backslash stands at the end", place, place + 1)
@@ -212,12 +212,12 @@ class _Scanner:
 
 
 def _letter(mark: str) -> bool:
-    """Return whether a character begins a word: a letter of any alphabet, so that a message names words whole."""
+    """Return True if a character begins a word: a letter of any alphabet, so that messages name whole words."""
     return mark.isalpha()
 
 
 def _dotted(text: str, place: int, end: int) -> tuple[str, int, int]:
-    """Return the letter at a place as a name spells it, the dots on it, and the place after it."""
+    """Return the letter at an offset in the spelling of names, the number of dots above it, and the next offset."""
     begin, place = place, place + 1
     while place < end and unicodedata.combining(text[place]):
         place += 1
@@ -228,7 +228,7 @@ def _dotted(text: str, place: int, end: int) -> tuple[str, int, int]:
 
 
 def _named(mark: str) -> str:
-    """Return a character or a command as a message names it: control characters never reach a terminal."""
+    """Return a character or a command as printable text for a message, without control characters."""
     if len(mark) > 1 or (mark.isascii() and mark.isalpha()):
         return f"\\{mark}"
     code = f"U+{ord(mark):04X}"
