@@ -1,1 +1,1 @@
-"""Event functions, switching surfaces and resets: where they vanish on a step, and what follows."""
+"""Event functions, switching surfaces and resets: their zeros on a step, and the changes of the motion there."""

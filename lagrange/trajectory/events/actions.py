@@ -1,4 +1,4 @@
-"""Events as a run needs them: which zeros count, when they end it, and the reset as a program."""
+"""Events of a run as nodes: directions that count, terminal counts, and resets as compiled functions."""
 
 from __future__ import annotations
 
@@ -22,18 +22,18 @@ from lagrange.trajectory.events.ending import EventResult, nowhere, off_constrai
 from lagrange.trajectory.trajectory import FloatArray
 
 JUMPING = frozenset(("sign", "atan2", "piecewise"))
-"""Functions that jump where they are defined."""
+"""Functions with jumps inside their domain."""
 
 ALIKE = 1e-9
-"""Two resets of one entry at one time agree to this part: they are rounded, and so is the time."""
+"""Relative difference up to which two resets of one entry at the same time agree: they and the time are rounded."""
 
 
 @dataclass(frozen=True, eq=False)
 class Impact:
     """An event of a model, whose expression is `node`.
 
-    The `rows` of the state are reset to what `kernel` gives, from `first` on. A `root` is none of the user's: it is a
-    square root in the equations of motion, whose series ends where it is zero. The `model` is that of a reset.
+    The `rows` of the state are reset to the results of `kernel`, from index `first` on. A `root` is not an event of the
+    user, but a square root in the equations of motion, whose series ends where it is zero. `model` is that of a reset.
     """
 
     node: Node
@@ -48,50 +48,50 @@ class Impact:
 
     @property
     def reset(self) -> bool:
-        """Whether the state jumps."""
+        """True if the event resets the state."""
         return self.kernel is not None
 
     @property
     def smooth(self) -> bool:
-        """Whether the expression does not jump from one side of zero to the other."""
-        calls = (one.data for one in reachable([self.node]) if one.kind is Kind.CALL)
+        """True if the expression contains no function that may jump over zero."""
+        calls = (call.data for call in reachable([self.node]) if call.kind is Kind.CALL)
         return not self.root and JUMPING.isdisjoint(calls)
 
     @property
     def contact(self) -> bool:
-        """Whether the state jumps where this is met in one direction: it is to stay on the side that it is met from."""
+        """True for a reset in one direction only: the motion must stay on the side from which it came."""
         return self.reset and self.direction != 0
 
     @property
     def constrained(self) -> bool:
-        """Whether the state behind a reset is to be on constraints."""
+        """True if the state after a reset has to satisfy constraints."""
         return self.reset and self.model is not None and len(self.model.equations.constraints) > 0
 
     def counts(self, rising: int) -> bool:
-        """Whether a zero of that direction is an event; a touch is one for either direction."""
+        """Return True if a zero with this direction is an event: 1, -1, or 0 for a touch."""
         return self.direction in (0, rising)
 
     def apply(self, t: float, before: FloatArray, state: FloatArray) -> None:
-        """Enter the reset entries of the state (2n,), computed from the state before.
+        """Write the reset entries into `state` (2n,), computed from the state before.
 
-        An entry that another event at the same time has reset to another value becomes nan: there is none to prefer.
+        An entry that another event at the same time resets to a different value becomes nan.
         """
         if self.kernel is not None:
             rows = list(self.rows)
             with np.errstate(all="ignore"):
-                given = self.kernel(t, before, self.parameters)[self.first : self.first + len(rows)]
-            agreed = np.isclose(given, state[rows], rtol=ALIKE, atol=0.0)
-            state[rows] = np.where((state[rows] == before[rows]) | agreed, given, np.nan)
+                values = self.kernel(t, before, self.parameters)[self.first : self.first + len(rows)]
+            agreed = np.isclose(values, state[rows], rtol=ALIKE, atol=0.0)
+            state[rows] = np.where((state[rows] == before[rows]) | agreed, values, np.nan)
 
 
 def reset_state(
     resets: Mapping[Impact, int], names: Callable[[], Sequence[str]], t: float, before: FloatArray
 ) -> tuple[FloatArray, EventResult]:
-    """Return the state (2n,) behind resets, of events by number, and how the run ends if it is not one.
+    """Return the state (2n,) after resets, and the end of the run if the state is not valid.
 
-    Every reset is computed from the state before. With constraints the new state is treated as an initial one is. The
-    path of a step is on them up to its error only, which is no error of the reset: that is judged by what it does to
-    the nearest state on them.
+    `resets` are events with their numbers. Every reset is computed from the state before. With constraints the new
+    state is treated like an initial state. The state before satisfies them only up to the error of the step, so the
+    reset is judged by its effect on the nearest state that satisfies them exactly.
     """
     after = _reset(resets, t, before)
     if not np.isfinite(after).all():
@@ -122,8 +122,8 @@ def reset_state(
 
 
 def _left_open(model: Model, resets: Iterable[Impact]) -> list[int]:
-    """Return the rows of velocities of coordinates without inertia that no reset names: they follow from the rest."""
-    named = [row for one in resets for row in one.rows]
+    """Return the rows of velocities without inertia that no reset names: the equations determine them."""
+    named = [row for impact in resets for row in impact.rows]
     return [row for row in (model.layout.v.start + i for i in model.equations.first_order) if row not in named]
 
 
@@ -135,7 +135,7 @@ def _reset(resets: Iterable[Impact], t: float, before: FloatArray) -> FloatArray
 
 
 def root_of(node: Node) -> Impact:
-    """Return a square root as an event that ends the run: behind its zero a series would go on with the wrong sign."""
+    """Return a square root as an event that ends the run: after its zero the series has the wrong sign."""
     return Impact(node, 0, 1, (), None, np.empty(0), root=True)
 
 
@@ -144,19 +144,19 @@ def impacts(model: Model, events: Sequence[Event], parameters: FloatArray) -> tu
     equations, rows = model.equations, state_rows(model.statement.coordinates)
     values = [value for event in events for value in event.reset.values()]
     kernel = model.function("reset", tuple(map(equations.translate, values))) if values else None
-    found, first = [], 0
+    translated, first = [], 0
     for event in events:
         places = tuple(rows[key] for key in event.reset)
-        own = kernel if places else None
+        reset = kernel if places else None
         node = equations.translate(event.expression)
-        found.append(Impact(node, event.direction, event.terminal, places, own, parameters, first, model=model))
+        translated.append(Impact(node, event.direction, event.terminal, places, reset, parameters, first, model=model))
         first += len(places)
-    return tuple(found)
+    return tuple(translated)
 
 
 @lru_cache(maxsize=64)
 def rates(equations: Equations, nodes: tuple[Node, ...]) -> tuple[Node, ...]:
-    """Return the derivatives of nodes by time along the motion."""
+    """Return the derivatives of nodes by time along the motion, by the accelerations of the equations."""
     ahead = dict(zip((*equations.q, *equations.v), (*equations.rate, *equations.accelerations), strict=True))
     along = tangents(nodes, {**ahead, equations.time: equations.graph.one})
     return tuple(along(node) for node in nodes)

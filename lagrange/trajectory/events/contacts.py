@@ -1,4 +1,4 @@
-"""Contacts where a motion starts: which are as good as zero, which lie there, and which the motion passes anyhow."""
+"""Classification of contacts at the start of a motion: zero within noise, resting, or passed in spite of the reset."""
 
 from __future__ import annotations
 
@@ -16,11 +16,14 @@ from lagrange.trajectory.events.step_batch import Sample, StepBatch
 from lagrange.trajectory.trajectory import FloatArray
 
 SMALL_FRACTION = 2.0**-26
-"""The part of a step over which the slope of an event is measured where the motion starts, and a slope that is none."""
+"""Fraction of a step over which the slope of an event is measured at the start of a motion.
+
+A slope below this fraction of the largest value on the step counts as zero.
+"""
 
 
 def passes_anyhow(model: Model, kernel: Kernel, impacts: Sequence[Impact], place: int, sample: Sample) -> bool:
-    """Whether the motion would pass an event in its direction all the same, after its reset."""
+    """Return True if the motion passes an event in its direction even after its reset."""
     t, y, one, parameters = sample.t, sample.state(0.0), impacts[place], sample.batch.parameters
     after = y.copy()
     one.apply(t, y, after)
@@ -39,10 +42,10 @@ def sent_through(
     states: tuple[FloatArray, FloatArray],
     along: float,
 ) -> EventZero | None:
-    """Return a zero that is met against the motion there, where its reset would send the motion on through it.
+    """Return a zero whose reset would send the motion through it, or None.
 
-    The path of a long step may come down to the floor with a velocity that rises already: reset, it would fall.
-    `states` are those before and behind the reset, `along` is the sign of the run's direction.
+    The path of a long step may reach the floor although the velocity there already points upwards; a reset would
+    reverse it. `states` are those before and after the reset, `along` is the sign of the run's direction.
     """
     coming, going = along * rates(np.full(2, t), np.column_stack(states), parameters).T
     for m in zeros:
@@ -52,15 +55,15 @@ def sent_through(
 
 
 def entry(batch: StepBatch, step: int, place: int, span: float) -> float:
-    """Return how far beyond zero a contact counts as zero: its noise, or what a spacing of the run's times makes."""
+    """Return the size up to which a contact counts as zero: noise, or its change in a spacing of the run's times."""
     steps = abs(span / (batch.path.times[step + 1] - batch.path.times[step]))
     return float(max(batch.noise[place, step], batch.sensitive[place, step] * (EPSILON / DENSE_ROUND_OFF) * steps))
 
 
 def lie(begun: MotionStart, impacts: Sequence[Impact], sample: Sample) -> set[int]:
-    """Return contacts that happened where the motion starts, before what started it, and do not part or press.
+    """Return resting contacts: zero since an earlier event at the start of the motion, and constant on the step.
 
-    A ball that has handed on its velocity lies beside the next one: what rounding makes of both is no motion.
+    An example is a ball that has passed on its velocity and rests beside the next one; rounding moves them only.
     """
     margins = {i: 4 * size for i, size in begun.stayed.items() if i not in begun.zeros and impacts[i].contact}
     moves = np.abs(sample.values - sample.values[:, :1]).max(axis=1)

@@ -1,4 +1,4 @@
-"""What comes of a look at a run: it goes on, or it ends with a status and a sentence on the cause and the remedy."""
+"""Results of event processing: continue, or end the run with a status and a sentence on cause and remedy."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 
 @dataclass(frozen=True)
 class EventResult:
-    """What came of a look: a status if the run ends, with a sentence, and whether the state has jumped.
+    """Result of event processing: a status if the run ends, with a sentence `detail`; `jumped` if the state jumped.
 
-    `smooth` says that the motion itself may go on although its series does not.
+    `smooth` says that the motion may continue although its series does not.
     """
 
     status: Status | None = None
@@ -24,7 +24,7 @@ class EventResult:
 
 
 def at_rest(name: str) -> EventResult:
-    """Return the end of a run whose reset leaves nothing that could bounce."""
+    """Return the end of a run that comes to rest on a contact, because the reset leaves no velocity."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"After the reset {name} is zero without a velocity of its own and goes on to the same side: the motion comes "
@@ -34,7 +34,7 @@ def at_rest(name: str) -> EventResult:
 
 
 def accumulating(name: str) -> EventResult:
-    """Return the end of a run whose changes leave no time between them."""
+    """Return the end of a run whose events accumulate, with no time between them."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"Events accumulate: {name} is zero again and again within the spacing of floating-point times, as for a ball "
@@ -44,7 +44,7 @@ def accumulating(name: str) -> EventResult:
 
 
 def unresolved(name: str) -> EventResult:
-    """Return the end of a run whose steps, or errors, are longer than the times between its resets."""
+    """Return the end of a run whose steps, or errors, no longer resolve the intervals between its resets."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"Between resets where {name} is zero, the path of the steps no longer shows how it leaves zero and returns: a "
@@ -56,7 +56,7 @@ def unresolved(name: str) -> EventResult:
 
 
 def sliding(name: str, t: float) -> EventResult:
-    """Return the end of a run on a surface to which both sides lead back."""
+    """Return the end of a run on a switching surface to which the motion leads back from both sides."""
     return EventResult(
         Status.STEP_TOO_SMALL,
         f"The equations of motion switch where {name} is zero, and at t = {t:.6g} both sides lead back there: the "
@@ -66,7 +66,7 @@ def sliding(name: str, t: float) -> EventResult:
 
 
 def nowhere(name: str) -> EventResult:
-    """Return the end of a run whose reset is not a state."""
+    """Return the end of a run whose reset gives a state that is not finite."""
     return EventResult(
         Status.NON_FINITE,
         f"The reset where {name} is zero gives a state that is nan or infinite: look for a division by zero, or a "
@@ -76,7 +76,7 @@ def nowhere(name: str) -> EventResult:
 
 
 def off_constraints(names: str, violated: str) -> EventResult:
-    """Return the end of a run whose resets, at the zeros of the events of some names, leave the constraints."""
+    """Return the end of a run whose resets violate the constraints; `names` are the events, `violated` says how."""
     return EventResult(
         Status.DIVERGED,
         f"The reset where {names} is zero leads off the constraints: {violated} An impact changes velocities alone, "
@@ -86,7 +86,7 @@ def off_constraints(names: str, violated: str) -> EventResult:
 
 
 def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
-    """Return the end of a run at which something watched, (order + 1, watched), has no value."""
+    """Return the end of a run at which an event function has no value; `watched` are series (order + 1, functions)."""
     bad = int(np.argmax(~np.isfinite(watched).all(axis=0)))
     return EventResult(
         Status.NON_FINITE,
@@ -97,7 +97,7 @@ def undefined(names: Sequence[str], watched: FloatArray) -> EventResult:
 
 
 def rootless(name: str) -> EventResult:
-    """Return the end of a run where a square root becomes zero."""
+    """Return the end of a run where a square root in the equations of motion becomes zero."""
     return EventResult(
         Status.NON_FINITE,
         f"{name} becomes zero there, and its series ends: behind it lies a sqrt, log or power outside its domain, or a "
@@ -107,9 +107,9 @@ def rootless(name: str) -> EventResult:
 
 
 def without_series(name: str, value: float, *, smooth: bool) -> EventResult:
-    """Return the end of a run at a place beyond which no series of something watched leads.
+    """Return the end of a run at a point beyond which the series of an event function does not reach.
 
-    Of a surface in a branch that ends there that is no end of the motion: then it is `smooth`.
+    `smooth` is True for a switching surface in a branch that ends there, since the motion may continue.
     """
     return EventResult(
         Status.NON_FINITE,
@@ -120,7 +120,7 @@ def without_series(name: str, value: float, *, smooth: bool) -> EventResult:
 
 
 def without_value(name: str, value: float) -> EventResult:
-    """Return the end of a run at a place behind which an event has no value."""
+    """Return the end of a run at a point after which an event function has no value."""
     return EventResult(
         Status.NON_FINITE,
         f"{name}, which is watched, has a pole there or leaves its domain: its value is {value:.4g}, and behind it "

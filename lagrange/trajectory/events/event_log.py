@@ -1,4 +1,4 @@
-"""What happened at events so far, and how close together changes of the motion came."""
+"""Occurrences of events so far, and tests for events that accumulate."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from lagrange.procedure.step.constants import EARLIEST
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_REPEATS = 3
-"""How often in a row that is."""
+"""Largest number of changes by one event at nearly the same time."""
 
 SAME_INTERVAL, MOST_SAME = 0.999, 8
-"""A time between resets that is no shorter than this part of the shortest before, and how many such are too many."""
+"""Ratio of an interval between resets to the shortest before, from which it no longer shrinks; most of them."""
 
 
 @dataclass(frozen=True)
 class Occurrence:
-    """An event: when, the state there (2n,), and the accepted steps without which it has not happened."""
+    """An occurrence of an event: time, state (2n,), and the number of accepted steps from which on it counts."""
 
     t: float
     y: FloatArray
@@ -32,7 +32,7 @@ class Occurrence:
 
 
 class Occurrences:
-    """What happened at one event, in order, for states of a `size`: single occurrences, and arrays of many."""
+    """The occurrences of one event in order, for states of a `size`, stored singly and as arrays."""
 
     def __init__(self, size: int) -> None:
         self._parts: list[tuple[FloatArray, FloatArray, int, object]] = []
@@ -46,9 +46,9 @@ class Occurrences:
         self.extend(np.array([one.t]), one.y[None], one.steps)
 
     def extend(self, t: FloatArray, y: FloatArray, steps: int, mark: object = None) -> None:
-        """Add many, times (k,) and states (k, 2n), that have happened with the number of accepted steps given.
+        """Add occurrences, times (k,) and states (k, 2n), that count once `steps` steps are accepted.
 
-        What was added last with the same `mark` is the same, and not added again.
+        A repeated call with the `mark` of the last call adds nothing.
         """
         again = mark is not None and bool(self._parts) and self._parts[-1][3] == mark
         if len(t) and not again:
@@ -56,12 +56,12 @@ class Occurrences:
             self._count += len(t)
 
     def cut(self, count: int) -> None:
-        """Keep the first so many; what is left out was added one by one."""
+        """Keep the first `count` occurrences; the others must have been added one by one."""
         while self._count > count:
             self._count -= len(self._parts.pop()[0])
 
     def until(self, steps: int) -> tuple[FloatArray, FloatArray]:
-        """Return the times (k,) and states (k, 2n) of all that has happened with so many accepted steps."""
+        """Return the times (k,) and states (k, 2n) of the occurrences that count after `steps` accepted steps."""
         parts = [part for part in self._parts if part[2] <= steps]
         if len(parts) == 1:
             return parts[0][0], parts[0][1]
@@ -72,9 +72,9 @@ class Occurrences:
 
 
 class Breaks:
-    """The rows of a run, by number, behind which the motion is another, for states of a `size`.
+    """The numbers of the rows of a run after which a new smooth piece begins, for states of a `size`.
 
-    The step before may have been cut within: `times` (k,) and `states` (k, 2n) are its whole end, NaN for none.
+    The step before may have been cut: `times` (k,) and `states` (k, 2n) are the end of the whole step, NaN if not.
     """
 
     def __init__(self, size: int) -> None:
@@ -85,18 +85,18 @@ class Breaks:
         return self._count
 
     def append(self, row: int, whole: tuple[float, FloatArray] | None) -> None:
-        """Add a break."""
+        """Add a break; `whole` is the end of the step that was cut, or None."""
         end, state = (math.nan, np.full(self._parts[0][2].shape[1], math.nan)) if whole is None else whole
         self.extend(np.array([row]), np.array([end]), state[None])
 
     def extend(self, rows: NDArray[np.int64], times: FloatArray, states: FloatArray) -> None:
-        """Add many."""
+        """Add breaks: rows (k,), times (k,) and states (k, 2n)."""
         if len(rows):
             self._parts.append((rows, times, states))
             self._count += len(rows)
 
     def since(self, first: int) -> tuple[NDArray[np.int64], FloatArray, FloatArray]:
-        """Return the rows, times and states of all from one on."""
+        """Return the rows, times and states of the breaks from number `first` on."""
         parts, begin = [], self._count
         for part in reversed(self._parts):
             parts.append(part)
@@ -108,7 +108,7 @@ class Breaks:
 
 
 class EventLog:
-    """What happened at each of some events along the run of one state of a `size`; `state` is where it stands."""
+    """The occurrences of some events along a run, for states of a `size`; `state` is the driver's present state."""
 
     def __init__(self, events: int, size: int) -> None:
         self.occurrences = [Occurrences(size) for _ in range(events)]
@@ -117,12 +117,12 @@ class EventLog:
     @property
     def t_events(self) -> tuple[FloatArray, ...]:
         """The times of each event, (k,), up to the last accepted step."""
-        return tuple(found.until(self._steps)[0] for found in self.occurrences)
+        return tuple(occurrences.until(self._steps)[0] for occurrences in self.occurrences)
 
     @property
     def y_events(self) -> tuple[FloatArray, ...]:
         """The states at each event, (k, 2n)."""
-        return tuple(found.until(self._steps)[1] for found in self.occurrences)
+        return tuple(occurrences.until(self._steps)[1] for occurrences in self.occurrences)
 
     @property
     def _steps(self) -> int:
@@ -130,19 +130,19 @@ class EventLog:
 
 
 class ChangeCounter:
-    """Tells whether changes of the motion follow one another so closely that time stands still."""
+    """Counts changes of the motion at nearly the same time, to detect that time no longer advances."""
 
     def __init__(self) -> None:
         self.last = -math.inf
         self.counts: Counter[int] = Counter()
 
     def begin(self, t: float, which: int) -> None:
-        """Note a change at a time that is far from others."""
+        """Record a change by event `which` at a time that is far from others."""
         self.counts = Counter([which])
         self.last = t
 
     def accumulates(self, t: float, which: Iterable[int]) -> bool:
-        """Count changes of what is watched, by number, at a time."""
+        """Count changes at a time by the events `which`; return True if one of them changes the motion too often."""
         if abs(t - self.last) > CLOSEST * max(abs(t), EARLIEST):
             self.counts.clear()
         self.last = t
@@ -151,18 +151,21 @@ class ChangeCounter:
 
 
 class ResetIntervals:
-    """Tells whether times between resets stop falling where nothing is seen between them but round-off."""
+    """Detects intervals between resets that no longer shrink because only rounding noise separates them."""
 
     def __init__(self) -> None:
         self.least = 0.0
         self.count = 0
 
     def begin(self, length: float) -> None:
-        """Note a time between two resets that is as it should be."""
+        """Record a regular interval between two resets."""
         self.least, self.count = length, 0
 
     def idle(self, length: float, *, unseen: bool) -> bool:
-        """Count a time between two resets; `unseen` says that the event did not leave zero by more than round-off."""
+        """Count an interval between two resets; return True if too many in a row no longer shrink.
+
+        `unseen` says that the event function did not exceed rounding noise in between.
+        """
         if unseen and length >= SAME_INTERVAL * self.least:
             self.count += 1
         else:

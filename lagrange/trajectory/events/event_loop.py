@@ -1,4 +1,4 @@
-"""The compiled loop over steps with events: whether a run is worth it, and what it shares with a watch."""
+"""The compiled loop over steps with events: the decision to compile it, and the memory that it shares with a watch."""
 
 from __future__ import annotations
 
@@ -24,18 +24,21 @@ from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
 
 WORTH_COMPILING = 512
-"""Steps that a run may be expected to take from which on the loop is compiled: that takes as long as to look at some
-thousands of them on arrays, once for a process, and as long as some hundreds for each other event."""
+"""Expected number of steps of a run from which the loop is compiled.
+
+Compilation takes as long as a review on arrays of some thousand steps, once per process, and of some hundred steps for
+each other event.
+"""
 
 ENOUGH = 16
-"""Steps, at least, that tell how many a run will take: the first of all are short."""
+"""Least number of steps from which the length of a run is estimated, since the first steps are short."""
 
 CHANGE_STEPS = 8
-"""A change of the motion costs as much on arrays as so many steps."""
+"""Cost of a reset on arrays, in steps."""
 
 
 class KnownPath:
-    """Makes paths through accepted states: the dense output of steps is made once for all, or `known` before."""
+    """Function that returns the dense output through accepted states; its code is compiled once, or `known` before."""
 
     def __init__(self, path_of: PathOf, known: StepPath | None = None) -> None:
         self._path_of = path_of
@@ -45,23 +48,23 @@ class KnownPath:
         """Return the path through accepted times (S+1,) and states (S+1, 2n)."""
         if self.known is not None:
             return replace(self.known, times=times, states=states)
-        made = self._path_of(times, states)
-        self.known = made if isinstance(made, StepPath) else None
-        return made
+        path = self._path_of(times, states)
+        self.known = path if isinstance(path, StepPath) else None
+        return path
 
 
 def inertia_stays(equations: Equations) -> bool:
-    """Whether the inertia of each coordinate that is coupled to no other is a number: no reset takes it away."""
+    """Return True if the inertia of each uncoupled coordinate is constant, so that no reset can make it zero."""
     alone = [block[0] for block in equations.plan.blocks if len(block) == 1]
     return all(equations.mass[i][i].binding <= Binding.PARAMETER for i in alone)
 
 
 @dataclass(eq=False)
 class WatchedEvents:
-    """The events of a run by a step program, and what the next run by its driver with the same events begins with.
+    """The events of a run by a step program; the next run by its driver with the same events reuses them.
 
-    `kernel` gives the values of the events, and `steps` is the compiled loop, if a run was worth it. `dense` is a path
-    through a first state, with the dense output of all.
+    `kernel` evaluates the event functions. `steps` is the compiled loop, or None if no run was long enough. `dense` is
+    a path through a first state, with the compiled dense output of all paths.
     """
 
     impacts: tuple[Impact, ...]
@@ -84,12 +87,12 @@ class WatchedEvents:
 
     @property
     def nbytes(self) -> int:
-        """How many bytes the memory of the loop takes."""
+        """The size of the memory of the loop in bytes."""
         return self.memory.nbytes
 
 
 class EventLoop:
-    """Makes the loop when it is worth it, and has the memory that it shares with a watch."""
+    """Compiles the loop for long runs, and holds the memory that the loop shares with a watch."""
 
     def __init__(self, problem: Problem, watched: WatchedEvents, *, fixed: bool) -> None:
         self._problem, self._watched, self._fixed = problem, watched, fixed
@@ -97,7 +100,7 @@ class EventLoop:
         self._possible = True
 
     def compiled(self, driver: Driver, path_of: KnownPath, t: float, steps: int, changes: int) -> EventSteps | None:
-        """Return the loop if the machine has one and the run seems long by its steps and changes up to a time."""
+        """Return the loop, or None if the machine has none or the run seems short by its steps and resets up to t."""
         problem, work = self._problem, steps + CHANGE_STEPS * changes
         covered, span = abs(t - problem.t0), abs(problem.t1 - problem.t0)
         if not self._possible or work <= ENOUGH or work * span < WORTH_COMPILING * covered:
@@ -108,7 +111,7 @@ class EventLoop:
         return self._watched.steps
 
     def _made(self, driver: Driver, dense: DensePath) -> EventSteps | None:
-        """Return the loop, with the cubic through both ends as a screen where the error of steps is under control."""
+        """Return the loop; with error control the cubic through both ends of a step serves as a first test."""
         model, parameters = self._problem.model, self._problem.parameter_array
         cubic = hermite_polynomial(3)
         screened = not self._fixed and dense.degree > cubic.degree
@@ -123,9 +126,10 @@ class EventLoop:
         stayed: Mapping[int, float],
         zeros: Mapping[int, int],
     ) -> None:
-        """Leave to the loop where events stand, and how often they may count until something is to happen.
+        """Write the sides of events for the loop, and the number of occurrences of each until the watch has to act.
 
-        Where the motion starts, some `stayed` at zero to a size, and came there with a direction by their `zeros`.
+        At the start of a motion `stayed` are the sizes of event functions that are zero there, and `zeros` the
+        directions in which they came to zero.
         """
         memory, impacts = self.memory, self._impacts
         memory.sign[:] = [side.sign for side in zero_sides]
@@ -140,7 +144,7 @@ class EventLoop:
         memory.came[:] = [2 + zeros[i] if i in zeros else other for i, other in enumerate(unmet)]
 
     def collect(self, occurrences: Sequence[Occurrences], breaks: Breaks, steps: int) -> None:
-        """Take over events and changes of the motion; those on steps that wait count when these do."""
+        """Read events and resets from the loop. Events on steps not yet reviewed count once these are accepted."""
         memory = self.memory
         waits, proven, found = memory.waits, memory.run.proven, memory.happened()
         if waits:
@@ -152,13 +156,13 @@ class EventLoop:
 
     @property
     def sides(self) -> list[Side]:
-        """The sides that the loop has left."""
+        """The sides of the events after the steps of the loop."""
         pairs = zip(self.memory.sign.tolist(), self.memory.near.tolist(), strict=True)
         return [Side(sign, bool(near)) for sign, near in pairs]
 
     @property
     def zeros(self) -> dict[int, int]:
-        """The directions with which events came to zero where the motion starts."""
+        """The directions, by event, in which events came to zero at the start of the motion."""
         came = self.memory.came.tolist()
         return {i: way - 2 for i, way in enumerate(came) if way not in (UNKNOWN, ANYHOW)}
 
@@ -166,7 +170,10 @@ class EventLoop:
 def _keep(
     occurrences: Sequence[Occurrences], which: NDArray[np.int64], when: FloatArray, there: FloatArray, steps: int
 ) -> None:
-    """Keep zeros that have happened with so many steps: they are in order, those of each event are put together."""
+    """Append zeros to the occurrences of their events; `steps` accepted steps are needed for them to count.
+
+    `which` (k,) are the events, `when` (k,) the times in order, and `there` (k, 2n) the states.
+    """
     if len(occurrences) == 1:
         occurrences[0].extend(when, there, steps)
     elif len(which):

@@ -1,4 +1,4 @@
-"""What is known of events where a motion starts: which are zero there, and which have just changed it."""
+"""Events at the start of a smooth piece of motion: those that are zero there, and those that just changed it."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 
 @dataclass(frozen=True, eq=False)
 class MotionStart:
-    """A motion that has just begun: events known to be zero there, to a size, and the directions of those just met.
+    """A motion that has just begun, with the events that are zero there.
 
-    `rested` are those with a reset that stayed at zero on the steps since: what they leave to is still to be seen.
-    `jumped` are those that were met where they jump over zero: rounding decides on which side of that the motion
-    starts, so that they may jump again at once, which is the same jump.
+    `first` is True at the start of the run. `stayed` are the sizes of event functions that count as zero, and `zeros`
+    the directions of the events that just occurred. `rested` are events with a reset that stayed at zero on the steps
+    since; their side is still open. `jumped` are events that occurred at a jump over zero: rounding decides on which
+    side of it the motion starts, so a second jump at once is the same jump.
     """
 
     first: bool = False

@@ -1,7 +1,7 @@
 """Leaps over points at which a motion has no Taylor series although its forces hardly change.
 
-With drag -|v|v a body at rest, or at its turning point, is at the root of a square: the force is smooth enough there,
-but no series leads on. A step by a method without series does, over so little time that all else is nearly constant.
+With drag -|v|v a body at rest, or at its turning point, is at the zero of a square root: the force is smooth enough
+there, but has no series. A method without series takes a step so short that everything else is nearly constant.
 """
 
 from __future__ import annotations
@@ -19,37 +19,40 @@ from lagrange.trajectory.paths.step_paths import StepPath, hermite_path
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 SHARE = 1e-6
-"""A leap takes this part of the run."""
+"""Length of a leap as a fraction of the run."""
 
 CHANGE = 0.01
-"""No acceleration changes on a leap by more than this part of itself, or of what would change the
-velocity by itself along the run: a force that jumps, or is infinite, is not leapt over. See `GROWTH` for bodies at
-rest."""
+"""Largest relative change of an acceleration on a leap, so that jumps and poles of forces are not passed.
+
+It is relative to the acceleration, or to the velocity divided by the length of the run. `GROWTH` is the limit at rest.
+"""
 
 EARLY, GROWTH = 1 / 16, 0.5
-"""What is at rest has no velocity to measure by: its acceleration is leapt over if by the first part of a leap it has
-changed by less than the second part of its change on all of it. It then grows as a power of the time, of 1/4 or more,
-as the force on a bead that another one touches; near a pole, or after log(t), it does not."""
+"""At rest, accept a leap if less than half of the change of acceleration occurs in its first 1/16.
+
+The acceleration then grows as a power of time of at least 1/4, as the force on a bead that another one touches. It
+does not near a pole, or after log(t).
+"""
 
 BEHIND = 2.0**-10
-"""The part of a leap that lies behind the surface on which it begins."""
+"""Fraction of a leap after which the motion has left the surface on which the leap begins."""
 
 IN_A_ROW = 3
-"""So many leaps may follow one another without a step between them. What has no series for longer has none."""
+"""Largest number of successive leaps without a step between them."""
 
 SHORTER, ATTEMPTS = 1 / 16, 6
-"""How much shorter a leap is tried again, and how often."""
+"""Factor by which a rejected leap is shortened, and number of attempts."""
 
 MOST_STEPS = 1000
-"""So many steps may a leap take: it is hardly more than one where there is something to leap to."""
+"""Largest number of steps in a leap; a successful leap takes hardly more than one."""
 
 
 @dataclass
 class Continuations:
-    """The leaps of a run so far, by a method with tolerances of its own.
+    """The leaps of a run so far, by a method with its default tolerances.
 
-    `rows` are those that they begin from, `landed` is where the last one ended, and `continuations_in_a_row` counts
-    those that followed each other.
+    `rows` are the row numbers from which they begin, `landed` is the time at which the last one ended, and
+    `continuations_in_a_row` is the number of successive leaps.
     """
 
     problem: Problem
@@ -59,7 +62,7 @@ class Continuations:
     continuations_in_a_row: int = 0
 
     def ahead(self, state: DriverState) -> list[float]:
-        """Return the times to leap to, the farthest first."""
+        """Return the times to which a leap is tried, the farthest first."""
         span, left = abs(self.problem.t1 - self.problem.t0), float(state.reals[DriverState.END]) - state.t
         if not left or (state.t == self.landed and self.continuations_in_a_row >= IN_A_ROW):
             return []
@@ -68,10 +71,9 @@ class Continuations:
         return [state.t + math.copysign(min(x, abs(left)), left) for x in lengths if x > least]
 
     def landing(self, state: DriverState, there: float, *, switched: Callable[[float], bool]) -> FloatArray | None:
-        """Return the state (2n,) at a time ahead, or None where forces change too much for a leap.
+        """Return the state (2n,) at the time `there`, or None if forces change too much for a leap.
 
-        `switched` says whether the equations switch on a surface within some time: what counts then is how forces
-        change behind it.
+        `switched` returns True if the equations switch within some time; forces are then compared after the switch.
         """
         part = replace(
             self.problem,
@@ -98,7 +100,7 @@ class Continuations:
         return y if self._steady(start, between, (there, y)) else None
 
     def land(self, state: DriverState, there: float, y: FloatArray, row: int) -> None:
-        """Let the run go on from a state ahead; `row` is the row that the leap begins from."""
+        """Set the driver to the state at the end of a leap; `row` is the number of the row where the leap begins."""
         taylor = state.taylor
         self.rows.append(row)
         self.continuations_in_a_row = self.continuations_in_a_row + 1 if state.t == self.landed else 1
@@ -111,13 +113,13 @@ class Continuations:
         state.y[:] = y
 
     def _path(self, state: DriverState, there: float, y: FloatArray) -> StepPath:
-        """Return the path of a leap."""
+        """Return the dense output of a leap."""
         return hermite_path(4)(self.problem, np.array([state.t, there]), np.array([state.y, y]))
 
     def _steady(self, *points: tuple[float, FloatArray]) -> bool:
-        """Return whether the accelerations at the ends of a leap are nearly the same, or grow from the first end.
+        """Return True if the accelerations at both ends of a leap are nearly equal, or grow from the first end.
 
-        `points` are times and states: of the first end, of a place early on the leap, and of the last end.
+        `points` are times and states at the first end, early in the leap, and at the last end.
         """
         model, parameters = self.problem.model, self.problem.parameter_array
         kernel, v = model.kernel("rhs"), model.layout.v
@@ -125,8 +127,8 @@ class Continuations:
             first, early, last = (kernel(t, y, parameters)[v] for t, y in points)
         except SingularMassMatrix:
             return False
-        own = np.maximum(np.abs(first), np.abs(last))
+        sizes = np.maximum(np.abs(first), np.abs(last))
         slow = np.maximum(np.abs(points[0][1][v]), np.abs(points[-1][1][v])) / abs(self.problem.t1 - self.problem.t0)
         change = np.abs(last - first)
-        steady = (change <= CHANGE * np.maximum(own, slow)) | (np.abs(early - first) <= GROWTH * change)
-        return bool(np.isfinite(own).all() and steady.all())
+        steady = (change <= CHANGE * np.maximum(sizes, slow)) | (np.abs(early - first) <= GROWTH * change)
+        return bool(np.isfinite(sizes).all() and steady.all())

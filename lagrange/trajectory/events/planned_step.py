@@ -1,4 +1,4 @@
-"""What a watch finds on a step, and what it plans for it."""
+"""Zeros that a watch finds on a step, and its plan for the step."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lagrange.trajectory.events.roots import Root, Side
 
 @dataclass(frozen=True)
 class EventZero:
-    """A root of something that is watched: its place among the watched, and when, in units of the scale."""
+    """A root of an event function: the index of the function, and the root, in units of the time scale."""
 
     which: int
     root: Root
@@ -17,7 +17,7 @@ class EventZero:
 
 @dataclass(frozen=True)
 class PlannedStep:
-    """The step that a run is to take next, by number, and what holds before it."""
+    """The number of the next step of a run, with the sides and the occurrences before it, in case it is taken back."""
 
     steps: int = 0
     zero_sides: tuple[Side, ...] = ()

@@ -1,4 +1,4 @@
-"""Where an event function, a polynomial on each step, passes through zero: each root once, in order, with direction."""
+"""Zeros of an event function that is a polynomial on each step: each root once, in order, with its direction."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from lagrange.trajectory.trajectory import FloatArray
 
 @dataclass(frozen=True)
 class Root:
-    """A place where the event function passes through zero, or touches it.
+    """A time at which the event function crosses zero, or touches it.
 
     `time` is counted from the start of the step, in the units of h and between 0 and h. `rising` is 1 where the
     function goes from negative to positive in the direction of the integration, -1 where it falls, and 0 where it
-    reaches zero and turns back. At a `jump` it is on one side of zero before and on the other behind, and never there.
+    touches zero and turns back. At a `jump` its sign changes without a zero.
     """
 
     time: float
@@ -31,11 +31,11 @@ class Root:
 
 @dataclass(frozen=True)
 class Side:
-    """On which side of zero an event function stands between two steps, which is all that a step leaves to the next.
+    """The side of zero of an event function between two steps, the only information that a step passes to the next.
 
-    `sign` is the last sign, 1 or -1, that was beyond doubt, and 0 as long as there was none: at the start of a run,
-    and of a new motion after an impact. `near` says that since then the function has come to zero within its noise,
-    and that it is for the next step to tell whether it passes or turns back.
+    `sign` is the last sign, 1 or -1, beyond noise. It is 0 at the start of a run and of a new motion after an impact.
+    `near` says that the function has come to zero within its noise since then, so that the next step has to decide
+    whether it crosses or turns back.
     """
 
     sign: int = 0
@@ -43,7 +43,7 @@ class Side:
 
     @property
     def settled(self) -> bool:
-        """Whether a step on which the function cannot vanish has nothing to add."""
+        """True if the side is known: a step on which the function cannot vanish does not change it."""
         return self.sign != 0 and not self.near
 
 
@@ -58,16 +58,16 @@ def may_vanish(coefficients: FloatArray, h: float, *, noise: float = 0.0) -> boo
     others = 0.0
     for c in reversed(rest):
         others = (others + abs(c)) * length
-    # The margins stand for the round-off and the underflow of this sum, and for the least noise of `roots`.
+    # The margins cover rounding and underflow of this sum, and the least noise of `roots`.
     return not math.inf > abs(first) > 1.001 * (others + noise) + 1e-300
 
 
 Isolate = Callable[..., Any]
-"""The procedure of root isolation on some machine: `machine.called(procedure())`."""
+"""Compiled procedure of root isolation: `machine.called(procedure())`."""
 
 
 def printed() -> Isolate:
-    """Return the procedure in Python."""
+    """Return the procedure of root isolation in Python."""
     return called(procedure())
 
 
@@ -82,22 +82,22 @@ def roots(
 ) -> tuple[list[Root], Side]:
     """Return the roots of g(tau) = sum c[k] tau**k on a step, as the integration meets them, and the side at its end.
 
-    `coefficients` (m,), from the constant up, at most 65, and `h`, the length of the step, negative for a run
+    `coefficients` (m,) start with the constant, at most 65. `h` is the length of the step, negative for a run
     backwards. `before` is the side that the step before returned; without it g starts here, and a root at the start is
-    no event. `noise`, in the units of g, is by how much g may be wrong besides the round-off of the given coefficients,
-    which is taken to be 8 * 2**-52 sum |c[k] h**k|. `last` says that no step follows.
+    not an event. `noise`, in the units of g, is the error of g in addition to the rounding of the coefficients, which
+    is taken to be 8 * 2**-52 sum |c[k] h**k|. `last` says that no step follows.
 
-    The procedure `isolate`, in Python where none is given, has the algorithm and its contract. Raises ValueError for
-    coefficients, noise or a length that are not finite, for no coefficients and for too many.
+    The procedure `isolate`, by default in Python, documents the algorithm. Raises ValueError for coefficients, noise
+    or a length that are not finite, for no coefficients and for too many.
     """
-    given = np.array(coefficients, dtype=float)
+    polynomial = np.array(coefficients, dtype=float)
     before = Side() if before is None else before
     times, rising = np.empty(MOST_ROOTS), np.empty(MOST_ROOTS, dtype=np.int64)
     side = before.sign, before.near, last
     run = printed() if isolate is None else isolate
     found, sign, near = UNFIT, 0, False
-    if 0 < len(given) <= MOST_COEFFICIENTS:
-        found, sign, near = run(given, len(given), float(h), float(noise), *side, times, rising, MOST_ROOTS)
+    if 0 < len(polynomial) <= MOST_COEFFICIENTS:
+        found, sign, near = run(polynomial, len(polynomial), float(h), float(noise), *side, times, rising, MOST_ROOTS)
     if found < 0:
         raise ValueError(
             f"the event function has no coefficients or more than {MOST_COEFFICIENTS}, or they, its noise or the "

@@ -1,17 +1,17 @@
-"""On which side of zero an event function stands where a motion starts, and behind a reset: one rule for all methods.
+"""The side of zero of an event function at the start of a motion and after a reset: one rule for all methods.
 
-The side is what is known of an event function between two places, and it is never read off a value that is round-off:
+The side is the known sign of an event function between two points. It is never taken from a value within rounding:
 
-1. A reset that leaves the event function where it was, to its rounding, leaves its side too. What stood at zero but for
-   rounding when another event acted has not passed. It passes where the new motion leads to the other side, and that
-   is an event at the place of the reset: it counts, ends the run, or resets the state again, at once.
-2. An event that happened at this place begins anew behind it: its side is where it leaves to. It does not happen twice.
-3. A reset that moves the event function, and the start of a run, leave no side. Then a value beyond doubt has the sign
-   that it has: a jump over zero is no event. A value of zero is no event either, but for a contact: an event with a
-   direction and a reset. Its side is the one that it is reached from. Where its rate leads through, it acts at once,
-   unless the motion would pass it behind its reset as well.
+1. A reset that does not change the event function, up to rounding, keeps its side. An event function within rounding of
+   zero when another event acted has not crossed. It crosses if the new motion leads to the other side. That is an event
+   at the time of the reset: it counts, ends the run, or resets the state again, at once.
+2. An event that occurred at this point has no side after it: the motion decides it. The event does not occur twice.
+3. A reset that changes the event function, and the start of a run, leave no side. A value beyond rounding then gives
+   the side: a jump over zero is not an event. A value of zero is not an event either, except for a contact, which is
+   an event with a direction and a reset. Its side is the one that it is reached from. If its rate leads through, it
+   acts at once, unless the motion would pass it after its reset as well.
 
-The first place after the change tells by the rate where a value within its noise goes to, as at any joint of two steps.
+At the first point after the change the rate decides the side of a value within its noise, as between any two steps.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ def sides_behind(
     noise: FloatArray,
     happened: Container[int],
 ) -> list[Side]:
-    """Return the sides of event functions behind a reset, from those in front of it; without a sign they begin anew.
+    """Return the sides of event functions after a reset, from the sides before it; sign 0 where the side is open.
 
-    `change` has their values in front and behind, (E,), `noise` how much rounding may make of that. Events that
-    `happened` begin anew. That a contact came near without a passage is forgotten: it is not to act on a touch.
+    `change` has their values before and after, (E,) each, and `noise` (E,) their rounding. Events that `happened`
+    have an open side. A pending touch of a contact is cleared: a contact must not act without crossing.
     """
     kept = []
     for i, (side, impact, before, after) in enumerate(zip(sides, impacts, *change, strict=True)):

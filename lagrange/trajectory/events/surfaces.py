@@ -1,8 +1,7 @@
-"""On which side of each switching surface a motion goes on, where it starts on one or comes to one.
+"""The side of each switching surface on which a motion continues, if it starts on a surface or reaches one.
 
-On a surface the sign of g says nothing; the first of its derivatives that is not zero does, on the side that is
-tried: a side is consistent if the motion with it goes there. Where no choice of sides is, the motion slides along a
-surface.
+On a surface g is zero, so its first nonzero derivative gives the side. A choice of sides is consistent if the motion
+with these sides goes there. If no choice is consistent, the motion slides along a surface.
 Source: A. F. Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, section 4.
 """
 
@@ -22,17 +21,17 @@ from lagrange.trajectory.events.series_on_step import JUMP
 from lagrange.trajectory.trajectory import FloatArray
 
 DOUBT = 64 * 2.0**-52
-"""A coefficient of g below this part of the sum of all counts as zero."""
+"""Coefficient of g, relative to the sum of all, below which it counts as zero."""
 
 MOST_TRIALS = 3**8
-"""How many choices of sides are tried where several surfaces meet: all, up to eight surfaces."""
+"""Largest number of choices of sides that are tried where surfaces meet: all of them for up to eight surfaces."""
 
 Surfaces = Callable[[FloatArray], FloatArray]
-"""From the side of every surface to the series of all surfaces at a state, (order + 1, surfaces)."""
+"""Function of the sides of all surfaces that returns the series of all surfaces at a state, (order + 1, surfaces)."""
 
 
 class Sliding(Exception):
-    """The motion stays on a surface, and the equations do not say how."""
+    """The motion slides along a surface, which the equations do not describe."""
 
     def __init__(self, surface: int) -> None:
         super().__init__(surface)
@@ -40,9 +39,9 @@ class Sliding(Exception):
 
 
 def stated_sides(program: SeriesProgram, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the sign of every surface at a state (2n,), each from its own value there.
+    """Return the sign of every surface at a state (2n,), each from the value of its expression.
 
-    No mass matrix enters: one that depends on the sides may have no inverse with others.
+    This needs no mass matrix, which may be singular with other sides.
     """
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.surfaces, t, y, parameters)
@@ -50,12 +49,11 @@ def stated_sides(program: SeriesProgram, t: float, y: FloatArray, parameters: Fl
 
 
 def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, tuple[int, ...]]) -> FloatArray:
-    """Return the sides with which the motion leaves the surfaces that it is on, the first consistent choice of all.
+    """Return the first consistent choice of sides with which the motion leaves the surfaces that it is on.
 
     `choices` has the sides to try for each of those surfaces, the likely one first; 0 is the side of a motion that
-    stays on the surface by itself. Where the equations have no value behind a surface, the motion goes there all the
-    same: the run is to end by that. Raises Sliding, or SingularMassMatrix if no choice that has a mass matrix is
-    consistent.
+    stays on the surface by itself. If no choice is consistent, a side without values is returned, so that the run ends
+    there. Otherwise raises Sliding, or SingularMassMatrix if a choice has a singular mass matrix.
     """
     undefined: FloatArray | None = None
     singular: SingularMassMatrix | None = None
@@ -77,9 +75,10 @@ def settled_sides(surfaces: Surfaces, sides: FloatArray, choices: Mapping[int, t
 
 
 def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> FloatArray:
-    """Return the series of the surfaces, and correct the sides that are clearly others with those chosen.
+    """Return the series of the surfaces, and correct the sides in `trial` that contradict their values.
 
-    A surface may depend on the sides of others, and one in a branch that was not taken may have had no side.
+    A surface may depend on the sides of others. A surface in a branch that was not taken may have no side yet. Sides
+    in `chosen` are kept.
     """
     g = surfaces(trial)
     for _ in trial:
@@ -92,18 +91,18 @@ def _reread(surfaces: Surfaces, trial: FloatArray, chosen: Container[int]) -> Fl
 
 
 def clear(g: FloatArray) -> NDArray[np.bool_]:
-    """Return whether functions with the series g, (order + 1, ...), are clearly not zero at their start."""
+    """Return a mask of the functions with series g, (order + 1, ...), that are clearly not zero at their start."""
     return np.asarray(np.abs(g[0]) > JUMP * np.where(np.isfinite(g), np.abs(g), 0.0).max(axis=0))
 
 
 def is_zero(g: FloatArray, noise: float = 0.0) -> bool:
-    """Whether a function with the series g is zero at its start, to round-off and its noise."""
+    """Return True if a function with the series g is zero at its start, up to rounding and `noise`."""
     rest = float(np.abs(g[1:]).sum())
     return bool(abs(g[0]) <= noise + (DOUBT * rest if rest < math.inf else 0.0))
 
 
 def leaving(g: FloatArray) -> tuple[int, int]:
-    """Return the sign of g right after a start at zero, and the order of the term that tells; (0, 0) if g stays."""
+    """Return the sign of g right after a start at zero, and the order of its leading term; (0, 0) if g stays zero."""
     sizes = np.abs(g[1:])
     beyond = sizes > DOUBT * sizes.sum()
     if not beyond.any():
