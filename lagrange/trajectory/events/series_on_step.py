@@ -1,4 +1,4 @@
-"""The series of what is watched from a state on: how far it can be trusted, and how much of it is round-off."""
+"""The Taylor series of event functions from a state on: its accuracy, and its rounding noise."""
 
 from __future__ import annotations
 
@@ -19,24 +19,27 @@ from lagrange.trajectory.events.roots import Side
 from lagrange.trajectory.trajectory import FloatArray
 
 SLACK = 64.0
-"""The series of an expression may end this many tolerances above the end of the state's: it is a sum of products."""
+"""Allowed last terms of an event function's series, in tolerances of the state's: it is a sum of products."""
 
 JUMP = 1e-4
-"""What is watched is not zero where it is larger than this part of its largest term."""
+"""Value of an event function, relative to its largest term, above which it is not zero."""
 
 ZERO_ROUND_OFF = 64 * 2.0**-52
-"""Zeros that come together are one place where each is below this part of the sum of its terms."""
+"""Value of an event function, relative to the sum of its terms, below which it is zero together with another."""
 
 BALANCE = 256.0
-"""A step without a length of its own ends where what grows with the square of time is this much larger than the rest:
-two digits of the roots are lost to it, and a run of any length takes a few steps more."""
+"""Largest ratio of the quadratic and higher terms to the others at the end of a step without a limit on its length.
+
+The roots lose two digits to it, and a run of any length takes a few steps more.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class EventSeries:
-    """Series at a state in units of `scale`: those of the state (2n) and of what is watched, and its `noise`.
+    """Series at a state in the time unit `scale`: `rows` (order + 1, 2n + E) of the state and the event functions.
 
-    `rtol` is the tolerance to which they are to be right, `unit` a time for comparing the terms of what is watched.
+    `watched` (order + 1, E) are those of the event functions, and `noise` (E,) their rounding. `rtol` is the tolerance
+    of the series, and `unit` a time at which the terms of the event functions are compared.
     """
 
     scale: float
@@ -50,7 +53,7 @@ class EventSeries:
     def at(
         cls, series: Series, order: int, t: float, y: FloatArray, scale: float, values: FloatArray, rtol: float
     ) -> EventSeries:
-        """Look ahead from a state (2n,); the scale has the sign of the run. Raises SingularMassMatrix."""
+        """Return the series at a state (2n,); `scale` has the sign of the run. Raises SingularMassMatrix."""
         size = len(y)
         rows = series.rows(order, t, y, scale, values)
         watched = rows[:, size:]
@@ -64,10 +67,10 @@ class EventSeries:
         return cls(scale, unit(t, scale), rtol, rows, watched, np.where(noise < math.inf, noise, 0.0))
 
     def trusted(self, s: float, *, hides_growth: bool = False) -> tuple[float, int]:
-        """Return how much of a step the watched series reach with their accuracy, and which of them reaches least.
+        """Return the length, up to s, on which the series of all event functions are accurate, and the limiting one.
 
-        The step is as long as the series of the state allow. That of an expression such as log(x) may end earlier.
-        Of a series that `hides_growth` no more than half of the radius that it shows is trusted.
+        The series of the state allow s. The series of an expression such as log(x) may end earlier. If the series
+        `hides_growth`, the length is at most half of the radius of convergence that its terms show.
         """
         far = reach(self.watched, s, self.rtol, self.noise)
         if hides_growth:
@@ -80,9 +83,9 @@ class EventSeries:
     def verified(
         self, s: float, limiting: int, series: Series, t: float, y: FloatArray, values: FloatArray
     ) -> tuple[float, int]:
-        """Shorten a step from (t, y) until the series of what is watched agree with it at the end; for high powers.
+        """Shorten a step from (t, y) until the series of event functions agree with their values at its end.
 
-        At x = 0 the series of x**40 is zero up to order 39, and nothing in it says that it rises.
+        This is for high powers: at x = 0 the series of x**40 is zero up to order 39, and does not show its growth.
         """
         order = len(self.rows) - 1
         for _ in range(MOST_HALVINGS):
@@ -101,7 +104,7 @@ class EventSeries:
         return s, limiting
 
     def _balanced(self, s: float) -> float:
-        """Shorten a step that may have any length until the high powers do not drown the others in round-off."""
+        """Shorten a step without a limit on its length until the high powers do not hide the others by rounding."""
         sizes, ranks = np.abs(self.watched), _ranks(len(self.watched) - 1)
         for _ in range(200):
             terms = sizes * (s**ranks)[:, None]
@@ -113,33 +116,33 @@ class EventSeries:
 
     @cached_property
     def near(self) -> FloatArray:
-        """What is watched in a unit of time in which its terms can be compared; see `near`."""
+        """The series of event functions in a unit of time that makes their terms comparable, by the function `near`."""
         return near(self.watched, self.unit, self.rtol, self.noise)
 
     def jumps(self, s: float, zero_sides: Sequence[Side]) -> list[int]:
-        """Return what has changed its sign since the step before without a zero: an angle behind the cut of atan2."""
+        """Return the event functions that changed sign since the last step without a zero, as an angle at its cut."""
         largest = (np.abs(self.watched) * (s ** _ranks(len(self.watched) - 1))[:, None]).max(axis=0)
         here = self.watched[0]
         changed = np.array([side.sign for side in zero_sides]) * here < 0
         return np.flatnonzero(changed & (np.abs(here) > JUMP * largest)).tolist()
 
     def is_zero_at(self, which: int, s: float) -> bool:
-        """Return whether something watched is zero at a time on the step, to its noise and round-off."""
+        """Return True if event function `which` is zero at time s on the step, up to its noise and rounding."""
         terms = self.watched[:, which] * s ** _ranks(len(self.watched) - 1)
         return bool(abs(terms.sum()) <= self.noise[which] + ZERO_ROUND_OFF * np.abs(terms).sum())
 
     def falls(self, which: int, soon: float) -> bool:
-        """Return whether something watched comes to zero within some time by its first derivative."""
+        """Return True if event function `which` reaches zero within the time `soon`, by its first derivative."""
         g, slope = self.watched[:2, which]
         return bool(g * slope < 0 and abs(g) <= abs(slope) * soon / abs(self.scale))
 
     @property
     def ends(self) -> bool:
-        """Whether the series of the state terminate, and say nothing about the length of a step."""
+        """True if the series of the state terminate, so that they do not limit the length of a step."""
         return not self.rows[-2:, : self.rows.shape[1] - len(self.noise)].any()
 
     def disagrees(self, there: FloatArray, s: float, noise: FloatArray) -> FloatArray:
-        """Return for each watched value whether its series from here misses what it is at s, `there`."""
+        """Return a mask (E,) of event functions whose series misses their values `there` (E,) at time s."""
         with np.errstate(all="ignore"):
             terms = self.watched * (s ** _ranks(len(self.watched) - 1))[:, None]
             allowed = SLACK * (max(self.rtol, 2.0**-52) * np.abs(terms).max(axis=0) + noise)
@@ -147,7 +150,7 @@ class EventSeries:
 
 
 def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray | float = 0.0) -> FloatArray:
-    """Return how far the columns of a series (order + 1, k) reach with their accuracy or noise, (k,), at most to s."""
+    """Return the times (k,), at most s, up to which the columns of a series (order + 1, k) are accurate or noise."""
     order = len(series) - 1
     sizes, ranks, tolerance = np.abs(series), _ranks(order)[:, None], SLACK * max(rtol, 2.0**-52)
     far: FloatArray = np.full(series.shape[1], s)
@@ -155,7 +158,7 @@ def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray | float =
         with np.errstate(all="ignore"):
             terms = sizes * far**ranks
             ratios = terms[-2:].max(axis=0) / (tolerance * terms[: order // 2 + 1].max(axis=0) + noise)
-            # Where all is zero there is nothing to reach; where a term overflows, the step is much too long.
+            # A zero series has no limit. Where a term overflows, the step is much too long.
             ratios = np.where(sizes[-2:].any(axis=0), np.where(ratios >= 0, ratios, math.inf), 0.0)
             if not (ratios > 1).any():
                 break
@@ -164,16 +167,16 @@ def reach(series: FloatArray, s: float, rtol: float, noise: FloatArray | float =
 
 
 def near(series: FloatArray, unit: float, rtol: float, noise: FloatArray | float = 0.0) -> FloatArray:
-    """Return the columns of a series in the unit of time, or one as long as each reaches: its terms can be compared."""
+    """Return the columns of a series scaled to the unit of time, or to its range if shorter, to compare their terms."""
     with np.errstate(all="ignore"):
         return np.asarray(series * reach(series, unit, rtol, noise) ** _ranks(len(series) - 1)[:, None])
 
 
 def unit(t: float, scale: float) -> float:
-    """Return the time, in units of the scale, in which a velocity beside an acceleration counts as zero or not.
+    """Return the time, in units of the scale, at which a velocity is compared with an acceleration.
 
-    Motions of polynomials have a scale without a meaning. What takes less than some spacings of floating-point times
-    cannot be told apart anyway, and the doubt of `leaving` is to stay below that.
+    The scale of a polynomial motion has no meaning. Times below some spacings of floating-point times cannot be
+    distinguished, and the threshold of `leaving` has to stay below that.
     """
     return max(min(1.0, abs(t / scale) / 64), 2.0**-40) if t else 1.0
 

@@ -1,4 +1,4 @@
-"""Where everything watched along Taylor steps stands at the start of a motion, and what acts there at once."""
+"""Sides of all surfaces and events at the start of a motion by Taylor steps, and contacts that act there at once."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ S = DriverState
 
 
 class SeriesStart(SharedWatch):
-    """Finds the sides of everything watched from the series at a state, to an `order`, in the user's `names`."""
+    """Finds the sides of surfaces and events from their series of an `order` at a state (names from `names`)."""
 
     def __init__(
         self,
@@ -41,10 +41,10 @@ class SeriesStart(SharedWatch):
         self._last: tuple[object, EventSeries] | None = None
 
     def start(self, state: DriverState, stayed: Mapping[int, float], before: EventSeries | None = None) -> EventResult:
-        """Find the side of every surface, and on which side of zero everything watched is or is about to be.
+        """Find the side of every surface and event at the state, or right after it.
 
-        `stayed` has what happened at the state, and is zero unless it is much larger than the value given there;
-        `before` is what was ahead in front of a reset.
+        `stayed` are the events that occurred here, with a size up to which, times 4, they count as zero. `before` is
+        the series before a reset, or None.
         """
         self.sides = stated_sides(self.series.program, state.t, state.y, self.parameters)
         try:
@@ -73,7 +73,7 @@ class SeriesStart(SharedWatch):
         return EventResult()
 
     def _known(self, before: EventSeries | None, look: EventSeries, happened: Collection[int]) -> dict[int, Side]:
-        """Return the sides that a reset leaves to events which did not happen there."""
+        """Return the sides that events keep over a reset; events in `happened` have an open side."""
         if before is None:
             return {}
         own = slice(self.surfaces, None)
@@ -93,7 +93,7 @@ class SeriesStart(SharedWatch):
         return surfaces
 
     def go_on(self, state: DriverState) -> None:
-        """Let the driver run with the sides as they are, and look at its next step."""
+        """Pass the present sides to the driver, and request an inspection of its next step."""
         values = self.values
         if not self.epochs or self.epochs[-1][1].tobytes() != values.tobytes():
             self.driver.use(values)
@@ -101,9 +101,9 @@ class SeriesStart(SharedWatch):
         state.taylor.inspect = 1
 
     def impacts_at_once(self, state: DriverState, happened: Container[int]) -> list[EventZero]:
-        """Return contacts that act where the motion starts, besides those that happened; see `sides_behind`.
+        """Return contacts that act at the start of the motion, without those in `happened`, by rules of `sides_behind`.
 
-        A ball that starts on the floor and falls is to bounce.
+        An example is a ball that starts on the floor and falls: it has to bounce.
         """
         found = []
         for place, impact in enumerate(self.impacts):
@@ -118,7 +118,7 @@ class SeriesStart(SharedWatch):
         return found
 
     def ahead(self, state: DriverState, y: FloatArray | None = None) -> EventSeries:
-        """Look ahead from the state, or y in its place, with the sides as they are; looking again costs nothing."""
+        """Return the series at the state, or at y, with the present sides; the last result is cached."""
         values, scale = self.values, signed_scale(state)
         y = state.y if y is None else y
         key, rtol = (state.t, scale, y.tobytes(), values.tobytes()), float(state.reals[S.RTOL])

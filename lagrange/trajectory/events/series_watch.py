@@ -1,8 +1,8 @@
-"""What is watched along a run: events, and the surfaces on which the equations of motion switch.
+"""The watch of a run by Taylor steps: events, and the surfaces on which the equations of motion switch.
 
-The driver comes back before a step on which something watched may vanish. The roots of its polynomial on the step are
-isolated here; the step is then taken whole, or up to the first root that changes the motion, and what happens there
-is done: the run ends, the state is reset, or the equations go on with the other side of a surface.
+The driver returns before a step on which one of these functions may vanish. The roots of its polynomial on the step are
+isolated here. The step is then taken whole, or up to the first root that changes the motion: there the run ends, the
+state is reset, or the equations continue with the other side of a surface.
 """
 
 from __future__ import annotations
@@ -39,11 +39,14 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 S = DriverState
 
 CLOSE_ROOTS = 8.0
-"""Zeros of one event closer than so many times what is at once are the same, found on steps of two lengths."""
+"""Distance of two zeros of one event, in units of simultaneous times, below which they are the same.
+
+Steps of two lengths locate the same zero at slightly different times.
+"""
 
 
 class Watch(SeriesStart):
-    """Watches the surfaces, then the events, along the run of one state."""
+    """Watches the surfaces and the events along a run; indices count surfaces first, then events."""
 
     def __init__(
         self,
@@ -60,7 +63,7 @@ class Watch(SeriesStart):
         self.continuations = continuations
 
     def begin(self, state: DriverState) -> EventResult:
-        """Begin at the start of the run: the loop finds the sides there, or asks for them."""
+        """Begin a run or a new motion: without surfaces the loop finds the sides, else this method."""
         first, self.state, self.planned = self.state is None, state, PlannedStep()
         if not self.surfaces:
             self.leave_start_to_the_loop(state, first=first)
@@ -68,7 +71,7 @@ class Watch(SeriesStart):
         return self._begin(state)
 
     def _begin(self, state: DriverState) -> EventResult:
-        """Find the side of everything watched at the start of a motion."""
+        """Find the sides of surfaces and events at the start of a motion."""
         self.planned = PlannedStep()
         result = self.start(state, {})
         if result.status is None:
@@ -77,7 +80,7 @@ class Watch(SeriesStart):
         return result
 
     def process(self, state: DriverState) -> EventResult:
-        """Decide on the step that the driver proposes: set its length, or do what happens at its start."""
+        """Set the length of the step that the driver proposes, or apply the pending events at its start."""
         self.read(state)
         try:
             return self._process(state)
@@ -121,7 +124,7 @@ class Watch(SeriesStart):
         return EventResult()
 
     def end(self, state: DriverState) -> EventResult:
-        """Do what is pending at the end of the run; how the motion would go on from there is no matter."""
+        """Apply the pending events at the end of the run, and return its result."""
         self.read_events(state)
         if not self.is_pending:
             return EventResult(Status.SUCCESS)
@@ -131,12 +134,12 @@ class Watch(SeriesStart):
         return result if ended else EventResult(Status.SUCCESS, jumped=result.jumped)
 
     def is_due(self, state: DriverState) -> bool:
-        """Whether the state is where something pending is to happen, though no series may begin there."""
+        """Return True if an event is pending at the state, even if no series begins there."""
         self.read(state)
         return bool(self.pending) and state.count(S.STEPS) == self.planned.steps
 
     def continue_past(self, state: DriverState) -> EventResult | None:
-        """Leap over a point without a series; return how the run goes on from there, or ends at a root; or None."""
+        """Leap over a point without a series; return the result after the leap or at a root, or None without a leap."""
         self.read(state)
         if self.unbegun and (begun := self._begin(state)).status is not None:
             return begun
@@ -148,7 +151,7 @@ class Watch(SeriesStart):
             sides = [self.zero_sides[i].sign for i in events]
             values = np.concatenate([self.parameters, stated_sides(self.series.program, there, y, self.parameters)])
             ends = np.sign(self.series.rows(self.order, there, y, signed_scale(state), values)[0, len(y) :][events])
-            # A zero from which the motion begins is no event, but one with a reset is not to be leapt over either.
+            # A zero at the start of the motion is not an event, but a leap must not pass one with a reset.
             if all(
                 b in (0, a) or (a == 0 and not self.impacts[i - self.surfaces].reset)
                 for i, a, b in zip(events, sides, ends, strict=True)
@@ -161,26 +164,26 @@ class Watch(SeriesStart):
         return self._rootless(state)
 
     def _switches(self, look: EventSeries, soon: float) -> bool:
-        """Whether the state is on a surface, or comes to one within some time."""
+        """Return True if the state is on a surface, or reaches one within the time `soon`."""
         return any(which in self.starting or look.falls(which, soon) for which in range(self.surfaces))
 
     def _rootless(self, state: DriverState) -> EventResult | None:
         """Return the end of the run at a square root that becomes zero where the state is, or None."""
         look, soon = self.ahead(state), SHARE * abs(float(state.reals[S.END] - state.reals[S.START]))
         for which in filter(self.is_root, range(len(self.zero_sides))):
-            # What is under the root is its square, and falls twice as fast.
+            # The radicand is the square of the root and falls twice as fast.
             if look.watched[0, which] == 0 or look.falls(which, 2 * soon):
                 return replace(rootless(self.names()[which]), smooth=False)
         return None
 
     def _roots(self, look: EventSeries, s: float, *, last: bool) -> tuple[list[EventZero], list[Side]]:
-        """Return the roots of all that is watched on a step, in order, and the sides at its end."""
+        """Return the roots of all surfaces and events on a step, in order, and the sides at its end."""
         found: list[EventZero] = []
         after = []
         for which, before in enumerate(self.zero_sides):
             g, noise = look.watched[:, which], float(look.noise[which])
             if which in self.starting:
-                # What starts at zero is divided by time: its root there is known, and the next may be close.
+                # A function that starts at zero is divided by time: this removes the known root.
                 g, noise = g[1:], 0.0
             surely = before.settled and before.sign * g[0] > 0 and not may_vanish(g, s, noise=noise)
             zeros, side = ([], before) if surely else roots(g, s, before, noise=noise, last=last)
@@ -203,14 +206,14 @@ class Watch(SeriesStart):
         return None
 
     def _shorten(self, s: float, found: list[EventZero], look: EventSeries, state: DriverState) -> EventResult:
-        """End the step at the root at s; what happens there is pending until the driver comes back at its end."""
+        """End the step at the root at s, whose events are pending until the driver returns there."""
         while True:
             close = TOGETHER * max(abs(state.t / look.scale), s)
             here = (m for m in found if abs(m.root.time - s) <= close)
             pending = self.pending = [m for m in here if m.root.time == s or look.is_zero_at(m.which, s)]
             if s == 0:
                 return self._finish(state)
-            # The shorter step tells more apart: what it has is what is kept, and a change may come out before s.
+            # The shorter step has better resolved roots, which replace the others; one may change the motion before s.
             found, after = self._roots(look, s, last=False)
             first = self._first_change(m for m in found if m.root.time < s - close)
             if first is None:
@@ -221,9 +224,9 @@ class Watch(SeriesStart):
         self.remember(state)
         self.pending = pending + [m for m in late if m.which not in waiting]
         if any(self.is_root(m.which) for m in self.pending):
-            # Forces may have a kink there, and its other side be what the state, rounded, is on: no step proves itself.
+            # Forces may have a kink there, with the rounded state on its other side: the test of the step would fail.
             state.taylor.failures = MOST_FAILURES
-        # What is met at the end does not happen just before it as well.
+        # An event at the end does not count a second time just before it.
         until = dict.fromkeys(waiting, s - CLOSE_ROOTS * close)
         self._record((m for m in found if m.root.time < until.get(m.which, s - close)), look, state)
         self.zero_sides, self.starting = after, frozenset()
@@ -232,7 +235,7 @@ class Watch(SeriesStart):
         return EventResult()
 
     def _record(self, found: Iterable[EventZero], look: EventSeries, state: DriverState) -> None:
-        """Keep the events among some roots on the next step."""
+        """Record the events among some roots on the next step."""
         for meeting in found:
             place = meeting.which - self.surfaces
             if place >= 0 and self.impacts[place].counts(meeting.root.rising):
@@ -241,7 +244,7 @@ class Watch(SeriesStart):
                 self.occurrences[place].append(Occurrence(t, y, state.count(S.STEPS) + 1))
 
     def _finish(self, state: DriverState) -> EventResult:
-        """Do what is pending at the state: surfaces are crossed, events kept, the state is reset or the run ended."""
+        """Apply the pending zeros: cross surfaces, record events, reset the state or end the run."""
         found, self.pending = self.pending, []
         if self.change_counter.accumulates(state.t, (m.which for m in found)):
             return accumulating(self.names()[found[0].which])
@@ -269,7 +272,7 @@ class Watch(SeriesStart):
         return rootless(self.names()[roots_met[0].which]) if roots_met and result.status is None else result
 
     def _on_surface(self, zeros: Sequence[EventZero], before: Sequence[Side], state: DriverState) -> list[EventZero]:
-        """Return events met on a surface as the motion leaves it: an event may turn back there, as abs(x) does."""
+        """Return events at a surface with their direction after it: an event may turn back there, as abs(x) does."""
         found = []
         for m in zeros:
             g = self.ahead(state).near[:, m.which]
@@ -279,11 +282,11 @@ class Watch(SeriesStart):
                 continue
             after = leaving(g)[0]
             if self.is_root(m.which) and g[0] > 0 and not g[1:].any():
-                # The branch in which the root stands ends here, and the motion goes on in another.
+                # The branch that contains the root ends here, and the motion continues in another branch.
                 self.zero_sides[m.which] = Side(1)
                 continue
             self.zero_sides[m.which] = Side(after)
-            # The step may have ended behind the zero: the side before it is the one that it was passed from.
+            # The step may have ended after the zero, so its direction gives the side before.
             side = -m.root.rising or before[m.which].sign
             found.append(replace(m, root=Root(m.root.time, after if after != side else 0)))
         return found
@@ -291,7 +294,7 @@ class Watch(SeriesStart):
     def _jump(
         self, zeros: Sequence[EventZero], found: Sequence[EventZero], state: DriverState, *, ends: bool
     ) -> EventResult:
-        """Reset the state by events of all that were found, from the state before, and start the motion anew."""
+        """Reset the state by the events `zeros` among those found, from the state before, and start a new motion."""
         before = self.ahead(state)
         resets = {self.impact_of(m): m.which for m in sorted(zeros, key=lambda m: m.which)}
         after, broken = reset_state(resets, self.names, state.t, state.y)
@@ -313,9 +316,9 @@ class Watch(SeriesStart):
         return replace(began, jumped=True)
 
     def _cross(self, crossed: Sequence[EventZero], state: DriverState) -> EventResult:
-        """Go on with the other side of each surface that is crossed, if the motion leaves to it.
+        """Continue with the other side of each crossed surface if the motion leaves to it.
 
-        What stayed on a surface by itself may not do so with the new equations.
+        A motion that stayed on another surface by itself may leave it with the new equations.
         """
         choices = {m.which: (m.root.rising, -m.root.rising, 0) for m in crossed}
         choices |= {i: (0, 1, -1) for i in range(self.surfaces) if self.sides[i] == 0 and i not in choices}

@@ -1,4 +1,4 @@
-"""What a watch shares with the loop over Taylor steps, which deals with what is regular by itself."""
+"""State shared by a watch and the compiled loop over Taylor steps, which treats regular events by itself."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from lagrange.trajectory.trajectory import FloatArray
 
 
 class SharedWatch(EventLog):
-    """Where everything watched stands, for the watch and for the loop: between them it is read and written as a whole.
+    """Sides and pending events of surfaces and events, which the watch and the loop pass to each other as a whole.
 
-    A `memory` is that of a former run by the driver with the same parameters, or None.
-    `zero_sides` are the sides of zero before the next step, `starting` has what starts at zero there, `pending` what is
-    to happen at the state, and `planned` what holds before the step that the watch has planned.
+    `memory` is that of a former run by the driver with the same parameters, or None. `zero_sides` are the sides before
+    the next step, `starting` has the functions that are zero there, and `pending` the events at the present state.
+    `planned` is the state of these before the step that the watch has planned.
     """
 
     def __init__(
@@ -74,7 +74,7 @@ class SharedWatch(EventLog):
 
     @property
     def jumps(self) -> int:
-        """How often the state has jumped."""
+        """The number of jumps of the state."""
         return int(self.memory.record.jumps)
 
     def jump(self) -> None:
@@ -82,35 +82,35 @@ class SharedWatch(EventLog):
         self.memory.record.jumps += 1
 
     def impact_of(self, zero: EventZero) -> Impact:
-        """Return the event that a zero is of."""
+        """Return the event to which a zero belongs."""
         return self.impacts[zero.which - self.surfaces]
 
     def is_root(self, which: int) -> bool:
-        """Whether something watched is a square root in the equations of motion."""
+        """Return True if function `which` is a square root in the equations of motion."""
         return which >= self.surfaces and self.impacts[which - self.surfaces].root
 
     def remember(self, state: DriverState) -> None:
-        """Keep what holds before a step: the driver takes back a step that does not prove itself."""
+        """Save sides and counts before a step, since the driver may reject it."""
         counts = tuple(map(len, self.occurrences))
         self.planned = PlannedStep(state.count(DriverState.STEPS) + 1, tuple(self.zero_sides), self.starting, counts)
 
     def forget(self) -> None:
-        """Let what was planned for a step that was taken back not have happened."""
+        """Restore sides and counts after the driver rejected the planned step."""
         self.pending, self.zero_sides, self.starting = [], list(self.planned.zero_sides), self.planned.starting
         for found, count in zip(self.occurrences, self.planned.counts, strict=True):
             found.cut(count)
         self.planned = PlannedStep()
 
     def read(self, state: DriverState) -> None:
-        """Take over what the loop has left: events that have happened, and where everything watched stands."""
+        """Read events, sides and pending events from the loop."""
         self.read_events(state)
         self.read_sides(state)
 
     def read_events(self, state: DriverState) -> None:
-        """Take over the events that have happened, and the changes of sides."""
+        """Read the occurrences of events, and the crossings of surfaces, from the loop."""
         memory = self.memory
         if memory.record.done:
-            # An interruption may come anywhere here, and what is kept by then is not kept again.
+            # Ctrl-C may come anywhere here; the mark prevents that occurrences are added twice.
             steps, mark = state.count(DriverState.STEPS), memory.mark
             for found, (times, states) in zip(self.occurrences, memory.written()[self.surfaces :], strict=True):
                 state.kept += times.nbytes + states.nbytes
@@ -126,11 +126,11 @@ class SharedWatch(EventLog):
 
     @property
     def is_pending(self) -> bool:
-        """Whether something is to happen where the run stands."""
+        """True if an event is pending at the present state."""
         return bool(self.pending) or self.memory.record.due != 0
 
     def read_sides(self, state: DriverState) -> None:
-        """Take over where everything watched stands, and what is to happen there."""
+        """Read the sides and the pending event from the loop."""
         memory, record = self.memory, self.memory.record
         signs, nears = memory.signs.tolist(), memory.nears.tolist()
         self.zero_sides = [Side(sign, bool(near)) for sign, near in zip(signs, nears, strict=True)]
@@ -143,7 +143,7 @@ class SharedWatch(EventLog):
             self.change_counter.begin(record.changed, record.changed_at)
 
     def write(self, state: DriverState) -> None:
-        """Leave where everything watched stands to the loop, which does nothing where something is pending."""
+        """Write the sides for the loop, which is disabled while an event is pending."""
         memory, record, planned = self.memory, self.memory.record, self.planned
         record.unproven = int(planned.steps > state.count(DriverState.STEPS))
         if record.unproven:
@@ -156,11 +156,11 @@ class SharedWatch(EventLog):
 
     @property
     def unbegun(self) -> bool:
-        """Whether the loop has not found the sides at the start of the motion."""
+        """True if the loop has not yet found the sides at the start of the motion."""
         return bool(self.memory.record.fresh)
 
     def leave_start_to_the_loop(self, state: DriverState, *, first: bool) -> None:
-        """Have the loop find the sides at the start of a motion; nothing is known before the `first` of a run."""
+        """Let the loop find the sides at the start of a motion; `first` is True at the start of the run."""
         if first:
             self.epochs.append((0, self.values))
         else:
@@ -168,7 +168,7 @@ class SharedWatch(EventLog):
         self.memory.record.enabled = self.memory.record.fresh = state.taylor.inspect = 1
 
     def leave_all_to_the_watch(self) -> None:
-        """Have the loop come back before each step on which something may vanish."""
+        """Disable the loop: it returns before each step on which a function may vanish."""
         self.memory.record.enabled = 0
 
     def _put(self, zero_sides: Sequence[Side], starting: frozenset[int]) -> None:

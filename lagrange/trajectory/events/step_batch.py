@@ -1,4 +1,4 @@
-"""Events along some steps: all sampled at once on the dense output, and what is certain set aside."""
+"""Event functions along some steps: sampled together on the dense output, with those certain to keep their sign."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from lagrange.trajectory.paths.chebyshev import certain, evaluate
 from lagrange.trajectory.trajectory import FloatArray
 
 FEW = 12
-"""So many steps are sampled at the full degree at once."""
+"""Largest number of steps that are sampled at the full degree at once."""
 
 
 class Path(Protocol):
@@ -36,12 +36,12 @@ class Path(Protocol):
 
 
 PathOf = Callable[[FloatArray, FloatArray], Path]
-"""Makes the path through accepted times (S+1,) and states (S+1, 2n)."""
+"""Function that returns the path through accepted times (S+1,) and states (S+1, 2n)."""
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Some steps of a path, from one up to another."""
+    """The steps of a path from number `begin` to before `end`."""
 
     path: Path
     begin: int
@@ -64,7 +64,7 @@ class Window:
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """One step: where it begins, its length, its states as Chebyshev coefficients (2n, 17), and its events (E, 17)."""
+    """One step: its time, its length, states as Chebyshev coefficients (2n, 17), and event functions (E, 17)."""
 
     t: float
     h: float
@@ -73,7 +73,7 @@ class Sample:
     batch: StepBatch
 
     def state(self, s: float) -> FloatArray:
-        """Return the state (2n,) at a place in the step."""
+        """Return the state (2n,) at a fraction s of the step."""
         return evaluate(self.states, np.array([s]))[:, 0]
 
     def rates(self, s: FloatArray) -> FloatArray:
@@ -88,11 +88,11 @@ class Sample:
 
 @dataclass(frozen=True, eq=False)
 class StepBatch:
-    """Accepted steps behind the state that they began with: their path, and the events (E, ...) along it.
+    """Accepted steps and their first state: the path, and the event functions along it.
 
-    `rates` makes the derivatives of the events by time. `ends` are the events at the states (E, S+1), `edge` is by how
-    much they may be wrong, `noise` (E, S) by how much those on a step may be, `owed` (E, S) the part of it that comes
-    of the motion there, and `certain` (E, S) says which keep their sign on a step.
+    `rates` returns the kernel of the time derivatives of the event functions. `ends` (E, S+1) are the event functions
+    at the states, and `edge` (E, S+1) their errors. `noise` (E, S) is the error on a step, and `sensitive` (E, S) its
+    part from the change of the state there. `certain` (E, S) is True if the function keeps its sign on a step.
     """
 
     kernel: Kernel
@@ -108,7 +108,7 @@ class StepBatch:
 
     @classmethod
     def of(cls, kernel: Kernel, rates: Callable[[], Kernel], parameters: FloatArray, path: Path) -> StepBatch:
-        """Look along a path."""
+        """Sample the event functions along a path."""
         times, states = path.times, path.states.T
         ends = kernel(times, states, parameters)
         tilt = perturbation_factors(len(states) + 1)
@@ -119,8 +119,8 @@ class StepBatch:
         values = _along(kernel, parameters, path, steps, found)
         with np.errstate(all="ignore"):
             noise = np.maximum(edge[:, 1:], edge[:, :-1])
-            # What the event owes to the motion of the state: x**2 + v**2 may stay as it is while x and v do not.
-            # It is seen at the same nodes however many steps there are: each second one at the full degree.
+            # The error scales with the change of the state: x**2 + v**2 may be constant while x and v change.
+            # It is sampled at the same nodes for any number of steps: every second node of the full degree.
             each = slice(None, None, degree // COARSE)
             moves = states[:, :-1] + RELATIVE_PERTURBATION * np.ptp(found[..., each], axis=-1) * tilt[:-1, None]
             gain = np.abs(kernel(times[:-1], moves, parameters) - ends[:, :-1]) / RELATIVE_PERTURBATION
@@ -138,7 +138,7 @@ class StepBatch:
         return batch
 
     def sample(self, step: int) -> Sample:
-        """Return a step at the full degree."""
+        """Return a step sampled at the full degree."""
         if step not in self.samples:
             steps = np.array([step])
             found = _sampled(self.path, steps, DEGREE)
@@ -148,7 +148,7 @@ class StepBatch:
     def _keep(self, steps: Places, states: FloatArray, values: FloatArray) -> None:
         """Keep samples at the full degree, states (2n, k, 17) and events (E, k, 17)."""
         times = self.path.times
-        # A product of matrices rounds each step otherwise for each number of steps.
+        # A matrix product would round each step differently for different numbers of steps.
         coefficients = np.zeros_like(states)
         for node, column in zip(np.moveaxis(states, -1, 0), to_chebyshev().T, strict=True):
             coefficients += node[..., None] * column
@@ -160,7 +160,7 @@ class StepBatch:
 def state_noise(
     kernel: Kernel, parameters: FloatArray, times: FloatArray, states: FloatArray, values: FloatArray
 ) -> FloatArray:
-    """Return by how much events (E, k) at times (k,) and states (2n, k) may be wrong for the rounding of these."""
+    """Return the errors (E, k) of event functions from the rounding of times (k,) and states (2n, k)."""
     tilt = RELATIVE_PERTURBATION * perturbation_factors(len(states) + 1)
     with np.errstate(all="ignore"):
         moved = kernel(times * (1 + tilt[-1]), states * (1 + tilt[:-1, None]), parameters)
@@ -169,16 +169,16 @@ def state_noise(
 
 
 def _sampled(path: Path, steps: Places, degree: int) -> FloatArray:
-    """Return the states (2n, k, degree + 1) at the nodes of steps (k,); at both ends they are the accepted ones."""
+    """Return the states (2n, k, degree + 1) at the nodes of steps (k,); at both ends they are the accepted states."""
     size, inner = path.states.shape[1], nodes(degree)[1:-1]
-    found = np.empty((size, len(steps), degree + 1))
-    found[..., 0], found[..., -1] = path.states[steps].T, path.states[steps + 1].T
-    found[..., 1:-1] = path.inside(steps, inner)
-    return found
+    states = np.empty((size, len(steps), degree + 1))
+    states[..., 0], states[..., -1] = path.states[steps].T, path.states[steps + 1].T
+    states[..., 1:-1] = path.inside(steps, inner)
+    return states
 
 
 def _along(kernel: Kernel, parameters: FloatArray, path: Path, steps: Places, states: FloatArray) -> FloatArray:
-    """Return the events (E, k, degree + 1) at sampled states."""
+    """Return the event functions (E, k, degree + 1) at sampled states (2n, k, degree + 1)."""
     size, count, points = states.shape
     start, end = path.times[steps][:, None], path.times[steps + 1][:, None]
     times = start + (end - start) * nodes(points - 1)

@@ -1,7 +1,7 @@
-"""The driver of a step program with events: its steps are reviewed behind it, and taken back beyond a change.
+"""The driver of a step program with events: it takes steps, reviews them, and takes back those after a change.
 
-Steps that were taken wait in memory until they are reviewed: in machine code, together with the steps, where that is
-worth its compilation and nothing is irregular, and on arrays otherwise.
+Steps wait in memory until they are reviewed: in machine code in long runs, unless an event needs special treatment,
+and otherwise on arrays.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ S = DriverState
 
 @dataclass(frozen=True, eq=False)
 class Cut:
-    """Where steps are set back to: so many of them are kept, the last of them up to a time and a state.
+    """The point to which a run is set back: `steps` steps are kept, the last one up to time t and state y (2n,).
 
-    `length` is that of the step in which it is, or before which; `whole` is the end of a step that is cut within. Where
-    the review was `late`, nothing happens there: the time for the run is used up.
+    `length` is the length of the step that contains it or follows it. `whole` is the end of a step that is cut inside,
+    or None. A `late` cut is not a change of the motion: the wall time of the run was used up.
     """
 
     steps: int
@@ -39,49 +39,49 @@ class Cut:
 
 
 class Reviewer(Protocol):
-    """What finds the events on accepted steps."""
+    """Finds the events on accepted steps."""
 
     @property
     def shared(self) -> StepEventMemory:
-        """What the run and its events share with machine code."""
+        """The memory that the run and its events share with machine code."""
 
     @property
     def resets(self) -> bool:
-        """Whether the motion goes on otherwise behind an event."""
+        """True if an event resets the state."""
 
     @property
     def ends(self) -> bool:
-        """Whether an event may change the motion: steps behind it are taken in vain."""
+        """True if an event may reset the state or end the run, so that steps after it are discarded."""
 
     @property
     def changed(self) -> float:
-        """When the motion began, or changed last."""
+        """The time of the start or of the last reset."""
 
     @property
     def regular(self) -> bool:
-        """Whether no event is known to be at zero, where the motion may have started."""
+        """True if no event function is known to be zero at the present state."""
 
     def compiled(self, driver: Driver, t: float, steps: int) -> EventSteps | None:
-        """Return what takes steps and reviews them in machine code, where so many steps up to a time are worth it."""
+        """Return the compiled loop that takes and reviews steps, or None if `steps` steps up to t are too few."""
 
     def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, taken: int) -> Cut | None:
-        """Review some steps, times (S+1,) and states (S+1, 2n), on arrays; return the first change of the motion."""
+        """Review some steps, times (S+1,) and states (S+1, 2n), on arrays; return the first change or None."""
 
     def write(self) -> None:
-        """Leave where everything stands to machine code."""
+        """Write the present sides and counts for machine code."""
 
     def read(self) -> None:
-        """Take over what machine code has left."""
+        """Read events, resets and sides from machine code."""
 
     def collect(self) -> None:
-        """Take over the events and changes of the motion that machine code has written."""
+        """Read only the events and resets that machine code has written."""
 
     def set_back(self, cut: Cut) -> None:
-        """Note that the run was set back."""
+        """Record that the run was set back to a cut."""
 
 
 class EventDriver:
-    """Advances a run as the driver of its steps does, up to the next change of the motion."""
+    """Advances a run like the driver of its steps, but only up to the next change of the motion."""
 
     def __init__(self, driver: Driver, watch: Reviewer, *, fixed: bool) -> None:
         self._driver, self._watch, self._fixed = driver, watch, fixed
@@ -93,10 +93,10 @@ class EventDriver:
         self._first = self._stale = True
 
     def adopt(self, state: DriverState) -> None:
-        """Leave the state where it is; see `Driver`."""
+        """Do nothing: the state stays in its own memory."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Advance a run; see `Driver`. WATCHED says that the state stands at a change of the motion."""
+        """Advance a run as `Driver.advance` does; the outcome is WATCHED if the state is at a change of the motion."""
         run = self._run
         run.budget = run.left = budget
         self._memory.keep(state)
@@ -114,7 +114,7 @@ class EventDriver:
             self._first = False
 
     def _in_loop(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
-        """Let machine code advance the run; return None where it has left a step."""
+        """Advance the run by machine code; return None if it returned a step for a review on arrays."""
         if self._compiled is None:
             raise AssertionError("there is machine code")
         run = self._run
@@ -134,11 +134,11 @@ class EventDriver:
         return None
 
     def _leave_to_arrays(self) -> None:
-        """Have steps reviewed on arrays: one, and where that does not help twice as many each time."""
+        """Choose the number of next steps to review on arrays: one, and twice as many at each repetition."""
         self._left_to_arrays, self._next_left = self._next_left, min(2 * self._next_left, LONGEST_LOOK)
 
     def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
-        """Take steps if none waits, and review some on arrays; return an outcome, or None where the run goes on."""
+        """Take steps if none waits, and review some on arrays; return an outcome, or None if the run continues."""
         memory, run = self._memory, self._run
         if not memory.waits:
             if run.starts and self._is_compiled(state.t, state.count(S.STEPS)):
@@ -156,10 +156,10 @@ class EventDriver:
         return self._look(state, run.begin + count - 1, times, rows)
 
     def _is_compiled(self, t: float, steps: int) -> bool:
-        """Whether there is machine code from now on.
+        """Return True if the loop has just been compiled.
 
-        That is decided in the first call and where a motion starts: how many steps other calls take depends on the time
-        that these took before, and the digits of events must not.
+        This is decided only in the first call and at the start of a motion. The number of steps in other calls depends
+        on measured times, and the digits of events must not depend on them.
         """
         if self._compiled is None:
             self._compiled = self._watch.compiled(self._driver, float(t), steps)
@@ -167,7 +167,7 @@ class EventDriver:
         return False
 
     def _take(self, state: DriverState) -> Outcome | None:
-        """Take the next steps as `event_steps` does; return an outcome where there are none to take."""
+        """Take the next steps as `event_steps` does; return an outcome if no step can be taken, else None."""
         memory, run, reals, counts = self._memory, self._run, state.reals, state.counts
         if state.t == reals[S.END]:
             return Outcome.DONE
@@ -202,7 +202,7 @@ class EventDriver:
         return self._driver.advance(state, tries, self._memory.times[2:], self._memory.states[2:])
 
     def _forget(self, state: DriverState) -> None:
-        """Take back the steps that wait: what has not been reviewed has not happened."""
+        """Take back the steps that have not been reviewed."""
         memory, run = self._memory, self._run
         if memory.waits:
             state.reals[:], state.counts[:], state.y[:] = memory.kept_reals, memory.kept_counts, memory.states[1]
@@ -210,7 +210,7 @@ class EventDriver:
             state.fault = None
 
     def _look(self, state: DriverState, last: int, times: FloatArray, rows: FloatArray) -> Outcome | None:
-        """Review steps up to a last one on arrays, and write them as rows where they are all."""
+        """Review steps up to number `last` on arrays; accept them once none is left, or set the run back."""
         memory, run = self._memory, self._run
         if not memory.waits:
             return None
@@ -226,7 +226,7 @@ class EventDriver:
         return None if memory.waits else self._accept(state, times, rows)
 
     def _accept(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
-        """Write the steps that waited as rows, and go on as `event_steps` does."""
+        """Write the reviewed steps as rows, and continue as `event_steps` does; return an outcome or None."""
         memory, run = self._memory, self._run
         self._write_rows(state, run.count, times, rows)
         run.since, run.ahead = run.since + run.count, min(2 * run.ahead, self._longest)
@@ -235,14 +235,14 @@ class EventDriver:
         return None if run.outcome == Outcome.PAUSED else Outcome(run.outcome)
 
     def _write_rows(self, state: DriverState, kept: int, times: FloatArray, rows: FloatArray) -> None:
-        """Write the first so many steps as rows of the run."""
+        """Write the first `kept` steps as rows of the run."""
         begun = self._run.rows
         times[begun : begun + kept] = self._memory.times[2 : kept + 2]
         rows[begun : begun + kept] = self._memory.states[2 : kept + 2]
         state.counts[S.ROWS] = begun + kept
 
     def _set_back(self, state: DriverState, cut: Cut, kept: int, times: FloatArray, rows: FloatArray) -> None:
-        """Let the state stand at a cut, behind so many steps, and the next step begin a motion of its own."""
+        """Set the state to a cut after `kept` steps; the next step begins a new smooth piece."""
         memory, run, reals = self._memory, self._run, state.reals
         state.fault = None
         if kept:

@@ -1,7 +1,7 @@
-"""Events along the steps of a method that is a step program, sought on the polynomial that each step leaves.
+"""Events along the steps of a step program, located on the dense output of each step.
 
-Some steps are taken first and looked at then; where something on them changes the motion, the run is set back to that
-place, and what lies behind it has not happened. What is regular is done in machine code where that is worth it.
+Some steps are taken first and then reviewed. If an event on them changes the motion, the run is set back to it, and the
+steps after it are discarded. In long runs machine code treats all regular events.
 """
 
 from __future__ import annotations
@@ -84,13 +84,13 @@ class StepWatch(EventLog):
 
     @property
     def resets(self) -> bool:
-        """Whether the motion goes on otherwise behind an event."""
-        return any(one.reset for one in self.impacts)
+        """True if an event resets the state."""
+        return any(impact.reset for impact in self.impacts)
 
     @property
     def ends(self) -> bool:
-        """Whether an event may change the motion: steps behind it are taken in vain."""
-        return any(one.reset or one.terminal for one in self.impacts)
+        """True if an event may reset the state or end the run, so that steps after it are discarded."""
+        return any(impact.reset or impact.terminal for impact in self.impacts)
 
     def names(self) -> list[str]:
         """Return the events in the user's symbols."""
@@ -108,7 +108,7 @@ class StepWatch(EventLog):
         return self._defined(state)
 
     def process(self, state: DriverState) -> EventResult:
-        """Do what is pending at the state that the run was set back to."""
+        """Apply the pending events at the state to which the run was set back."""
         self.breaks.append(state.count(S.STEPS) + self.jumps, self._whole)
         if self._verdict is not None:
             return self._verdict
@@ -125,25 +125,25 @@ class StepWatch(EventLog):
         return EventResult(Status.EVENT, jumped=result.jumped) if ends and result.status is None else result
 
     def end(self, state: DriverState) -> EventResult:
-        """Return that the run reached its end at a state; nothing is pending then."""
+        """Return the result SUCCESS; no event is pending at the end."""
         return EventResult(Status.SUCCESS)
 
     def is_due(self, state: DriverState) -> bool:
-        """Return False: steps are set back to what happens, and a driver finds it at once."""
+        """Return False: the run is set back to each change, which the driver reports at once."""
         return False
 
     def continue_past(self, state: DriverState) -> None:
-        """Return None: a step needs no series, so there is nothing to leap over."""
+        """Return None: steps of a step program need no series, so no point has to be leapt over."""
 
     def compiled(self, driver: Driver, t: float, steps: int) -> EventSteps | None:
-        """Return what takes steps and reviews them in machine code, where so many steps up to a time are worth it."""
+        """Return the compiled loop that takes and reviews steps, or None if `steps` steps up to t are too few."""
         return self._loop.compiled(driver, self.path_of, t, steps, self.jumps)
 
     def review(self, times: FloatArray, states: FloatArray, begin: int, end: int, taken: int) -> Cut | None:
-        """Find the events on some accepted steps, times (S+1,) and states (S+1, 2n), on arrays.
+        """Find the events on the steps `begin` to `end` of times (S+1,) and states (S+1, 2n), on arrays.
 
-        Return where the motion changes; what happens there is pending then, for `process`. The run had `taken` steps
-        before the first.
+        Return the first change of the motion, whose events are then pending for `process`, or None. The run had
+        `taken` steps before the first.
         """
         path = self.path_of(times, states)
         cut = self._ahead(Window(path, begin, end), taken + begin)
@@ -151,12 +151,12 @@ class StepWatch(EventLog):
 
     @property
     def regular(self) -> bool:
-        """Whether no event is known to be at zero, where the motion may have started."""
+        """True if no event function is known to be zero at the present state."""
         started = not self._levels if self._start is None else not (self._start.rested or self._start.jumped)
         return started and not self._resting
 
     def write(self) -> None:
-        """Leave where everything stands to machine code."""
+        """Write the present sides and counts for machine code."""
         run, begun = self.shared.run, self._start
         run.starts, run.jumps = int(begun is not None), self.jumps
         run.changed, run.changed_at = self.changed, self._changed_at
@@ -164,7 +164,7 @@ class StepWatch(EventLog):
         self._loop.write(self._relay, self.occurrences, stayed, zeros)
 
     def read(self) -> None:
-        """Take over what machine code has left: events, changes of the motion, and where everything stands."""
+        """Read events, resets and sides from machine code."""
         run, memory = self.shared.run, self.shared
         last = run.breaks
         self.collect()
@@ -183,11 +183,11 @@ class StepWatch(EventLog):
             self._whole = None if math.isnan(end) else (end, memory.break_states[last].copy())
 
     def collect(self) -> None:
-        """Take over the events and changes of the motion that machine code has written."""
+        """Read only the events and resets that machine code has written."""
         self._loop.collect(self.occurrences, self.breaks, self._steps)
 
     def _ahead(self, path: Path, taken: int) -> Cut | None:
-        """Find the events on the steps of a path, sampled at once; return where the motion changes."""
+        """Find the events on the steps of a path, sampled at once; return the first change of the motion, or None."""
         times = path.times
         batch = StepBatch.of(self.kernel, self._rates, self.parameters, path)
         doubtful = ~batch.certain
@@ -210,11 +210,11 @@ class StepWatch(EventLog):
                 return replace(_cut(batch, step - 1, batch.sample(step - 1), 1.0), late=True)
 
     def set_back(self, cut: Cut) -> None:
-        """Note that the run was set back to a cut."""
+        """Record that the run was set back to a cut."""
         self._whole = cut.whole
 
     def _rates(self) -> Kernel:
-        """Return the derivatives of the events by time along the motion, made when they are asked for."""
+        """Return the kernel of the time derivatives of the event functions along the motion, compiled at first use."""
         model = self.problem.model
         return model.function("rates", rates(model.equations, tuple(one.node for one in self.impacts)))
 
@@ -223,7 +223,7 @@ class StepWatch(EventLog):
         return EventResult() if np.isfinite(values).all() else undefined(self.names(), values[None])
 
     def _step(self, batch: StepBatch, step: int, watched: Sequence[int], taken: int) -> Cut | None:
-        """Find the zeros of some events on a step; keep them, or return where the motion changes first."""
+        """Record the zeros of some events on a step; return the first change of the motion, or None."""
         sample, begun = batch.sample(step), self._start
         last = bool(batch.path.times[step + 1] == self.problem.t1)
         zero = self._at_zero(batch, step, watched)
@@ -235,7 +235,7 @@ class StepWatch(EventLog):
             if i in self._resting:
                 continue
             level, noise = self._levels.get(i, 0.0), float(batch.noise[i, step])
-            # What the steps have rounded adds up, half a spacing each; no step follows that could still tell.
+            # Rounding errors of the steps add up, half a spacing each; no later step can decide at the end of the run.
             noise = max(noise, float(batch.edge[i, step + 1]) / NOISE_HALVES * (taken + step)) if last else noise
             traces[i] = trace(
                 sample, i, noise, self._relay[i], level=level, zero=i in zero, last=last, isolate=self._isolate
@@ -267,9 +267,9 @@ class StepWatch(EventLog):
         return None
 
     def _at_zero(self, batch: StepBatch, step: int, watched: Sequence[int]) -> list[int]:
-        """Return the events that start a step at zero because the motion started there; note their values.
+        """Return the events that are zero at the start of a step because the motion started there; keep their values.
 
-        An event whose side is known passes zero there, or does not, as at any joint of two steps.
+        For an event with a known side the zero is treated as between any two steps.
         """
         begun, ends = self._start, batch.ends[:, step]
         if begun is None:
@@ -286,9 +286,9 @@ class StepWatch(EventLog):
         return zero
 
     def _changes_at_once(self, begun: MotionStart, zero: Mapping[int, StepZeros], sample: Sample) -> bool:
-        """Whether the motion cannot go on from its start: a contact turns it back, or is met again without a velocity.
+        """Return True if an event acts at the start of a motion: a contact turns it back, or is met without velocity.
 
-        Contacts are those whose side is not known; see `sides_behind`.
+        Contacts here have an open side, by the rules of `sides_behind`.
         """
         for i, one in zero.items():
             sign, order = one.leaving
@@ -296,7 +296,7 @@ class StepWatch(EventLog):
             entered = self.impacts[i].contact and i not in begun.zeros and self.impacts[i].direction == sign
             if not (back or entered):
                 continue
-            # A path of low order, as multistep methods begin with, may start against the velocity that is there.
+            # A path of low order, as at the start of multistep methods, may start against the velocity of the state.
             along = sign * velocity(sample, i) if order == 1 and i not in begun.rested else 0.0
             if along < 0:
                 self._verdict = unresolved(self.names()[i])
@@ -321,7 +321,7 @@ class StepWatch(EventLog):
     def _part(
         self, first: EventZero, found: Sequence[EventZero], traces: Mapping[int, StepZeros], sample: Sample, taken: int
     ) -> None:
-        """Keep what happens before the first change; what happens together with it is pending."""
+        """Record the events before the first change; those at the same time become pending."""
         s = first.root.time
         close = TOGETHER * max(abs(sample.t / sample.h), s)
         jump = max(close, SAME_JUMP) if first.root.jump else close
@@ -329,26 +329,26 @@ class StepWatch(EventLog):
         mine = {m.which: m for m in reversed(here)}
         before = [m for m in found if m.root.time < s - close and m not in here]
         for i, one in traces.items():
-            # A contact that is zero there to within its noise keeps its side, and acts behind this change if it is to.
+            # A contact within noise of zero there keeps its side, and may still act after this change.
             zeros, side = ended(one, s, self._isolate, decided=not self.impacts[i].reset)
             self._relay[i] = side
             at_end = [root for root in zeros if root.time >= s - close]
             if at_end and i not in mine:
-                # What else is zero there is met there, and not before as well.
+                # Another event that is zero there counts there, and not a second time before.
                 mine[i] = EventZero(i, Root(s, at_end[0].rising))
             early = [m for m in before if m.which == i][: len(zeros) - len(at_end)]
             self._record(early, sample, taken)
         self._pending = [mine[i] for i in sorted(mine)]
 
     def _record(self, found: Iterable[EventZero], sample: Sample, taken: int) -> None:
-        """Keep the events among some zeros on a step."""
+        """Record the events among some zeros on a step."""
         for m in found:
             if self.impacts[m.which].counts(m.root.rising):
                 s = m.root.time
                 self.occurrences[m.which].append(Occurrence(sample.t + s * sample.h, sample.state(s), taken + 1))
 
     def _jump(self, zeros: Sequence[EventZero], found: Sequence[EventZero], state: DriverState) -> EventResult:
-        """Reset the state by events of all that were found, from the state before, and start the motion anew."""
+        """Reset the state by the events `zeros` among those found, from the state before, and start a new motion."""
         before, model = state.y.copy(), self.problem.model
         values = self.kernel(state.t, before, self.parameters)
         after, broken = reset_state({self.impacts[m.which]: m.which for m in zeros}, self.names, state.t, before)
@@ -357,7 +357,7 @@ class StepWatch(EventLog):
         smooth = [m for m in zeros if not m.root.jump]
         along = math.copysign(1.0, self.problem.t1 - self.problem.t0)
         through = sent_through(self._rates(), smooth, self.parameters, state.t, (before, after), along)
-        # A flight of one step is as long as its velocity says; one of several ends by how its heights are rounded.
+        # The end of a flight of one step follows from its velocity; that of several steps depends on rounded heights.
         several = state.count(S.STEPS) > self._changed_at + 1
         unseen = several and any(m.which in self._levels for m in zeros)
         if self._intervals.idle(abs(state.t - self.changed), unseen=unseen):
@@ -365,7 +365,7 @@ class StepWatch(EventLog):
         if through is not None:
             return unresolved(self.names()[through.which])
         state.y[:] = after
-        # What happened at this place before, or rests, is still as good as zero, though it may be met again.
+        # Events that occurred here before, or rest, still count as zero, but may occur again.
         earlier = {i: abs(float(values[i])) for i in self._resting if self.impacts[i].contact}
         earlier |= self._stayed if self.jumps and state.t == self.changed else {}
         self.jumps += 1
@@ -389,7 +389,7 @@ class StepWatch(EventLog):
 
 
 def _cut(batch: StepBatch, step: int, sample: Sample, s: float) -> Cut:
-    """Return the cut at a place in a step."""
+    """Return the cut at a fraction s of a step."""
     times, states = batch.path.times, batch.path.states
     if s == 0:
         return Cut(step, float(times[step]), states[step], sample.h)

@@ -1,4 +1,4 @@
-"""An event along one step of a step program: its zeros, and on which side of zero it goes on."""
+"""An event function along one step of a step program: its zeros, and its side of zero at the end."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from lagrange.trajectory.events.step_batch import Sample, StepBatch
 from lagrange.trajectory.paths.chebyshev import LocalPolynomial, local_polynomials, powers
 
 RATE_NOISE = 1024 * EPSILON
-"""The part of a derivative that is noise: 500 roundings is what the weights of DOP853's path make of one."""
+"""Relative noise of a derivative: the weights of DOP853's dense output amplify rounding by a factor of 500."""
 
 SAME_JUMP = 2.0**-44
-"""Two jumps that are closer than this part of a step are one there and back: of the state, 256 spacings."""
+"""Fraction of a step within which two jumps are one there and back: 256 spacings of the state."""
 
 
 @dataclass(frozen=True, eq=False)
 class StepZeros:
     """The zeros of an event on a step, in units of the step, in order.
 
-    `parts` are the parts of the step with the side before each. `after` is the side at the end, `until` where the event
-    ceases to have a value, else infinity. Where it starts at zero, `leaving` is the sign with which it leaves, and the
-    power of time with which it does; 0 if it stays.
+    `parts` are the parts of the step with the side before each. `after` is the side at the end. `until` is where the
+    event function ceases to have a value, else infinity. If it starts at zero, `leaving` is its sign after the start,
+    and the leading power of time; 0 if it stays zero.
     """
 
     parts: tuple[tuple[LocalPolynomial, Side], ...]
@@ -36,7 +36,7 @@ class StepZeros:
     leaving: tuple[int, int]
 
     def behind_jump(self, least: float) -> StepZeros:
-        """Return the same without jumps in the first part of the step, which are one that was met before."""
+        """Return the zeros without jumps in the first fraction `least` of the step: they repeat a jump before it."""
         return replace(self, found=tuple(root for root in self.found if not root.jump or root.time > least))
 
 
@@ -51,10 +51,10 @@ def trace(
     last: bool = False,
     isolate: Isolate | None = None,
 ) -> StepZeros:
-    """Find where the event at a place among the events has the value `level`.
+    """Return the times on a step at which the event function with index `place` has the value `level`.
 
-    `zero` says that it starts there, on a side that is to be found, `last` that no step follows. What isolates roots is
-    `isolate`.
+    `noise` is the error of the function, and `before` its side before the step. `zero` says that it starts at the
+    level, on an open side. `last` says that no step follows. `isolate` is the procedure that isolates roots.
     """
     parts: list[tuple[LocalPolynomial, Side]] = []
     found: list[Root] = []
@@ -83,9 +83,9 @@ def trace(
 
 
 def ended(found: StepZeros, s: float, isolate: Isolate | None = None, *, decided: bool) -> tuple[list[Root], Side]:
-    """Return the zeros up to a place where the motion ends, and the side there.
+    """Return the zeros up to a fraction s of the step where the motion ends, and the side there.
 
-    `decided` says that what has come to zero there is decided by its slope; else it is left open.
+    `decided` says that the slope decides the side of a function that is zero there; else the side stays open.
     """
     zeros: list[Root] = []
     side = found.parts[0][1] if found.parts else found.after
@@ -99,7 +99,7 @@ def ended(found: StepZeros, s: float, isolate: Isolate | None = None, *, decided
 
 
 def _merged(found: list[Root]) -> tuple[Root, ...]:
-    """Return roots with those of one jump as one: the path is rounded, and may pass a place some times to and fro."""
+    """Return roots with repeated crossings of one jump merged: a rounded path may cross it several times."""
     kept: list[Root] = []
     for root in found:
         if kept and kept[-1].jump and root.jump and root.time - kept[-1].time <= SAME_JUMP:
@@ -110,7 +110,7 @@ def _merged(found: list[Root]) -> tuple[Root, ...]:
 
 
 def _starts_clear(piece: LocalPolynomial) -> bool:
-    """Whether an event that is on another side of zero before a part jumps there: it is far from zero on the part."""
+    """Return True if a function is far from zero where a part starts, so that a change of side there is a jump."""
     if piece.coefficients is None:
         return False
     sizes = np.abs(piece.coefficients)
@@ -118,9 +118,9 @@ def _starts_clear(piece: LocalPolynomial) -> bool:
 
 
 def _divided(piece: LocalPolynomial) -> LocalPolynomial:
-    """Return what starts at zero divided by time: its zero there is known, and the next may be close.
+    """Return a function that starts at zero, divided by time: this removes the known zero, as the next may be close.
 
-    The slope of Chebyshev's polynomial of rank k at the end of [0, 1] is 2 k**2, which the noise is multiplied by.
+    The noise is multiplied by 2 k**2, the slope of Chebyshev's polynomial of degree k at the end of [0, 1].
     """
     if piece.coefficients is None:
         return piece
@@ -129,9 +129,9 @@ def _divided(piece: LocalPolynomial) -> LocalPolynomial:
 
 
 def _integrated(sample: Sample, place: int, piece: LocalPolynomial) -> LocalPolynomial:
-    """Return the same from the integral of the derivative, which a large constant in the event does not blur.
+    """Return the divided function from its integrated derivative, free of the rounding of a large constant in it.
 
-    The landing of a ball is seen in its velocity, whatever the height of the floor.
+    The landing of a ball shows in its velocity, whatever the height of the floor.
     """
     values = sample.rates(piece.width * nodes())[place] * piece.width
     if not np.isfinite(values).all():
@@ -143,7 +143,7 @@ def _integrated(sample: Sample, place: int, piece: LocalPolynomial) -> LocalPoly
 
 
 def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
-    """Return the sign of what was divided by time right after the start, and the power of time that tells."""
+    """Return the sign after a start at zero, and the leading power of time, of a function that is divided by time."""
     if piece.coefficients is None:
         return 0, 0
     beyond = np.flatnonzero(np.abs(piece.coefficients) > piece.noise)
@@ -154,14 +154,14 @@ def _leaving(piece: LocalPolynomial) -> tuple[int, int]:
 
 
 def rests(batch: StepBatch, step: int, sample: Sample, place: int) -> bool:
-    """Whether an event that started at zero stays there on a step, as a conserved quantity less its value does.
+    """Return True if an event function that started at zero stays zero on a step, as a conserved quantity does.
 
-    Its derivative along the motion tells: the path itself strays from the motion by more than round-off, to and fro.
+    The test is its derivative along the motion, since the path deviates from the motion by more than rounding.
     """
     return bool((np.abs(sample.rates(nodes())[place]) <= batch.sensitive[place, step]).all())
 
 
 def velocity(sample: Sample, place: int) -> float:
-    """Return the derivative of an event where a step starts, 0 within its noise."""
+    """Return the time derivative of an event function at the start of a step, 0 within its noise."""
     rates = sample.rates(nodes())[place]
     return 0.0 if abs(rates[0]) <= RATE_NOISE * np.abs(rates).max() else float(rates[0])
