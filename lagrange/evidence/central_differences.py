@@ -1,8 +1,8 @@
 """Derivatives by central differences, with Richardson extrapolation and an error estimate.
 
 Functions map mpmath numbers (displacements from the point) to lists of mpmath numbers. Central differences have an
-error series in even powers of the step [1], so two steps, h and h/2, remove its first term. The change by the
-extrapolation estimates the error before it, and is a safe bound of the error after it.
+error series in even powers of the step [1], so two steps, h and h/2, remove its first term. The change that the
+extrapolation makes estimates the error before it, and is a safe bound of the error after it.
 
 [1] L. F. Richardson, Phil. Trans. R. Soc. A 210 (1911) 307-357.
 """
@@ -16,7 +16,7 @@ Numbers = list[Any]
 
 
 class Estimate(NamedTuple):
-    """Numbers, a practical bound on the error of each, and the result of the longer step alone."""
+    """Extrapolated values, a practical bound on the error of each, and the result of the longer step (`coarse`)."""
 
     value: Numbers
     error: Numbers
@@ -41,8 +41,8 @@ def central_mixed(function: Callable[[Any, Any], Sequence[Any]], step_x: Any, st
 def extrapolate(rule: Callable[[Any], Sequence[Any]], scale: Any = 1) -> Estimate:
     """Return the limit at 0 of a rule whose error is a series in even powers of its argument.
 
-    The rule is called with `scale` and half of it; the argument may scale several steps at once, so nested
-    differences and what is computed from them (the solution of a linear system) extrapolate together.
+    The rule is called with `scale` and with half of it. The argument may scale several steps at once. Then nested
+    differences, and results computed from them such as solutions of linear systems, extrapolate together.
     """
     coarse, fine = rule(scale), rule(scale / 2)
     value = [(4 * f - c) / 3 for f, c in zip(fine, coarse, strict=True)]

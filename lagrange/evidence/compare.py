@@ -1,4 +1,4 @@
-"""Compiled numbers and reference entries: the error of each, and the worst of each kind."""
+"""Comparison of compiled numbers with reference entries: the largest error of each quantity."""
 
 from __future__ import annotations
 
@@ -20,12 +20,15 @@ from lagrange.machine.model import Model
 from lagrange.statement.statement import Statement
 
 SMOOTHNESS = 1e-14
-"""Error of the differencing, relative to the size, above which a point is of no use."""
+"""Largest error of the numerical derivatives, relative to the size of an entry, at a usable point."""
 
 
 @dataclass(frozen=True)
 class ReferenceEntries:
-    """One quantity's entries in a row: values, error bounds of the differencing, and sizes (see the module)."""
+    """Flattened entries of one quantity: values, error bounds of their differencing, and sizes.
+
+    A size is the magnitude of the terms of an entry; `lagrange.evidence.reference` defines it.
+    """
 
     value: Numbers
     error: Numbers
@@ -33,7 +36,7 @@ class ReferenceEntries:
 
     @cached_property
     def doubles(self) -> tuple[FloatArray, FloatArray]:
-        """The nearest double of each value, and the rest as another double."""
+        """The nearest double of each value, and the remainder as another double."""
         near = [float(x) for x in self.value]
         return np.array(near), np.array([float(x - y) if x else 0.0 for x, y in zip(self.value, near, strict=True)])
 
@@ -60,26 +63,29 @@ class ReferenceEntries:
         return ReferenceEntries(list(values), [0.0] * len(self.size), self.size)
 
     def check_smooth(self) -> None:
-        """Raise OutsideDomain if differencing did not converge: a kink or a jump lies within its steps."""
+        """Raise OutsideDomain if differencing did not converge: there is a kink or a jump within its steps."""
         floor = max(self.size, default=0) * SMOOTHNESS
         if any(error > SMOOTHNESS * (size + floor) for error, size in zip(self.error, self.size, strict=True)):
             raise OutsideDomain("the energies have no derivative here")
 
 
 LIMIT = 2e-12
-"""Largest error that holds, relative to an entry's size: some 10,000 roundings. The worst honest error seen is 1e-14,
-in a batch of 30-link chains; over the scenes, and 41 small systems at 10 seeds each, it is 4e-15."""
+"""Largest accepted error, relative to an entry's size: about 10,000 roundings.
+
+The largest error of correct code was 1e-14, in a batch of 30-link chains. Over the scenes, and 41 small systems at 10
+seeds each, it was 4e-15.
+"""
 
 TINY = 1e-290
-"""Absolute error that holds anywhere: below it doubles lose their digits one by one."""
+"""Absolute error that is always accepted: smaller doubles have fewer digits."""
 
 LANES = 11
-"""Columns of a batch that is held against single evaluations: more than one vector's width, and an odd rest."""
+"""Number of states in a batch that is compared with single evaluations: more than a vector's width, and odd."""
 
 
 @dataclass
 class _Tally:
-    """The worst error of one quantity; -1 if nothing was compared."""
+    """The largest error of one quantity, and where it occurred; -1 if nothing was compared."""
 
     error: float = -1.0
     entry: str = "-"
@@ -90,7 +96,7 @@ class _Tally:
 
 
 class Comparison:
-    """Running tallies, one per row of the report."""
+    """The largest error so far of each row of the report, and failures that are not errors of a value."""
 
     def __init__(self, names: Sequence[str], rows: Sequence[str]) -> None:
         self.names = names
@@ -102,19 +108,19 @@ class Comparison:
         self._number = 0
 
     def start(self, point: Point, number: int) -> None:
-        """Set the point of the next comparisons, and its number; 0 for one outside the domain."""
+        """Set the point of the next comparisons and its number, which is 0 for a point outside the domain."""
         self._place = point.describe(self.names)
         self._number = number
 
     def add(self, row: str, labels: Sequence[str], values: Sequence[float], part: ReferenceEntries) -> None:
-        """Compare values entry by entry."""
+        """Compare compiled values with the reference entries `part`, and update the largest error of a row."""
         tally = self._tallies[row]
         self._seen[row].add(self._number)
         tally.points = len(self._seen[row])
-        given, near, rest = np.asarray(values, dtype=float), *part.doubles
+        compiled, near, rest = np.asarray(values, dtype=float), *part.doubles
         with np.errstate(all="ignore"):
-            relative = relative_error(np.abs((near - given) + rest), *part.allowance)
-        finite = np.isfinite(given), np.isfinite(near)
+            relative = relative_error(np.abs((near - compiled) + rest), *part.allowance)
+        finite = np.isfinite(compiled), np.isfinite(near)
         for i in map(int, np.flatnonzero(finite[0] != finite[1])):
             self._add_broken(row, labels[i], values[i])
         relative[~(finite[0] & finite[1])] = -1.0
@@ -125,11 +131,11 @@ class Comparison:
             tally.compiled, tally.reference = float(values[worst]), float(part.value[worst])
 
     def report_unexplained(self, sentence: str) -> None:
-        """Record a failure at the present point."""
+        """Record a failure, described by a sentence, at the present point."""
         self.unexplained.append(f"{sentence}, at {self._place}")
 
     def rows(self) -> tuple[ReportRow, ...]:
-        """Return the table."""
+        """Return the rows of the report."""
         return tuple(
             ReportRow(
                 quantity=row,
@@ -154,19 +160,19 @@ class Comparison:
 def relative_error(off: Any, size: Any, uncertainty: Any) -> Any:
     """Return an absolute error relative to the entry's size and to the uncertainty of the reference.
 
-    The uncertainty counts ten times, as if it were just within the limit, so that one number decides.
+    Ten times the uncertainty is added to the allowed error, so that one comparison with LIMIT decides.
     """
     return off / (size + (10 * uncertainty + TINY) / LIMIT)
 
 
 def is_finite(value: Any) -> bool:
-    """Return whether a Python, NumPy or mpmath number is finite."""
+    """Return True if a Python, NumPy or mpmath number is finite."""
     return math.isfinite(value) if isinstance(value, float) else bool(abs(value) < math.inf)
 
 
 def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> list[str]:
     """Return the name of each entry of a quantity, in the order of `computed`."""
-    names, held = statement.names, [one.name for one in statement.constraints]
+    names, constraints = statement.names, [constraint.name for constraint in statement.constraints]
     velocities = [f"{a}_dot" for a in names]
     rates = [*velocities, *(f"{a}_ddot" for a in names)]
     match name:
@@ -180,16 +186,16 @@ def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> lis
             variables = [*names, *velocities]
             return [f"d {rate} / d {variables[j]}" for j in columns for rate in rates]
         case "constraints":
-            return [*held, *(f"rate of {one}" for one in held)]
+            return [*constraints, *(f"rate of {constraint}" for constraint in constraints)]
         case "constraint_gradient" | "constraint_forces":
-            return [f"{one}, {a}" for one in held for a in names]
+            return [f"{constraint}, {a}" for constraint in constraints for a in names]
         case "constraint_bias" | "multipliers":
-            return held
+            return constraints
     return list(names)
 
 
 def computed(model: Model, name: str, point: Point, columns: Sequence[int]) -> list[float]:
-    """Return the compiled entries of a quantity in a row; NaN where the model raises RunError."""
+    """Return the compiled entries of a quantity, flattened; all NaN if the model raises RunError."""
     q, v = np.array(point.q), np.array(point.v)
     try:
         block = _evaluate(model, name, q, v, point.t, point.parameters, columns)
@@ -201,7 +207,7 @@ def computed(model: Model, name: str, point: Point, columns: Sequence[int]) -> l
 def computed_batch(
     model: Model, name: str, point: Point, columns: Sequence[int]
 ) -> Iterator[tuple[list[float], list[float]]]:
-    """Yield pairs of a column of a batch and the single evaluation of the same state, near the point."""
+    """Yield (entries from a batch, entries from a single evaluation) for each of `LANES` states near the point."""
     near = [_beside(point, 1e-6 * k) for k in range(LANES)]
     singles = [computed(model, name, beside, columns) for beside in near]
     q, v = (np.array([getattr(beside, part) for beside in near]).T for part in ("q", "v"))
@@ -218,7 +224,7 @@ def computed_batch(
 def _evaluate(
     model: Model, name: str, q: Any, v: Any, t: Any, parameters: Mapping[Any, float], columns: Sequence[int]
 ) -> Any:
-    """Return the entries as an array, each quantity from its own kernel; the batch is the last axis."""
+    """Return the entries of a quantity as an array from its kernel; states of a batch are the last axis."""
     if name == "rhs":
         return model.rhs(t, np.concatenate([q, v]), parameters)
     if name == "jacobian":

@@ -1,4 +1,4 @@
-"""Constraints by numerical differentiation of what was stated, and states that satisfy them."""
+"""Constraints and their rates by numerical differentiation, and states that satisfy them."""
 
 from __future__ import annotations
 
@@ -15,9 +15,10 @@ from lagrange.statement.statement import Statement
 
 @dataclass(frozen=True)
 class StatedConstraints:
-    """The m expressions that are stated to be zero, as functions of (q, v, t), and which of them are holonomic.
+    """The m constraint expressions as functions of (q, v, t); `holonomic` is true for constraints on positions.
 
-    They are stored twice, for G and for what has no accelerations, as the Lagrangian is in `Sources`.
+    They are stored twice, for the gradient G and for the rates, so that perturbed copies are independent as in
+    `Sources`.
     """
 
     for_gradient: StateFunction
@@ -27,16 +28,16 @@ class StatedConstraints:
 
     @staticmethod
     def alike(values: StateFunction, holonomic: tuple[bool, ...]) -> StatedConstraints:
-        """Return what is computed in one way for G and for the rates."""
+        """Return constraints with the same function for G and for the rates."""
         return StatedConstraints(values, values, holonomic)
 
     def chosen(self, by_position: Sequence[Any], by_velocity: Sequence[Any]) -> Numbers:
-        """Return the entries of holonomic constraints from one list, those of others from another."""
+        """Return m entries: those of holonomic constraints from `by_position`, the others from `by_velocity`."""
         return [a if place else b for a, b, place in zip(by_position, by_velocity, self.holonomic, strict=True)]
 
 
 def gradient(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> list[Numbers]:
-    """Return G, m rows of n numbers."""
+    """Return G, m rows of n numbers: dphi/dq of holonomic constraints, dpsi/dv of the others."""
 
     def by_q(j: int) -> Numbers:
         return central(lambda h: stated.for_gradient(moved(q, j, h), v, t), steps.q[j])
@@ -53,12 +54,12 @@ def gradient(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: D
 
 
 def position_level(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any) -> Numbers:
-    """Return phi, m numbers; 0 for what is stated in velocities."""
+    """Return phi, m numbers; 0 for constraints on velocities."""
     return stated.chosen(stated.for_rates(q, v, t), [0] * len(stated.holonomic))
 
 
 def velocity_level(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
-    """Return psi, m numbers."""
+    """Return psi, m numbers: dphi/dt of holonomic constraints, and the expressions of the others."""
     still: Numbers = [0] * len(q)
     moving = _rates(stated, q, v, still, t, steps) if any(stated.holonomic) else [0] * len(stated.holonomic)
     return stated.chosen(moving, stated.for_rates(q, v, t))
@@ -67,7 +68,7 @@ def velocity_level(stated: StatedConstraints, q: Numbers, v: Numbers, t: Any, st
 def acceleration_level(
     stated: StatedConstraints, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps
 ) -> Numbers:
-    """Return dpsi/dt = G a + gamma, m numbers: the second rate of phi, the first of psi, along q + v s + a s^2/2."""
+    """Return dpsi/dt = G a + gamma, m numbers: derivatives with respect to s along q + v s + a s^2/2."""
     v_along, a_along, t_along = _directions(stated, v, a)
 
     def rates_at(s: Any) -> Numbers:
@@ -82,7 +83,7 @@ def acceleration_level(
 
 
 def _rates(stated: StatedConstraints, q: Numbers, v: Numbers, a: Numbers, t: Any, steps: DifferenceSteps) -> Numbers:
-    """Return the rates of what is stated along the motion."""
+    """Return the first time derivatives of the constraint expressions along the motion, m numbers."""
     v_along, a_along, t_along = _directions(stated, v, a)
 
     def values_at(s: Any) -> Sequence[Any]:
@@ -94,7 +95,7 @@ def _rates(stated: StatedConstraints, q: Numbers, v: Numbers, a: Numbers, t: Any
 
 
 def _directions(stated: StatedConstraints, v: Numbers, a: Numbers) -> tuple[Numbers, Numbers, Any]:
-    """Return velocities, accelerations and the rate of time, each a little off where rounding is measured."""
+    """Return the rates of q, v and t along the motion, slightly perturbed if rounding is measured."""
     nudge = stated.nudge
     v_along = [x * nudge("held velocity", i) for i, x in enumerate(v)]
     a_along = [x * nudge("held acceleration", i) for i, x in enumerate(a)]
@@ -102,38 +103,38 @@ def _directions(stated: StatedConstraints, v: Numbers, a: Numbers) -> tuple[Numb
 
 
 def reactions(gradient: Sequence[Numbers], multipliers: Sequence[Any]) -> list[Numbers]:
-    """Return G_i^T lambda_i, m rows of n numbers."""
+    """Return the constraint forces G_i^T lambda_i, m rows of n numbers."""
     return [[entry * x for entry in row] for row, x in zip(gradient, multipliers, strict=True)]
 
 
 def bordered(mass: Sequence[Numbers], gradient: Sequence[Numbers]) -> list[Numbers]:
-    """Return [[M, G^T], [G, 0]], n + m rows; with h and -gamma on the right it is solved by a and -lambda."""
+    """Return [[M, G^T], [G, 0]], n + m rows. For the right-hand side [h, -gamma] the solution is [a, -lambda]."""
     upper = [[*row, *(line[i] for line in gradient)] for i, row in enumerate(mass)]
     return upper + [[*line, *([0] * len(gradient))] for line in gradient]
 
 
 DIGITS = 60
-"""Digits of the evaluations: two thirds of them are left by first differences with steps of 1e-20."""
+"""Decimal digits of the evaluations: first differences with steps of 1e-20 keep two thirds of them."""
 
 MOST_CORRECTIONS = 30
-"""Corrections of a state before it counts as not to be brought onto the constraints."""
+"""Largest number of Newton corrections of a state towards the constraints."""
 
 
 class ConstraintSurface:
-    """The states (q, v) at which the constraints hold on positions and on velocities."""
+    """The states (q, v) that satisfy the constraints on positions and on velocities."""
 
     def __init__(self, statement: Statement, digits: int = DIGITS) -> None:
-        self.tape = Precise([one.expression for one in statement.constraints], statement, digits)
-        self.holonomic = tuple(one.holonomic for one in statement.constraints)
+        self.tape = Precise([constraint.expression for constraint in statement.constraints], statement, digits)
+        self.holonomic = tuple(constraint.holonomic for constraint in statement.constraints)
         self.number = self.tape.context.mpf
         self.step = self.number(10) ** -(digits // 3)
 
     def nearest(
         self, q: Sequence[Any], v: Sequence[Any], t: Any, parameters: Mapping[Any, Any]
     ) -> tuple[Numbers, Numbers]:
-        """Return coordinates and velocities near the given ones, moved along the rows of G until the constraints hold.
+        """Return coordinates and velocities near q and v, moved along the rows of G until the constraints hold.
 
-        Raises OutsideDomain where none are found, and where the constraints depend on one another.
+        Raises OutsideDomain if the corrections do not converge, or if the constraints are dependent there.
         """
         values = {p: self.number(x) for p, x in parameters.items()}
         places, rates, t = list(map(self.number, q)), list(map(self.number, v)), self.number(t)
@@ -162,7 +163,10 @@ class ConstraintSurface:
         return DifferenceSteps(by_q, by_v, self.step * min(times, default=abs(t) or self.number(1)))
 
     def _corrected(self, x: Numbers, at: Callable[[Numbers], tuple[Numbers, list[Numbers]]]) -> Numbers:
-        """Return x less G^T z, with G G^T z = the residual, until the corrections are round-off."""
+        """Return x after Newton corrections -G^T z with G G^T z = residual, repeated until they are rounding.
+
+        `at(x)` returns the residual and the rows of G.
+        """
         for _ in range(MOST_CORRECTIONS):
             residual, rows = at(x)
             square = [[sum(a * b for a, b in zip(row, other, strict=True)) for other in rows] for row in rows]

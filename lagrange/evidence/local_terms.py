@@ -1,7 +1,7 @@
 """The terms of a sum by the coordinates and velocities in them: a derivative needs only the terms with its variable.
 
-In a net of springs a derivative then costs as much as its few neighbours, and a check grows as the number of entries
-of the Jacobian that are not zero.
+In a net of springs a derivative then costs only a few terms. The cost of a check is proportional to the number of
+non-zero entries of the Jacobian.
 """
 
 from __future__ import annotations
@@ -16,12 +16,16 @@ from lagrange.evidence.precise import Precise, children
 from lagrange.statement.statement import Statement
 
 LOCAL_FROM = 13
-"""Number of coordinates from which terms are taken apart. For fewer, one program for all terms is as fast."""
+"""Smallest number of coordinates for which terms are separated. For fewer, one program for all terms is as fast."""
 
 
 @dataclass(frozen=True)
 class LocalTerms:
-    """L by each velocity and by each coordinate, and D by each velocity, as programs; `touched` see `local_terms`."""
+    """Programs for the terms of L and D that contain one variable.
+
+    `by_velocity` and `by_place` have a program of L for each velocity and for each coordinate; `dissipation` has one of
+    D for each velocity. `touched` is described in `local_terms`.
+    """
 
     by_velocity: Sequence[Precise]
     by_place: Sequence[Precise]
@@ -30,9 +34,10 @@ class LocalTerms:
 
 
 def local_terms(statement: Statement, digits: int) -> LocalTerms | None:
-    """Return the terms of a statement taken apart, or None for a small one.
+    """Return programs for the separated terms of a statement, or None if it has few coordinates.
 
-    `touched` has for each coordinate, then for each velocity, the rows of the equations of motion in which it stands.
+    `touched` has 2n lists: for each coordinate, then for each velocity, the rows of the equations of motion that
+    contain it.
     """
     n = len(statement.coordinates)
     if n < LOCAL_FROM:
@@ -45,7 +50,7 @@ def local_terms(statement: Statement, digits: int) -> LocalTerms | None:
     touched: list[list[int]] = [[] for _ in range(2 * n)]
     for i, force in enumerate(statement.forces):
         parts = (by_velocity[i], by_place[i], dissipation[i], Precise([force], statement, digits))
-        # A coordinate in p_i has its velocity in dp_i/dt.
+        # If p_i contains a coordinate, dp_i/dt contains its velocity.
         rates = {k + n for k in by_velocity[i].entries if k < n}
         for k in sorted(rates.union(*(part.entries for part in parts))):
             touched[k].append(i)
@@ -53,7 +58,7 @@ def local_terms(statement: Statement, digits: int) -> LocalTerms | None:
 
 
 def _terms(expression: Any, statement: Statement) -> list[tuple[Any, frozenset[Any]]]:
-    """Return the terms of a sum, each with the coordinates and velocities in it; c (a + b) has two terms."""
+    """Return pairs (term, its coordinates and velocities) of an expression; c (a + b) counts as two terms."""
     moving = frozenset((*statement.coordinates, *statement.velocities))
     found = []
     stack = list(sympy.Add.make_args(expression))
@@ -69,16 +74,16 @@ def _terms(expression: Any, statement: Statement) -> list[tuple[Any, frozenset[A
 
 
 def _by(variables: Sequence[Any], terms: Sequence[tuple[Any, frozenset[Any]]]) -> list[Any]:
-    """Return for each variable the sum of the terms in which it stands."""
-    found: dict[Any, list[Any]] = {variable: [] for variable in variables}
+    """Return for each variable the sum of the terms that contain it."""
+    parts: dict[Any, list[Any]] = {variable: [] for variable in variables}
     for term, moving in terms:
-        for variable in moving & found.keys():
-            found[variable].append(term)
-    return [sympy.Add(*found[variable]) for variable in variables]
+        for variable in moving & parts.keys():
+            parts[variable].append(term)
+    return [sympy.Add(*parts[variable]) for variable in variables]
 
 
 def leaves(expression: Any) -> frozenset[Any]:
-    """Return the coordinates, velocities, symbols and numbers that an expression is computed from."""
+    """Return the leaves of an expression: coordinates, velocities, symbols and numbers."""
     seen, stack = {expression}, [expression]
     while stack:
         fresh = [child for child in children(stack.pop()) if child not in seen]

@@ -1,4 +1,4 @@
-"""SymPy expressions in mpmath, to as many digits as asked, and nothing else of this package."""
+"""Evaluation of SymPy expressions with mpmath to a chosen number of digits, independent of graphs and compiled code."""
 
 from __future__ import annotations
 
@@ -18,16 +18,18 @@ from lagrange.statement.statement import Statement
 Operation = Callable[..., Any]
 
 _HUGE = 40
-"""Binary exponent of an argument from which exp and its like are refused: mpmath would compute for ever."""
+"""Largest binary exponent of an argument of exp and similar functions: beyond it mpmath does not return."""
 
 
 _RANGE = 1024
-"""Binary exponent of an argument from which sine and its like are refused: no double is as large. mpmath would compute
-pi to as many digits as the argument has in front of the point."""
+"""Largest binary exponent of an argument of sine and similar functions: that of the largest double.
+
+For larger arguments mpmath would compute pi to as many digits as the integer part of the argument has.
+"""
 
 
 class OutsideDomain(Exception):
-    """An expression has no real, finite value at the point asked for."""
+    """An expression has no real, finite value at the point."""
 
 
 class BeyondDoubles(OutsideDomain):
@@ -35,7 +37,10 @@ class BeyondDoubles(OutsideDomain):
 
 
 def numeric_operation(node: Any, prec: int) -> Operation:
-    """Return the function from a node's argument values to its value, at `prec` bits."""
+    """Return a function that computes a node's value from its arguments' values, at `prec` bits.
+
+    Raises OutsideDomain for a node of an unknown type.
+    """
     if isinstance(node, sympy.Pow):
         return _power(node.exp, prec)
     table = _NUMERIC.get(type(node))
@@ -197,7 +202,10 @@ _NUMERIC: dict[Any, Callable[[int], Operation]] = {
 
 
 def _decided(parts: Sequence[Any], *, verdict: bool) -> Any:
-    """Return the decisive value if a part has it, else the first part without a value, else the opposite."""
+    """Return the value of And (`verdict` False) or Or (`verdict` True) of parts, some of which may have no value.
+
+    The result is `verdict` if a part equals it, else the first part without a value, else the opposite.
+    """
     if any(part is verdict for part in parts):
         return verdict
     return next((part for part in parts if not isinstance(part, bool)), not verdict)
@@ -208,7 +216,7 @@ def _not(part: Any) -> Any:
 
 
 def _either(condition: Any, then: Any, otherwise: Any) -> Any:
-    """Return the disjunction of two conditions, which SymPy forms from a Max inside a Max."""
+    """Return the value of SymPy's ITE(condition, then, otherwise), which a Max inside a Max produces."""
     return condition if not isinstance(condition, bool) else then if condition else otherwise
 
 
@@ -237,14 +245,14 @@ Inputs = Sequence[Any]
 
 @cache
 def _context(digits: int) -> Any:
-    """Return an own mpmath context; creating one takes as long as a small check."""
+    """Return the mpmath context of this module for a number of digits, cached because creating one is slow."""
     context = MPContext()
     context.dps = digits
     return context
 
 
 class _Instruction(NamedTuple):
-    """One step of the tape; `needs` has a bit for each input that it depends on."""
+    """One instruction of the program; `needs` has a bit for each input that its result depends on."""
 
     out: int
     operation: Operation
@@ -255,10 +263,10 @@ class _Instruction(NamedTuple):
 
 @dataclass(frozen=True)
 class Inspection:
-    """The path of one evaluation.
+    """Record of one evaluation.
 
-    `outcomes` has the outcome of each switch (see `Precise.switches`), None if undefined; `largest` is the greatest
-    binary exponent of all intermediate values.
+    `outcomes` has the outcome of each switch in `Precise.switches`, None if undefined. `largest` is the largest binary
+    exponent of all intermediate values.
     """
 
     outcomes: tuple[int | None, ...]
@@ -266,15 +274,15 @@ class Inspection:
 
 
 class Precise:
-    """Expressions of a statement, ready to be evaluated at `digits` significant digits.
+    """A program that evaluates expressions of a statement with `digits` significant digits.
 
-    `entries` are the places in (q, v) of what is read. Calling it with q and v (n numbers each), t and a value for
-    every parameter returns one mpmath number per expression. Python floats are taken as the exact doubles that they
-    are, so are SymPy Floats; fractions and constants such as pi are taken to all digits. Of a Piecewise, only the
-    branch taken matters. Raises OutsideDomain where an expression has no real, finite value.
+    A call with q and v (n numbers each), t and a value for every parameter returns one mpmath number per expression.
+    Python floats and SymPy Floats are converted exactly; fractions and constants such as pi have all digits. Only the
+    selected branch of a Piecewise needs a value. A call raises OutsideDomain if an expression has no real, finite
+    value. `entries` are the indices in (q, v) of the coordinates and velocities that occur.
 
-    An evaluation repeats only what depends on inputs that have changed since the one before: differencing moves one
-    coordinate at a time. So an instance serves one thread.
+    A call repeats only instructions whose inputs have changed since the previous call, since differencing moves one
+    coordinate at a time. An instance therefore serves one thread only.
     """
 
     def __init__(self, expressions: Iterable[Any], statement: Statement, digits: int = 50) -> None:
@@ -293,13 +301,13 @@ class Precise:
         self._switch_code = tuple(tape.switches.values())
 
     def __call__(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> list[Any]:
-        """Return the values. Raises OutsideDomain."""
+        """Return one value per expression. Raises OutsideDomain if one has no real, finite value."""
         values = self._run(q, v, t, parameters)
         make = self.context.make_mpf
         return [make(values[slot]) for slot in self._outputs]
 
     def inspect(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> Inspection:
-        """Evaluate once and report which way every switch went. Raises OutsideDomain as a call does."""
+        """Evaluate once and return the outcomes of the switches. Raises OutsideDomain as a call does."""
         values = self._run(q, v, t, parameters)
         outcomes = tuple(
             switch_outcome(node, values[out], [values[i] for i in arguments])
@@ -309,11 +317,12 @@ class Precise:
         return Inspection(outcomes, max(exponents, default=0))
 
     def perturbed(self, size: float, seed: int) -> Precise:
-        """Return a copy in which every computed number, and its slope, have fixed factors of their own, 1 + O(size).
+        """Return a copy in which every computed number and its slope have fixed random factors 1 + O(size).
 
         This models rounding, large enough to measure and smooth enough to be differentiated. The change of a derivative
-        is the size of its rounding error, cancellation included: terms of x/(1 + x) cancel in its slope alone, which
-        needs the factors of slopes. They apply to changes since `about`, or since the first evaluation.
+        then measures its rounding error, cancellation included. Slopes need separate factors, because the terms of
+        x/(1 + x), for example, cancel only in its slope. These factors apply to changes since the last call of `about`,
+        or since the first evaluation.
         """
         draw = random.Random(seed)
         copy = object.__new__(Precise)
@@ -329,7 +338,7 @@ class Precise:
         return copy
 
     def about(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> list[Any]:
-        """Return the values at a point, from which the changes of a perturbed copy are counted then."""
+        """Return the values at a point, and make it the base point for the slope factors of a perturbed copy."""
         self._bases.clear()
         self._values = None
         return self(q, v, t, parameters)
@@ -361,10 +370,10 @@ class Precise:
 
 
 def _no_value(error: Exception, arguments: Sequence[Any]) -> OutsideDomain:
-    """Return the entry of the slot of a result without a value.
+    """Return an exception object that is stored as the result of an operation without a value.
 
-    No operation accepts it as an argument, so results that need it have no value either. A Piecewise that does not take
-    its branch ignores it.
+    No operation accepts it as an argument, so results that depend on it have no value either. A Piecewise ignores it
+    in a branch that is not selected.
     """
     if isinstance(error, TypeError):
         broken = [argument for argument in arguments if isinstance(argument, OutsideDomain)]
@@ -377,9 +386,9 @@ def _no_value(error: Exception, arguments: Sequence[Any]) -> OutsideDomain:
 
 
 def _scaled(step: _Instruction, delta: Any, slope: Any, bases: dict[int, Any], prec: int) -> Operation:
-    """Return an operation whose first result has the factor 1 + delta, and whose changes since have 1 + slope.
+    """Return an operation whose first result has the factor 1 + delta, and later changes of it the factor 1 + slope.
 
-    `bases` takes the part of the first result that both factors differ by.
+    `bases` stores the first result times (delta - slope), by slot.
     """
     multiply, add = libmp.mpf_mul, libmp.mpf_add
     operation, out, factor, rest = step.operation, step.out, (1 + slope)._mpf_, (delta - slope)._mpf_
@@ -394,7 +403,7 @@ def _scaled(step: _Instruction, delta: Any, slope: Any, bases: dict[int, Any], p
 
 
 class _Recorder:
-    """Turns expressions into instructions, children first; equal subexpressions share a slot."""
+    """Translates expressions into instructions, children first; equal subexpressions share a slot."""
 
     def __init__(self, statement: Statement, prec: int) -> None:
         self.prec = prec
@@ -450,7 +459,7 @@ class _Recorder:
 
 
 _ALWAYS = 1 << 100_000
-"""A bit beyond any input's: set when everything is to be computed, and only then."""
+"""Bit of instructions without inputs, above the bits of all inputs. It is set in the first evaluation only."""
 
 _CONDITIONS = (sympy.StrictLessThan, sympy.LessThan, sympy.StrictGreaterThan, sympy.GreaterThan)
 _SWITCHES = (*_CONDITIONS, sympy.Abs, sympy.sign, sympy.Heaviside, sympy.Min, sympy.Max)
@@ -484,6 +493,6 @@ def _constant(node: Any, prec: int) -> Any:
     if node in _NAMED:
         return _NAMED[node](prec)
     if node.is_number:
-        # In a branch that is not taken, as in sqrt(-1), it is ignored.
+        # A Piecewise ignores it, for example sqrt(-1), in a branch that is not selected.
         return OutsideDomain(f"{node} is no finite real number")
     raise OutsideDomain(f"{node} has no value here: it is no coordinate, velocity, parameter or number of this system")

@@ -1,4 +1,4 @@
-"""Evaluate a straight-line program with mpmath, to as many digits as asked."""
+"""Evaluation of a straight-line program with mpmath, to a chosen number of digits."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ class NoValue(ArithmeticError):
 
 
 VANISHING = 1e-16
-"""A pivot below this part of the largest entry is eliminated with pivoting: of 40 digits, 24 are left at least."""
+"""Pivots below this fraction of the largest entry need row exchanges; of 40 digits at least 24 are then left."""
 
 _context = cache(precise)
 
 
 def evaluate(program: Program, t: float, y: Sequence[float], parameters: Sequence[float], digits: int = 40) -> Numbers:
-    """Return the outputs at a time, a state and parameters, which are taken as the exact doubles that they are.
+    """Return the outputs at a time, a state and parameters, as numbers with `digits` digits.
 
-    Raises NoValue where an operation has no real, finite value, or a matrix is singular.
+    Doubles are converted exactly. Raises NoValue if an operation has no real, finite value, or a matrix is singular.
     """
     return _Evaluation(program, _context(digits)).run(t, y, parameters)
 
@@ -41,36 +41,39 @@ class _Evaluation:
     def run(self, t: float, y: Sequence[float], parameters: Sequence[float]) -> Numbers:
         values: list[Any] = []
         number = self.context.mpf
-        given = {"state": [number(x) for x in y], "parameter": [number(x) for x in parameters], "time": [number(t)]}
-        for one in self.program.instructions:
-            if one.op in given:
-                values.append(given[one.op][one.place])
-            elif one.op == "constant":
-                values.append(number(one.value))
+        inputs = {"state": [number(x) for x in y], "parameter": [number(x) for x in parameters], "time": [number(t)]}
+        for instruction in self.program.instructions:
+            if instruction.op in inputs:
+                values.append(inputs[instruction.op][instruction.place])
+            elif instruction.op == "constant":
+                values.append(number(instruction.value))
             else:
-                values.append(self.computed(one, [values[arg] for arg in one.args]))
-        found = [values[ref] for ref in self.program.outputs]
-        if any(not self.context.isfinite(value) for value in found):
+                values.append(self.computed(instruction, [values[arg] for arg in instruction.args]))
+        outputs = [values[ref] for ref in self.program.outputs]
+        if any(not self.context.isfinite(value) for value in outputs):
             raise NoValue("a result is not finite")
-        return found
+        return outputs
 
-    def computed(self, one: Instruction, args: list[Any]) -> Any:
-        if one.op == "factor":
-            return self.factored(one.order, args)
-        if one.op == "solve":
+    def computed(self, instruction: Instruction, args: list[Any]) -> Any:
+        if instruction.op == "factor":
+            return self.factored(instruction.order, args)
+        if instruction.op == "solve":
             return self.solved(args[0], args[1:])
-        if one.op == "component":
-            return args[0][one.place]
+        if instruction.op == "component":
+            return args[0][instruction.place]
         try:
-            found = self.operations[one.op](*args)
+            value = self.operations[instruction.op](*args)
         except (ZeroDivisionError, ValueError, OverflowError) as error:
-            raise NoValue(f"{one.op} has no value") from error
-        if isinstance(found, self.context.mpc):
-            raise NoValue(f"{one.op} has no real value")
-        return found
+            raise NoValue(f"{instruction.op} has no value") from error
+        if isinstance(value, self.context.mpc):
+            raise NoValue(f"{instruction.op} has no real value")
+        return value
 
     def factored(self, n: int, lower: Sequence[Any]) -> Any:
-        """Return L D L^T of a symmetric matrix by rows, D on the diagonal; its inverse where a pivot vanishes."""
+        """Return the factors of L D L^T by rows, with D on the diagonal, or the inverse matrix if a pivot vanishes.
+
+        `lower` has the lower triangle of the symmetric n x n matrix by rows.
+        """
         rows = [list(lower[i * (i + 1) // 2 : i * (i + 1) // 2 + i + 1]) for i in range(n)]
         least = VANISHING * max(map(abs, lower))
         for i, row in enumerate(rows):
@@ -95,7 +98,7 @@ class _Evaluation:
             raise NoValue("a matrix is singular") from error
 
     def solved(self, factors: Any, right: Sequence[Any]) -> Numbers:
-        """Return the solution of a factored system."""
+        """Return the solution of a linear system from the result of `factored`."""
         if not isinstance(factors, list):
             return list(factors * self.context.matrix(right))
         x = list(right)
@@ -108,10 +111,10 @@ class _Evaluation:
 
 @cache
 def _operations(context: Any) -> dict[str, Callable[..., Any]]:
-    """Return every operation of a program on numbers of a context.
+    """Return the operations of a program by name, on numbers of an mpmath context.
 
-    The functions are those of the graph, which are mpmath's. Evidence that is independent of graph and program is in
-    `lagrange.evidence.precise`, which evaluates what was stated.
+    The functions are those of the graph module, which uses mpmath. `lagrange.evidence.precise` is independent of graph
+    and program: it evaluates the stated expressions.
     """
     return {
         **{name: partial(function, context) for name, function in FUNCTIONS.items()},

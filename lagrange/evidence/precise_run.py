@@ -1,4 +1,4 @@
-"""A run in multiple precision that satisfies the stated laws of motion, differenced and not derived."""
+"""A run in multiple precision: the stated equations of motion are formed by differences, not derived in symbols."""
 
 from __future__ import annotations
 
@@ -29,19 +29,20 @@ from lagrange.machine.model import Model
 from lagrange.statement.statement import Statement
 
 GUARD = 14
-"""Digits beyond those that the differences lose by design."""
+"""Number of guard digits, in addition to the digits that the differences lose."""
 
 
 class PreciseLaws:
     """The residual of the equations of motion, from the stated L, Q and D."""
 
     def __init__(self, statement: Statement, parameters: Mapping[Any, float], digits: int) -> None:
-        # A first derivative of a first derivative is differenced: twice the digits of the step are lost, and the
-        # step's square is the error.
+        # dp/dt is a difference of differences: it loses twice the digits of the step, and its error is the square of
+        # the step.
         self.exponent = digits // 2 + 3
         lagrangian = Precise([statement.lagrangian], statement, digits + 2 * self.exponent + GUARD)
         loads = Precise([*statement.forces, statement.dissipation], statement, digits + 2 * self.exponent + GUARD)
-        held = Precise([one.expression for one in statement.constraints], statement, digits + 2 * self.exponent + GUARD)
+        expressions = [constraint.expression for constraint in statement.constraints]
+        held = Precise(expressions, statement, digits + 2 * self.exponent + GUARD)
         self.surface = ConstraintSurface(statement, digits + 2 * self.exponent + GUARD)
         self.context = lagrangian.context
         self.number = self.context.mpf
@@ -61,11 +62,14 @@ class PreciseLaws:
             read=lambda i: range(2 * len(statement.coordinates)),
             touched=lambda j: range(len(statement.coordinates)),
         )
-        holonomic = tuple(one.holonomic for one in statement.constraints)
+        holonomic = tuple(constraint.holonomic for constraint in statement.constraints)
         self.held = StatedConstraints.alike(lambda q, v, t: held(q, v, t, values), holonomic)
 
     def on_constraints(self, t: Any, state: Numbers) -> Numbers:
-        """Return a state that satisfies the constraints to all digits: what it lacks of them grows along a run."""
+        """Return the state moved onto the constraints to all digits, since violations grow along a run.
+
+        Raises RunError if that fails.
+        """
         if not self.held.holonomic:
             return state
         n = len(state) // 2
@@ -76,7 +80,7 @@ class PreciseLaws:
         return [*q, *v]
 
     def steps(self, q: FloatArray, v: FloatArray, length: float) -> DifferenceSteps:
-        """Return the steps of the differences over an interval, from the sizes of its states, (s, n) each."""
+        """Return the difference steps for an interval of a given length, from its states q and v, (s, n) each."""
         unit = self.number(10) ** -self.exponent
         sizes = [np.abs(x).max(axis=0) for x in (q, v)]
         by_q, by_v = ([unit * (float(x) or 1.0) for x in size] for size in sizes)
@@ -85,7 +89,7 @@ class PreciseLaws:
     def residual(
         self, q: Numbers, v: Numbers, a: Numbers, multipliers: Numbers, t: Any, steps: DifferenceSteps
     ) -> Numbers:
-        """Return dp/dt - f - G^T lambda, n numbers, and dpsi/dt, m numbers: all zero when a is the acceleration."""
+        """Return [dp/dt - f - G^T lambda, dpsi/dt], n + m numbers: all zero if a and lambda are those of the motion."""
         free = laws.residual(self.source, q, v, a, t, steps)
         if not self.held.holonomic:
             return free
@@ -97,28 +101,28 @@ class PreciseLaws:
 Improvement = Callable[[FloatArray], FloatArray]
 
 LEAST_POINTS = 8
-"""Otherwise there are as many points to an interval as digits are asked for, which makes the work about least."""
+"""Smallest number of points per interval. With more digits it equals the number of digits, which is about optimal."""
 
 SHORTEST = 1e-9
-"""Part of the whole time below which an interval is not halved any further."""
+"""Shortest interval, relative to the length of the run."""
 
 LARGEST_GROWTH = 2.0
-"""An interval is at most so many times as long as the one before."""
+"""Largest ratio of the lengths of an interval and the previous one."""
 
 AGREED = 1e-9
-"""Relative change at which doubles have found an interval, and what improving it with them leaves at first."""
+"""Relative change at which the iteration in doubles has converged; also the first guess of its contraction rate."""
 
 SWEEPS = 10
-"""Improvements of an interval before it is called too long; two or three are enough where it is not."""
+"""Largest number of iterations for an interval. Two or three suffice unless the interval is too long."""
 
 WORTHWHILE = 0.1
-"""An improvement leaves at most this part of the one before it, or the interval is too long."""
+"""Largest contraction rate of the corrections; if it is exceeded, the interval is too long."""
 
 SLACK = 100.0
-"""How much less steeply than it should the series of the accelerations may fall, from its middle to its end."""
+"""Factor by which the last coefficients of the series of the accelerations may exceed their expected size."""
 
 SAFETY = 0.1
-"""How far below its allowance the estimated tail of an interval must be."""
+"""Ratio of the largest accepted estimate of the series' truncation to the tolerance."""
 
 
 def precise_run(
@@ -131,31 +135,32 @@ def precise_run(
     digits: int = 30,
     max_wall: float | None = None,
 ) -> list[list[Any]]:
-    """Return the states [q, v] at `times`, which go away from t0 in one direction: 2n mpmath numbers for each.
+    """Return the states [q, v] at `times`, 2n mpmath numbers each. The times are monotonic and start after t0.
 
-    `parameters` has a value for every parameter; floats are taken as the exact doubles that they are. About `digits`
-    digits are right after a short run; an instability costs some of them, which a second run with more digits shows.
-    Ten seconds of a double pendulum take two. Raises RunError where the run cannot go on, at a jump of the forces for
-    one, and when it takes longer than `max_wall` seconds.
+    `parameters` has a value for every parameter; floats are converted exactly. About `digits` digits are right after a
+    short run. An unstable motion loses some of them, as a second run with more digits shows. A run of 10 s of a double
+    pendulum takes about 2 s. Raises RunError if the run cannot continue, for example at a jump of the forces, or if it
+    takes longer than `max_wall` seconds.
     """
     run = _PreciseRun(model, parameters, digits, None if max_wall is None else time.perf_counter() + max_wall)
     number = run.laws.number
     state = run.laws.on_constraints(t0, [number(x) for x in y0])
-    now, found = number(t0), []
+    now, states = number(t0), []
     whole = abs(float(times[-1]) - t0) if len(times) else 0.0
     for end in times:
         state = run.advance(now, number(end), state, whole)
         now = number(end)
-        found.append(state)
-    return found
+        states.append(state)
+    return states
 
 
 @dataclass(frozen=True)
 class _Rule:
-    """Gauss's rule with s points on [0, 1], to many digits and in doubles.
+    """Gauss's rule with s points on [0, 1], in multiple precision and in doubles.
 
-    `matrix` integrates to each point, `twice` does so twice. `spectrum` maps values at the points to coefficients of
-    Legendre's polynomials; `middle` and `tail` are three rows of it to all digits.
+    `matrix` maps values at the points to their integrals from 0 to each point. In doubles, `places` are the points,
+    `once` is `matrix`, and `twice` integrates twice. `spectrum` maps values at the points to coefficients of Legendre's
+    polynomials; `middle` and `tail` are its three middle and last rows in multiple precision.
     """
 
     points: tuple[Any, ...]
@@ -171,7 +176,11 @@ class _Rule:
 
 @dataclass(frozen=True)
 class _Interval:
-    """Estimates in doubles for an interval: states (s, n) at the points, sizes (n,), a factor for the next length."""
+    """Solution of an interval in doubles: q, v and a at the s points, (s, n) each, and the scales `sizes` (n,).
+
+    `factor` is the ratio of the next interval's length to this one. `improve` maps residuals of the accelerations to
+    their corrections.
+    """
 
     q: FloatArray
     v: FloatArray
@@ -183,7 +192,7 @@ class _Interval:
 
 
 def _sizes(spectrum: FloatArray, q: FloatArray, v: FloatArray, h: float) -> FloatArray:
-    """Return the scale of an acceleration, (n,): what changes the motion over the interval noticeably."""
+    """Return the scale of each acceleration, (n,): accelerations that change the motion noticeably over a time h."""
     sizes = np.maximum(np.abs(spectrum).max(axis=0), np.abs(v).max(axis=0) / abs(h))
     sizes = np.maximum(sizes, np.abs(q).max(axis=0) / h**2)
     least = 1e-15 * float(sizes.max())
@@ -191,11 +200,11 @@ def _sizes(spectrum: FloatArray, q: FloatArray, v: FloatArray, h: float) -> Floa
 
 
 class _TooLong(Exception):
-    """The interval is too long for the rule."""
+    """The interval is too long: the iteration fails, or the rule does not resolve the accelerations."""
 
 
 class _PreciseRun:
-    """The state of one run."""
+    """One run: its laws, its rule, its time limit and the length of its next interval."""
 
     def __init__(self, model: Model, parameters: Mapping[Any, float], digits: int, deadline: float | None) -> None:
         self.parameters = dict(parameters)
@@ -206,7 +215,10 @@ class _PreciseRun:
         self.length: float | None = None
 
     def advance(self, t: Any, end: Any, state: Numbers, whole: float) -> Numbers:
-        """Return the state at `end`."""
+        """Return the state at `end` from that at `t`, by intervals that are halved until they succeed.
+
+        `whole` is the length of the run.
+        """
         while t != end:
             left = float(end - t)
             parts = 1 if self.length is None else math.ceil(abs(left) / self.length)
@@ -223,7 +235,7 @@ class _PreciseRun:
         return state
 
     def _check(self, t: float, length: float, whole: float) -> None:
-        """Refuse to exceed the time limit, or intervals that are too short."""
+        """Raise RunError after the time limit, or for an interval that is too short."""
         if self.deadline is not None and time.perf_counter() > self.deadline:
             raise RunError(f"the precise run took longer than its time limit: it was at t = {t:.6g}.")
         if abs(length) < SHORTEST * whole:
@@ -233,7 +245,10 @@ class _PreciseRun:
             )
 
     def _guess(self, t: float, h: float, state: Numbers) -> _Interval:
-        """Return the interval as computed in doubles. Raises _TooLong if the rule does not resolve it."""
+        """Return the solution of the interval from t to t + h in doubles.
+
+        Raises _TooLong if the iteration does not converge or the rule does not resolve the accelerations.
+        """
         times = t + h * self.rule.places
         start = np.array([float(x) for x in state])
         q0, v0 = self.model.layout.split(start)
@@ -243,9 +258,9 @@ class _PreciseRun:
                 v = v0 + h * self.rule.once @ a
                 q = q0 + h * self.rule.once @ v
                 y = np.hstack([q, v]).T
-                found = self.model.rhs(times, y, self.parameters)[len(q0) :].T
+                computed = self.model.rhs(times, y, self.parameters)[len(q0) :].T
                 improve = self._improvement(times, h, y)
-                change = improve(a - found)
+                change = improve(a - computed)
                 a = a + change
                 sizes = _sizes(self.rule.spectrum @ a, q, v, h)
                 left = float((np.abs(change) / sizes).max())
@@ -256,9 +271,9 @@ class _PreciseRun:
         raise _TooLong
 
     def _growth(self, a: FloatArray, sizes: FloatArray) -> float:
-        """Return the factor of the length of the next interval. Raises _TooLong if this one is too long."""
-        # Gauss's rule has twice the order at the end that it has along the way, where the series is cut: half of the
-        # digits there are all of them here. Halfway down the series doubles still see how it falls off.
+        """Return the ratio of the next interval's length to this one. Raises _TooLong if this interval is too long."""
+        # The order of Gauss's rule at the end of the interval is twice the order of the truncated series. So half of
+        # the digits in the series are enough. Doubles resolve its coefficients only as far as the middle.
         spectrum = np.abs(self.rule.spectrum @ a)
         middle = len(spectrum) // 2
         seen = float((spectrum[middle : middle + 3] / sizes).max())
@@ -268,7 +283,7 @@ class _PreciseRun:
         return min(LARGEST_GROWTH, math.exp(math.log(allowed / max(seen, 1e-300)) / middle))
 
     def _improvement(self, times: FloatArray, h: float, y: FloatArray) -> Improvement:
-        """Return the map from residuals (s, n) to corrections of the accelerations (s, n)."""
+        """Return the function from residuals (s, n) to Newton corrections of the accelerations (s, n)."""
         n, s = self.model.dimension, len(times)
         slopes = self.model.jacobian(times, y, self.parameters)[n:]
         by_q, by_v = (np.moveaxis(part, -1, 0) for part in (slopes[:, :n], slopes[:, n:]))
@@ -292,12 +307,15 @@ class _PreciseRun:
         return moved
 
     def _accelerations(self, t: Any, h: Any, state: Numbers, guess: _Interval) -> list[Numbers]:
-        """Return the accelerations at the points, s rows of n numbers, corrected until the equations hold."""
+        """Return the accelerations at the points, s rows of n numbers, corrected until the equations hold.
+
+        Raises _TooLong if the corrections converge too slowly.
+        """
         a = [[self.laws.number(float(x)) for x in row] for row in guess.a]
         steps = self.laws.steps(guess.q, guess.v, float(h))
         inverses, multipliers = self._solver(guess)
         n = self.model.dimension
-        last, wanted = 0.0, 10.0 ** -(self.digits + 1)
+        last, tolerance = 0.0, 10.0 ** -(self.digits + 1)
         for _ in range(SWEEPS):
             q, v = self._states(h, state, a)
             rows = [
@@ -311,16 +329,16 @@ class _PreciseRun:
             left = size / last if last else AGREED
             if not left <= WORTHWHILE:
                 break
-            if size * left <= wanted:
+            if size * left <= tolerance:
                 self._check_tail(a, guess.sizes)
                 return a
             last = size
         raise _TooLong
 
     def _solver(self, guess: _Interval) -> tuple[FloatArray, list[Numbers]]:
-        """Return the inverse of M, or of [[M, G^T], [G, 0]], at each point, and the multipliers there in doubles.
+        """Return the inverse of M, or of [[M, G^T], [G, 0]], at each point in doubles, and first multipliers.
 
-        What doubles leave of G^T lambda is formed with all digits: lambda is improved as the accelerations are.
+        The multipliers are then corrected to all digits together with the accelerations.
         """
         where = (guess.q.T, guess.v.T, guess.times, self.parameters)
         masses = np.moveaxis(self.model.evaluate("mass_matrix", *where), -1, 0)
@@ -329,9 +347,9 @@ class _PreciseRun:
         rows = np.moveaxis(self.model.evaluate("constraint_gradient", *where), -1, 0)
         corner = np.zeros((len(rows), rows.shape[1], rows.shape[1]))
         matrices = np.block([[masses, np.swapaxes(rows, 1, 2)], [rows, corner]])
-        found = self.model.evaluate("multipliers", *where).T
+        multipliers = self.model.evaluate("multipliers", *where).T
         inverses = np.asarray(np.linalg.inv(matrices), dtype=float)
-        return inverses, [[self.laws.number(float(x)) for x in row] for row in found]
+        return inverses, [[self.laws.number(float(x)) for x in row] for row in multipliers]
 
     def _check_tail(self, a: Sequence[Numbers], sizes: FloatArray) -> None:
         """Raise _TooLong if the series of the accelerations stops decreasing, as across a kink."""
@@ -359,13 +377,13 @@ class _PreciseRun:
 
 
 def _moved(numbers: Sequence[Numbers], by: FloatArray) -> list[Numbers]:
-    """Return rows of numbers, each moved by doubles."""
+    """Return rows of mpmath numbers plus an array of doubles."""
     return [[x + float(y) for x, y in zip(row, change, strict=True)] for row, change in zip(numbers, by, strict=True)]
 
 
 @cache
 def _rule(s: int, context: Any) -> _Rule:
-    """Return Gauss's rule with s points to the digits of an mpmath context, from Legendre's polynomials."""
+    """Return Gauss's rule with s points in the precision of an mpmath context, from Legendre's polynomials."""
     guesses = np.polynomial.legendre.leggauss(s)[0]
     roots = [_root(context, s, context.mpf(float(x))) for x in guesses]
     table = [_legendre(x, s + 1) for x in roots]
@@ -393,7 +411,7 @@ def _root(context: Any, s: int, x: Any) -> Any:
 
 
 def _legendre(x: Any, degree: int) -> Numbers:
-    """Return the values of Legendre's polynomials at x, from degree 0 on."""
+    """Return the values of Legendre's polynomials of degree 0 to `degree` at x."""
     values = [x * 0 + 1, x]
     for k in range(1, degree):
         values.append(((2 * k + 1) * x * values[k] - k * values[k - 1]) / (k + 1))

@@ -1,4 +1,4 @@
-"""The reference solution of a race: states with a bound on their errors, far more accurate than those of any method."""
+"""The reference solution of a method comparison: states with an error bound, far more accurate than any method."""
 
 from __future__ import annotations
 
@@ -19,26 +19,28 @@ from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import FloatArray
 
 DIGITS = 22
-"""Digits of the reference. Errors of doubles grow as those of the reference do, and stay 1e6 times as large."""
+"""Decimal digits of the reference: its errors are 1e-6 of those of doubles, since both grow by the same factor."""
 
 LEAST_DIGITS, GREATEST_DIGITS = 18, 200
 
 APART = 4
-"""By so many digits the run that the reference is held against has fewer: it differs in its intervals, in the points
-on them and in the steps of its differences."""
+"""Number of digits by which the second run, which gives the error bound, has fewer than the reference.
+
+Fewer digits change its intervals, the points on them and the steps of its differences.
+"""
 
 LONGEST = 180.0
-"""Seconds that either run in multiple precision may take."""
+"""Time limit of each run in multiple precision, in seconds."""
 
 TIGHTEST = 1e-13
-"""Tolerance of the run that a reference by a method is held against."""
+"""Tolerance of the second run that a reference by a method is compared with."""
 
 
 @dataclass(frozen=True, eq=False)
 class ReferenceSolution:
     """The reference states at each of the `times`, 2n numbers each, and a bound on their errors.
 
-    `uncertainty` is in the norm of the errors; `about` says where the states come from.
+    `uncertainty` is in the norm of `error`; `about` is a phrase on the origin of the states.
     """
 
     times: tuple[float, ...]
@@ -59,8 +61,8 @@ def reference_solution(
     """Return the reference solution at `times`.
 
     `given` is None for an independent run in multiple precision, an array (2n,) or (2n, K), or a method as name or
-    instance. `digits` is for the former; `growth` is the factor by which the run magnifies errors. Raises
-    StatementError for an unusable reference, RunError if it cannot be computed.
+    instance. `digits` applies to multiple precision only. `growth` is the factor by which errors grow along the run.
+    Raises StatementError for an unusable reference, and RunError if it cannot be computed.
     """
     if given is None:
         return _independent(problem, times, digits, unit, growth)
@@ -89,9 +91,9 @@ def _independent(
     model, start = problem.model, problem.y0.tolist()
 
     def run(precision: int) -> tuple[tuple[Any, ...], ...]:
-        found = precise_run(model, problem.parameters, problem.t0, start, times, digits=precision, max_wall=LONGEST)
+        computed = precise_run(model, problem.parameters, problem.t0, start, times, digits=precision, max_wall=LONGEST)
         # Numbers of another context do not pickle; conversion keeps every digit.
-        return tuple(tuple(map(mpmath.mp.convert, one)) for one in found)
+        return tuple(tuple(map(mpmath.mp.convert, state)) for state in computed)
 
     try:
         rough, states = run(chosen - APART), run(chosen)
@@ -105,9 +107,9 @@ def _independent(
 def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: FloatArray) -> ReferenceSolution:
     """Return the run of a method; its uncertainty is the difference from a second method at its tightest tolerance."""
     method = find(given)
-    own = isinstance(given, str) and method.claims.adaptive
+    tightened = isinstance(given, str) and method.claims.adaptive
     other = "dopri5" if method.name == "dop853" else "dop853"
-    first = _states(problem, times, given, TIGHTEST if own else None)
+    first = _states(problem, times, given, TIGHTEST if tightened else None)
     second = _states(problem, times, other, TIGHTEST)
     bound = max(_distance(a, b, unit) for a, b in zip(first, second, strict=True))
     return ReferenceSolution(
@@ -116,7 +118,7 @@ def _by_method(problem: Problem, times: Sequence[float], given: Any, unit: Float
 
 
 def _states(problem: Problem, times: Sequence[float], method: Any, tolerance: float | None) -> tuple[Any, ...]:
-    """Return the states at the times, each the end of a run from the one before, without interpolation."""
+    """Return the states at the times. Each is the end of a run from the previous time, so none is interpolated."""
     flow = Flow(problem.model, RunOptions(method, tolerance))
     y, now, found = problem.y0, problem.t0, []
     for then in times:
@@ -128,12 +130,12 @@ def _states(problem: Problem, times: Sequence[float], method: Any, tolerance: fl
 
 def _distance(y: Sequence[Any], other: Sequence[Any], unit: FloatArray) -> float:
     """Return the largest difference of two states, each entry in units of `unit`."""
-    # mpmath subtracts if one of them is its number: doubles would round smaller differences to zero.
+    # The subtraction is done in mpmath if one operand is its number; doubles would round small differences to zero.
     return max(abs(float(b - a)) / float(scale) for a, b, scale in zip(y, other, unit, strict=True))
 
 
 def digits_of(given: Any) -> int:
-    """Return the digits of a reference. Raises StatementError for what is no number of them."""
+    """Return a checked number of digits. Raises StatementError if it is not a whole number in the allowed range."""
     number = real_number(given, "digits")
     if number != int(number) or not LEAST_DIGITS <= number <= GREATEST_DIGITS:
         raise StatementError(

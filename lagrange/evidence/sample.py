@@ -1,4 +1,4 @@
-"""Random states, times, inputs and parameters at which no term is likely to vanish or to dominate."""
+"""Random states, times, inputs and parameters, chosen so that terms rarely vanish or dominate."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from lagrange.statement.statement import REFUSE, Statement
 
 
 def solved_statement(model: Model) -> Statement:
-    """Return the statement of a model without the constraints that follow from others."""
+    """Return the statement of a model without redundant constraints."""
     statement = model.statement
     if not statement.constraints:
         return statement
     solved = model.equations.constraints.names
-    kept = tuple(one for one in statement.constraints if one.name in solved)
+    kept = tuple(constraint for constraint in statement.constraints if constraint.name in solved)
     if len(kept) == len(statement.constraints):
         return statement
     return replace(statement, constraints=kept, redundant=REFUSE)
 
 
 ORDINARY = math.log(300.0)
-"""A size between 1/300 and 300 counts as one: samples of order one suit it."""
+"""Logarithm of the largest size that counts as 1: samples of order one suit sizes from 1/300 to 300."""
 
 EXTREME = math.log(1e100)
-"""Sizes are kept within 1e-100 and 1e100: their squares are doubles."""
+"""Logarithm of the largest size. Sizes stay within 1e-100 and 1e100, so that their squares are doubles."""
 
 Form = dict[Any, float]
 """A monomial: powers of its symbols, and under `UNIT` the logarithm of its coefficient."""
@@ -44,7 +44,11 @@ UNIT = sympy.S.One
 
 
 class Scales:
-    """Sizes of the coordinates and velocities of a statement, for any values of its parameters."""
+    """Typical magnitudes of the coordinates and velocities of a statement, for any values of its parameters.
+
+    Assumption: terms of a sum have equal magnitudes, and arguments of functions have magnitude 1. This gives linear
+    equations for the logarithms.
+    """
 
     def __init__(self, statement: Statement) -> None:
         self._unknown = (*statement.coordinates, *statement.velocities)
@@ -55,9 +59,9 @@ class Scales:
             self._read(expression)
 
     def sizes(self, parameters: Mapping[Any, float], start: Sequence[float] = ()) -> tuple[float, ...]:
-        """Return the 2n sizes. One that nothing determines, or that is of order one, is 1.
+        """Return the 2n sizes. A size that is of order one, or not determined, is 1.
 
-        A state `start` (2n,) gives sizes to what no constants and parameters do.
+        A state `start` (2n,) gives the sizes that constants and parameters do not determine.
         """
         logarithms = {p: math.log(abs(x)) for p, x in parameters.items() if x and math.isfinite(x)}
         rows = [row for row in (self._with(form, logarithms) for form in self._rows) if row is not None]
@@ -71,7 +75,10 @@ class Scales:
         return tuple(1.0 if abs(size) <= ORDINARY else math.exp(size) for size in bounded)
 
     def _with(self, form: Form, logarithms: Mapping[Any, float]) -> Form | None:
-        """Return a row in the unknowns alone, None if a parameter has no size or no unknown is left."""
+        """Return a row in the unknowns only, with the logarithms of the parameters inserted.
+
+        None if a parameter has no size, or if the row has no unknown.
+        """
         row: Form = {UNIT: 0.0}
         for symbol, power in form.items():
             if symbol in logarithms:
@@ -108,7 +115,7 @@ class Scales:
         if isinstance(node, sympy.Pow) and node.exp.is_number:
             return {symbol: power * float(node.exp) for symbol, power in parts[0].items()}
         if isinstance(node, (sympy.Abs, sympy.Max, sympy.Min, sympy.Add, *RELATIONS)):
-            # Terms that balance have one size: that of the first which has no unknown, if there is one.
+            # All terms get the size of the first one, preferably of one without unknowns.
             parts.sort(key=lambda part: any(symbol in self._unknown for symbol in part))
             self._rows += [_product([part, {s: -power for s, power in parts[0].items()}]) for part in parts[1:]]
             return parts[0]
@@ -129,7 +136,10 @@ def _product(parts: Sequence[Form]) -> Form:
 
 
 class _Solution:
-    """Logarithms of the sizes that are found, and the rows that wait for one of their unknowns."""
+    """Solves the rows, linear equations for logarithms of sizes, one unknown after another.
+
+    `sizes` has the known logarithms. A row gives its last unknown as soon as all others are known.
+    """
 
     def __init__(self, rows: Sequence[Form]) -> None:
         self.sizes: dict[Any, float] = {}
@@ -144,7 +154,7 @@ class _Solution:
                 self._follow(k)
 
     def settle(self, symbol: Any, size: float) -> None:
-        """Give an unknown its size, unless it has one, and find those that follow from it."""
+        """Set the logarithm of a size, unless it is known, and compute those that follow from it."""
         if symbol in self.sizes:
             return
         self.sizes[symbol] = size
@@ -161,7 +171,7 @@ class _Solution:
             self.settle(symbol, -row[UNIT] / row[symbol])
 
     def _alone(self, k: int) -> Any:
-        """Return the last unknown of a row, whose size is found then, or None if it was found meanwhile."""
+        """Compute the size of the last unknown of a row and return this unknown, or None if the size is known."""
         row = self._rows[k]
         for symbol in row.keys() - {UNIT, *self.sizes}:
             known = sum(power * self.sizes[s] for s, power in row.items() if s in self.sizes)
@@ -171,14 +181,15 @@ class _Solution:
 
 
 def sampled_statement(model: Model) -> tuple[Statement, Callable[[Point], Point]]:
-    """Return the statement by which a model is tested, and what makes a point of it one of the model.
+    """Return the statement that a model is tested with, and a function from its points to points of the model.
 
-    Inputs are polynomials in time with random coefficients there, so that their rates belong to their values.
+    Inputs of the model become polynomials in time with random coefficients, so that their values and rates are
+    consistent.
     """
     statement = solved_statement(model)
     if not statement.inputs or statement.open_form is None:
         return statement, lambda point: point
-    kept = [one.name for one in statement.constraints]
+    kept = [constraint.name for constraint in statement.constraints]
     stated = replace(
         statement.open_form, constraints=tuple(c for c in statement.open_form.constraints if c.name in kept)
     )
@@ -219,7 +230,10 @@ class Point:
 
 @dataclass(frozen=True)
 class SampleKind:
-    """How points are chosen: states near the initial one or of order one, parameters how far from their defaults."""
+    """Rule for random points: `state` is "initial" (near it) or "order one".
+
+    `parameters` is "default", "near default" or "order one".
+    """
 
     name: str
     state: str
@@ -233,16 +247,19 @@ SAMPLE_KINDS = (
     SampleKind("near the initial state, parameters near their defaults", "initial", "near default"),
     SampleKind("everything of order one", "order one", "order one"),
 )
-"""Taken in turn. Near the initial state the numbers are those that matter; with everything of order one no term
-hides behind another 20 orders of magnitude larger, as one body's does behind the sun's in real units; parameters off
-their defaults tell m1 from m2 where both are 1, and c from nothing where it is 0."""
+"""Kinds of points, used in turn.
+
+Numbers near the initial state are those of actual runs. With everything of order one, no term is 20 orders of magnitude
+smaller than another, as a planet's is beside the sun's in SI units. Parameters away from their defaults distinguish m1
+from m2 if both are 1, and show terms with a parameter c = 0.
+"""
 
 DRAWS_PER_KIND = 40
-"""Draws of one kind of point before the next kind is tried."""
+"""Number of draws of one kind of point before the next kind is tried."""
 
 
 Move = tuple[float, float, float]
-"""A place, a random number, and the size of a move from the place by that number."""
+"""(x, r, s): an entry x of a state is moved to x + s r, with a random number r and a size s."""
 
 
 class Sampler:
@@ -256,7 +273,7 @@ class Sampler:
         self._initial = (statement.initial[:n], statement.initial[n:])
 
     def point(self, kind: SampleKind, attempt: int = 0) -> Point:
-        """Return a point; it is nearer to the initial state the more attempts have failed."""
+        """Return a random point of a kind. Points near the initial state approach it as `attempt` grows."""
         near = kind.state == "initial"
         if near:
             spread = 0.3 * 0.1 ** (attempt // 4)
@@ -274,7 +291,7 @@ class Sampler:
         return Point(q, v, self._within(0.0), self._parameters("default"), "the initial state")
 
     def far(self) -> Point:
-        """Return a point with numbers of any size, for branches that are rarely taken."""
+        """Return a point with numbers of many magnitudes, for branches that are rarely taken."""
         moves = [
             [(x if self._draw.random() < 0.5 else 0.0, self._of_order_one() * self._magnitude(), 1.0) for x in values]
             for values in self._initial
@@ -287,19 +304,19 @@ class Sampler:
     def _placed(
         self, moves: Sequence[Sequence[Move]], scales: Sequence[float]
     ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Return q and v from their moves; the characteristic size goes before the size of a move where it is not 1."""
+        """Return q and v after the moves. A characteristic size other than 1 replaces the size of a move."""
         every = zip([*moves[0], *moves[1]], scales, strict=True)
         state = tuple(place + (size if scale == 1.0 else scale) * x for (place, x, size), scale in every)
         return state[: len(moves[0])], state[len(moves[0]) :]
 
     def _within(self, t: float) -> float:
-        """Return the time, or one at which given functions have values if it has none."""
+        """Return t if the functions of time are defined there, else a time within their span."""
         first, last = self.statement.span
         return t if first <= t <= last else first + (last - first) * (0.2 + 0.6 * t / (1.0 + t))
 
     def _near(self, values: Sequence[float], spread: float) -> list[Move]:
         largest = max(1.0, *map(abs, values))
-        # Where nothing tells the size of a zero, it is between 1 and the largest of its kind.
+        # An entry that is zero gets a random size between 1 and the largest entry.
         sizes = [abs(x) or 10.0 ** self._draw.uniform(0.0, math.log10(largest)) for x in values]
         moves = [spread * self._of_order_one() for _ in values]
         return [

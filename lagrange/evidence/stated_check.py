@@ -1,4 +1,4 @@
-"""The check of a stated system: its models on both machines, and the textbook derivation of its accelerations."""
+"""The check of a stated system: its compiled models on both targets, and its textbook accelerations."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from lagrange.evidence.sample import solved_statement
 from lagrange.machine.model import Stated
 
 MOST_DERIVED = 100
-"""Coordinates up to which a check compares with the textbook derivation, which takes some 10 s for 300."""
+"""Largest number of coordinates for which the textbook derivation is compared; it takes about 10 s for 300."""
 
 
 def check_stated(system: Stated, target: str, points: int, seed: int) -> Report:
-    """Check a system; see `lagrange.System.check`."""
+    """Return the report on a system compiled for `target`; `lagrange.System.check` describes the arguments."""
     model = system.compile(target, check=False)
     statement = solved_statement(model)
     if statement is not model.statement:
@@ -31,9 +31,9 @@ def check_stated(system: Stated, target: str, points: int, seed: int) -> Report:
 
 
 def _textbook(system: Stated, prescribed: Mapping[Any, Any]) -> tuple[Mapping[Any, Any] | None, tuple[str, ...]]:
-    """Return the accelerations of the textbook derivation, or a note that they are too large to be derived.
+    """Return the accelerations of the textbook derivation and notes; None and a note if they are too large to derive.
 
-    `prescribed` are the values of given functions and their derivatives.
+    `prescribed` maps functions of time and their derivatives to their values.
     """
     if len(system.statement.coordinates) > MOST_DERIVED:
         limit = f"which is done up to {MOST_DERIVED} coordinates."
