@@ -1,4 +1,4 @@
-"""Formulas as a book prints them, in any notation, and their lines of a bounded width."""
+"""Formulas with the conventions of textbooks, in any notation, broken into lines of limited width."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ RELATIONS = {
 }
 JOINED = {sympy.And: " and ", sympy.Or: " or "}
 LARGEST_WHOLE = 10**6
-"""Decimals up to here that are whole numbers are printed as such."""
+"""Largest whole number that is printed without decimals if it was stated as a decimal."""
 
 
 class Typesetter:
-    """Writes expressions of a statement in a notation; velocities are letters with a dot, or with _dot behind them."""
+    """Writes expressions of a statement in a notation; a velocity is a letter with a dot, or with the suffix _dot."""
 
     def __init__(self, statement: Statement, notation: Notation) -> None:
         self.notation = notation
@@ -52,7 +52,7 @@ class Typesetter:
         return expression.xreplace(self.plain)
 
     def terms(self, expression: Any) -> list[tuple[bool, str]]:
-        """Return the terms of an expression in plain symbols, in order, each with whether it is subtracted."""
+        """Return the terms of an expression in plain symbols, in order, each with True if it is subtracted."""
         parts = self.order.terms(list(expression.args)) if expression.is_Add else [expression]
         found = []
         for part in parts:
@@ -68,14 +68,14 @@ class Typesetter:
         return Piece(self.notation.signs([(True, self.notation.grouped(piece, PRODUCT))]), SUM) if negative else piece
 
     def signed(self, node: Any) -> tuple[bool, Piece]:
-        """Return whether a term is subtracted, and the rest of it."""
+        """Return True if a term is subtracted, and the term without its sign."""
         if node.is_Add:
             return False, self.piece(node)
         sign, above, below, number = self.parts(node)
         return sign, self.quotient(above, below, number)
 
     def parts(self, node: Any) -> tuple[bool, list[Any], list[Any], Any]:
-        """Return a term as (negative, factors above, factors below, number); sums have the sign that a book gives them.
+        """Return a term as (negative, factors above, factors below, number); sums have the sign of textbooks.
 
         Factors are pairs of a base and a positive exponent.
         """
@@ -92,7 +92,7 @@ class Typesetter:
         return bool(number.is_negative), above, below, abs(number)
 
     def quotient(self, above: list[Any], below: list[Any], number: Any) -> Piece:
-        """Return number * above / below, with constants in a fraction in front where the notation has it so."""
+        """Return number * above / below. Constants are a separate fraction in front, if the notation has that."""
         top, bottom = (
             (sympy.Integer(number.p), sympy.Integer(number.q)) if number.is_Rational else (number, sympy.S.One)
         )
@@ -109,12 +109,12 @@ class Typesetter:
         return self.notation.product([front, *map(self.power, moving)]) if moving else front
 
     def over(self, above: list[Piece], below: list[Piece]) -> Piece:
-        """Return the quotient of two products; of none above it is one."""
+        """Return the quotient of two products; an empty one above is 1."""
         top = self.notation.product(above or [self.number(sympy.S.One)])
         return self.notation.fraction(top, self.notation.product(below)) if below else top
 
     def factors(self, number: Any, pairs: list[Any]) -> list[Piece]:
-        """Return the pieces of a product, without a one in front of others."""
+        """Return the pieces of a product; a number 1 in front of other factors is left out."""
         return [*([] if number == 1 else [self.number(number)]), *map(self.power, pairs)]
 
     def power(self, pair: tuple[Any, Any]) -> Piece:
@@ -133,14 +133,14 @@ class Typesetter:
         return self.notation.raised(inside, written if exponent.is_Integer else self.exponent(exponent))
 
     def exponent(self, exponent: Any) -> str:
-        """Return an exponent; a fraction stands in one line."""
+        """Return an exponent; a fraction is written on one line."""
         if exponent.is_Rational:
             one, other = (self.number(sympy.Integer(abs(part))).text for part in (exponent.p, exponent.q))
             return self.notation.in_line(one, other)
         return self.piece(exponent).text
 
     def atom(self, node: Any) -> Piece:
-        """Return what is no sum, no product and no power."""
+        """Return the piece of an expression that is not a sum, a product or a power."""
         if node in self.letters:
             return Piece(self.letters[node], simple=True)
         if node.is_Add or node.is_Mul or node.is_Pow:
@@ -159,7 +159,7 @@ class Typesetter:
         return self.function(node)
 
     def function(self, node: Any, exponent: str = "") -> Piece:
-        """Return a function's value; a given function of time alone is a letter."""
+        """Return the value of a function; a given function of time without another argument is a letter."""
         if isinstance(node, AppliedUndef) and node.args == (t,):
             return Piece(self.notation.letter(node.func.__name__), simple=True)
         name = NAMES.get(node.func, node.func.__name__)
@@ -178,7 +178,7 @@ class Typesetter:
         return self.notation.function("derivative", [self.piece(part) for part in (function, *inner.variables)])
 
     def condition(self, when: Any) -> str:
-        """Return a condition; the one that always holds is empty."""
+        """Return a condition; one that always holds is empty."""
         if when == sympy.true:
             return ""
         if when.func in JOINED:
@@ -202,7 +202,7 @@ class Typesetter:
 
 
 def _base_and_exponent(factor: Any) -> tuple[Any, Any]:
-    """Return a factor as a power; exp(x) is a function, not a power of e, and i is a number, not a root."""
+    """Return a factor as (base, exponent); exp(x) is a function, not a power of e, and i is a number, not a root."""
     if isinstance(factor, sympy.exp) or factor is sympy.I:
         return factor, sympy.S.One
     base, exponent = factor.as_base_exp()
@@ -212,9 +212,9 @@ def _base_and_exponent(factor: Any) -> tuple[Any, Any]:
 
 
 WIDEST = 100
-"""Columns of a line, in Unicode; as many letters of a formula fill a printed page."""
+"""Width of a line in columns of Unicode text; a formula of this width also fills a printed page."""
 SHORT = 20
-"""Operations up to which a formula is not measured: it fits into a line."""
+"""Most operations of a formula that fits into a line without being measured."""
 
 MEANINGS = {
     "L": "Lagrangian",
@@ -232,14 +232,14 @@ MEANINGS = {
     "phi": "constraint",
     "psi": "constraint",
 }
-"""What our letters stand for: the word that is written where a symbol of the statement looks like the letter."""
+"""Words for the letters of mechanics, written if a symbol of the statement looks like the letter."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """One line of a formula: its left side, if it stands on this line, and what is right of it.
+    """One line of a formula: its left side, if it is on this line, and the text to the right of it.
 
-    `goes_on` marks a line that goes on with the side above.
+    `goes_on` marks a line that continues with the side above.
     """
 
     left: str
@@ -248,7 +248,7 @@ class Line:
 
 
 class SideWriter:
-    """Writes sides of formulas in a notation, each in one line."""
+    """Writes sides of formulas in a notation, each on one line."""
 
     def __init__(self, statement: Statement, notation: Callable[[Sequence[str]], Notation]) -> None:
         multipliers = [one.multiplier.name for one in statement.constraints]
@@ -282,13 +282,13 @@ class SideWriter:
         return self.setter.write(side)
 
     def factor(self, factor: Any) -> str:
-        """Return a factor of a product of ours."""
+        """Return a factor of a `Product`."""
         if isinstance(factor, sympy.Basic):
             return self.notation.grouped(self.setter.piece(self.setter.plainly(factor)), PRODUCT)
         return self.side(factor)
 
     def quantity(self, quantity: ShownQuantity) -> str:
-        """Return a letter with its indices, or its word where a symbol of the statement looks the same."""
+        """Return a letter with its indices, or its word if a symbol of the statement looks like the letter."""
         spelled = self.notation.letter(quantity.letter, 0, quantity.indices)
         if spelled not in self.taken:
             return spelled
@@ -296,7 +296,7 @@ class SideWriter:
 
 
 class LineWriter:
-    """Writes formulas of a statement in a notation, on as many lines as they need."""
+    """Writes formulas of a statement in a notation, on as many lines as necessary."""
 
     def __init__(self, statement: Statement, notation: Callable[[Sequence[str]], Notation]) -> None:
         self.sides = SideWriter(statement, notation)
@@ -322,12 +322,12 @@ class LineWriter:
         return [Line(left, first), *(Line("", line, goes_on=True) for line in more)]
 
     def apart(self, left: str, last: Any) -> bool:
-        """Return whether the last side stands below a left side: both are long, or the left one fills more lines."""
+        """Return True if the last side goes below the left side: both are long, or the left one takes several lines."""
         right = width(self.ruler.side(last)) if isinstance(last, sympy.Expr) else 0
         return width(left) > WIDEST or (width(left) > WIDEST // 2 and width(left) + 3 + right > WIDEST)
 
     def broken(self, side: Any, room: int) -> list[str]:
-        """Return a side on as many lines as it needs, the first of them with that much room."""
+        """Return a side as lines; the first of them has `room` columns."""
         if not isinstance(side, sympy.Expr):
             return [self.sides.side(side)]
         plain = self.setter.plainly(side)
@@ -338,7 +338,7 @@ class LineWriter:
         return self.product_lines(plain, room)
 
     def sum_lines(self, total: Any, room: int) -> Iterator[str]:
-        """Yield the lines of a sum; a term that is wider than a line has lines of its own."""
+        """Yield the lines of a sum; a term wider than a line starts on a new line and is broken."""
         line: list[tuple[bool, str]] = []
         first = True
         parts = self.setter.order.terms(list(total.args)) if total.is_Add else [total]
@@ -359,13 +359,13 @@ class LineWriter:
             yield self.notation.signs(line, leading=first)
 
     def columns(self, factors: list[Any], number: int = 1) -> int:
-        """Return the columns of one half of a fraction of two levels."""
+        """Return the width in columns of the numerator or denominator of a fraction on two levels."""
         return width(self.ruler.setter.quotient(factors, [], sympy.Integer(number)).text)
 
     def product_lines(self, product: Any, room: int, *, leading: bool = True) -> list[str]:
-        """Return the lines of a product with a long sum for a factor: the rest, and the sum in parentheses.
+        """Return the lines of a product with a long sum as a factor: the other factors, and the sum in parentheses.
 
-        The sum begins on a line of its own where the rest fills half of one. `leading` is as for signs.
+        The sum begins on a new line if the other factors fill half of one. `leading` is as for `Notation.signs`.
         """
         negative, above, below, number = self.setter.parts(product)
         sums = [base for base, exponent in above if base.is_Add and exponent == 1]
@@ -375,7 +375,7 @@ class LineWriter:
         rest = [(base, exponent) for base, exponent in above if base is not longest or exponent != 1]
         behind, one = "", self.notation.number("1")
         if self.notation.in_one_line:
-            # A vulgar fraction behind the parenthesis would read as an exponent: with such, numbers stay in front.
+            # A fraction such as ½ after the parenthesis would look like an exponent: then numbers stay in front.
             split = number.is_Rational and not self.notation.fractions_in_front
             divisor = self.setter.quotient(below, [], sympy.Integer(number.q if split else 1))
             number = sympy.Integer(number.p) if split else number

@@ -1,4 +1,4 @@
-"""Comparison of an answer with a system, with messages as people type formulas: in the order of a book."""
+"""Comparison of an answer with a system; its messages spell formulas in plain text, in the order of textbooks."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lagrange.statement.statement import Statement
 def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> EquationsComparison:
     """Return the comparison of an answer, as texts or SymPy, with the equations of a statement.
 
-    Raises StatementError for what cannot be read.
+    Raises StatementError for an answer that cannot be read.
     """
     typeset = Typesetter(statement, AsciiNotation(names_of(statement)))
     typeset.letters |= {one.multiplier: f"{MULTIPLIER}{one.name}" for one in statement.constraints}

@@ -1,4 +1,4 @@
-"""Formulas in LaTeX, with the packages of the AMS alone."""
+"""Formulas in LaTeX, which need only the packages of the AMS."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from lagrange.show.notation.names import letter_of, upright
 from lagrange.show.notation.pieces import ATOM, CIRCULAR, POWER, Notation, Piece
 
 COMMANDS = CIRCULAR - frozenset(("sech", "csch"))
-"""Functions that LaTeX has a command for, beside ln, min and max."""
+"""Functions with a LaTeX command of the same name, besides ln, min and max."""
 RELATIONS = {"<=": r"\le", ">=": r"\ge", "!=": r"\ne"}
 
 
@@ -54,7 +54,7 @@ class LatexNotation(Notation):
         return Piece(f"\\frac{{{above.text}}}{{{below.text}}}", POWER)
 
     def raised(self, base: str, exponent: str) -> Piece:
-        """Return base^{exponent}; a letter with a dot and an index keeps both."""
+        """Return base^{exponent}; dots and indices of the base are kept."""
         return Piece(f"{base}^{_argument(exponent)}", POWER)
 
     def root(self, inside: Piece) -> Piece:
@@ -80,11 +80,11 @@ class LatexNotation(Notation):
         return self.power_of(shown + self.brackets(inside), exponent)
 
     def power_of(self, value: str, exponent: str) -> Piece:
-        """Return a function's value, to a power if there is one."""
+        """Return the value of a function, raised to the exponent if there is one."""
         return self.raised(value, exponent) if exponent else Piece(value)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
-        """Return an environment of cases."""
+        """Return a cases environment."""
         lines = [f"{value} & {condition or chr(92) + 'text{otherwise}'}" for value, condition in rows]
         return Piece("\\begin{cases} " + " \\\\ ".join(lines) + " \\end{cases}", ATOM)
 
@@ -128,5 +128,5 @@ class LatexNotation(Notation):
 
 
 def _argument(text: str, *, alone: bool = True) -> str:
-    """Return what a command takes: a command needs no braces, nor does a letter that does not stand behind one."""
+    """Return the argument of a command: in braces, except for a command, or for a letter that does not follow one."""
     return text if (alone and len(text) == 1) or re.fullmatch(r"\\[A-Za-z]+", text) else f"{{{text}}}"

@@ -1,4 +1,4 @@
-"""Formulas in MathML, which browsers set without help from elsewhere."""
+"""Formulas in MathML, which browsers render without scripts."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ DOTS = ("", "\N{DOT ABOVE}", "\N{DIAERESIS}")
 RELATIONS = {"<=": "≤", ">=": "≥", "!=": "≠"}
 APPLY = "<mo>\N{FUNCTION APPLICATION}</mo>"
 SPACE = '<mspace width="0.17em"/>'
-"""The thin space that books set around the name of a function; browsers set none by themselves."""
+"""Thin space around the name of a function; browsers add none."""
 TALL = ("<mfrac", "<mtable", "<msqrt")
-"""What is higher than a line."""
+"""Elements that are taller than a line of text."""
 CALLS = tuple(f"<mrow>{power}<mi>{name}</mi>" for name in sorted(CIRCULAR) for power in ("", "<msup>"))
-"""How the value of a function with a name begins."""
+"""Beginnings of the value of a function with a name."""
 
 
 def row(*parts: str) -> str:
-    """Return parts beside one another, as one."""
+    """Return elements in one mrow."""
     return f"<mrow>{''.join(parts)}</mrow>"
 
 
 def operator(sign: str) -> str:
-    """Return a sign."""
+    """Return an operator element."""
     return f"<mo>{escape(sign)}</mo>"
 
 
 class MathmlNotation(Notation):
-    """MathML; every text is one element, or several of a sum."""
+    """MathML; every text is one element, except that a sum may be several."""
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
         """Return a letter with its dots above and its indices below."""
@@ -62,7 +62,7 @@ class MathmlNotation(Notation):
         return f"<mi>{({'pi': 'π', 'infinity': '∞'}).get(name, name)}</mi>"
 
     def brackets(self, inside: str) -> str:
-        """Return (inside); brackets about a line do not stretch, for browsers set those that do with wide gaps."""
+        """Return (inside); around a single line the brackets do not stretch, because browsers add wide gaps to such."""
         if any(tall in inside for tall in TALL):
             return row(operator("("), inside, operator(")"))
         return row('<mo stretchy="false">(</mo>', inside, '<mo stretchy="false">)</mo>')
@@ -76,7 +76,7 @@ class MathmlNotation(Notation):
         return Piece(f"<mfrac>{_one(above)}{_one(below)}</mfrac>", POWER)
 
     def raised(self, base: str, exponent: str) -> Piece:
-        """Return a power; an exponent that is a number or a sign is one here too."""
+        """Return a power; a plain number or sign as exponent becomes an element."""
         shown = f"<mn>{exponent}</mn>" if exponent.lstrip("-").isdigit() else row(exponent)
         return Piece(f"<msup>{base}{shown}</msup>", POWER)
 
@@ -85,7 +85,7 @@ class MathmlNotation(Notation):
         return Piece(f"<msqrt>{inside.text}</msqrt>")
 
     def function(self, name: str, arguments: Sequence[Piece], exponent: str = "") -> Piece:
-        """Return a function's value."""
+        """Return the value of a function."""
         inside = operator(",").join(argument.text for argument in arguments)
         if name == "abs":
             return self.power_of(row(operator("|"), inside, operator("|")), exponent)
@@ -102,11 +102,11 @@ class MathmlNotation(Notation):
         return self.power_of(row(shown, APPLY, self.brackets(inside)), exponent)
 
     def power_of(self, value: str, exponent: str) -> Piece:
-        """Return a function's value, to a power if there is one."""
+        """Return the value of a function, raised to the exponent if there is one."""
         return self.raised(value, exponent) if exponent else Piece(value)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
-        """Return a table behind a brace."""
+        """Return a table after a brace."""
         lines = [
             f"<mtr><mtd>{row(value)}</mtd><mtd>{row(condition or '<mtext>otherwise</mtext>')}</mtd></mtr>"
             for value, condition in rows

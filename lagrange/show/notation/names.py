@@ -1,6 +1,6 @@
-"""Names and sentences on paper: what a person called things, in LaTeX, Markdown and plain text.
+"""Names and sentences of the user in LaTeX, Markdown and plain text.
 
-Nothing is printed as it came: LaTeX and Markdown are languages, and a name or a title must not speak them.
+All of them are escaped: LaTeX and Markdown are languages, and a name or a title must not contain commands of theirs.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from lagrange.statement.lexer import GREEK as LETTERS
 
 UNICODE_GREEK = {name: letter for letter, name in LETTERS.items()} | {"Pi": "Π"}
-"""Names that LaTeX has a letter for, and the letter. Not pi, which is a number wherever it is printed."""
+"""Names with a letter in LaTeX, and the letter. Not pi, which is always printed as the number."""
 
 GREEK = frozenset(UNICODE_GREEK)
 
@@ -28,7 +28,7 @@ _LATEX = {
     **{letter: f"\\ensuremath{{\\{name}}}" for letter, name in LETTERS.items()},
 }
 _BRACKETS = str.maketrans("[]", "__")
-"""What is in brackets is an index: lambda[rod] is the multiplier of the constraint rod."""
+"""Brackets become underscores: they enclose an index, as in lambda[rod], the multiplier of the constraint rod."""
 
 _MARKDOWN = re.compile(r"([\\`*_{}\[\]<>()#+\-.!|$~&@:])")
 
@@ -59,7 +59,7 @@ def index_parts(name: str) -> tuple[str, list[str]]:
 
 
 def letters(names: Iterable[str]) -> dict[str, Letter]:
-    """Return the LaTeX of each name; two names never look the same."""
+    """Return the LaTeX of each name; different names look different."""
     found: dict[str, Letter] = {}
     for name in names:
         letter = letter_of(name)
@@ -68,7 +68,7 @@ def letters(names: Iterable[str]) -> dict[str, Letter]:
 
 
 def letter_of(name: str, *, literal: bool = False) -> Letter:
-    """Return the LaTeX of a name: theta1, m_bob and lambda[rod] get an index; a literal name is upright, as it is."""
+    """Return the LaTeX of a name: theta1, m_bob and lambda[rod] get an index; a literal name stays as it is, upright."""
     if literal:
         return Letter(upright(name))
     head, parts = index_parts(name)
@@ -76,22 +76,22 @@ def letter_of(name: str, *, literal: bool = False) -> Letter:
 
 
 def latex_text(sentence: str) -> str:
-    """Return a sentence for LaTeX's text mode, every mark as itself."""
+    """Return a sentence for LaTeX's text mode, with special characters escaped."""
     return "".join(_LATEX.get(mark, mark) for mark in plain_text(sentence))
 
 
 def markdown_text(sentence: str) -> str:
-    """Return a sentence for Markdown, every mark as itself."""
+    """Return a sentence for Markdown, with special characters escaped."""
     return _MARKDOWN.sub(r"\\\1", plain_text(sentence))
 
 
 def plain_text(sentence: str) -> str:
-    """Return a sentence on one line, without the control characters that a terminal would obey."""
+    """Return a sentence on one line, without control characters of a terminal."""
     return "".join(mark for mark in " ".join(sentence.split()) if mark.isprintable())
 
 
 def index_word(name: str) -> str:
-    """Return the LaTeX of an index: theta1 is a letter with a digit behind it."""
+    """Return the LaTeX of an index: theta1 is a letter followed by a digit."""
     letters, digits = _split_digits(name)
     return (word(letters) if letters else "") + digits
 
@@ -102,7 +102,7 @@ def _split_digits(text: str) -> tuple[str, str]:
 
 
 def word(name: str) -> str:
-    """Return a word without digits: a letter, Greek or not, or upright."""
+    """Return a word without digits: a letter, also Greek, or an upright word."""
     name = LETTERS.get(name, name)
     if name in GREEK:
         return f"\\{name}"

@@ -1,4 +1,4 @@
-"""Pieces of formulas, and their order in a book."""
+"""Pieces of formulas, and their order in textbooks."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ if TYPE_CHECKING:
 
 
 SUM, PRODUCT, FRACTION, POWER, ATOM = range(5)
-"""How tightly a piece binds."""
+"""Precedence of a piece: how tightly it binds."""
 
 CIRCULAR = frozenset(("sin", "cos", "tan", "cot", "sec", "csc", "sinh", "cosh", "tanh", "coth", "sech", "csch"))
-"""Functions that a book writes without parentheses about a single symbol, and with an exponent behind their name."""
+"""Functions with no parentheses around a single symbol, and with an exponent after their name: sin² θ."""
 
 
 @dataclass(frozen=True)
 class Piece:
     """A part of a formula.
 
-    `closed` is another text of a function, with parentheses about its argument; a function without them has one.
+    `closed` is an alternative text of a function, with parentheses around its argument, if `text` has none.
     `call` marks a function that starts with its name. `simple` marks a symbol, a number, or a number times a symbol.
     """
 
@@ -40,19 +40,19 @@ class Piece:
 
 
 class Notation(ABC):
-    """How formulas are spelled: plain text, Unicode, LaTeX or MathML."""
+    """Spelling of formulas: in plain text, Unicode, LaTeX or MathML."""
 
     opening, closing = "(", ")"
-    """Parentheses whose inside is on several lines."""
+    """Parentheses around several lines."""
     times = "* "
-    """Sign of a product whose second factor begins on a line of its own."""
+    """Sign of a product whose second factor begins on a new line."""
     in_one_line = False
-    """Whether a fraction has a stroke, and its own spelling is as wide as it looks."""
+    """True if fractions are written with a stroke, so that the width of the text is the width of the formula."""
     fractions_in_front = True
-    """Whether constants stand as a fraction before what moves, (g/l) sin(theta), or all in one, g*sin(theta)/l."""
+    """True if constants are a separate fraction in front, (g/l) sin(theta); false for one fraction, g*sin(theta)/l."""
 
     def __init__(self, names: Sequence[str] = ()) -> None:
-        """Take the names of all symbols, so that no two of them look the same."""
+        """Store the names of all symbols, so that no two of them look the same."""
         self.literal: frozenset[str] = frozenset()
         seen: dict[str, str] = {}
         for name in names:
@@ -65,7 +65,7 @@ class Notation(ABC):
 
     @abstractmethod
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return another spelling of one of our letters, where a user's symbol looks like it; `word` is its meaning."""
+        """Return another spelling of a letter such as L or T if a user's symbol looks like it; `word` names it."""
 
     @abstractmethod
     def number(self, digits: str, exponent: int | None = None) -> Piece:
@@ -77,11 +77,11 @@ class Notation(ABC):
 
     @abstractmethod
     def brackets(self, inside: str) -> str:
-        """Return what is inside in parentheses."""
+        """Return a text in parentheses."""
 
     @abstractmethod
     def joined(self, texts: Sequence[str]) -> str:
-        """Return a product of texts that need no parentheses any more."""
+        """Return the product of texts that already have the necessary parentheses."""
 
     @abstractmethod
     def fraction(self, above: Piece, below: Piece) -> Piece:
@@ -89,7 +89,7 @@ class Notation(ABC):
 
     @abstractmethod
     def raised(self, base: str, exponent: str) -> Piece:
-        """Return a power; the base needs no parentheses any more."""
+        """Return a power; the base already has the necessary parentheses."""
 
     @abstractmethod
     def root(self, inside: Piece) -> Piece:
@@ -97,11 +97,11 @@ class Notation(ABC):
 
     @abstractmethod
     def function(self, name: str, arguments: Sequence[Piece], exponent: str = "") -> Piece:
-        """Return a function's value, to a whole power where an exponent is given."""
+        """Return the value of a function, raised to a whole number if an exponent is given."""
 
     @abstractmethod
     def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
-        """Return an expression in cases: values and conditions, the last of which may be empty."""
+        """Return an expression by cases: pairs of value and condition; the last condition may be empty."""
 
     @abstractmethod
     def comparison(self, left: str, relation: str, right: str) -> str:
@@ -113,7 +113,7 @@ class Notation(ABC):
 
     @abstractmethod
     def in_line(self, above: str, below: str) -> str:
-        """Return a fraction of two numbers with a stroke, as exponents have it."""
+        """Return a fraction of two numbers with a stroke, for exponents."""
 
     @abstractmethod
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
@@ -121,7 +121,7 @@ class Notation(ABC):
 
     @abstractmethod
     def transposed(self, matrix: str) -> str:
-        """Return the transpose of a matrix that is a letter."""
+        """Return the transpose of a matrix, which is a letter."""
 
     @abstractmethod
     def vector(self, entries: Sequence[str]) -> str:
@@ -137,9 +137,9 @@ class Notation(ABC):
 
     @abstractmethod
     def signs(self, terms: Sequence[tuple[bool, str]], *, leading: bool = True) -> str:
-        """Return a sum of texts, each with whether it is subtracted.
+        """Return a sum of texts, each with True if it is subtracted.
 
-        With `leading` the first has no plus sign; without it the sum goes on from the line above.
+        With `leading` the first has no plus sign; without it the sum continues the line above.
         """
 
     def equal(self, sides: Sequence[str]) -> str:
@@ -147,11 +147,11 @@ class Notation(ABC):
         return " = ".join(sides)
 
     def grouped(self, piece: Piece, level: int) -> str:
-        """Return the text of a piece, in parentheses if it binds less tightly than asked for."""
+        """Return the text of a piece, in parentheses if its precedence is below `level`."""
         return piece.text if piece.level >= level else self.brackets(piece.text)
 
     def product(self, pieces: Sequence[Piece]) -> Piece:
-        """Return the product. A function without parentheses stands before other functions, or last."""
+        """Return the product. A function without parentheses comes last, or before other functions."""
         if len(pieces) == 1:
             return pieces[0]
         texts = []
@@ -165,25 +165,25 @@ class Notation(ABC):
         return Piece(self.joined(texts), PRODUCT, simple=simple)
 
     level_inside_product = FRACTION
-    """What binds less tightly than this needs parentheses before another factor."""
+    """Least precedence of a factor without parentheses before another factor."""
 
 
 LETTERS = ("G", "m M mu", "I J Theta", "g", "", "l L R r a b d h s w length radius", "omega Omega nu")
-"""Parameters by what their letters usually stand for: masses, moments of inertia, gravity, others, lengths, rates.
+"""Parameters by the usual meaning of their letters: masses, moments of inertia, gravity, others, lengths, rates.
 
-Books print m g l, m l^2 omega^2, and G m1 m2 first of all. Among equals the order is that of the statement.
+Textbooks print m g l, m l^2 omega^2, and G m1 m2 with G first. In the same class the order is that of the statement.
 """
 OTHERS = LETTERS.index("")
 CLASS_OF = {letter: place for place, letters in enumerate(LETTERS) for letter in letters.split()}
 PARAMETER, MULTIPLIER, POSITION, VELOCITY, ACCELERATION, FUNCTION = range(6)
 LAST = (POSITION, 0, 1_000_000)
-"""Where time stands, and what the statement does not know: behind the coordinates."""
+"""Rank of time and of symbols that are not in the statement: after the coordinates."""
 
 Key = tuple[Any, ...]
 
 
 class BookOrder:
-    """Sorts factors and terms of one statement's formulas, in its plain symbols."""
+    """Sorts factors and terms of the formulas of a statement, in its plain symbols."""
 
     def __init__(self, statement: Statement) -> None:
         plain = list(statement.plain.values())
@@ -200,7 +200,7 @@ class BookOrder:
         self.sums = self._stated_sums(statement)
 
     def _stated_sums(self, statement: Statement) -> frozenset[Any]:
-        """Return the sums that stand in the statement, whose sign is the one that its author chose."""
+        """Return the sums of the statement: their signs are kept as the author chose them."""
         stated = [statement.lagrangian, statement.dissipation, *statement.forces]
         stated += [one.expression for one in statement.constraints]
         stated += [entry for point in statement.positions.values() for entry in point]
@@ -208,19 +208,19 @@ class BookOrder:
         return frozenset(found)
 
     def symbols(self, expression: Any) -> list[tuple[int, int, int]]:
-        """Return the ranks of the symbols in an expression, sorted; time and unknown symbols stand with positions."""
+        """Return the ranks of the symbols in an expression, sorted; time and unknown symbols rank with positions."""
         return sorted(self.rank.get(symbol, LAST) for symbol in expression.free_symbols)
 
     def moves(self, expression: Any) -> bool:
-        """Whether an expression contains more than parameters."""
+        """Return True if an expression contains other symbols than parameters."""
         return any(rank[0] != PARAMETER for rank in self.symbols(expression))
 
     def follows(self, factor: Any) -> bool:
-        """Whether a factor stands behind a fraction of constants: all that moves, and functions."""
+        """Return True if a factor follows a fraction of constants: it is a function or contains variables."""
         return self.moves(factor) or bool(self.factor(factor)[0] >= ACCELERATION)
 
     def factor(self, factor: Any) -> Key:
-        """Return what factors are sorted by."""
+        """Return the sort key of a factor."""
         base, exponent = factor.as_base_exp()
         if given := given_function(base):
             return (ACCELERATION, 1, base.derivative_count if base.is_Derivative else 0, 0, given)
@@ -240,7 +240,7 @@ class BookOrder:
         return (FUNCTION, 0 if root else 1 + lead[0], lead[2], kind, str(base))
 
     def term(self, term: Any) -> Key:
-        """Return what terms are sorted by: accelerations first, then velocities, then the rest.
+        """Return the sort key of a term: accelerations come first, then velocities, then the rest.
 
         In the rest squares and products of coordinates come first, as in x^2 + y^2 - l^2, then constants, as in l + x
         and m1 + m2 sin(theta)^2.
@@ -251,7 +251,7 @@ class BookOrder:
         return (-max(highest, POSITION), self._place(term, highest), places, ranks)
 
     def _power(self, term: Any, rank: tuple[int, int, int]) -> int:
-        """Return how often a symbol stands in a product, so that x^2 comes before x y, and that before y^2."""
+        """Return the degree of a symbol in a product, so that x^2 comes before x y, and x y before y^2."""
         powers = term.as_powers_dict()
         return next((int(e) for base, e in powers.items() if self.rank.get(base) == rank and e.is_Integer and e > 0), 1)
 
@@ -269,7 +269,7 @@ class BookOrder:
         return 1 if degree == 0 else 2 if degree == 1 else 0
 
     def terms(self, parts: list[Any]) -> list[Any]:
-        """Return the terms of a sum in their order, a positive one first unless the sum begins with accelerations."""
+        """Return the terms of a sum in order, a positive one first unless the sum begins with accelerations."""
         ordered = sorted(parts, key=self.term)
         positive = [part for part in ordered if not _negative(part)]
         if _negative(ordered[0]) and positive and self.term(ordered[0])[0] != -ACCELERATION:
@@ -278,9 +278,10 @@ class BookOrder:
         return ordered
 
     def turned(self, total: Any) -> bool:
-        """Whether a sum in parentheses is better written as its negative.
+        """Return True if a sum in parentheses is better written as its negative.
 
-        It is where most terms are negative. Where half are, the sign is as stated, else the first term is positive.
+        This is so if most terms are negative. For one half the sign is that of the statement, else the first term is
+        positive.
         """
         negative = sum(map(_negative, total.args))
         if 2 * negative != len(total.args):
@@ -291,13 +292,13 @@ class BookOrder:
 
 
 def given_function(node: Any) -> str:
-    """Return the name of a function of time alone, or of its derivative; of anything else an empty text."""
+    """Return the name of a function of time, or of its derivative; an empty text for any other expression."""
     function = node.expr if isinstance(node, Derivative) else node
     return str(function.func.__name__) if isinstance(function, AppliedUndef) and function.args == (t,) else ""
 
 
 def _natural(parameter: Any) -> list[tuple[int, str]]:
-    """Return what names are sorted by: m2 before m10."""
+    """Return the sort key of a name: m2 comes before m10."""
     head, parts = index_parts(parameter.name)
     return [(int(part) if part.isdigit() else 0, part) for part in (head, *parts)]
 

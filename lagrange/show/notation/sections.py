@@ -1,4 +1,4 @@
-"""The sections of a derivation, as in a textbook: what was stated, L, each coordinate, equations, solution."""
+"""The sections of a derivation, as in a textbook: the statement, L, each coordinate, equations, solution."""
 
 from __future__ import annotations
 
@@ -13,25 +13,25 @@ if TYPE_CHECKING:
     from lagrange.equations.derivation import Derivation
     from lagrange.statement.statement import Statement
 
-# SymPy is imported where it is needed: the command line reads its options before it knows what it is asked for.
+# SymPy is imported in functions: the command line parses its options before it needs SymPy.
 
 READABLE = 150
-"""Operations in one solved acceleration above which a page has a sentence instead; the double pendulum's take 60.
+"""Most operations in a solved acceleration that a page prints; a longer one is replaced by a sentence.
 
-150 operations fill five lines. `accelerations()` has all of them.
+150 operations fill five lines; those of the double pendulum have 60. `accelerations()` has all of them.
 """
 LARGEST_MATRIX = 6
-"""Rows of a matrix that a page shows."""
+"""Most rows of a matrix that a page shows."""
 WIDEST_MATRIX = 50
-"""Operations in one row of a matrix, each column as wide as its longest entry; they fill a line."""
+"""Most operations in a row of a matrix, where each column is as wide as its longest entry; they fill a line."""
 
 WIDEST_VECTOR = 30
-"""Operations of all entries of a vector that stands in one line."""
+"""Most operations of all entries of a vector on one line."""
 
 
 @dataclass(frozen=True)
 class ShownQuantity:
-    """A letter such as T or phi, with coordinates, a constraint or a point for its indices."""
+    """A letter such as T or phi, with coordinates, a constraint or a point as its indices."""
 
     letter: str
     indices: tuple[str, ...] = ()
@@ -61,7 +61,7 @@ class Rate:
 
 @dataclass(frozen=True)
 class Product:
-    """Factors beside one another: expressions and quantities."""
+    """Factors of a product: expressions and quantities."""
 
     factors: tuple[Any, ...]
 
@@ -75,7 +75,7 @@ class Transpose:
 
 @dataclass(frozen=True)
 class Sum:
-    """Terms, each with whether it is subtracted."""
+    """Terms, each with True if it is subtracted."""
 
     terms: tuple[tuple[bool, Any], ...]
 
@@ -90,14 +90,14 @@ class Grid:
 
 @dataclass(frozen=True)
 class Formula:
-    """Sides that are equal: SymPy expressions, or any of the classes above."""
+    """Equal sides: SymPy expressions, or any of the classes above."""
 
     sides: tuple[Any, ...]
 
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, with the symbol that it is about if there is one, and what stands below: formulas and sentences."""
+    """A heading, with the symbol that it is about if there is one, followed by formulas and sentences."""
 
     heading: str
     rows: tuple[Formula | str, ...]
@@ -108,7 +108,7 @@ LAGRANGIAN = ShownQuantity("L")
 
 
 def sections(derivation: Derivation) -> Iterator[Section]:
-    """Yield the sections; a part that is too large to be written out is replaced by the sentence that says so."""
+    """Yield the sections; a part that is too large is replaced by a sentence that says so."""
     statement = derivation.statement
     yield Section("Stated", tuple(_stated(statement)))
     if derivation.refusal:
@@ -141,7 +141,7 @@ def sections(derivation: Derivation) -> Iterator[Section]:
 
 
 def constraint_quantity(one: Any) -> ShownQuantity:
-    """Return phi of a constraint on coordinates, psi of one on velocities, with its name."""
+    """Return phi for a constraint on coordinates, psi for one on velocities, with its name as the index."""
     return ShownQuantity("phi" if one.holonomic else "psi", (one.name,))
 
 
@@ -179,7 +179,7 @@ def _points(derivation: Derivation) -> Iterator[Formula | str]:
 
 
 def _vector(entries: tuple[Any, ...]) -> Grid:
-    """Return a vector in one line, or as a column where it is too wide for that."""
+    """Return a vector on one line, or as a column if it is too wide for that."""
     if sum(int(entry.count_ops()) for entry in entries) <= WIDEST_VECTOR:
         return Grid((entries,), vector=True)
     return Grid(tuple((entry,) for entry in entries))
@@ -233,7 +233,7 @@ def _equations(derivation: Derivation) -> Iterator[Formula | str]:
 
 
 def _matrices(derivation: Derivation) -> Iterator[Formula | str]:
-    """Yield M a = h with its matrices, of systems with more coordinates than one."""
+    """Yield M a = h with its matrices, for systems with more than one coordinate."""
     statement = derivation.statement
     names = statement.names
     if len(names) == 1:
@@ -265,9 +265,9 @@ def _matrix(
     *,
     symmetric: bool = False,
 ) -> Iterator[Formula]:
-    """Yield a matrix, or its entries one by one where they are too wide to stand beside one another.
+    """Yield a matrix, or its entries one by one if the matrix is too wide.
 
-    `names` are those of the rows, `others` those of the columns, the same where they are not given.
+    `names` are those of the rows, `others` those of the columns, by default the same.
     """
     if sum(max(int(entry.count_ops()) for entry in column) for column in zip(*rows, strict=True)) <= WIDEST_MATRIX:
         yield Formula((ShownQuantity(letter), Grid(tuple(rows))))

@@ -1,4 +1,4 @@
-"""Formulas in one line: plain text as in a scene file, and Unicode with superscripts, Greek letters and dots."""
+"""Formulas on one line: plain text as in a scene file, and Unicode with superscripts, Greek letters and dots."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ SCRIPT = {"T": "𝒯", "V": "𝒱", "L": "ℒ", "D": "𝒟", "E": "ℰ", "Q": "�
 
 
 def width(text: str) -> int:
-    """Return how many columns a text takes: a combining dot takes none."""
+    """Return the number of columns of a text; a combining dot takes none."""
     return sum(not unicodedata.combining(mark) for mark in text)
 
 
@@ -84,7 +84,7 @@ class AsciiNotation(Notation):
         return self.raised(value.text, exponent) if exponent else value
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
-        """Return Piecewise((value, condition), ...), as SymPy has it."""
+        """Return Piecewise((value, condition), ...), in SymPy's spelling."""
         return Piece(f"Piecewise({', '.join(f'({value}, {condition or True})' for value, condition in rows)})")
 
     def comparison(self, left: str, relation: str, right: str) -> str:
@@ -100,7 +100,7 @@ class AsciiNotation(Notation):
         return f"{above}/{below}"
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
-        """Return rows in brackets, one to a line, the columns below one another."""
+        """Return rows in brackets, one per line, with aligned columns."""
         widths = [max(map(width, column)) for column in zip(*rows, strict=True)]
         lines = [[text + " " * (wide - width(text)) for text, wide in zip(row, widths, strict=True)] for row in rows]
         return "\n".join(f"[{',  '.join(line)}]" for line in lines)
@@ -130,14 +130,14 @@ class AsciiNotation(Notation):
 
 
 class UnicodeNotation(AsciiNotation):
-    """One line in Unicode, as a book spells it: m l² θ̈ + m g l sin θ."""
+    """One line of Unicode in the spelling of textbooks: m l² θ̈ + m g l sin θ."""
 
     fractions_in_front = True
     level_inside_product = POWER
     product_sign, minus = " ", "\N{MINUS SIGN}"
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
-        """Return θ̈₁, or m_bob: indices that are no numbers stand behind an underscore."""
+        """Return θ̈₁, or m_bob: an index that is not a number follows an underscore."""
         head, parts = index_parts(name) if name not in self.literal else (latin(name), [])
         head = UNICODE_GREEK.get(head, head) if name not in self.literal else head
         dotted = unicodedata.normalize("NFC", head[0] + DOTS[dots]) + head[1:]
@@ -198,7 +198,7 @@ class UnicodeNotation(AsciiNotation):
         return self.power_of(Piece(f"{shown}({inside})"), exponent)
 
     def power_of(self, value: Piece, exponent: str) -> Piece:
-        """Return a function's value, to a power if there is one."""
+        """Return the value of a function, raised to the exponent if there is one."""
         return self.raised(value.text, exponent) if exponent else value
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:

@@ -1,1 +1,1 @@
-"""What notebooks show: pages of systems and results, tables with pictures, progress, and sliders."""
+"""Output in notebooks: pages of systems and results, tables with pictures, progress, and sliders."""

@@ -1,4 +1,4 @@
-"""Sliders in a notebook over the picture of a run. ipywidgets is imported when somebody asks for them."""
+"""Sliders in a notebook with a picture of the run. ipywidgets is imported at first use."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ if TYPE_CHECKING:
 
 
 MOST_SLIDERS = 12
-"""More sliders than this are no longer a picture that somebody plays with."""
+"""Most sliders of a picture: more are hard to use."""
 
 
 def explored_sliders(statement: Statement, given: Any, named: Mapping[str, Any]) -> list[Slider]:
-    """Return the sliders, first those of a dict by symbol or name, then those that were given by keyword.
+    """Return the sliders: first those of a dict by symbol or name, then those given by keyword.
 
-    Raises StatementError for a name that is no parameter, coordinate or velocity, and for what are no bounds.
+    Raises StatementError for a name that is not a parameter, coordinate or velocity, and for invalid bounds.
     """
     bounds = asked_bounds(statement, given) | asked_bounds(statement, named)
     known = places(statement)
@@ -58,24 +58,24 @@ def explored_sliders(statement: Statement, given: Any, named: Mapping[str, Any])
 
 
 SAMPLES = 1500
-"""Points of a curve: three for each pixel of time. More take longer than they show."""
+"""Points of a curve: about three for each pixel of time. More would be slow, and invisible."""
 
 _SIZE, _DPI = (8.4, 3.7), 120
 _LEFT, _RIGHT = (0.085, 0.15, 0.37, 0.74), (0.57, 0.15, 0.4, 0.74)
 SHOWN_WIDTH = round(SCREEN_DPI * _SIZE[0])
-"""Pixels of a notebook that the picture is wide."""
+"""Width of the picture in pixels of a notebook."""
 
 _ROOM = 0.08
-"""Empty room around what is drawn, as a part of it."""
+"""Empty room around the curves, as a part of their range."""
 _TOO_SMALL = 0.45
-"""Limits stay while what is drawn fills more than this part of them: a picture that jumps at each change is no help."""
+"""Limits stay while the curves fill more than this part of them, so that the picture does not jump at each change."""
 
 MOST_NAMED = 8
-"""More points or coordinates than this have no legend."""
+"""Most points or coordinates with a legend."""
 
 
 class ExploredPicture:
-    """Two panels of a system, for one run after the other and any time in it."""
+    """Two panels of a system, for successive runs and any time in them."""
 
     def __init__(self, statement: Statement, style: Style) -> None:
         from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -152,7 +152,7 @@ class ExploredPicture:
         )
 
     def show(self, solution: Solution) -> None:
-        """Take a run, whose picture is then drawn at any time. A run without output leaves the last one."""
+        """Take a run, whose picture can then be drawn at any time. A run without output keeps the last picture."""
         if not len(solution.t):
             return
         self._shown = True
@@ -207,7 +207,7 @@ class ExploredPicture:
             self._stale[self._energy] = True
 
     def png(self, share: float) -> bytes:
-        """Return the picture at a part of the run between 0 and 1, as PNG."""
+        """Return the picture at a part of the run, between 0 and 1, as PNG."""
         self._canvas.restore_region(self._kept)
         if self._stale:
             self._draw_axes()
@@ -218,7 +218,7 @@ class ExploredPicture:
         return self._encoded()
 
     def _draw_axes(self) -> None:
-        """Draw the panels whose limits or titles are new, over their part of the paper, and keep what is there."""
+        """Draw the panels whose limits or titles have changed, and store the result as the background."""
         renderer = self._canvas.get_renderer()
         for axis in self._stale:
             self._sheets[axis].draw(renderer)
@@ -227,7 +227,7 @@ class ExploredPicture:
         self._kept = self._canvas.copy_from_bbox(self._figure.bbox)
 
     def _move(self, place: int) -> None:
-        """Put what moves where it is at one of the times, and draw it."""
+        """Draw the moving artists at time index `place`."""
         if not self._shown:
             return
         time = self._times[place]
@@ -262,7 +262,7 @@ class ExploredPicture:
         return file.getvalue()
 
     def _limit(self, axis: Axes, t: FloatArray, rows: FloatArray, *, about_zero: bool = False) -> None:
-        """Set limits around curves over time, or leave those that fit."""
+        """Set limits around curves over time, or keep limits that fit."""
         good = rows[np.isfinite(rows)]
         low, high = (float(good.min()), float(good.max())) if good.size else (0.0, 1.0)
         across = (float(t[0]), float(t[-1])) if t[0] != t[-1] else (t[0] - 0.5, t[0] + 0.5)
@@ -270,14 +270,14 @@ class ExploredPicture:
         self._set(axis, across, up)
 
     def _set(self, axis: Axes, across: tuple[float, float], up: tuple[float, float]) -> None:
-        """Set limits; where they are new the background has to be drawn again."""
+        """Set limits; if they change the background must be drawn again."""
         if (axis.get_xlim(), axis.get_ylim()) != (across, up):
             axis.set_xlim(*across)
             axis.set_ylim(*up)
             self._stale[axis] = True
 
     def _limit_to_scale(self, points: FloatArray) -> None:
-        """Set limits of the plane in which lengths are equal in both directions."""
+        """Set limits of a plane with equal lengths in both directions."""
         if not points.shape[1]:
             return
         low, high = points.min(axis=1), points.max(axis=1)
@@ -296,7 +296,7 @@ class ExploredPicture:
 
 
 def _draw_directions(axis: Axes, view: View, style: Style) -> None:
-    """Show which way x, y and z point, in a corner, in place of numbers, which no direction of the picture has."""
+    """Draw the directions of x, y and z in a corner, in place of numbers, which do not apply to this view."""
     axis.set(xticks=[], yticks=[])
     for name, (right, up) in zip("xyz", view.matrix.T, strict=True):
         tip, end = (0.12 + 0.1 * right, 0.12 + 0.12 * up), (0.12 + 0.13 * right, 0.12 + 0.16 * up)
@@ -306,12 +306,12 @@ def _draw_directions(axis: Axes, view: View, style: Style) -> None:
 
 
 def _tick(value: float, _: float) -> str:
-    """Return the number at a tick as plain text, which is drawn in a tenth of the time of a formula."""
+    """Return the number at a tick as plain text, which is drawn ten times as fast as a formula."""
     return f"{value:.4g}".replace("e-0", "e-").replace("-", "\N{MINUS SIGN}")
 
 
 def _about_zero(limits: tuple[float, float], low: float, high: float) -> tuple[float, float]:
-    """Return limits of a drift, equal on both sides of zero: a power of ten, or half of it, with the largest inside."""
+    """Return limits of a drift, symmetric about zero: a power of ten, or half of it, that contains all values."""
     largest = max(abs(low), abs(high)) or 1e-16
     if -limits[0] == limits[1] and largest < limits[1] < 30 * largest:
         return limits
@@ -321,20 +321,20 @@ def _about_zero(limits: tuple[float, float], low: float, high: float) -> tuple[f
 
 
 def _kept(limits: tuple[float, float], low: float, high: float) -> tuple[float, float]:
-    """Return limits around values: those that are there while the values fill them, else others with some room."""
+    """Return limits around values: the present ones while the values fill them, else new ones with some room."""
     if limits[0] <= low and high <= limits[1] and high - low > _TOO_SMALL * (limits[1] - limits[0]):
         return limits
     return around(np.array([low, high]), _ROOM)
 
 
 Run = Callable[[Mapping[str, float], Mapping[str, float]], Solution]
-"""A run from initial values by name, with parameters by name."""
+"""Function from initial values by name and parameters by name to the run."""
 
 
 class Exploration:
     """A system at the values of its sliders: `picture` is a PNG, `message` says how the run ended.
 
-    A run that fails changes the message, and the picture as far as the run got.
+    A failed run changes the message, and the picture as far as the run got.
     """
 
     def __init__(self, statement: Statement, sliders: Sequence[Slider], run: Run, style: Style) -> None:
@@ -350,7 +350,7 @@ class Exploration:
         self.change({})
 
     def change(self, values: Mapping[str, float]) -> None:
-        """Give sliders values, run again and draw."""
+        """Set sliders to values, run again and draw."""
         self.values |= values
         parameters = {slider.name: self.values[slider.name] for slider in self.sliders if slider.kind == PARAMETER}
         initial = {slider.name: self.values[slider.name] for slider in self.sliders if slider.kind != PARAMETER}
@@ -365,26 +365,26 @@ class Exploration:
         self.move(self.share)
 
     def move(self, share: float) -> None:
-        """Draw another part of the run, between 0 and 1."""
+        """Draw the picture at another part of the run, between 0 and 1."""
         self.share = min(max(share, 0.0), 1.0)
         self.picture = self._drawn.png(self.share)
 
 
 def _drift(solution: Solution) -> str:
-    """Return how far the energy moved, where the system keeps it."""
+    """Return a sentence on the change of the energy, if the system conserves it."""
     if not solution.has_energy or not solution.drift.conserved:
         return ""
     return f"Energy drift {solution.drift.sentence()}."
 
 
 PLACES = 400
-"""Places of the slider of time; the whole run plays in 20 s at 20 a second."""
+"""Number of positions of the time slider; the whole run plays in 20 s at 20 per second."""
 INTERVAL = 50
-"""Milliseconds between two frames of a run that plays."""
+"""Milliseconds between two frames while a run plays."""
 
 
 LONGEST = 1.0
-"""Seconds that one run may take behind sliders, before it ends with a message: nobody drags against a longer one."""
+"""Longest time of a run for the sliders, in seconds, before it ends with a message: longer runs would block them."""
 
 
 def explore(
@@ -397,7 +397,7 @@ def explore(
     play: bool,
     style: str,
 ) -> Any:
-    """Return the widgets of a system that `runs(t_end, initial, parameters=..., ...)` runs; see `System.explore`."""
+    """Return the widgets of a system; `runs(t_end, initial, parameters=..., ...)` runs it. See `System.explore`."""
     flag(play, "play")
     look = style_of(style)
     end = statement.run.t_end if t_end is None else real_number(t_end, "t_end, the time at which runs end,")
@@ -456,7 +456,7 @@ def explore_widgets(exploration: Exploration, *, play: bool) -> Any:
 
 
 def _slider(ipywidgets: Any, slider: Slider) -> Any:
-    """Return the widget of a slider. It has no steps: the browser would show the next one in place of the value."""
+    """Return the widget of a slider. It has no steps, because the browser would round the value to a step."""
     label = with_unit(slider.name if slider.kind == PARAMETER else f"{slider.name} at t = 0", slider.unit)
     return ipywidgets.FloatSlider(
         value=slider.value,
@@ -472,6 +472,6 @@ def _slider(ipywidgets: Any, slider: Slider) -> Any:
 
 
 def _message(exploration: Exploration) -> str:
-    """Return how the run ended, as HTML."""
+    """Return the message of the run as HTML."""
     words = text(exploration.message)
     return words if exploration.complete else f"<b>The run did not get to its end.</b> {words}"

@@ -1,4 +1,4 @@
-"""Tables and pictures of results as HTML, of bounded length; all colours are those of the notebook."""
+"""Tables and pictures of results as HTML of limited length; all colours are those of the notebook."""
 
 from __future__ import annotations
 
@@ -16,28 +16,28 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MOST_TABLE = 12_000
-"""Characters of a table in a notebook: some hundred rows."""
+"""Longest table in a notebook, in characters: some hundred rows."""
 MOST_TEXT = 600
-"""Characters of a sentence or an entry; what goes beyond them print() has."""
+"""Longest sentence or entry, in characters; print() shows all of it."""
 MOST_SENTENCES = 8
-"""Sentences about one result in a notebook."""
+"""Most sentences about one result in a notebook."""
 _LEFT = "style='text-align:left'"
 
 
 def text(words: str) -> str:
-    """Return words of anybody's, each mark as itself, cut where they are long."""
+    """Return a text escaped for HTML, cut if it is long."""
     line = plain_text(words)
     return escape(line if len(line) <= MOST_TEXT else line[:MOST_TEXT] + " ...")
 
 
 def pairs(heading: str, rows: Sequence[tuple[str, str]]) -> str:
-    """Return a table of names and what is said of them."""
+    """Return a table of labels and texts."""
     body = "".join(f"<tr><th {_LEFT}>{text(name)}</th><td {_LEFT}>{text(value)}</td></tr>" for name, value in rows)
     return f"<table><caption {_LEFT}><b>{text(heading)}</b></caption>{body}</table>"
 
 
 def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table, and a sentence about the rows that are too many."""
+    """Return a table; a sentence gives the number of rows that are left out."""
     head = "".join(f"<th {_LEFT}>{text(name)}</th>" for name in headings)
     body, shown = "", 0
     for row in rows:
@@ -51,19 +51,19 @@ def table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def folded(summary: str, inside: str) -> str:
-    """Return what is inside under a line that opens it."""
+    """Return HTML that folds under a summary line."""
     return f"<details><summary>{text(summary)}</summary>{inside}</details>"
 
 
 def sentences(lines: Sequence[str]) -> str:
-    """Return a paragraph for each sentence, and for those that are too many their number."""
+    """Return a paragraph for each sentence, and the number of sentences that are left out."""
     shown = "".join(f"<p>{text(line)}</p>" for line in lines[:MOST_SENTENCES])
     more = len(lines) - MOST_SENTENCES
     return shown + (f"<p>{counted(more, 'more remark')}: print() shows all.</p>" if more > 0 else "")
 
 
 def image(figure: Figure, about: str) -> str:
-    """Return a figure as a picture inside the HTML, with words for who does not see it."""
+    """Return a figure as an embedded picture, with an alternative text."""
     data = b64encode(bounded_png(figure, 2 * SCREEN_DPI)).decode("ascii")
     width = round(SCREEN_DPI * figure.get_size_inches()[0])
     source = f"data:image/png;base64,{data}"

@@ -1,7 +1,8 @@
-"""Markdown pages with formulas in LaTeX, of bounded length, whose long parts fold.
+"""Markdown pages with formulas in LaTeX, of limited length, whose long parts fold.
 
-Markdown, because JupyterLab, VS Code, Colab, nbviewer and nbconvert all typeset the formulas in it. In HTML VS Code
-typesets none, and JupyterLab takes MathML out of notebooks that are not trusted. LaTeX also takes a fifth of the room.
+They are Markdown because JupyterLab, VS Code, Colab, nbviewer and nbconvert all render its formulas. VS Code does not
+render formulas in HTML, and JupyterLab removes MathML from notebooks that are not trusted. LaTeX also takes a fifth of
+the space.
 """
 
 from __future__ import annotations
@@ -20,21 +21,21 @@ from lagrange.show.notation.sections import Formula
 from lagrange.statement.statement import Statement
 
 MOST_CHARACTERS = 20_000
-"""Characters of a page in a notebook, pictures apart: the page of a double pendulum takes 2,000."""
+"""Longest page in a notebook, in characters without pictures: the page of a double pendulum takes 2,000."""
 MOST_OPERATIONS = 600
-"""Operations of an expression that is written or derived for a notebook, which waits about a second for as many. All
-scenes of the library have fewer."""
+"""Most operations of an expression that is written or derived for a notebook, which takes about a second. All scenes of
+the library have fewer."""
 LONG = 12
-"""Lines of formulas, or entries of a list, above which they are folded."""
+"""Most lines of formulas, or entries of a list, that are not folded."""
 NEXT_LINE = r" \\ "
-"""What is between the lines of a formula."""
+"""Separator of the lines of a formula."""
 
 Part = tuple[str, str]
-"""What a part of a page is called, and its text."""
+"""Name of a part of a page, and its text."""
 
 
 def joined(parts: Iterable[Part], instead: str, most: int = MOST_CHARACTERS) -> str:
-    """Return the parts that fit, and for each other one a sentence, with `instead`."""
+    """Return the parts that fit within `most` characters, and a sentence, with `instead`, for each other one."""
     shown: list[str] = []
     room = most
     for name, text in parts:
@@ -47,28 +48,28 @@ def joined(parts: Iterable[Part], instead: str, most: int = MOST_CHARACTERS) -> 
 
 
 def left_out(name: str, why: str, instead: str) -> str:
-    """Return the sentence that stands in place of a part; `instead` is Markdown, a sentence that says who has it."""
+    """Return the sentence that replaces a part; `instead` is a Markdown sentence that says where to find it."""
     return f"*{markdown_text(name)}: not shown here, {markdown_text(why)}; {instead}*"
 
 
 def folded(summary: str, inside: str) -> str:
-    """Return a part under a line that opens it, itself in Markdown."""
+    """Return Markdown that folds under a summary line."""
     return f"<details><summary>{escape(plain_text(summary))}</summary>\n\n{inside}\n\n</details>"
 
 
 def bold(words: str) -> str:
-    """Return words of ours or of the user in bold."""
+    """Return text in bold, escaped."""
     return f"**{markdown_text(words)}**"
 
 
 def operations(statement: Statement) -> int:
-    """Return how many operations the equations of motion are derived from."""
+    """Return the number of operations of the expressions from which the equations of motion are derived."""
     stated = [statement.lagrangian, statement.dissipation, *statement.forces]
     return sum(int(one.count_ops()) for one in (*stated, *(each.expression for each in statement.constraints)))
 
 
 def _plain(latex: str) -> str:
-    """Return LaTeX without the mark that starts a tag: some readers of Markdown look for tags in formulas too."""
+    """Return LaTeX without the sign that starts an HTML tag: some Markdown renderers see tags in formulas too."""
     return latex.replace("<", r"\lt ")
 
 
@@ -96,7 +97,7 @@ class PageWriter:
         return _plain(self._page.lines.setter.condition(condition))
 
     def values(self, values: Mapping[Any, Any], units: Mapping[Any, str] | None = None) -> str:
-        """Return symbols with their values, as a sentence has them, with units where there are any."""
+        """Return symbols with their values for a sentence, with units where they are stated."""
         known = units or {}
         parts = []
         for symbol, value in values.items():
@@ -108,14 +109,14 @@ class PageWriter:
         return ", ".join(parts)
 
     def formulas(self, formulas: Sequence[Formula]) -> str:
-        """Return formulas below one another, aligned."""
+        """Return formulas on separate lines, aligned."""
         lines = [line for one in formulas for line in self._page.lines.formula(one)]
         if len(lines) == 1:
             return f"$$\n{_plain(self._page.in_one_line(lines[0]))}\n$$"
         return f"$$\n{_plain(self._page.aligned(lines, 'aligned'))}\n$$"
 
     def rows(self, rows: Sequence[Formula | str]) -> tuple[str, int]:
-        """Return formulas and sentences below one another, and on how many lines."""
+        """Return formulas and sentences on separate lines, and the number of lines."""
         together = groupby(rows, key=lambda row: isinstance(row, str))
         texts = [
             "\n\n".join(map(markdown_text, map(str, group))) if words else self.formulas(_formulas(group))
@@ -124,11 +125,11 @@ class PageWriter:
         return "\n\n".join(texts), sum(text.count(NEXT_LINE) + 1 for text in texts)
 
     def is_long(self, lines: int) -> bool:
-        """Return whether so many lines are folded."""
+        """Return True if this number of lines is folded."""
         return lines > LONG
 
     def equations(self, heading: str, laws: Sequence[Any]) -> str:
-        """Return a heading with SymPy equations below it, folded where they are long."""
+        """Return a heading followed by SymPy equations, folded if they are long."""
         return self.under(heading, [Formula((law.lhs, law.rhs)) for law in laws])
 
     def under(self, heading: str, formulas: Sequence[Formula]) -> str:
@@ -141,5 +142,5 @@ class PageWriter:
 
 
 def listed(heading: str, text: str, count: int) -> str:
-    """Return a heading with a list behind it, folded where it is long."""
+    """Return a heading followed by a list, folded if it is long."""
     return folded(f"{heading} ({count})", text) if count > LONG else f"{bold(heading)}  {text}"

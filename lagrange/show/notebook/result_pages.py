@@ -1,4 +1,4 @@
-"""The pages of results in a notebook, each entered for its class."""
+"""The pages of results in a notebook, each registered for its class."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STABILITY = {True: "stable", False: "unstable", None: "stability not decided"}
 
 @notebook_page.register
 def report_page(report: Report) -> str:
-    """Return the table of a check, under the verdict; it is folded where everything holds."""
+    """Return the table of a check, under the verdict; it is folded if all comparisons pass."""
     head, *remarks = report.remarks()
     rows = [" | ".join(map(markdown_text, row.cells())) for row in report.rows]
     wrong = [f"| {text.replace('FAILS', '**FAILS**')} |" for text in rows]
@@ -50,24 +50,24 @@ def comparison_page(comparison: EquationsComparison) -> str:
 
 @notebook_page.register
 def conserved_page(conserved: Conserved) -> str:
-    """Return the quantity as a formula, and why it is conserved."""
+    """Return the quantity as a formula, and the reason why it is conserved."""
     return joined(conserved_parts(conserved, PageWriter(conserved.statement)), "`.expression` has it.")
 
 
 def conserved_parts(conserved: Conserved, writer: PageWriter) -> Iterator[Part]:
-    """Yield the page of a conserved quantity."""
+    """Yield the parts of the page of a conserved quantity."""
     name = f"{bold(conserved.name)}: {markdown_text(conserved.reason)}"
     yield conserved.name, f"{name}\n\n{_formula(writer, None, conserved.expression, conserved.name)}"
 
 
 @notebook_page.register
 def equilibrium_page(equilibrium: Equilibrium) -> str:
-    """Return where the equilibrium is, whether it is stable and why, and its energy."""
+    """Return the coordinates of the equilibrium, its stability with the reason, and its energy."""
     return joined(equilibrium_parts(equilibrium, PageWriter(equilibrium.statement)), "its fields have it.")
 
 
 def equilibrium_parts(one: Equilibrium, writer: PageWriter) -> Iterator[Part]:
-    """Yield the page of an equilibrium."""
+    """Yield the parts of the page of an equilibrium."""
     free = [q for q, x in one.coordinates.items() if q == x]
     places = {q: x for q, x in {**one.coordinates, **one.velocities}.items() if q != x}
     where = [writer.values(places)] if places else []
@@ -104,11 +104,11 @@ def _modes(modes: Modes) -> Iterator[Part]:
 
 
 ONE_LINE = 160
-"""Characters of LaTeX above which a frequency and a shape stand on lines of their own."""
+"""Longest frequency and shape on one line, in characters of LaTeX."""
 
 
 def _number(frequency: Any, modes: Modes, writer: PageWriter) -> str:
-    """Return the number that a symbolic frequency is at the values of the parameters, where they all have one."""
+    """Return the number of a symbolic frequency, if all parameters have values."""
     value = sympy.N(frequency.subs(modes.linearization.statement.defaults))
     if not (modes.symbolic and value.is_number and frequency.free_symbols):
         return ""
@@ -136,7 +136,7 @@ def _linearization(linear: Linearization) -> Iterator[Part]:
 
 
 MOST_ROWS = 8
-"""Rows of a matrix that a notebook shows."""
+"""Most rows of a matrix that a notebook shows."""
 
 
 @notebook_page.register
@@ -146,7 +146,7 @@ def hamiltonian_page(hamiltonian: Hamiltonian) -> str:
 
 
 MOST_SIMPLIFIED = 60
-"""Operations of H whose derivatives are simplified for a notebook; the double pendulum has 56 and takes 1 s."""
+"""Most operations of H whose derivatives are simplified for a notebook; the double pendulum has 56 and takes 1 s."""
 
 
 def _hamiltonian(hamiltonian: Hamiltonian) -> Iterator[Part]:
@@ -161,14 +161,14 @@ def _hamiltonian(hamiltonian: Hamiltonian) -> Iterator[Part]:
 
 
 def _formula(writer: PageWriter, left: Any, expression: Any, name: str) -> str:
-    """Return an expression as a formula, or a sentence where it is long."""
+    """Return an expression as a formula, or a sentence if it is long."""
     if (size := int(expression.count_ops())) > MOST_OPERATIONS:
         return left_out(name, f"it has {size} operations", "`.expression` has it.")
     return writer.formulas([Formula((expression,) if left is None else (left, expression))])
 
 
 def _rounded(value: Any) -> Any:
-    """Return a number with six digits; what is exact, and expressions, as they are."""
+    """Return a decimal with six digits; exact numbers and expressions are unchanged."""
     if not isinstance(value, sympy.Expr):
         return value
     return value.xreplace({one: sympy.Float(f"{float(one):.6g}") for one in value.atoms(sympy.Float)})

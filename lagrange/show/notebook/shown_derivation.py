@@ -1,4 +1,4 @@
-"""A derivation that prints itself in every language, and that a notebook shows with its formulas set."""
+"""A derivation that prints itself in every format, and that a notebook shows with rendered formulas."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from lagrange.statement.statement import Statement
 
 INSTEAD = "`print(system.derivation())` has it as text."
 OPEN = ("Stated", "Lagrangian", "Equations of motion", "Structure")
-"""Sections that a notebook shows unfolded where they are short."""
+"""Sections that a notebook shows unfolded if they are short."""
 
 
 @dataclass(frozen=True, eq=False)
 class ShownDerivation(Derivation):
-    """A derivation that prints itself: str() is its text, and a notebook shows it with its formulas set.
+    """A derivation that prints itself: str() returns its text, and a notebook shows it with rendered formulas.
 
     `findings` are sentences about the structure. `detail` is "full" or "short".
     """
@@ -58,14 +58,14 @@ class ShownDerivation(Derivation):
         return self.written("html")
 
     def latex(self, *, title: str = "", author: str = "", date: str = "", problem: str = "") -> str:
-        """Return a document for pdflatex. The texts stand above the derivation; without a title it is the name."""
+        """Return a document for pdflatex. The texts are above the derivation; the default title is the name."""
         heading = Heading(text(title, "title"), text(author, "author"), text(date, "date"), text(problem, "problem"))
         return self.written("latex", heading)
 
     def written(self, style: str | None = None, heading: Heading = NO_HEADING) -> str:
         """Return the derivation in a style: "text", "unicode", "latex", "markdown" or "html".
 
-        Without a style it is Unicode where standard output is a terminal that has it, else text. Raises StatementError
+        The default style is Unicode if standard output is a terminal that supports it, else text. Raises StatementError
         for another style.
         """
         chosen = terminal_style() if style is None else style
@@ -91,7 +91,7 @@ def written_derivation(statement: Statement, findings: tuple[str, ...] = (), det
 
 
 def derivation_page(derivation: ShownDerivation) -> str:
-    """Return the derivation as a notebook shows it, section by section, as far as there is room."""
+    """Return the derivation for a notebook, section by section, as far as there is room."""
     return joined(_parts(derivation), INSTEAD)
 
 

@@ -1,4 +1,4 @@
-"""Lists and dicts of formulas and records: Python's own in all, and a notebook typesets them."""
+"""Lists and dicts of formulas and records: subclasses of Python's own that a notebook shows as formulas."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from lagrange.statement.statement import Statement
 
 
 class EquationList(list[Any]):
-    """Equations, SymPy Eq each, in the symbols of a statement."""
+    """SymPy equations, in the symbols of a statement."""
 
     def __init__(self, equations: Iterable[Any], statement: Statement) -> None:
         super().__init__(equations)
@@ -29,7 +29,7 @@ class EquationList(list[Any]):
 
 
 class ExpressionDict(dict[Any, Any]):
-    """SymPy expressions by symbol; `shown` has what stands on the left for a key, such as its acceleration."""
+    """SymPy expressions by symbol; `shown` has the left side of the formula of a key, such as its acceleration."""
 
     def __init__(self, expressions: Mapping[Any, Any], statement: Statement, shown: Mapping[Any, Any]) -> None:
         super().__init__(expressions)
@@ -44,7 +44,7 @@ class ExpressionDict(dict[Any, Any]):
 
 
 class SceneList(list[str]):
-    """The names of scenes, with a line about each for a notebook."""
+    """The names of scenes, with a description of each for a notebook."""
 
     def __init__(self, names: Iterable[str], about: Iterable[str] = ()) -> None:
         super().__init__(names)
@@ -55,7 +55,7 @@ class SceneList(list[str]):
 
 
 def _formulas(rows: Iterable[tuple[str, Any, Any]], statement: Statement) -> Iterator[Part]:
-    """Yield the formulas, each on lines of its own; a long one is a sentence."""
+    """Yield the formulas, each on separate lines; a long one is replaced by a sentence."""
     writer = PageWriter(statement)
     for name, left, right in rows:
         size = sum(int(side.count_ops()) for side in (left, right) if isinstance(side, Basic))

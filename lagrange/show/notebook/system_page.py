@@ -1,4 +1,4 @@
-"""The page of a system in a notebook: energies, parameters, initial state, equations of motion, what is conserved."""
+"""The page of a system in a notebook: energies, parameters, initial state, equations, conserved quantities."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ INSTEAD = "`print(system.derivation())` has it as text, `system.equations()` and
 
 
 def system_page(derivation: Derivation, findings: Sequence[str]) -> str:
-    """Return the page; `findings` are sentences about the structure, and about what is conserved."""
+    """Return the page; `findings` are sentences about the structure, and about conserved quantities."""
     return joined(_parts(derivation, findings), INSTEAD)
 
 
@@ -45,11 +45,11 @@ def _parts(derivation: Derivation, findings: Sequence[str]) -> Iterator[Part]:
 
 
 MOST_NAMED = 12
-"""More coordinates than this are counted and not named."""
+"""Most coordinates that are named; more are only counted."""
 
 
 def _stated(statement: Statement, writer: PageWriter) -> Iterator[Part]:
-    """Yield the energies, forces and constraints, those that are short in one formula."""
+    """Yield the energies, forces and constraints; short ones share a formula."""
     if statement.lagrangian_alone:
         rows: list[tuple[Any, Any]] = [(LAGRANGIAN, statement.lagrangian)]
     else:
