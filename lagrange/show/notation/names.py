@@ -68,7 +68,7 @@ def letters(names: Iterable[str]) -> dict[str, Letter]:
 
 
 def letter_of(name: str, *, literal: bool = False) -> Letter:
-    """Return the LaTeX of a name: theta1, m_bob and lambda[rod] get an index; a literal name stays as it is, upright."""
+    """Return the LaTeX of a name: theta1, m_bob and lambda[rod] get an index; a literal name is upright as it is."""
     if literal:
         return Letter(upright(name))
     head, parts = index_parts(name)
