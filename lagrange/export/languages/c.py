@@ -25,15 +25,15 @@ class C(Target):
     contents = frozenset(("steps", "main", "taylor"))
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the source file and its header; the test and the run are switched on by macros."""
+        """Return the source file and its header; macros enable the test and the run."""
         return {f"{module.name}.h": header(module), f"{module.name}.c": source(module)}
 
     def commands(self, module: SourceModule) -> list[str]:
-        """Return what compiles and runs the test."""
+        """Return the shell lines that compile and run the test."""
         return compiled(module, "test", "cc -std=c99 -O2", f"{module.name}.c -lm")
 
     def run_commands(self, module: SourceModule) -> list[str]:
-        """Return what compiles and runs the initial state."""
+        """Return the shell lines that compile and run `main`."""
         return compiled(module, "main", "cc -std=c99 -O2", f"{module.name}.c -lm")
 
 
@@ -83,7 +83,7 @@ def defined_sizes(module: SourceModule) -> Iterator[str]:
 
 
 def statement_comment(module: SourceModule) -> list[str]:
-    """Return the comment at the top: the statement that the file was made from."""
+    """Return the comment at the top: the statement of the system."""
     lines = [plain(line) for line in module.statement]
     return [f"/* {lines[0]}", *(f"   {line}".rstrip() for line in lines[1:]), "*/"]
 
@@ -111,12 +111,12 @@ def source(module: SourceModule) -> str:
 
 
 def values(module: SourceModule) -> str:
-    """Return the default parameters, a list that is not empty."""
+    """Return the default parameters as a list, "0.0" without any, since C has no empty arrays."""
     return numbers(module.values) or "0.0"
 
 
 def definitions(module: SourceModule, c_names: CNames, *more: str) -> list[str]:
-    """Return the text of helpers, types and all functions; `more` stands before the functions."""
+    """Return the text of helpers, types and all functions; `more` is inserted before the functions."""
     public = dict.fromkeys(module.public)
     functions = [function(one, c_names, hidden=one not in public) for one in module.procedures]
     return [*c_names.definitions(), *records(module.procedures, c_names), *more, *functions]

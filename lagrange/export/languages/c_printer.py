@@ -22,7 +22,7 @@ from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM
 
 WIDTH = 110
-"""Characters of a line of comment or of a head."""
+"""Largest length of a line of comment or of a function head."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class CNames:
 
     @property
     def copies_bits(self) -> bool:
-        """Whether a helper copies the bits of numbers."""
+        """True if a helper copies the bits of numbers, which needs string.h."""
         return not BITS.isdisjoint(self.needed)
 
     def definitions(self) -> list[str]:
@@ -76,7 +76,7 @@ class CNames:
     def signature(
         self, procedure: Procedure, names: Sequence[str], *, qualified: bool = True, before: str = ""
     ) -> list[str]:
-        """Return the head of a function, broken where it is long."""
+        """Return the lines of the head of a function."""
         given = [
             self.type_of(one.type, name, qualified=qualified)
             for one, name in zip(procedure.parameters, names, strict=True)
@@ -98,16 +98,16 @@ def broken(parts: Sequence[str], indent: str, width: int) -> list[str]:
 
 
 def comment(text: str) -> list[str]:
-    """Return a comment, broken where it is long."""
+    """Return the lines of a comment."""
     first, *rest = wrapped(text, WIDTH - 6)
     lines = [f"/* {first}", *(f"   {line}" for line in rest)]
     return [*lines[:-1], f"{lines[-1]} */"]
 
 
 def function(procedure: Procedure, c_names: CNames, *, hidden: bool = False) -> str:
-    """Return a procedure as a function, which other files cannot see if it is hidden.
+    """Return a procedure as a function, which is local to its file if `hidden`.
 
-    What it needs of the file is noted in `c_names`.
+    The definitions that it needs are recorded in `c_names`.
     """
     return _CPrinter(procedure, c_names, hidden=hidden).function()
 

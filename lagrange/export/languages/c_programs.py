@@ -18,7 +18,7 @@ def numbers(values: Sequence[float]) -> str:
 
 
 def _table(name: str, rows: Sequence[Sequence[float]]) -> Iterator[str]:
-    """Yield a table of numbers, one behind the other."""
+    """Yield the lines of a table of numbers, row by row."""
     values = [LITERALS.real(value) for row in rows for value in row]
     yield f"static const double {name}[] = {{"
     yield from broken(values, "    ", WIDTH)[:-1]

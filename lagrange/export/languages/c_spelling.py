@@ -1,4 +1,4 @@
-"""How C spells operations, literals and words."""
+"""Operations, literals and reserved words of C."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ OPERATORS: Mapping[str, Operator] = {
     "real": Operator(8, "(double){0}", (9,)),
     "whole": Operator(8, "(int64_t){0}", (9,)),
 }
-"""A compiler warns of || and && without parentheses, so these ask for more than they need."""
+"""Operators with precedences; || and && get extra parentheses, since compilers warn without them."""
 
 LITERALS = Literals("HUGE_VAL", 'nan("")', ("0", "1"))
 
@@ -69,7 +69,7 @@ HELPERS: Mapping[str, tuple[str, str]] = {
         "double of_bits(int64_t bits) {\n    double x;\n    memcpy(&x, &bits, sizeof x);\n    return x;\n}",
     ),
 }
-"""Operations that C has no function for: a name, and its definition. NaN stays NaN in all.
+"""Operations without a function in C: name and definition of a helper. All of them keep NaN.
 
 Those of bits read doubles as IEEE 754 has them. Sizes have the order of their bits, and NaN is the largest.
 """
@@ -166,4 +166,4 @@ RESERVED = (
     "h",
     "parameters",
 )
-"""Words that are not names of values: keywords, macros, and what parameters of functions are called."""
+"""Words that cannot be names of values: keywords, macros, and names of parameters of functions."""

@@ -32,7 +32,7 @@ OPERATIONS: Mapping[str, Operator] = {
     "not": call("ca.logic_not({0})"),
     "select": call("ca.if_else({0}, {1}, {2})"),
 }
-"""What CasADi calls each operation."""
+"""CasADi function by operation."""
 
 HELPERS = {
     "min": '''\
@@ -85,7 +85,7 @@ class CasADi(Target):
         return {f"{module.name}_casadi.py": straight_line_module(module, LIBRARY, "", functions, USE, EVALUATED)}
 
     def commands(self, module: SourceModule) -> list[str]:
-        """Return what runs the test."""
+        """Return the shell line that runs the test."""
         return [f"python {module.name}_casadi.py"]
 
 

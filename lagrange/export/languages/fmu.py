@@ -27,7 +27,7 @@ DATE = (1980, 1, 1, 0, 0, 0)
 """Of every file in the archive: the same statement gives the same bytes."""
 
 COMPILER = ("cc", "-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden", "-s")
-"""What makes the library; functions of FMI alone are seen from outside."""
+"""Compiler command for the library, which exports only the functions of FMI."""
 
 ARCHITECTURES = {"x86_64": "x86_64", "AMD64": "x86_64", "arm64": "aarch64", "aarch64": "aarch64"}
 
@@ -46,16 +46,16 @@ class Fmu(Target):
         return {f"{module.name}_fmi{major}.fmu": archive(contents(module, major)) for major in (2, 3)}
 
     def commands(self, module: SourceModule) -> list[str]:
-        """Return what unpacks the FMU of FMI 3.0, and compiles and runs the test of the sources inside."""
+        """Return shell lines that unpack the FMU of FMI 3.0, and compile and run the test of its sources."""
         return _commands(module, "test")
 
     def run_commands(self, module: SourceModule) -> list[str]:
-        """Return what compiles and runs the initial state by the sources inside."""
+        """Return shell lines that compile and run `main` of the sources in the FMU."""
         return _commands(module, "main")
 
 
 def _commands(module: SourceModule, program: str) -> list[str]:
-    """Return what compiles a program in the sources of the FMU of FMI 3.0, and runs it."""
+    """Return shell lines that compile and run a program in the sources of the FMU of FMI 3.0."""
     unpacked = f"{module.name}_fmi3"
     source = f"{unpacked}/sources/{module.name}.c -lm"
     return [f"python3 -m zipfile -e {unpacked}.fmu {unpacked}", *compiled(module, program, "cc -std=c99 -O2", source)]
@@ -84,7 +84,7 @@ def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
 
 
 def binary_path(name: str, major: int) -> str | None:
-    """Return where the library of this platform stands in an FMU, None where the interface has no name for it."""
+    """Return the folder of the library of this platform in an FMU, or None if FMI has no name for the platform."""
     architecture = ARCHITECTURES.get(platform.machine())
     system = {"linux": "linux", "darwin": "darwin"}.get(sys.platform)
     if architecture is None or system is None:

@@ -33,7 +33,7 @@ OPERATORS: Mapping[str, Operator] = {
     "power": Operator(8, "{0}**{1}", (9, 9)),
     "select": call("merge({1}, {2}, {0})"),
 }
-"""A sign does not stand behind an operator: a number with one binds as a sum does."""
+"""Operators with precedences; a signed number binds like a sum, since no sign may follow an operator."""
 
 
 def _finite(value: float) -> str:
@@ -62,7 +62,7 @@ CONVERSIONS: Mapping[tuple[str, Kind], str] = {
     ("max", WHOLE): "max({0}, {1})",
     ("equal", REAL): "equal({0}, {1})",
 }
-"""Operations that depend on what is given. Compilers warn of reals that are compared by ==."""
+"""Operations that depend on the kind of the argument. Compilers warn of == between reals: a function compares them."""
 
 
 def _helper(kind: str, name: str, given: str, body: str, local: str = "") -> tuple[str, str]:
@@ -123,11 +123,11 @@ _INTRINSICS = """
 _OWN = "y p t h parameters unused default_parameters"
 
 RESERVED = (*_STATEMENTS.split(), *_INTRINSICS.split(), *_OWN.split(), *CONSTANTS)
-"""Words that are not names of values: those of statements, functions, and what parameters of procedures are called."""
+"""Words that cannot be names of values: keywords, functions, and names of parameters of procedures."""
 
 
 WIDTH, LONGEST_LINE = 110, 132
-"""Characters of a line of comment, and those that a line of Fortran may have."""
+"""Largest length of a line of comment, and of any line of Fortran."""
 
 LARGE = 4096
 """Numbers in local arrays from which on a compiler might keep them where two threads share them."""
@@ -135,9 +135,10 @@ LARGE = 4096
 
 @dataclass(frozen=True)
 class Names:
-    """What the procedures of a module share.
+    """Names and helpers that the procedures of a module share.
 
-    `abouts` says what those do that users call. `needed` collects the operations whose definitions the module needs.
+    `abouts` are the descriptions of public procedures. `needed` collects the operations whose
+    definitions the module needs.
     """
 
     module: str
@@ -146,7 +147,7 @@ class Names:
 
 
 def comment(text: str, indent: str = "  ") -> list[str]:
-    """Return a comment, broken where it is long."""
+    """Return the lines of a comment."""
     return [f"{indent}! {line}".rstrip() for line in wrapped(text, WIDTH)]
 
 
@@ -221,7 +222,7 @@ class _FortranPrinter(OffsetPrinter):
         return f"{KINDS[kind.kind]}, intent({'in' if kind.read else 'inout'}) :: {name}(0:*)"
 
     def _ignored(self) -> list[str]:
-        """Return what keeps compilers from warning of parameters that are not used."""
+        """Return statements that use unused parameters, so that compilers do not warn of them."""
         shown = [f"{self.text(one.ref)}{'(0)' * isinstance(one.type, Array)}" for one in self.unused]
         if not shown:
             return []
@@ -339,7 +340,7 @@ ENVIRONMENT = "use, intrinsic :: iso_fortran_env, only: dp => real64, int64"
 
 
 def _table(name: str, rows: Sequence[Sequence[float]]) -> Iterator[str]:
-    """Yield the assignment of a table of numbers, one behind the other."""
+    """Yield the lines that assign a table of numbers, row by row."""
     values = [LITERALS.real(value) for row in rows for value in row]
     for k in range(0, len(values), CHUNK):
         part = values[k : k + CHUNK]
@@ -438,7 +439,7 @@ class Fortran(Target):
         return {f"{module.name}.F90": source(module)}
 
     def commands(self, module: SourceModule) -> list[str]:
-        """Return what compiles and runs the test."""
+        """Return the shell lines that compile and run the test."""
         return compiled(module, "test", "gfortran -std=f2008 -O2", f"{module.name}.F90")
 
 
@@ -450,7 +451,7 @@ def module_name(module: SourceModule) -> str:
 
 
 def names_of(module: SourceModule) -> Names:
-    """Return what the procedures of a module share."""
+    """Return the names and helpers that the procedures of a module share."""
     return Names(module_name(module), {one: about_of(module, one) for one in module.public})
 
 

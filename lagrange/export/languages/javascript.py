@@ -40,11 +40,11 @@ class JavaScript(Target):
         return {f"{module.name}.mjs": source(module)}
 
     def commands(self, module: SourceModule) -> list[str]:
-        """Return what runs the test."""
+        """Return the shell line that runs the test."""
         return [_node(module, "test", "")]
 
     def run_commands(self, module: SourceModule) -> list[str]:
-        """Return what runs the initial state."""
+        """Return the shell line that runs `main`."""
         return [_node(module, "main", "process.argv.slice(1)")]
 
 

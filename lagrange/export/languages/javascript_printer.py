@@ -21,11 +21,11 @@ from lagrange.procedure.spelling import ATOM
 
 @dataclass(frozen=True)
 class File:
-    """What the functions of one file share.
+    """Names and helpers that the functions of one file share.
 
-    `shifted` has the array parameters that begin at a place, `functions` the names of all functions,
-    `lengths` those that check how many numbers there are in the arrays that they are given. `memory` collects
-    the declarations of local arrays and records by name, `needed` the operations whose definitions the file needs.
+    `shifted` has the array parameters with an offset. `functions` has the names of all functions, and `lengths`
+    those that check the lengths of their array arguments. `memory` collects the declarations of local
+    arrays and records by name, and `needed` the operations whose definitions the file needs.
     """
 
     shifted: Shifted

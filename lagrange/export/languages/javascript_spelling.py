@@ -1,4 +1,4 @@
-"""How JavaScript spells operations, literals and words."""
+"""Operations, literals and reserved words of JavaScript."""
 
 from __future__ import annotations
 

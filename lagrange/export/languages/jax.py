@@ -38,7 +38,7 @@ OPERATIONS: Mapping[str, Operator] = {
     "not": call("jnp.logical_not({0})"),
     "select": call("jnp.where({0}, {1}, {2})"),
 }
-"""What JAX calls each operation."""
+"""JAX function by operation."""
 
 HEAD = """\
 import jax
@@ -126,7 +126,7 @@ class Jax(Target):
         return {f"{module.name}_jax.py": straight_line_module(module, LIBRARY, DOUBLE, functions, USE, EVALUATED)}
 
     def commands(self, module: SourceModule) -> list[str]:
-        """Return what runs the test."""
+        """Return the shell line that runs the test."""
         return [f"python {module.name}_jax.py"]
 
 

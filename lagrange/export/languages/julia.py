@@ -30,7 +30,7 @@ FUNCTIONS: Mapping[str, str] = {
     "quotient": "div",
     "round": "round",
 }
-"""Functions that have a value wherever they are given numbers; `min` and `max` are NaN where one of them is."""
+"""Functions that have a value for all numbers; `min` and `max` are NaN if an argument is NaN."""
 
 CONVERSIONS: Mapping[tuple[str, Kind], str] = {
     ("real", WHOLE): "Float64({0})",
@@ -38,7 +38,7 @@ CONVERSIONS: Mapping[tuple[str, Kind], str] = {
     ("whole", REAL): "trunc(Int64, {0})",
     ("whole", FLAG): "Int64({0})",
 }
-"""Operations that depend on what is given."""
+"""Operations that depend on the kind of the argument: templates by operation and kind."""
 
 
 def _helper(name: str, given: str, body: str) -> tuple[str, str]:
@@ -47,7 +47,7 @@ def _helper(name: str, given: str, body: str) -> tuple[str, str]:
 
 
 def _real(name: str, outside: str) -> tuple[str, str]:
-    """Return a function of x that is NaN where the one of the language raises an error."""
+    """Return a function of x that is NaN where the function of the language raises an error."""
     return _helper(f"{name}_of", "x", f"{outside} ? oftype(x, NaN) : {name}(x)")
 
 
@@ -85,7 +85,7 @@ _OWN = "y p t h out parameters"
 
 KEYWORDS = (*_KEYWORDS.split(),)
 RESERVED = (*KEYWORDS, *_FROM_BASE.split(), *_OWN.split())
-"""Words that are not names of values: keywords, functions, and what parameters of functions are called."""
+"""Words that cannot be names of values: keywords, functions, and names of parameters of functions."""
 
 _LIBRARY = """
     Base Core Main Artifacts Dates Distributed Downloads Future Libdl Logging Markdown Mmap Pkg Printf Profile Random
@@ -100,35 +100,35 @@ MODULES = (*_LIBRARY.split(), *_FROM_BASE.split())
 
 
 WIDTH = 110
-"""Characters of a line of comment or of a table."""
+"""Largest length of a line of comment or of a table."""
 
 
 @dataclass(frozen=True)
 class Names:
-    """What the functions of a module share: what the public ones do, and the helpers that are needed."""
+    """Texts on the public functions of a module, and the helpers that its functions need."""
 
     abouts: Mapping[Procedure, str]
     needed: dict[str, None] = field(default_factory=dict)
 
 
 def comment(text: str, indent: str = "") -> list[str]:
-    """Return a comment, broken where it is long."""
+    """Return the lines of a comment."""
     return [f"{indent}# {line}".rstrip() for line in wrapped(text, WIDTH)]
 
 
 def in_order(procedure: Procedure) -> list[Parameter]:
-    """Return the parameters as functions of Julia have them: those first that they write to."""
+    """Return the parameters in the order of Julia: first those that the function writes to."""
     first = written(procedure)
     return [*first, *(one for one in procedure.parameters if one not in first)]
 
 
 def signature(procedure: Procedure) -> str:
-    """Return how a function is called."""
+    """Return the call of a function with its parameters, such as "rhs!(out, t, y, p)"."""
     return f"{procedure.name}!({', '.join(one.name for one in in_order(procedure))})"
 
 
 def function(procedure: Procedure, names: Names) -> str:
-    """Return a procedure as a function; the helpers that it needs are noted."""
+    """Return a procedure as a function; the helpers that it needs are recorded in `names`."""
     return _JuliaPrinter(procedure, names).function()
 
 
@@ -330,7 +330,7 @@ class Julia(Target):
         }
 
     def commands(self, module: SourceModule) -> list[str]:
-        """Return what runs the test."""
+        """Return the shell line that runs the test."""
         return [f"julia {module.name}_test.jl"]
 
 

@@ -30,10 +30,10 @@ OPERATORS: Mapping[str, Operator] = {
     "neg": Operator(6, "-{0}", (7,)),
     "power": Operator(8, "{0} ^ {1}", (9, 9)),
 }
-"""A sign stands before a whole sum."""
+"""Operators with precedences; a sign applies to the whole sum after it."""
 
 LITERALS = Literals("exp(1000.0)", "sqrt(-1.0)", signed=OPERATORS["neg"].binds)
-"""What is not finite is computed, since there are no literals of it."""
+"""Literals; infinity and NaN are expressions, since Modelica has no literals for them."""
 
 SUM = OPERATORS["add"].binds
 
@@ -145,7 +145,7 @@ FINITE = """\
 
 
 def broken(line: str, width: int) -> list[str]:
-    """Return a line on several of a width; what is broken is indented."""
+    """Return a line as several lines of a width; all but the first are indented."""
     indent = " " * (len(line) - len(line.lstrip()) + 4)
     return textwrap.wrap(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
@@ -168,9 +168,9 @@ def helpers_of(programs: Sequence[Program]) -> Iterator[str]:
 
 
 class Hoisted:
-    """What depends on parameters alone and is read by what does not, numbered behind the parameters, from one on.
+    """Values that depend on parameters alone and are read by other values, numbered after the parameters, from 1 on.
 
-    Linear systems stay where they are, and what reads them: their factors are no numbers.
+    Linear systems and values that read them are not hoisted: their factors are not numbers.
     """
 
     def __init__(self, programs: Sequence[Program], parameters: int) -> None:
@@ -212,7 +212,7 @@ def _call_of(one: Instruction) -> Operator:
 
 
 class FunctionPrinter:
-    """Prints what stands behind the inputs of a function: its values, and how they are computed."""
+    """Prints the part of a function after its inputs: declarations, and the statements of its algorithm."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -220,7 +220,7 @@ class FunctionPrinter:
         self.texts: dict[int, tuple[int, str]] = {}
 
     def preparation(self, hoisted: Hoisted) -> list[str]:
-        """Return the lines of the function that computes what is hoisted."""
+        """Return the lines of the function that computes the hoisted values."""
         self.lines = [f"  p[{k}] := parameters[{k}];" for k in range(1, hoisted.parameters + 1)]
         for which, program in enumerate(hoisted.programs, 1):
             self.texts = {}
@@ -347,7 +347,7 @@ class Modelica(Target):
         return {f"{name}.mo": "\n".join([*text(module), ""]), f"{name}_test.mos": script(name)}
 
     def commands(self, module: SourceModule) -> list[str]:
-        """Return what runs the test."""
+        """Return the shell line that runs the test."""
         return [f"omc {package(module)}_test.mos"]
 
 
@@ -389,7 +389,7 @@ def functions(module: SourceModule, hoisted: Hoisted) -> Iterator[str]:
 
 
 def remark(about: str) -> list[str]:
-    """Return a comment, broken where it is long."""
+    """Return the lines of a comment."""
     return [f"// {line}" for line in wrapped(about, WIDTH)]
 
 

@@ -44,7 +44,7 @@ CONVERSIONS: Mapping[tuple[str, Kind], str] = {
     ("whole", REAL): "fix({0})",
     ("whole", FLAG): "double({0})",
 }
-"""Operations that depend on what is given."""
+"""Operations that depend on the kind of the argument: templates by operation and kind."""
 
 
 def _helper(name: str, given: str, body: str) -> tuple[str, str]:
@@ -131,14 +131,14 @@ class Public:
 
 @dataclass(frozen=True)
 class Names:
-    """What the functions of a module share: the public ones, and the helpers that the file at hand needs."""
+    """The public functions of a module, and the helpers that the present file needs."""
 
     public: Mapping[Procedure, Public]
     needed: dict[str, None] = field(default_factory=dict)
 
 
 def comment(text: str, indent: str = "") -> list[str]:
-    """Return a comment, broken where it is long."""
+    """Return the lines of a comment."""
     return [f"{indent}% {line}".rstrip() for line in wrapped(text, WIDTH)]
 
 
@@ -173,7 +173,7 @@ def given_to(procedure: Procedure, names: Names) -> list[Parameter]:
 
 
 def signature(procedure: Procedure, names: Names) -> str:
-    """Return how a public function is called."""
+    """Return the call of a public function with its results and parameters."""
     results = [*(one.name for one in written(procedure)), SINGULAR]
     given = ", ".join(one.name for one in given_to(procedure, names))
     return f"[{', '.join(results)}] = {names.public[procedure].name}({given})"
@@ -315,7 +315,7 @@ class _OctavePrinter(EndedPrinter):
 
 
 def _last(begin: str, count: int) -> str:
-    """Return the last of so many places from a first one on."""
+    """Return the index of the last of some elements, from their first index and their number."""
     if begin.isdigit():
         return str(int(begin) + count - 1)
     return f"{begin} + {count - 1}"
@@ -394,18 +394,18 @@ class Octave(Target):
         return {f"{name}.m": text for name, text in texts.items()}
 
     def commands(self, module: SourceModule) -> list[str]:
-        """Return what runs the test in Octave."""
+        """Return the shell line that runs the test in Octave."""
         return [f'octave-cli --quiet --no-history --eval "exit({prefix_of(module)}test() > 0)"']
 
 
 def prefix_of(module: SourceModule) -> str:
-    """Return what the names of all functions begin with; it is cut where they would be too long."""
+    """Return the prefix of the names of all functions, shortened if they would be too long."""
     longest = max(map(len, ("default_parameters", *(one.name for one in module.public))))
     return f"{module.name[: LONGEST - longest - 1]}_"
 
 
 def names_of(module: SourceModule) -> Names:
-    """Return what the functions of a module share."""
+    """Return the names that the functions of a module share."""
     prefix = prefix_of(module)
     public = {one.procedure: Public(prefix + one.name, len(one.results)) for one in module.quantities}
     public[module.prepare] = Public(f"{prefix}prepare", max(module.prepared, 1))
@@ -432,7 +432,7 @@ def _defaults(module: SourceModule, prefix: str) -> str:
 
 
 def _file(module: SourceModule, procedure: Procedure, names: Names) -> str:
-    """Return the file of a function that users call, behind it those that it alone calls."""
+    """Return the file of a public function, followed by the functions that only this one calls."""
     names.needed.clear()
     local = [one for one in procedure.callees if one not in names.public]
     head, *body = function(procedure, names).splitlines()

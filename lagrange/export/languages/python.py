@@ -30,11 +30,11 @@ class Python(Target):
         return {f"{file_name(module)}.py": source(module)}
 
     def commands(self, module: SourceModule) -> list[str]:
-        """Return what runs the test."""
+        """Return the shell line that runs the test."""
         return [f"python {file_name(module)}.py"]
 
     def run_commands(self, module: SourceModule) -> list[str]:
-        """Return what runs the initial state."""
+        """Return the shell line that runs `main`."""
         return [f"python {file_name(module)}.py main"]
 
 
@@ -45,7 +45,7 @@ def file_name(module: SourceModule) -> str:
 
 @dataclass(frozen=True)
 class _File:
-    """What the functions of one file share; `needed` collects the operations whose definitions the file needs."""
+    """State shared by the functions of one file; `needed` collects the operations whose definitions it needs."""
 
     needed: dict[str, None] = field(default_factory=dict)
 

@@ -1,4 +1,4 @@
-"""What exported Python spells differently from what runs in this process: helpers that stand in the file, and words."""
+"""Helpers and reserved words of exported Python, where it differs from the Python run by this package."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ HELPERS: Mapping[str, tuple[str, ...]] = {
     ),
     "mantissa": ("def _mantissa(x):", "    return 2.0 * math.frexp(abs(x))[0]"),
 }
-"""Operations that stand in the file. Where Python raises, what has no value is NaN or infinite, as in machine code."""
+"""Operations defined in the file. They return NaN or infinity, as machine code does, where Python raises an error."""
 
 NEEDS: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(("sqrt", "sin", "cos", "tan", "asin", "acos", "exp", "sinh", "cosh", "acosh"), ("total",)),

@@ -43,7 +43,7 @@ LIBRARY: Mapping[str, str] = {
 """Functions of the standard library, each a method of its first argument."""
 
 FOREIGN: Mapping[str, str] = {"power": "pow"}
-"""What functions are called in the C library, where that is another name."""
+"""Names of functions in the C library, where they differ."""
 
 BINARY = ("atan2", "power")
 
@@ -226,7 +226,7 @@ SUFFIX = "_cells"
 
 @dataclass(frozen=True)
 class File:
-    """What the functions of one file share; `needed` collects the operations whose definitions the file needs."""
+    """State shared by the functions of one file; `needed` collects the operations whose definitions it needs."""
 
     public: Sequence[Procedure]
     needed: dict[str, None] = field(default_factory=dict)
@@ -258,7 +258,7 @@ class _RustPrinter(BracedPrinter):
     def __init__(self, procedure: Procedure, file: File) -> None:
         self.file = file
         self.counts = True
-        """Whether the loop that begins uses its index."""
+        """True if the loop that is being opened uses its index."""
         super().__init__(procedure, file.needed, RESERVED)
 
     def function_name(self, procedure: Procedure) -> str:
@@ -384,7 +384,7 @@ class Rust(Target):
         return {f"{file_name(module)}.rs": source(module)}
 
     def commands(self, module: SourceModule) -> list[str]:
-        """Return what compiles and runs the test."""
+        """Return the shell lines that compile and run the test."""
         name = file_name(module)
         return [f"rustc --edition 2021 -O --cfg self_test -o {name}_test {name}.rs", f"./{name}_test"]
 

@@ -36,10 +36,10 @@ OPERATORS: Mapping[str, Operator] = {
 LITERALS = replace(PYTHON_LITERALS, infinity='float("inf")', nan='float("nan")')
 
 WIDTH = 110
-"""Characters of a line, but for single operations on long operands."""
+"""Largest length of a line, except for single operations on long operands."""
 
 STRUCTURE = (*GIVEN, "factor", "solve", "component")
-"""Operations that are no mathematics: what is given, and linear systems."""
+"""Operations other than functions of numbers: arguments, and linear systems."""
 
 ELIMINATION = f'''
 PIVOT = {PIVOT!r}  # a matrix is singular where a pivot is at most this part of its row's largest entry
@@ -131,7 +131,7 @@ def _substituted(eliminated, right):
 
 @dataclass(frozen=True)
 class Library:
-    """How a library is written: its name for people, the `number` that must stand for each operation, and helpers.
+    """A library of array functions: its name for users, its text for each operation, and helpers.
 
     `head` are the lines that a file begins with; `helpers` the text of functions that operations need; `systems` that
     of linear systems.
@@ -144,7 +144,7 @@ class Library:
     systems: str
 
     def text_before(self, *programs: Program) -> str:
-        """Return what stands before the functions of some programs: imports and the helpers that they need."""
+        """Return the text before the functions of some programs: imports and the helpers that they need."""
         used = dict.fromkeys(one.op for program in programs for one in program.instructions)
         parts = [self.head, *(self.helpers[op] for op in used if op in self.helpers)]
         return "\n\n\n".join([*parts, *([self.systems.strip()] if "factor" in used else [])])
@@ -250,7 +250,7 @@ def bracketed(before: str, items: Sequence[str], after: str) -> list[str]:
 
 
 def described(program: Program) -> str:
-    """Return what a program computes, as a line of a docstring."""
+    """Return a description of the results of a program, as a line of a docstring."""
     inputs = ", ".join(map(block, program.inputs))
     shape = f" as {list(program.shape)}" if len(program.shape) > 1 else ""
     return f"[{', '.join(map(block, program.results))}]{shape}, of y = [{inputs}] and p[{program.parameters}]"
@@ -271,8 +271,9 @@ def straight_line_module(
 ) -> str:
     """Return a module of functions without loops; run as a program, it tests itself.
 
-    `setting` is a line behind the imports, `functions` prints those of a program under a name, `use` says how they are
-    called, and `evaluated` is the text of `_evaluated(function, times, states)`, which calls the one with the status.
+    `setting` is a line after the imports. `functions` returns the functions of a program under a name, and `use`
+    documents their call. `evaluated` is the text of `_evaluated(function, times, states)`, which calls the
+    function with the status.
     """
     head, *helpers = library.text_before(*(one.program for one in module.quantities)).split("\n\n\n")
     lines = [
