@@ -1,1 +1,1 @@
-"""Pictures that move: frames of a run, as a player in HTML, GIF or MP4."""
+"""Animations: frames of a run, as a player in HTML, GIF or MP4."""

@@ -1,4 +1,4 @@
-"""An animation of a run: it shows itself in a notebook, and is written as HTML, GIF or MP4."""
+"""An animation of a run: a notebook shows it, and it is written as HTML, GIF or MP4."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
 LARGEST_SHOWN = 300_000
-"""Characters of a player in a notebook, which keeps what it shows; with more it shows the first frame instead."""
+"""Longest player that a notebook stores, in characters; in place of a longer one it shows the first frame."""
 
 STYLES = ("auto", "light", "dark")
 
@@ -43,7 +43,7 @@ STYLES = ("auto", "light", "dark")
 class Animation:
     """Frames of a run at the times `t`, (K,), with `states` (2n, K) and named `points` (2, K) or (3, K) at them.
 
-    `notes` say what is not as it was asked for; `path` is the file that was written, if any.
+    `notes` report changes of what was requested; `path` is the file that was written, if any.
     """
 
     name: str
@@ -57,7 +57,7 @@ class Animation:
 
     @property
     def t(self) -> FloatArray:
-        """The times of the frames, (K,)."""
+        """Times of the frames, (K,)."""
         return self.timing.t
 
     @property
@@ -72,7 +72,7 @@ class Animation:
 
     @property
     def seconds(self) -> float:
-        """How long the motion lasts on the screen."""
+        """Duration of the motion on the screen, in seconds."""
         return self.timing.seconds
 
     def frame(self, number: int) -> Pixels:
@@ -80,17 +80,17 @@ class Animation:
         return self._canvas.frame(whole_number(number, "the number of the frame", 0, len(self.t) - 1)).copy()
 
     def to_html(self) -> str:
-        """Return one page of HTML with the player: it needs no network and nothing installed."""
+        """Return one HTML page with the player. It needs no network and no installation."""
         return player.page(
             self.sheet, style=self.style, interval=self.timing.interval, title=self.name, notes=self.notes
         )
 
     def save(self, path: str | os.PathLike[str], *, progress: bool = False) -> Animation:
-        """Write the file that the ending of its name asks for: .html, .gif, .mp4, or .png for the first frame.
+        """Write the file of the kind that its suffix states: .html, .gif, .mp4, or .png for the first frame.
 
-        It is written whole or not at all. Returns the animation with the path. Without ffmpeg the HTML is written in
-        place of the MP4, under the same name with .html, and a warning says so. Raises StatementError for a path that
-        cannot be written, RunError if the disk is full.
+        It is written whole or not at all. Returns the animation with the path. Without ffmpeg the HTML is written
+        instead of the MP4, under the same name with .html, and a warning reports it. Raises StatementError for a path
+        that cannot be written, RunError if the disk is full.
         """
         flag(progress, "progress")
         wanted, notes = _writable(path)
@@ -152,7 +152,7 @@ def animate(
     trail: float | None = None,
     progress: bool = False,
 ) -> Animation:
-    """Return the animation of a run, written to `path` if there is one; see `Solution.animate`."""
+    """Return the animation of a run, written to `path` if it is given; see `Solution.animate`."""
     one_of(style, STYLES, "style = {given}: give one of {known}.")
     wanted = frame_options(size, trail)
     if path is not None:
@@ -174,7 +174,7 @@ def animate(
 
 
 def _writable(path: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:
-    """Return the path to write, and a note if it is another one. Raises StatementError for no kind of file."""
+    """Return the path to write, and a note if it is another one. Raises StatementError for an unknown kind of file."""
     wanted = named_kind(path)
     check_place(wanted)
     if wanted.suffix.lower() != ".mp4" or has_ffmpeg():

@@ -1,4 +1,4 @@
-"""One direction of a panel: its limits, its ticks, and where a value stands in pixels."""
+"""One direction of a panel: its limits, its ticks, and the pixels of its values."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _STEPS = [1, 2, 2.5, 5, 10]
 
 @dataclass(frozen=True)
 class Axis:
-    """Values from `low` to `high` over pixels from `start` to `end`; y grows downwards, so that start > end there."""
+    """Values from `low` to `high` mapped to pixels from `start` to `end`; start > end for y, which grows downwards."""
 
     low: float
     high: float
@@ -38,7 +38,7 @@ class Axis:
 
 
 def around(values: FloatArray, margin: float = 0.06, scale: float = 0.0) -> tuple[float, float]:
-    """Return limits with some room around all values; round-off of them, or of a size, does not fill them."""
+    """Return limits with room around all values. Rounding noise of the values, or of `scale`, does not fill them."""
     low, high = float(values.min()), float(values.max())
     size = max(abs(low), abs(high), scale)
     if high - low <= 1e-9 * size or high == low:

@@ -1,4 +1,4 @@
-"""Frames drawn with Matplotlib: what stands still is drawn once, and what moves is drawn over a copy of it."""
+"""Frames drawn with Matplotlib: fixed parts are drawn once, and moving parts over a copy of them."""
 
 from __future__ import annotations
 
@@ -22,21 +22,21 @@ Pixels = NDArray[np.uint8]
 """A frame, (height, width, 4): red, green, blue, and 255."""
 
 FADES = 12
-"""Parts of a trail, each with an opacity of its own."""
+"""Parts of a trail with different opacities."""
 
 SPRING_WIDTH, ROD, WIRE, TRAIL, MARK, SHADOW, THIN, CURVE = 14.0, 2.4, 1.4, 2.0, 7.0, 2.5, 1.2, 1.5
-"""Widths of what moves, in pixels at a width of 640; of marks and shadows the radius."""
+"""Widths of moving parts, in pixels at a picture width of 640; for marks and shadows the radius."""
 
 _SQUARE = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0))
 
 FAINT, CLEAR = 0.3, 0.85
-"""Opacity of curves that are still to come, and of the newest part of a trail."""
+"""Opacity of curves in the future, and of the newest part of a trail."""
 
 
 class Canvas:
     """Draws frames of a sheet in a style.
 
-    Artists of Matplotlib take 0.1 ms each to make and to ask for their settings; its renderer draws a path in a tenth.
+    Matplotlib's artists take 0.1 ms each to create and to query; its renderer draws a path in a tenth of that.
     """
 
     def __init__(self, sheet: Sheet, style: Style) -> None:
@@ -91,7 +91,7 @@ class Canvas:
         return drawn
 
     def _trail(self, track: int, colour: int, k: int) -> None:
-        """Draw the path of the last samples, the fainter the older."""
+        """Draw the path of the last samples; older parts are fainter."""
         sheet = self.sheet
         cuts = np.linspace(k - sheet.tail, k, FADES + 1).round().astype(int).clip(0)
         for part, (a, b) in enumerate(pairwise(cuts)):
@@ -100,7 +100,7 @@ class Canvas:
                 self._line(colour, TRAIL * sheet.unit, points, (part + 1) / FADES * CLEAR, cap="butt")
 
     def _reveal(self, chart: Chart, k: int) -> None:
-        """Draw the curves of a panel until now, a line at now, and a dot on each curve."""
+        """Draw the curves of a panel up to now, a line at now, and a dot on each curve."""
         u = self.sheet.unit
         places = _places(chart)
         _, top, _, bottom = chart.box
@@ -148,12 +148,12 @@ class Canvas:
 
 
 def _agg(figure: Figure) -> Any:
-    """Return the canvas that draws pixels, of which Matplotlib states no types."""
+    """Return the canvas that draws pixels; Matplotlib has no type annotations for it."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
     return FigureCanvasAgg(figure)
 
 
 def _places(chart: Chart) -> FloatArray:
-    """Return x of every sample."""
+    """Return the x pixel of every sample."""
     return np.linspace(chart.first, chart.last, chart.rows.shape[1])

@@ -1,4 +1,4 @@
-"""Panels of an animation with time to the right: energies and coordinates."""
+"""Panels of an animation with a horizontal time axis: energies and coordinates."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_PANELS = 6
-"""More coordinates than this share panels: a frame has room for no more."""
+"""Most panels of coordinates; more coordinates share them, as a frame has no room for more."""
 
 MOST_NAMED = 8
-"""A panel names its curves if there are no more: others would not be told apart by their colours."""
+"""Most curves of a panel with names: colours do not distinguish more."""
 
 _ROUND_OFF = 1e-6
-"""Energies that differ by less than this part of them look the same: a pixel of a million."""
+"""Relative difference below which two energies look the same: a millionth."""
 
 _GAP = 2.5
-"""Where the energies extend over so many times as much as with the least potential for zero, that is their zero: the
-zero of a potential is arbitrary, and curves far apart are seen as straight lines."""
+"""Ratio of the range of the energies to that with the least potential as zero from which the latter is drawn. The zero
+of a potential is arbitrary, and curves that are far apart look like straight lines."""
 
 WIDE = 0.6
-"""The width of a mark of text, in parts of its size, for letters of any kind."""
+"""Width of a letter of any kind, in parts of the font size."""
 
 
 @dataclass(frozen=True)
 class Area:
-    """A part of the picture in pixels, with the factor of all sizes."""
+    """A part of the picture in pixels, with the scale factor of all sizes."""
 
     left: float
     top: float
@@ -45,19 +45,19 @@ class Area:
 
 @dataclass(frozen=True, eq=False)
 class Panel:
-    """What a chart shows: rows (R, S), their names and colours, and the heading."""
+    """Content of a chart: rows (R, S), their names and colours, and the heading."""
 
     heading: str
     rows: FloatArray
     names: tuple[str, ...]
     colours: tuple[int, ...]
     scale: float = 0.0
-    """A size of the values: what differs by its round-off is level."""
+    """Size of the values: differences below its rounding noise are level."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """A panel as what moves in it and what stands still around it."""
+    """A panel in pixels: its moving and its fixed parts."""
 
     chart: Chart
     strokes: tuple[Stroke, ...]
@@ -65,9 +65,9 @@ class Drawn:
 
 
 def energy_panel(motion: Motion) -> Panel | None:
-    """Return the energies, that of the equations in ink, or None where there are none.
+    """Return the panel of the energies, with the energy of the equations in the text colour, or None without energies.
 
-    It is v.p - L, which need not be the sum of the other two: not in a frame that turns.
+    That energy is v.p - L. In a rotating frame, for example, it is not the sum of the other two.
     """
     if not motion.energies:
         return None
@@ -87,7 +87,7 @@ def energy_panel(motion: Motion) -> Panel | None:
 
 
 def coordinate_panels(statement: Statement, motion: Motion) -> list[Panel]:
-    """Return the coordinates, at most `MOST_PANELS` panels of as many each."""
+    """Return the panels of the coordinates, at most `MOST_PANELS`, with about the same number in each."""
     names = statement.names
     spelled = UnicodeNotation(names)
     letters = [with_unit(spelled.letter(name), unit_of(statement, name)) for name in names]
@@ -107,7 +107,7 @@ def coordinate_panels(statement: Statement, motion: Motion) -> list[Panel]:
 
 
 def drawn(panel: Panel, t: FloatArray, area: Area, *, time_label: str) -> Drawn:
-    """Return a panel in an area; the time axis is named, and has numbers, if there is a label for it."""
+    """Return a panel in an area; the time axis has numbers and a name if `time_label` is not empty."""
     u = area.unit
     top, bottom = area.top + 18 * u, area.top + area.height - (30 * u if time_label else 6 * u)
     left, right = area.left + 48 * u, area.left + area.width - 14 * u
@@ -137,9 +137,9 @@ def drawn(panel: Panel, t: FloatArray, area: Area, *, time_label: str) -> Drawn:
 
 
 def heading(panel: Panel, x: float, right: float, y: float, u: float) -> list[Words]:
-    """Return the heading of a panel in one line: its name, then those of its curves in their colours.
+    """Return the heading of a panel in one line: its name, then the names of its curves in their colours.
 
-    Where there is no room for both the names of the curves stand alone.
+    If both do not fit, only the names of the curves are written.
     """
     name = panel.heading
     wide = (len(name) + 1) * WIDE * 11 * u if name else 0.0
@@ -151,7 +151,7 @@ def heading(panel: Panel, x: float, right: float, y: float, u: float) -> list[Wo
 
 
 def legend(names: tuple[str, ...], own: tuple[int, ...], x: float, y: float, u: float) -> list[Words]:
-    """Return names in a line from x, each behind a dot of its colour."""
+    """Return names in a line from x, each after a dot of its colour."""
     words = []
     for name, colour in zip(names, own, strict=False):
         words += [Words("●", x, y, 9 * u, colour=colour), Words(name, x + 11 * u, y, 11 * u)]
@@ -160,5 +160,5 @@ def legend(names: tuple[str, ...], own: tuple[int, ...], x: float, y: float, u: 
 
 
 def legend_width(names: tuple[str, ...], u: float) -> float:
-    """Return how many pixels such a line takes."""
+    """Return the width of such a line in pixels."""
     return sum(24 * u + WIDE * 11 * u * len(name) for name in names)

@@ -1,4 +1,4 @@
-"""Files that an animation is written to, by the ending of their names."""
+"""Kinds of files for an animation, by the suffix of their names."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 from lagrange.errors import StatementError, shown
 
 SUFFIXES = (".html", ".gif", ".mp4", ".png")
-"""A page with a player, moving pictures, and the first frame."""
+"""Suffixes: a page with a player, moving pictures, and the first frame."""
 
 
 def named_kind(path: str | os.PathLike[str]) -> Path:
-    """Return the path of a file whose name says what to write. Raises StatementError for another."""
+    """Return the path of a file whose suffix states its kind. Raises StatementError for another suffix."""
     if not isinstance(path, (str, os.PathLike)):
         raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
     wanted = Path(path)

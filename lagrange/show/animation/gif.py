@@ -1,4 +1,4 @@
-"""GIF files: frames in few colours, of which only what has changed is stored."""
+"""GIF files: frames in a palette of colours, where only changed pixels are stored."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from lagrange.show.animation.sheet import palette
 from lagrange.show.figures.style import Style, parts_of
 
 SHORTEST = 2
-"""Hundredths of a second of a frame: browsers show what is shorter for a tenth."""
+"""Least duration of a frame, in hundredths of a second: browsers show shorter ones for a tenth of a second."""
 
 _BLENDS = 9
-"""Shades between the paper and each colour, for the edges of lines and for trails."""
+"""Shades between the background and each colour, for the edges of lines and for trails."""
 
 _CLEAR = 255
-"""The number of no colour: the frame before is seen."""
+"""Index of the transparent colour: the pixel of the previous frame stays."""
 
 _FOREVER = b"\x21\xff\x0bNETSCAPE2.0\x03\x01\x00\x00\x00"
-"""The extension that repeats the animation without end."""
+"""Extension block that repeats the animation forever."""
 
 _AT_ONCE = 2048
 
 
 def write_gif(file: BinaryIO, canvas: Canvas, style: Style, interval: float, tell: Callable[[int], None]) -> None:
-    """Write all frames; `tell` is called with the number of each that is drawn.
+    """Write all frames; `tell` is called with the number of each drawn frame.
 
-    A frame is the rectangle of what has changed, and clear where nothing has: runs of one number, which take no room.
+    A frame is the rectangle of the changed pixels; unchanged pixels in it are transparent, which compresses well.
     """
     from PIL import GifImagePlugin
     from PIL.Image import fromarray
 
     every = max(1, int(np.ceil(SHORTEST / 100 / interval - 1e-9)))
     numbers = range(0, canvas.sheet.frames, every)
-    # Rounded as a whole, so that the motion lasts what it should.
+    # Times are rounded as a whole, so that the duration of the motion is right.
     ends = np.rint(100 * interval * every * np.arange(len(numbers) + 1)).astype(int)
     colours = _Colours(palette(style, canvas.sheet.lines))
     width, height = canvas.sheet.size
@@ -65,13 +65,13 @@ def write_gif(file: BinaryIO, canvas: Canvas, style: Style, interval: float, tel
 
 
 def _ends(changed: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return the first place that is true and the one behind the last; a place where there is none."""
+    """Return the first true index and the one after the last; for no true index an arbitrary one."""
     found = np.flatnonzero(changed)
     return (int(found[0]), int(found[-1]) + 1) if len(found) else (0, 1)
 
 
 class _Colours:
-    """Finds for each pixel the nearest of 255 colours: those of a sheet in shades towards the paper."""
+    """Maps each pixel to the nearest of 255 colours: those of a sheet in shades towards the background."""
 
     def __init__(self, own: tuple[str, ...]) -> None:
         base = np.rint(255.0 * np.array([parts_of(colour) for colour in own]))
@@ -91,16 +91,16 @@ class _Colours:
                 for begin in range(0, len(grid), _AT_ONCE)
             ]
         )
-        whole = np.rint(base).astype(np.uint8)  # large areas have these colours, and keep them
+        whole = np.rint(base).astype(np.uint8)  # large areas have these colours, which stay exact
         self._nearest[_cells(whole)] = [int((found == colour).all(axis=1).argmax()) for colour in whole]
 
     def numbers(self, pixels: Pixels) -> NDArray[np.uint8]:
-        """Return the colours of pixels (K, 4) by their numbers, (K,)."""
+        """Return the colour indices (K,) of pixels (K, 4)."""
         return self._nearest[_cells(pixels)]
 
 
 def _cells(pixels: NDArray[np.uint8]) -> NDArray[np.uint16]:
-    """Return the places of colours in a table of 32 by 32 by 32."""
+    """Return the indices of colours in a table of 32 by 32 by 32."""
     red, green, blue = (pixels[:, k].astype(np.uint16) >> np.uint16(3) for k in range(3))
     cells: NDArray[np.uint16] = (red << np.uint16(10)) | (green << np.uint16(5)) | blue
     return cells

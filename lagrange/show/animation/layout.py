@@ -1,4 +1,4 @@
-"""Where everything stands in the picture: the header, the scene of named points, the panels over time."""
+"""Layout of the picture: the header, the scene of named points, the panels over time."""
 
 from __future__ import annotations
 
@@ -30,23 +30,23 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray
 
 WIDTH, TALLEST = 640, 400
-"""Pixels of a picture in width, and of its scene in height, where no size was asked for."""
+"""Default width of a picture, and greatest default height of its scene, in pixels."""
 
 LEAST_SIZE, MOST_SIZE = 160, 2160
-"""Pixels of a side that may be asked for: with fewer nothing can be read, with more a frame takes over 18 MB."""
+"""Least and largest side on request, in pixels: below, nothing is readable; above, a frame takes over 18 MB."""
 
 SMALLEST = 0.85
-"""The least factor of all sizes: smaller letters, below 8.5 pixels, are hard to read."""
+"""Least scale factor of all sizes: letters below 8.5 pixels are hard to read."""
 
 TAIL = 2.5
-"""Seconds on the screen that a trail goes back, where its length was not stated."""
+"""Default duration of a trail, in seconds on the screen."""
 
 _CHART, _LABELS = 84.0, 30.0
-"""Heights of a panel over time, and of the labels under the last."""
+"""Heights in pixels of a panel over time, and of the labels under the last one."""
 
 
 _TALL, _LEAST = 1.7, 60.0
-"""Height to width of a scene that stands beside the panels, and the least height of a scene."""
+"""Ratio of height to width from which on a scene is beside the panels, and the least height of a scene."""
 
 
 @dataclass(frozen=True)
@@ -60,14 +60,14 @@ class Plan:
 
 @dataclass(frozen=True)
 class FrameOptions:
-    """What was asked for: the size in pixels, None for one that fits the motion, and the time that trails go back."""
+    """Requested size in pixels, None for one that fits the motion, and requested duration of trails."""
 
     size: tuple[int, int] | None
     trail: float | None
 
 
 def frame_options(size: Any, trail: Any) -> FrameOptions:
-    """Return what was asked for. Raises StatementError for what cannot be drawn."""
+    """Return the requested options. Raises StatementError for invalid ones."""
     if size is not None:
         if not isinstance(size, (tuple, list)) or len(size) != 2:
             raise StatementError(f"size = {shown(size)}: give width and height in pixels, such as size=(640, 480).")
@@ -79,7 +79,7 @@ def frame_options(size: Any, trail: Any) -> FrameOptions:
 
 
 def sheet_of(statement: Statement, motion: Motion, timing: Timing, wanted: FrameOptions) -> Sheet:
-    """Return the whole animation in pixels, with as many samples between frames as are seen."""
+    """Return the whole animation in pixels, with as many samples between frames as are visible."""
     scene = scene_of(motion.points, statement) if motion.points else None
     panels = _panels(statement, motion, scene)
     plan = _plan(scene, len(panels), wanted.size)
@@ -116,20 +116,20 @@ def sheet_of(statement: Statement, motion: Motion, timing: Timing, wanted: Frame
 
 
 def _lines(placed: Placed, panels: list[Panel]) -> int:
-    """Return how many colours tell lines apart."""
+    """Return the number of colours that distinguish lines."""
     own = [mark.colour for mark in placed.marks] + [colour for panel in panels for colour in panel.colours]
     return max(FIRST, *(colour + 1 for colour in own)) - FIRST
 
 
 def _panels(statement: Statement, motion: Motion, scene: Scene | None) -> list[Panel]:
-    """Return what is drawn over time: the energies, and the coordinates where no points are."""
+    """Return the panels over time: the energies, and the coordinates if no points are named."""
     energy = energy_panel(motion)
     own = [] if scene is not None else coordinate_panels(statement, motion)
     return own if energy is None else [*own, energy]
 
 
 def _plan(scene: Scene | None, count: int, size: tuple[int, int] | None) -> Plan:
-    """Return where the scene and `count` panels stand: above each other, or side by side where the scene is tall."""
+    """Return the areas of the scene and of `count` panels: on top of each other, or side by side for a tall scene."""
     width = size[0] if size else WIDTH
     u = max(SMALLEST, width / WIDTH)
     top = (56 if scene is not None and len(scene.moving) > 1 else 44) * u
@@ -152,7 +152,7 @@ def _plan(scene: Scene | None, count: int, size: tuple[int, int] | None) -> Plan
 
 
 def _header(statement: Statement, timing: Timing, scene: Scene | None, plan: Plan) -> list[Words]:
-    """Return the name, the speed where it is not real time, and the names of the points that move."""
+    """Return the name, the speed if it is not real time, and the names of the moving points."""
     width, u = plan.size[0], plan.scene.unit
     words = [Words(plain_text(statement.name), 14 * u, 22 * u, 13 * u, bold=True)]
     if timing.speed != 1.0:
@@ -176,7 +176,7 @@ def _stacked(panels: list[Panel], t: FloatArray, statement: Statement, area: Are
 
 
 def thinned(sheet: Sheet) -> Sheet:
-    """Return the sheet with the fewest samples between its frames with which no curve is off by half a pixel."""
+    """Return the sheet with the fewest samples between its frames that keep every curve exact within half a pixel."""
     curves = [sheet.tracks[track] for track, _ in sheet.trails] + [chart.rows for chart in sheet.charts]
     detail = 1
     while detail < sheet.detail and any(_deviation(rows, sheet.detail // detail) > 0.5 for rows in curves):
@@ -190,7 +190,7 @@ def thinned(sheet: Sheet) -> Sheet:
 
 
 def _deviation(rows: FloatArray, factor: int) -> float:
-    """Return how far rows are from straight lines between every `factor`-th of their samples."""
+    """Return the largest distance of rows from straight lines between every `factor`-th of their samples."""
     coarse = rows[:, ::factor]
     share = np.arange(factor) / factor
     lines = coarse[:, :-1, None] * (1 - share) + coarse[:, 1:, None] * share

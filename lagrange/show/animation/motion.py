@@ -1,4 +1,4 @@
-"""What moves in an animation: positions, coordinates and energies at the frames, and between them."""
+"""Motion for an animation: positions, coordinates and energies at the frames and between them."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_SAMPLES = 12_000
-"""Times at which a motion is evaluated, at most, unless there are more frames: 12,000 take some 50 ms."""
+"""Most times at which a motion is evaluated, unless there are more frames: 12,000 take some 50 ms."""
 
 MOST_DETAIL = 16
-"""Samples for each frame, at most: a path turns by a few degrees between two of them."""
+"""Most samples for each frame: a path turns by a few degrees between two of them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class Motion:
     """A run at S = (K - 1) detail + 1 times: those of K frames, and detail - 1 between two of them.
 
     `states` are (2n, S), the named `points` (2, S) or (3, S), and the `energies` by name (S,): kinetic and potential
-    where the two were stated, and the energy that is conserved. Both may be empty.
+    energy if both were stated, and the conserved energy. Points and energies may be empty.
     """
 
     t: FloatArray
@@ -35,18 +35,18 @@ class Motion:
     energies: Mapping[str, FloatArray]
     detail: int
     scale: float = 0.0
-    """The size of the energies' terms: what moves by their round-off is level."""
+    """Size of the terms of the energies: changes below its rounding noise are level."""
 
     @property
     def frames(self) -> slice:
-        """What takes the frames out of the samples."""
+        """Slice that selects the frames from the samples."""
         return slice(None, None, self.detail)
 
 
 def motion_of(solution: Solution, timing: Timing) -> Motion:
     """Return the motion at the frames of a run and between them, from its dense output.
 
-    Raises StatementError where a named point has no place, and for a run from a file with too few states.
+    Raises StatementError where a named point has no position, and for a run from a file with too few states.
     """
     frames = timing.t
     detail = 1
@@ -72,13 +72,13 @@ def motion_of(solution: Solution, timing: Timing) -> Motion:
 
 
 def _energies(solution: Solution, t: FloatArray, states: FloatArray) -> dict[str, FloatArray]:
-    """Return the energies that have a value everywhere; none where the energy itself has not."""
+    """Return the energies that have a value everywhere; none if the energy itself does not."""
     if not solution.has_energy:
         return {}
     model, statement, parameters = solution.model, solution.model.statement, solution.parameters_at(t)
     try:
         found = {"energy": np.asarray(model.energy(*model.layout.split(states), t, parameters))}
-        if statement.potential != 0:  # a Lagrangian has no parts, and without V the kinetic energy is the whole
+        if statement.potential != 0:  # a Lagrangian has no parts, and without V the kinetic energy is all of it
             parts = {"kinetic": statement.kinetic, "potential": statement.potential}
             found = {
                 name: model.evaluate_expression(part, t, states, parameters) for name, part in parts.items()

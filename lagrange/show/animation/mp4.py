@@ -1,4 +1,4 @@
-"""MP4 files, by the program ffmpeg."""
+"""MP4 files, written by the program ffmpeg."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ def has_ffmpeg() -> bool:
 
 
 def write_mp4(file: BinaryIO, canvas: Canvas, interval: float, tell: Callable[[int], None]) -> None:
-    """Write all frames to a file that has a name; `tell` is called with the number of each that is drawn.
+    """Write all frames to a named file; `tell` is called with the number of each drawn frame.
 
-    Raises RunError with the last line of ffmpeg's where it fails.
+    Raises RunError with the last line of the output of ffmpeg if it fails.
     """
     width, height = canvas.sheet.size
     command = [
@@ -31,7 +31,7 @@ def write_mp4(file: BinaryIO, canvas: Canvas, interval: float, tell: Callable[[i
         *("-c:v", "libx264", "-crf", "18", "-pix_fmt", "yuv420p", "-movflags", "+faststart", "-f", "mp4", file.name),
     ]
     with tempfile.TemporaryFile() as said:
-        # A session of its own: Ctrl-C comes to us alone, and we end it.
+        # ffmpeg gets a new session: Ctrl-C reaches only this process, which ends ffmpeg.
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said, start_new_session=True)
         try:
             _feed(process, canvas, tell)
@@ -59,4 +59,4 @@ def _feed(process: subprocess.Popen[bytes], canvas: Canvas, tell: Callable[[int]
                 pipe.write(canvas.frame(number).tobytes())
                 tell(number)
     except BrokenPipeError:
-        process.wait()  # it has ended, and its exit code and words say why
+        process.wait()  # it has ended; its exit code and its output give the reason

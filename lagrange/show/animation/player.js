@@ -1,4 +1,4 @@
-// Draws the frames of `sheet` on the canvas, and plays them. Everything is in pixels of the sheet; y grows downwards.
+// Draws the frames of `sheet` on the canvas and plays them. Lengths are pixels of the sheet; y grows downwards.
 
 const canvas = document.getElementById("picture");
 const pen = canvas.getContext("2d");
@@ -18,7 +18,7 @@ const at = (row, k) => packed[row * samples + k] * sheet.grain;
 const x = (track, k) => at(2 * track, k), y = (track, k) => at(2 * track + 1, k);
 const dark = matchMedia("(prefers-color-scheme: dark)");
 let colours = [];
-let still = null, clear = null; // what does not move, with the curves over time faint, and as they are where time was
+let still = null, clear = null; // fixed parts: with pale curves over time, and with the curves up to now
 let shown = 0, playing = false, speed = 1, looping = true, began = 0, visible = true, pending = false;
 
 function line(target, points, colour, width, opacity = 1) {

@@ -1,7 +1,7 @@
-"""The animation as one page of HTML that plays itself: no network, no library, drawn by the browser at its resolution.
+"""The animation as one HTML page with a player: no network, no library, drawn by the browser at its resolution.
 
-A player that draws from numbers is a hundredth of the size of pictures for every frame, is sharp on every screen and
-printer, and shows any frame at once.
+A player that draws from numbers takes a hundredth of the space of pictures of every frame. It is sharp on every screen
+and printer, and can show any frame at once.
 """
 
 from __future__ import annotations
@@ -36,14 +36,14 @@ from lagrange.show.files.template import as_json, filled
 from lagrange.statement.statement import SPRING
 
 CONTROLS = 46
-"""Pixels in height of the controls under the picture."""
+"""Height in pixels of the controls under the picture."""
 
 _HERE = Path(__file__).parent
 _LARGEST = 32767
 
 
 def page(sheet: Sheet, *, style: str, interval: float, title: str, notes: Sequence[str] = ()) -> str:
-    """Return the page; `style` is light, dark, or auto, which is what the reader prefers."""
+    """Return the page; `style` is light, dark, or auto, which follows the setting of the browser."""
     template = (_HERE / "player.html").read_text("utf-8")
     light, dark = (DARK, DARK) if style == "dark" else (LIGHT, LIGHT if style == "light" else DARK)
     darkened = f"@media (prefers-color-scheme: dark) {{ :root {{ {_colours(dark)} color-scheme: dark; }} }}"
@@ -63,7 +63,7 @@ def page(sheet: Sheet, *, style: str, interval: float, title: str, notes: Sequen
 
 
 def frame(text: str, sheet: Sheet, notes: Sequence[str] = ()) -> str:
-    """Return the page inside a frame of its own, for a notebook: nothing of it meets what is around it."""
+    """Return the page inside an iframe for a notebook, so that neither affects the other."""
     height = sheet.size[1] + CONTROLS + 34 * len(notes)
     style = f"width:100%;max-width:{sheet.size[0]}px;height:{height}px;border:0;display:block"
     inside = text.replace("&", "&amp;").replace('"', "&quot;")
@@ -71,7 +71,7 @@ def frame(text: str, sheet: Sheet, notes: Sequence[str] = ()) -> str:
 
 
 def still(pixels: Pixels, title: str) -> str:
-    """Return a picture in place of a player."""
+    """Return a still picture as HTML, in place of a player."""
     data = base64.b64encode(png(pixels)).decode()
     return f'<img alt="{html.escape(title)}" src="data:image/png;base64,{data}">'
 

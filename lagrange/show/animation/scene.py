@@ -1,4 +1,4 @@
-"""The scene of an animation: named points in the plane or in space, with what joins them, in pixels."""
+"""The scene of an animation: named points in the plane or in space, and their links, in pixels."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray
 
 _STILL = 1e-9
-"""What moves by less than this part of the picture stands still."""
+"""Movement, as a part of the picture, below which a point counts as fixed."""
 
 _STRAIGHT = 1e-3
-"""A path that is thinner than this part of its length is a straight line, which would hide under its trail."""
+"""Width of a path, as a part of its length, below which it is a straight line, which its trail would hide."""
 
 
 @dataclass(frozen=True, eq=False)
 class Placed:
-    """A scene in pixels: what moves, and what stands still."""
+    """A scene in pixels: its moving and its fixed parts."""
 
     tracks: FloatArray
     marks: tuple[Mark, ...]
@@ -39,18 +39,18 @@ class Placed:
 
     @classmethod
     def empty(cls, samples: int) -> Placed:
-        """Return what is drawn of no points."""
+        """Return the scene without points."""
         return cls(np.empty((0, 2, samples)), (), (), (), (), (), ())
 
 
 @dataclass(frozen=True, eq=False)
 class Scene:
-    """Points as they are seen, (P, 2, S), shadows behind them in space; which of them move, and limits (2, 2)."""
+    """Projected points, (P, 2, S), in space followed by their shadows; which of them move; and limits (2, 2)."""
 
     seen: FloatArray
     view: View
     box: Box | None
-    """The box on whose floor points in space have their shadows."""
+    """Box with the floor for the shadows of points in space."""
     moving: tuple[int, ...]
     names: tuple[str, ...]
     joints: tuple[Joint, ...]
@@ -60,7 +60,7 @@ class Scene:
 
     @property
     def ratio(self) -> float:
-        """Height to width, as it is best drawn."""
+        """Best ratio of height to width."""
         width, height = np.ptp(self.limits, axis=1)
         return float(height / width) if self.to_scale else 0.6
 
@@ -96,7 +96,7 @@ class Scene:
 
 
 def scene_of(points: Mapping[str, FloatArray], statement: Statement) -> Scene:
-    """Return named points as they are seen."""
+    """Return the projected scene of named points."""
     view = view_of(points)
     order = list(points)
     seen = np.stack([view.of(point) for point in points.values()])
@@ -112,7 +112,7 @@ def scene_of(points: Mapping[str, FloatArray], statement: Statement) -> Scene:
         together = room_of(box, view, together)
     joints = tuple(Joint(order.index(link.start), order.index(link.end), link.kind) for link in statement.links)
     extents = np.ptp(together, axis=1)
-    # With rods or springs lengths are true, however slender the path is.
+    # With rods or springs the scene is to scale, even if the path is slender.
     slender = extents.min() > _STILL * extents.max() and extents.max() > SLENDER * extents.min()
     return Scene(
         seen,
@@ -128,13 +128,13 @@ def scene_of(points: Mapping[str, FloatArray], statement: Statement) -> Scene:
 
 
 def height_for(scene: Scene, width: float, u: float) -> float:
-    """Return the height of an area of that width, in which the scene fits."""
+    """Return the height of an area of a given width in which the scene fits."""
     level = not scene.view.spatial
     return max(110 * u, scene.ratio * (width - (62 if level else 28) * u) + (34 if level else 8) * u)
 
 
 def _limits(points: FloatArray, to_scale: bool) -> FloatArray:
-    """Return limits with room for marks around all points, (2, 2)."""
+    """Return limits around all points with room for marks, (2, 2)."""
     low, high = points.min(axis=1), points.max(axis=1)
     extents = high - low
     size = float(extents.max()) or 1.0
@@ -143,13 +143,13 @@ def _limits(points: FloatArray, to_scale: bool) -> FloatArray:
 
 
 def _straight(track: FloatArray) -> bool:
-    """Return whether a track (2, S) keeps to a straight line."""
+    """Return whether a track (2, S) is a straight line."""
     sizes = np.linalg.svd(track - track.mean(axis=1, keepdims=True), compute_uv=False)
     return bool(sizes[1] <= _STRAIGHT * sizes[0])
 
 
 def _grid(across: Axis, up: Axis, view: View, unit: str, u: float) -> tuple[list[Stroke], list[Words]]:
-    """Return quiet lines at the ticks of a plane, with numbers and the names of the two directions."""
+    """Return pale lines at the ticks of a plane, with numbers and the names of the two directions."""
     strokes, words = [], []
     for value, label in across.ticks(round((across.end - across.start) / (80 * u))):
         x = float(across.place(value))

@@ -1,6 +1,6 @@
-"""The record that every drawer of an animation reads: what stands still and what moves, in pixels and by colour number.
+"""Record from which every renderer draws an animation: fixed and moving parts, in pixels and by colour index.
 
-A frame drawn with Matplotlib and one drawn by a browser differ by their letters alone. y grows downwards.
+A frame drawn with Matplotlib and one drawn by a browser differ only in their letters. y grows downwards.
 """
 
 from __future__ import annotations
@@ -11,21 +11,21 @@ from lagrange.show.figures.style import Style, colours
 from lagrange.trajectory.trajectory import FloatArray
 
 PAPER, INK, QUIET, GRID, KINETIC, POTENTIAL, FIRST = range(7)
-"""Numbers of colours: paper, ink and the quiet ones of a style, two energies, and the first that tells lines apart."""
+"""Colour indices: background, text, pale text and grid of a style, two energies, and the first colour of lines."""
 
 DOT, FIXED = "dot", "fixed"
-"""Marks: a point that moves, and one that does not."""
+"""Kinds of marks: a moving point, and a fixed one."""
 
 
 def palette(style: Style, count: int) -> tuple[str, ...]:
-    """Return the colours of a style by number, with as many to tell lines apart."""
+    """Return the colours of a style by index, with `count` colours of lines."""
     energies = style.colours[3], style.colours[4]
     return (style.paper, style.ink, style.quiet, style.grid, *energies, *colours(count, style.colours))
 
 
 @dataclass(frozen=True, eq=False)
 class Stroke:
-    """A line that stands still, through points (2, N)."""
+    """A fixed line through points (2, N)."""
 
     points: FloatArray
     colour: int
@@ -35,7 +35,7 @@ class Stroke:
 
 @dataclass(frozen=True)
 class Words:
-    """A text at a point of its baseline; `anchor` is start, middle or end."""
+    """A text; its anchor (start, middle or end) is at a point on its baseline."""
 
     text: str
     x: float
@@ -48,7 +48,7 @@ class Words:
 
 @dataclass(frozen=True)
 class Mark:
-    """A track with a dot or a square where it is."""
+    """A track, with a dot or a square at its present position."""
 
     track: int
     colour: int
@@ -66,7 +66,7 @@ class Joint:
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """Curves over time: rows (R, S) of y in pixels, drawn as far as the time is, in a box left, top, right, bottom.
+    """Curves over time: rows (R, S) of y in pixels, drawn up to the present, in a box left, top, right, bottom.
 
     `first` and `last` are x of the first and the last sample.
     """
@@ -82,9 +82,8 @@ class Chart:
 class Sheet:
     """An animation in pixels: tracks (P, 2, S) of S samples, of which every `detail`-th is a frame.
 
-    `tail` is the length of a trail in samples, `unit` the factor of all sizes: 1 at a width of 640. `shadows` are pairs
-    of a track and its shadow on the floor. The clock shows t, which goes from `span[0]` to `span[1]`, with a unit
-    behind it.
+    `tail` is the length of a trail in samples, `unit` the scale factor of all sizes: 1 at a width of 640. `shadows` are
+    pairs of a track and its shadow on the floor. The clock shows t, from `span[0]` to `span[1]`, followed by a unit.
     """
 
     size: tuple[int, int]
@@ -104,20 +103,20 @@ class Sheet:
     tail: int
     charts: tuple[Chart, ...]
     lines: int
-    """How many colours tell lines apart."""
+    """Number of colours that distinguish lines."""
 
     @property
     def samples(self) -> int:
-        """How many samples tracks and charts have, S."""
+        """Number of samples of tracks and charts, S."""
         return int(self.tracks.shape[2])
 
     @property
     def frames(self) -> int:
-        """How many frames there are."""
+        """Number of frames."""
         return (self.samples - 1) // self.detail + 1
 
     def clock_text(self, t: float) -> str:
-        """Return what the clock shows."""
+        """Return the text of the clock."""
         shown = f"{t:.{self.decimals}f}"
         shown = shown if float(shown) else shown.replace("-", "")
         return f"t = {shown.replace('-', '−')}{self.time_unit}"

@@ -16,11 +16,11 @@ _BESIDE = 0.08
 """Room beside and below the box for its numbers, relative to its size in the picture."""
 
 _NUMBERS, _NAMES = 13.0, 32.0
-"""Pixels from an edge of the floor to its numbers, and to the name of its axis."""
+"""Distance in pixels from an edge of the floor to its numbers, and to the name of its axis."""
 
 
 def room_of(box: Box, view: View, points: FloatArray) -> FloatArray:
-    """Return corners in the picture, (2, 2), between which points (2, K), the floor and its numbers have room."""
+    """Return corners in the picture, (2, 2), that enclose points (2, K), the floor and its numbers."""
     x, y, z = (np.array([box.low[k], box.high[k]]) for k in range(3))
     floor = np.array([x[[0, 0, 1, 1]], y[[0, 1, 0, 1]], z[[0, 0, 0, 0]]])
     upright = np.array([x[:1], y[:1], z[1:]])

@@ -1,4 +1,4 @@
-"""When the frames of an animation are shown: at which times of the run, and how fast."""
+"""Timing of an animation: the time in the run of each frame, and the speed."""
 
 from __future__ import annotations
 
@@ -12,29 +12,29 @@ from lagrange.statement.number import real_number
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_FRAMES = 3000
-"""An animation has at most so many frames: 100 s at 30 frames a second. As a GIF they take some 20 MB."""
+"""Most frames of an animation: 100 s at 30 frames a second. As a GIF they take some 20 MB."""
 
 LEAST_FPS, MOST_FPS = 1.0, 60.0
-"""Frames per second: below, nothing moves; above, no common screen shows them."""
+"""Least and largest number of frames per second: below, motion is invisible; above, no common screen shows them."""
 
 SHORTEST = 1.0
-"""A run that takes less seconds than this is slowed down, unless a speed was given."""
+"""Duration in seconds below which a run is slowed down, unless a speed is given."""
 
 _SPELLED = 1e12
-"""Counts from which on all digits say no more."""
+"""Largest count that is written with all digits."""
 
 _TINY = 1e-290
-"""A run that lasts less has no speed that a double can state."""
+"""Duration of a run below which its speed overflows a double."""
 
 _ROUND = (1.0, 2.0, 5.0)
 
 
 @dataclass(frozen=True, eq=False)
 class Timing:
-    """Times of the run at the frames, (K,), and the seconds for which each is on the screen.
+    """Times of the frames in the run, (K,), and the duration of each frame on the screen, in seconds.
 
-    The first frame is at the start. `speed` is time of the run per time on the screen; `notes` say in sentences what
-    is not as it was asked for.
+    The first frame is at the start. `speed` is time of the run per time on the screen; `notes` are sentences on changes
+    of what was requested.
     """
 
     t: FloatArray
@@ -44,20 +44,21 @@ class Timing:
 
     @property
     def fps(self) -> float:
-        """Frames per second, so that the last frame comes at the end of the run to the digit."""
+        """Frames per second, so that the last frame is exactly at the end of the run."""
         return 1.0 / self.interval
 
     @property
     def seconds(self) -> float:
-        """How long the motion lasts on the screen: from the first frame to the last."""
+        """Duration of the motion on the screen, from the first frame to the last, in seconds."""
         return self.interval * (len(self.t) - 1)
 
 
 def timing(span: tuple[float, float], fps: float = 30.0, speed: float | None = None) -> Timing:
-    """Return the frames of a run from span[0] to span[1]; times may fall.
+    """Return the frames of a run from span[0] to span[1]; times may decrease.
 
-    Without `speed` the run is shown in real time, one unit of time a second, if it then has from 1 s to as many seconds
-    as `MOST_FRAMES` last; else at a round speed at which it has. With it what is beyond `MOST_FRAMES` is cut off.
+    Without `speed` the run is shown in real time, one unit of time per second, if it takes at least 1 s and at most the
+    time of `MOST_FRAMES` frames; else at a round speed for which it does. With `speed`, frames after `MOST_FRAMES` are
+    cut.
     """
     fps = real_number(fps, "fps")
     if not LEAST_FPS <= fps <= MOST_FPS:
@@ -86,7 +87,7 @@ def timing(span: tuple[float, float], fps: float = 30.0, speed: float | None = N
 
 
 def _cut(span: tuple[float, float], fps: float, speed: float) -> Timing:
-    """Return the first frames of a run that has too many."""
+    """Return the first frames of a run with too many frames."""
     direction = math.copysign(speed / fps, span[1] - span[0])
     t: FloatArray = span[0] + direction * np.arange(float(MOST_FRAMES))
     needed = abs(span[1] - span[0]) / speed * fps
@@ -110,7 +111,7 @@ def _said(speed: float | None, pace: float, whole: float) -> tuple[str, ...]:
 
 
 def _fitting(whole: float, fps: float) -> float:
-    """Return real time, 1, or a round speed at which the run is neither too long nor over at once."""
+    """Return real time, 1, or a round speed for which the run is neither too long nor too short."""
     longest = (MOST_FRAMES - 1) / fps
     if whole < _TINY or SHORTEST <= whole <= longest:
         return 1.0
@@ -120,6 +121,6 @@ def _fitting(whole: float, fps: float) -> float:
 
 
 def _rounded_up(value: float) -> float:
-    """Return the least of 1, 2 and 5 times a power of ten that is not below the value."""
+    """Return the least of 1, 2 and 5 times a power of ten that is at least the value."""
     power = 10.0 ** math.floor(math.log10(value))
     return next(digit * power for digit in (*_ROUND, 10.0) if digit * power >= value * (1 - 1e-12))
