@@ -74,16 +74,16 @@ class ConstraintEquations:
         """Return the generalized forces G^T lambda, one for each coordinate."""
         graph = multipliers[0].graph
         return [
-            graph.sum([(1, row[i] * one) for row, one in zip(self.gradient, multipliers, strict=True)])
+            graph.sum([(1, row[i] * multiplier) for row, multiplier in zip(self.gradient, multipliers, strict=True)])
             for i in range(len(self.gradient[0]))
         ]
 
 
 def check_rows(stated: Sequence[Constraint], constraints: ConstraintEquations) -> None:
     """Raise StatementError for a constraint whose derivatives by the velocities are all the zero node."""
-    for one, row in zip(stated, constraints.gradient, strict=True):
+    for constraint, row in zip(stated, constraints.gradient, strict=True):
         if all(entry is entry.graph.zero for entry in row):
-            raise StatementError(empty_constraint(one.name, value_somewhere(one.expression), 1.0))
+            raise StatementError(empty_constraint(constraint.name, value_somewhere(constraint.expression), 1.0))
 
 
 def empty_constraint(name: str, value: float, size: float) -> str:

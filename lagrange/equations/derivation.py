@@ -145,7 +145,7 @@ class Derivation:
     @cached_property
     def constraints(self) -> tuple[Any, ...]:
         """One Eq per constraint, as stated: the conditions on the motion in addition to `equations`."""
-        return tuple(Eq(one.expression, 0, evaluate=False) for one in self.statement.constraints)
+        return tuple(Eq(constraint.expression, 0, evaluate=False) for constraint in self.statement.constraints)
 
     @cached_property
     def constraint_forces(self) -> Mapping[str, Mapping[Any, Any]]:
@@ -158,8 +158,8 @@ class Derivation:
         )
         return MappingProxyType(
             {
-                one.name: self._page.by_coordinate(multiplier(one.name) * entry for entry in row)
-                for one, row in zip(self.statement.constraints, gradient, strict=True)
+                constraint.name: self._page.by_coordinate(multiplier(constraint.name) * entry for entry in row)
+                for constraint, row in zip(self.statement.constraints, gradient, strict=True)
             }
         )
 
@@ -191,7 +191,7 @@ class Derivation:
         """{constraint: multiplier}, as a function of the state; raises StatementError as `accelerations` does."""
         solved = self._written(ACCELERATIONS, lambda page: page.motion[len(page.q) :])
         return MappingProxyType(
-            {one.name: value for one, value in zip(self.statement.constraints, solved, strict=True)}
+            {constraint.name: value for constraint, value in zip(self.statement.constraints, solved, strict=True)}
         )
 
     @cached_property
@@ -257,7 +257,7 @@ class Derivation:
 
 def _shorter(collected: Any, stated: Any) -> Any:
     """Return the form with fewer operations, with fewer terms if these are equal, else the collected form."""
-    first, second = ((one.count_ops(), len(Add.make_args(one))) for one in (collected, stated))
+    first, second = ((form.count_ops(), len(Add.make_args(form))) for form in (collected, stated))
     return stated if second < first else collected
 
 

@@ -229,7 +229,7 @@ class Equations:
     @property
     def solution(self) -> tuple[Node, ...]:
         """Unknowns that `plan` solves for: the accelerations, then `impulses` with the opposite sign."""
-        return (*self.accelerations, *(-one for one in self.impulses))
+        return (*self.accelerations, *(-impulse for impulse in self.impulses))
 
     def translate(self, expression: Any) -> Node:
         """Return the node of a SymPy expression in q, v, accelerations, parameters and t."""
@@ -256,8 +256,8 @@ def euler_lagrange(statement: Statement, kept: Sequence[int] | None = None) -> E
     stated = [translate(e) for e in (statement.kinetic, statement.potential, statement.dissipation, *statement.forces)]
     kinetic, potential, dissipation, *applied = share_sums(graph, stated)
     lagrangian = kinetic - potential
-    held = {one.name: translate(one.expression) for one in statement.constraints}
-    constraints = constraint_equations(held, [one.holonomic for one in statement.constraints], q, v, time)
+    zeros = {c.name: translate(c.expression) for c in statement.constraints}
+    constraints = constraint_equations(zeros, [c.holonomic for c in statement.constraints], q, v, time)
     check_rows(statement.constraints, constraints)
     momenta = conjugate_momenta(lagrangian, v)
     extra = applied_forces(applied, dissipation, v)
@@ -408,7 +408,7 @@ def solve_motion(
     """Return a and lambda of M a = h + G^T lambda and G a + gamma = 0."""
     unknowns = plan.solved(matrix, [*bias, *(-gamma for gamma in constraints.bias)])
     n = len(bias)
-    return unknowns[:n], [-one for one in unknowns[n:]]
+    return unknowns[:n], [-unknown for unknown in unknowns[n:]]
 
 
 def _symbols(graph: Graph, statement: Statement) -> tuple[tuple[Node, ...], tuple[Node, ...], Node, tuple[Node, ...]]:

@@ -23,7 +23,9 @@ def node_of(expression: Any, statement: Statement, equations: Equations) -> Node
     expression = in_own_parameters(stated, statement.parameters)
     survey = Survey()
     survey.add(expression, "the expression", accelerations=True, multipliers=True)
-    check_multipliers(survey.multipliers, "the expression", [one.name for one in statement.constraints], statement.name)
+    check_multipliers(
+        survey.multipliers, "the expression", [constraint.name for constraint in statement.constraints], statement.name
+    )
     for leaf in (*survey.coordinates, *survey.given, *survey.unknown, *survey.parameters):
         if leaf not in equations.leaves:
             raise StatementError(f"the expression contains {leaf}, which this system does not have.")

@@ -18,7 +18,7 @@ def with_needed_inputs(statement: Statement, equations: Equations) -> tuple[Stat
     nodes = [e.lagrangian, e.energy, *e.momenta, *e.forces, *e.bias, *e.accelerations, *e.multipliers, *e.impulses]
     nodes += [*e.motion.momenta, *e.motion.forces, *e.motion.bias, *(entry for row in e.matrix for entry in row)]
     for held in (e.constraints, e.stated):
-        nodes += [*(one for one in held.positions if one is not None), *held.velocities, *held.bias]
+        nodes += [*(phi for phi in held.positions if phi is not None), *held.velocities, *held.bias]
     depends = 0
     for node in nodes:
         depends |= node.depends

@@ -36,7 +36,7 @@ def with_solved_multipliers(statement: Statement) -> Statement:
     names = [name for symbol in free if (name := constraint_of(symbol)) is not None]
     if not names:
         return statement
-    check_multipliers(names, "a force", [one.name for one in statement.constraints], statement.name)
+    check_multipliers(names, "a force", [constraint.name for constraint in statement.constraints], statement.name)
     if statement.redundant != REFUSE:
         raise StatementError(
             f"the forces of {statement.name} contain multipliers, which redundant constraints share in many ways: "
@@ -54,7 +54,7 @@ def with_solved_multipliers(statement: Statement) -> Statement:
 
 
 def _names(statement: Statement) -> list[Any]:
-    return [one.multiplier for one in statement.constraints]
+    return [constraint.multiplier for constraint in statement.constraints]
 
 
 def split_forces(statement: Statement, forces: Sequence[Any]) -> tuple[list[Any], list[list[Any]]]:
@@ -94,8 +94,11 @@ def _multipliers(statement: Statement) -> list[Any]:
         lagrangian.diff(x) + force - dissipation.diff(speed) - drift(p)
         for x, speed, force, p in zip(q, v, applied, momenta, strict=True)
     ]
-    zeros = [read(one.expression) for one in statement.constraints]
-    rates = [drift(phi) if one.holonomic else phi for one, phi in zip(statement.constraints, zeros, strict=True)]
+    zeros = [read(constraint.expression) for constraint in statement.constraints]
+    rates = [
+        drift(phi) if constraint.holonomic else phi
+        for constraint, phi in zip(statement.constraints, zeros, strict=True)
+    ]
     gradient = [[psi.diff(speed) for speed in v] for psi in rates]
     along = [[line[i] + push for line, push in zip(gradient, row, strict=True)] for i, row in enumerate(pushes)]
     solved = _solved(mass, [[h, *row] for h, row in zip(bias, along, strict=True)])

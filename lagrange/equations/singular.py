@@ -94,11 +94,11 @@ def least_regular(mass: FloatArray, gradient: FloatArray, scale: FloatArray | No
     alike = scale is None
     scale = scales(mass, gradient) if scale is None else scale
     whole = _divided(_whole(mass, gradient), scale)
-    held = whole[n:, :n]
-    dependent = _dependent(held, scale[n:], alike=alike) if m else None
+    rows = whole[n:, :n]
+    dependent = _dependent(rows, scale[n:], alike=alike) if m else None
     if dependent is not None and dependent.regularity <= RANK:
         return dependent
-    allowed = _kernel(held) if m else np.eye(n)
+    allowed = _kernel(rows) if m else np.eye(n)
     if not allowed.shape[1]:
         return dependent
     values, vectors = np.linalg.eigh(allowed.T @ whole[:n, :n] @ allowed)

@@ -56,9 +56,9 @@ def elimination_order(block: Sequence[int], neighbours: Neighbours, multipliers:
     place = {unknown: i for i, unknown in enumerate(block)}
     ends = band_order([[place[j] for j in neighbours[i]] for i in block])
     rank = {block[i]: k for k, i in enumerate(ends)}
-    held = frozenset(multipliers)
+    multiplier_set = frozenset(multipliers)
     beside = {i: {j for j in neighbours[i] if j != i} for i in block}
-    waits = {i: sum(j not in held for j in beside[i]) if i in held else 0 for i in block}
+    waits = {i: sum(j not in multiplier_set for j in beside[i]) if i in multiplier_set else 0 for i in block}
     left, depth = dict.fromkeys(block), dict.fromkeys(block, 0)
     order: list[int] = []
     while left:
@@ -70,7 +70,7 @@ def elimination_order(block: Sequence[int], neighbours: Neighbours, multipliers:
             depth[i] = max(depth[i], depth[chosen] + 1)
             beside[i].discard(chosen)
             beside[i].update(j for j in others if j != i)
-            if chosen not in held and i in held and chosen in neighbours[i]:
+            if chosen not in multiplier_set and i in multiplier_set and chosen in neighbours[i]:
                 waits[i] -= 1
     return tuple(order)
 

@@ -109,10 +109,10 @@ class Structure:
         if not count:
             return []
         free = len(self.names) - count
-        held = "constraint {} leaves" if count == 1 else "constraints {} leave"
+        verb = "constraint {} leaves" if count == 1 else "constraints {} leave"
         work = f" {'Its' if count == 1 else 'Their'} forces do no work." if self.workless else ""
         sentences = [
-            f"The {held.format(listing(self.constraints))} {free or 'none'} of {len(self.names)} velocities free.{work}"
+            f"The {verb.format(listing(self.constraints))} {free or 'none'} of {len(self.names)} velocities free.{work}"
         ]
         for name in self.nonlinear:
             sentences.append(
@@ -176,13 +176,13 @@ def find_structure(
     """Return the structure. Properties that are only reported are decided when they are first read."""
     constraints, inertia, graph = laws.constraints, plan_of(laws.mass), laws.time.graph
     free = [force is graph.zero for force in laws.extra]
-    held = [any(row[i] is not graph.zero for row in constraints.gradient) for i in range(len(laws.q))]
+    constrained = [any(row[i] is not graph.zero for row in constraints.gradient) for i in range(len(laws.q))]
     return Structure(
         names=statement.names,
         blocks=inertia.blocks,
         constant_mass=not inertia.moving,
         forced=not all(free),
-        free=tuple(i for i in range(len(laws.q)) if free[i] and not held[i]),
+        free=tuple(i for i in range(len(laws.q)) if free[i] and not constrained[i]),
         position_only=all(a.binding <= Binding.CONFIGURATION for a in accelerations),
         constraints=constraints.names,
         nonlinear=constraints.nonlinear,

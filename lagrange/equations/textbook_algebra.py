@@ -194,8 +194,8 @@ class TextbookAlgebra(StatedAlgebra):
     def gradient(self) -> list[list[MonomialSum]]:
         """The m rows of G: dphi/dq, or dpsi/dv of a constraint on velocities."""
         rows = []
-        for one in self.statement.constraints:
-            zero, symbols = self.read(one.expression), self.q if one.holonomic else self.v
+        for constraint in self.statement.constraints:
+            zero, symbols = self.read(constraint.expression), self.q if constraint.holonomic else self.v
             rows.append([self.algebra.merge_angles(self.algebra.differentiate(zero, symbol)) for symbol in symbols])
         return rows
 
@@ -203,9 +203,9 @@ class TextbookAlgebra(StatedAlgebra):
     def constraint_bias(self) -> list[MonomialSum]:
         """The terms gamma of G a + gamma = 0: rates of psi at constant velocities. psi is dphi/dt, or as stated."""
         return [
-            self.at_constant_velocities(self.at_constant_velocities(zero) if one.holonomic else zero)
-            for one in self.statement.constraints
-            for zero in [self.read(one.expression)]
+            self.at_constant_velocities(self.at_constant_velocities(zero) if constraint.holonomic else zero)
+            for constraint in self.statement.constraints
+            for zero in [self.read(constraint.expression)]
         ]
 
     def at_constant_velocities(self, terms: MonomialSum) -> MonomialSum:
@@ -220,7 +220,7 @@ class TextbookAlgebra(StatedAlgebra):
     @cached_property
     def apart_from_multipliers(self) -> tuple[list[MonomialSum], list[list[MonomialSum]]]:
         """The right sides h without multipliers, and the rows of B, their derivatives by the multipliers."""
-        algebra, symbols = self.algebra, [one.multiplier for one in self.statement.constraints]
+        algebra, symbols = self.algebra, [constraint.multiplier for constraint in self.statement.constraints]
         minus = partial(algebra.scale, number=S.NegativeOne)
         pushes = [[algebra.differentiate(right, s) for s in symbols] for right in self.right_sides]
         parts = [
@@ -253,8 +253,8 @@ class TextbookAlgebra(StatedAlgebra):
 
     def solve(self, block: list[int], matrix: list[list[MonomialSum]], bias: list[MonomialSum]) -> list[Any]:
         """Return the unknowns of a block, with the determinants multiplied out if that stays short."""
-        held = any(i >= len(self.q) for i in block)
-        if len(block) <= (EXPANDED_WITH_MULTIPLIERS if held else EXPANDED_BLOCK):
+        has_multipliers = any(i >= len(self.q) for i in block)
+        if len(block) <= (EXPANDED_WITH_MULTIPLIERS if has_multipliers else EXPANDED_BLOCK):
             try:
                 with self.algebra.at_most(EXPANDED_TERMS):
                     return self.solve_expanded(block, matrix, bias)
@@ -281,17 +281,17 @@ class TextbookAlgebra(StatedAlgebra):
         """Return the error for a block whose matrix is singular at every state."""
         n = len(self.q)
         names = [self.statement.names[i] for i in block if i < n]
-        held = [self.statement.constraints[i - n].name for i in block if i >= n]
+        laws = [self.statement.constraints[i - n].name for i in block if i >= n]
         still = [self.statement.names[i] for i in block if i < n and not any(self.mass[i])]
-        if still and not held:
+        if still and not laws:
             return StatementError(
                 f"no formula is written out for the accelerations of {listing(names)}: {listing(still)} "
                 f"{'has' if len(still) == 1 else 'have'} no inertia. An equation of motion of first order has no "
                 "accelerations in it: read it in equations(); what is compiled takes its rate of change."
             )
-        if held:
+        if laws:
             return StatementError(
-                f"the accelerations of {listing(names)} and the multipliers of {listing(held)} are not determined by a "
+                f"the accelerations of {listing(names)} and the multipliers of {listing(laws)} are not determined by a "
                 "formula, at any state: the constraints depend on one another, or a motion that they allow has no "
                 "inertia. Drop a constraint that follows from the others, or add the kinetic energy that is missing."
             )

@@ -130,7 +130,9 @@ class Graph:
         self.nodes: list[Node] = []
         self._table: dict[tuple[Any, ...], Node] = {}
         self._symbols = 0
-        self.rates: dict[Node, Node] = {}  # of the symbols that change with time alone: 1 of time, those of inputs
+        self.rates: dict[
+            Node, Node
+        ] = {}  # time derivatives of symbols that depend on time alone: 1 for time, the rates of inputs
         self.zero, self.one = self.constant(0), self.constant(1)
 
     def _intern(self, kind: Kind, args: tuple[Node, ...], data: Any) -> Node:

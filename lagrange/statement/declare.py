@@ -67,13 +67,13 @@ def declare(
     survey.add(kinetic, main)
     survey.add(potential, "the potential energy")
     moving = dict.fromkeys(survey.velocities)
-    constraint_list = declare_constraints(constraints, survey)
+    checked = declare_constraints(constraints, survey)
     chosen = _coordinates(coordinates, survey)
     by_name = {name_of(q): q for q in chosen}
     force_table = _forces(forces, by_name, survey)
     dissipation = _dissipation(dissipation, by_name, survey)
-    _check_velocities(chosen, moving, constraint_list, (kinetic, lagrangian), force_table, dissipation, main)
-    _check_constraints(constraint_list, chosen, redundant)
+    _check_velocities(chosen, moving, checked, (kinetic, lagrangian), force_table, dissipation, main)
+    _check_constraints(checked, chosen, redundant)
     points = _positions(positions, survey)
     _check_declared(survey, chosen)
     values = table_of(parameters, "parameters", "parameter to value")
@@ -87,7 +87,7 @@ def declare(
         forces=tuple(clean(force_table.get(q, sympy.S.Zero)) for q in chosen),
         dissipation=clean(dissipation),
         redundant=redundant,
-        constraints=tuple(replace(one, expression=clean(one.expression)) for one in constraint_list),
+        constraints=tuple(replace(c, expression=clean(c.expression)) for c in checked),
         parameters=tuple(symbols.values()),
         defaults=MappingProxyType(default_values(values, symbols)),
         initial=initial_state({} if initial is None else initial, chosen, (0.0,) * (2 * len(chosen))),
@@ -196,9 +196,9 @@ def _in_order(coordinates: Iterable[Any]) -> list[Any]:
 
 
 def _check_inferred(survey: Survey) -> None:
-    """Refuse to guess: an undeclared function of time beside those of `lagrange.coordinate` may be a given motion.
+    """Raise StatementError for an undeclared function of time if others were made by `lagrange.coordinate`.
 
-    If all functions are SymPy's, such as those of `dynamicsymbols`, all are coordinates.
+    It may be a given motion. If all functions are SymPy's, as from `dynamicsymbols`, all are coordinates.
     """
     unsaid = [q for q in survey.coordinates if not declared(q)]
     if unsaid and any(map(is_ours, survey.coordinates)):
@@ -227,8 +227,8 @@ def _check_velocities(
     dissipation: Any,
     main: str,
 ) -> None:
-    """Refuse a coordinate whose acceleration no equation determines; `energies` are T and L."""
-    zeros, alone = [one.expression for one in constraints], main == "the Lagrangian"
+    """Raise StatementError for a coordinate whose acceleration no equation determines; `energies` are T and L."""
+    zeros, alone = [constraint.expression for constraint in constraints], main == "the Lagrangian"
     still = without_velocity(coordinates, velocities, zeros, *energies, forces, dissipation, alone=alone)
     if still is None:
         return
@@ -248,13 +248,13 @@ def _check_velocities(
 
 
 def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any, ...], redundant: str) -> None:
-    """Refuse more constraints than coordinates, unless redundant ones are allowed."""
+    """Raise StatementError for more constraints than coordinates, unless redundant ones are allowed."""
     one_of(redundant, REDUNDANT, "redundant is {given}: give one of {known}.")
     if redundant == REFUSE and len(constraints) > len(coordinates):
         names = listing(name_of(q) for q in coordinates)
         many = "coordinates" if len(coordinates) > 1 else "coordinate"
         raise StatementError(
-            f"there are {len(constraints)} constraints ({listing(one.name for one in constraints)}) for "
+            f"there are {len(constraints)} constraints ({listing(constraint.name for constraint in constraints)}) for "
             f"{len(coordinates)} {many} ({names}): give at most as many constraints as coordinates."
         )
 

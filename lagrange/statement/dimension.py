@@ -187,11 +187,13 @@ def known_names() -> Mapping[str, Any]:
     from sympy.physics import units
     from sympy.physics.units.definitions import dimension_definitions
 
-    dimensions = {name: one for name, one in vars(dimension_definitions).items() if isinstance(one, units.Dimension)}
+    dimensions = {
+        name: entry for name, entry in vars(dimension_definitions).items() if isinstance(entry, units.Dimension)
+    }
     measures = {
-        name: one
-        for name, one in vars(units).items()
-        if isinstance(one, units.Quantity) and not isinstance(one, units.quantities.PhysicalConstant)
+        name: entry
+        for name, entry in vars(units).items()
+        if isinstance(entry, units.Quantity) and not isinstance(entry, units.quantities.PhysicalConstant)
     }
     return {**UNITS, **measures, "g": units.gram, **dimensions, **DERIVED}
 
@@ -255,7 +257,7 @@ def _from_text(text: str, what: str) -> Any:
             )
         return sympy.Symbol(name, positive=True)
     try:
-        return read_expression(spelled, {one: sympy.Symbol(one, positive=True) for one in known})
+        return read_expression(spelled, {word: sympy.Symbol(word, positive=True) for word in known})
     except SceneError as error:
         raise StatementError(
             f"{what} is {spelled[:60]!r}, which is no product of dimensions or units: {error.reason}"

@@ -59,7 +59,10 @@ def _parts(statement: Statement) -> list[CheckedPart]:
         if force != 0
     ]
     parts += [CheckedPart("the dissipation", statement.dissipation, "energy", t)]
-    parts += [CheckedPart(f"the constraint {one.name}", one.expression, None) for one in statement.constraints]
+    parts += [
+        CheckedPart(f"the constraint {constraint.name}", constraint.expression, None)
+        for constraint in statement.constraints
+    ]
     for label, point in statement.positions.items():
         parts += [CheckedPart(f"the position of {label}", entry, "length") for entry in point]
     motions = {function: motion_of(function) for function in statement.given}
@@ -73,11 +76,11 @@ def _parts(statement: Statement) -> list[CheckedPart]:
 def multiplier_dimensions(statement: Statement, known: Mapping[Any, Dimension]) -> Iterator[tuple[Any, Dimension]]:
     """Yield (multiplier, dimension): lambda phi of a holonomic constraint, else lambda psi t, is an energy."""
     energy = dimension_of(statement.lagrangian, known) or named("energy")
-    for one in statement.constraints:
-        dimension = dimension_of(one.expression, known)
+    for constraint in statement.constraints:
+        dimension = dimension_of(constraint.expression, known)
         if dimension is not None:
-            over = dimension if one.holonomic else dimension * known[t]
-            yield one.multiplier, energy * over ** Fraction(-1)
+            over = dimension if constraint.holonomic else dimension * known[t]
+            yield constraint.multiplier, energy * over ** Fraction(-1)
 
 
 def check_dimensions(
@@ -99,7 +102,7 @@ def check_dimensions(
             _Checker(known).check(part.expression, part.wanted(known))
         except WrongTermError as wrong:
             raise StatementError(_refusal(part, wrong, plain)) from None
-    return with_scales(parts, known, plain) if any(one.unit for one in dimensions.values()) else known
+    return with_scales(parts, known, plain) if any(dimension.unit for dimension in dimensions.values()) else known
 
 
 def dimension_of(expression: Any, known: Mapping[Any, Dimension]) -> Dimension | None:
@@ -123,7 +126,7 @@ def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any])
     place = {"whole": "", "sum": "beside the other terms ", "power": "under a power that is no number "}
     where = place[wrong.place] if wrong.place in place else f"in {in_short(wrong.within, plain)} "
     terms = sympy.Add.make_args(part.expression)
-    outer = next((one for one in terms if wrong.term not in terms and one.has(wrong.term)), None)
+    outer = next((candidate for candidate in terms if wrong.term not in terms and candidate.has(wrong.term)), None)
     inside = (
         "" if outer is None or wrong.term.is_number or wrong.place == "function" else f", in {in_short(outer, plain)}"
     )
@@ -286,7 +289,7 @@ class _Checker(_Dimensions):
     def _checked_product(self, expression: Any, wanted: Dimension | None) -> Dimension | None:
         """Return the dimension of a product. A sum in it must have the wanted one over that of the other factors."""
         for factor in expression.args:
-            others = self._product([one for one in expression.args if one is not factor])
+            others = self._product([other for other in expression.args if other is not factor])
             left = None if wanted is None or others is None else wanted * others ** Fraction(-1)
             if factor.is_Pow:
                 self._powered(factor.base, factor.exp, left)

@@ -214,8 +214,8 @@ def _in_own_parameters(one: Event, parameters: tuple[Any, ...]) -> Event:
     reset = {key: value for key, value in values.items() if key not in settings}
     if zero == one.expression and reset == one.reset:
         return one
-    own = {by_name[label_of(key)]: value for key, value in settings.items()}
-    return Event(zero, one.direction, one.terminal, reset, {**one.settings, **own})
+    own_settings = {by_name[label_of(key)]: value for key, value in settings.items()}
+    return Event(zero, one.direction, one.terminal, reset, {**one.settings, **own_settings})
 
 
 @lru_cache(maxsize=256)
@@ -239,5 +239,7 @@ def _check(expression: Any, what: str, statement: Statement, *, motion: bool = F
                 f"{what} contains {leaf}, which this system does not have; it may contain its coordinates, their "
                 f"velocities, t and {listing(p.name for p in statement.parameters) or 'no parameters'}."
             )
-    check_multipliers(survey.multipliers, what, [one.name for one in statement.constraints], statement.name)
+    check_multipliers(
+        survey.multipliers, what, [constraint.name for constraint in statement.constraints], statement.name
+    )
     return survey

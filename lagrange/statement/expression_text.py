@@ -118,10 +118,10 @@ class _Writer:
 
     def _cases(self, condition: Any) -> Iterator[str]:
         """Yield the alternatives of a condition as chained comparisons: it holds if one of them does."""
-        for one in condition.args if isinstance(condition, sympy.Or) else (condition,):
-            relations = one.args if isinstance(one, sympy.And) else (one,)
+        for case in condition.args if isinstance(condition, sympy.Or) else (condition,):
+            relations = case.args if isinstance(case, sympy.And) else (case,)
             if len(relations) > MOST_RELATED or not all(isinstance(part, Relational) for part in relations):
-                raise RefusalError(f"the condition {formula(one, 60)}, which is no chain of comparisons")
+                raise RefusalError(f"the condition {formula(case, 60)}, which is no chain of comparisons")
             yield self._chain(relations)
 
     def _chain(self, relations: Sequence[Any]) -> str:

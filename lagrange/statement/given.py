@@ -64,7 +64,7 @@ def coordinate_or_given(name: str, coordinates: Sequence[str]) -> str:
 
 
 def check_given(survey: Survey, coordinates: Collection[str]) -> None:
-    """Refuse given functions that share a name with something else, or whose tables have no time in common."""
+    """Raise StatementError for given functions whose name is taken, or whose tables have no time in common."""
     names: dict[str, Any] = {}
     for function in survey.given:
         name = name_of(function)
@@ -141,7 +141,9 @@ def _put_in(
         lagrangian=put(statement.lagrangian),
         forces=tuple(map(put, statement.forces)),
         dissipation=put(statement.dissipation),
-        constraints=tuple(replace(one, expression=put(one.expression)) for one in statement.constraints),
+        constraints=tuple(
+            replace(constraint, expression=put(constraint.expression)) for constraint in statement.constraints
+        ),
         positions=MappingProxyType({label: tuple(map(put, point)) for label, point in statement.positions.items()}),
         prescribed=tuple(table.items()),
         open_form=statement,

@@ -21,7 +21,7 @@ def without_modulo(expression: Any) -> Any:
     known: dict[Any, Any] = {}
     # Inner ones first: the outer ones contain them.
     for part in sorted(expression.atoms(sympy.Mod), key=lambda part: (sympy.count_ops(part), str(part))):
-        known[part] = modulo(*(one.xreplace(known) for one in part.args))
+        known[part] = modulo(*(argument.xreplace(known) for argument in part.args))
     return expression.xreplace(known).replace(
         lambda node: isinstance(node, sympy.Derivative) and not isinstance(node.expr, AppliedUndef),
         lambda node: node.doit(deep=False),

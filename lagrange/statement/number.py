@@ -152,7 +152,7 @@ def _count(value: Any, what: str, above: tuple[int, ...] = ()) -> int:
             raise StatementError(f"{what} has entries of type {kind.__name__}: give real numbers.")
     if not any(issubclass(kind, (list, tuple, range, np.ndarray)) for kind in kinds):
         return len(value)
-    return sum(_count(one, what, (*above, id(value))) for one in value)
+    return sum(_count(entry, what, (*above, id(value))) for entry in value)
 
 
 def _as_float(value: Any, what: str) -> float:

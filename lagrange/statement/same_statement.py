@@ -47,7 +47,7 @@ def _expressions(statement: Statement) -> Iterator[tuple[str, Any]]:
     yield "the potential energy", statement.potential
     yield "the dissipation", statement.dissipation
     yield from zip((f"the force on {name}" for name in statement.names), statement.forces, strict=True)
-    yield from ((f"the constraint {one.name}", one.expression) for one in statement.constraints)
+    yield from ((f"the constraint {constraint.name}", constraint.expression) for constraint in statement.constraints)
     for label, point in statement.positions.items():
         yield from ((f"entry {i} of the position of {label}", entry) for i, entry in enumerate(point))
     for function in statement.given:
@@ -56,7 +56,7 @@ def _expressions(statement: Statement) -> Iterator[tuple[str, Any]]:
 
 
 def _dimensions(statement: Statement) -> Mapping[str, Any]:
-    return {str(symbol): (one.exponents, one.unit) for symbol, one in statement.dimensions.items()}
+    return {str(symbol): (dimension.exponents, dimension.unit) for symbol, dimension in statement.dimensions.items()}
 
 
 def _plain(statement: Statement, expression: Any) -> Any:

@@ -78,12 +78,12 @@ class _Scales:
             return
         if part.like is None:
             return
-        wanted = Scale.of_unknown(part.like) if isinstance(part.like, str) else self.scale(part.like)
+        required = Scale.of_unknown(part.like) if isinstance(part.like, str) else self.scale(part.like)
         if part.per is not None:
             over = self.scale(part.per)
-            wanted = None if wanted is None or over is None else wanted.minus(over)
-        if wanted is not None:
-            self._equate(sympy.Add.make_args(part.expression)[0], scale, wanted)
+            required = None if required is None or over is None else required.minus(over)
+        if required is not None:
+            self._equate(sympy.Add.make_args(part.expression)[0], scale, required)
 
     def completed(self, symbol: Any, dimension: Dimension) -> Dimension:
         """Return the dimension of a symbol with the factor of its unit, None if that is not determined."""
@@ -202,14 +202,14 @@ def _base_units(stated: Sequence[Dimension]) -> dict[str, dict[str, float]]:
     """
     bases: dict[str, dict[str, float]] = {"time": {"s": 0.0}}
     for dimension in stated:
-        for text, one in ((dimension.unit, dimension), *((name, named(name)) for name in units_in(dimension.unit))):
-            if len(one.exponents) == 1 and one.factor is not None:
-                ((base, power),) = one.exponents
-                bases.setdefault(base, {})[text if power == 1 else f"({text})**({1 / power})"] = one.factor / float(
+        for text, measure in ((dimension.unit, dimension), *((name, named(name)) for name in units_in(dimension.unit))):
+            if len(measure.exponents) == 1 and measure.factor is not None:
+                ((base, power),) = measure.exponents
+                bases.setdefault(base, {})[text if power == 1 else f"({text})**({1 / power})"] = measure.factor / float(
                     power
                 )
                 continue
-            for base, _ in one.exponents:
+            for base, _ in measure.exponents:
                 if base in COHERENT:
                     bases.setdefault(base, {})[COHERENT[base]] = named(COHERENT[base]).factor or 0.0
     return {base: units for base, units in bases.items() if base in BASE}

@@ -77,8 +77,8 @@ class _Writer:
         if statement.redundant != REFUSE:
             yield f"redundant = {_quoted(statement.redundant)}"
         if statement.links:
-            shown = ([one.start, one.end, *([one.kind] * (one.kind != ROD))] for one in statement.links)
-            yield f"links = [{', '.join(f'[{_joined(map(_quoted, one))}]' for one in shown)}]"
+            shown = ([link.start, link.end, *([link.kind] * (link.kind != ROD))] for link in statement.links)
+            yield f"links = [{', '.join(f'[{_joined(map(_quoted, link))}]' for link in shown)}]"
         for key, entries in self.tables().items():
             if entries:
                 yield f"\n[{key}]"
@@ -98,7 +98,10 @@ class _Writer:
             "given": {name_of(function): self.motion(function) for function in statement.given},
             "initial": {name: repr(value) for name, value in states if value or name in statement.names},
             "forces": {name: self.text(f"the force on {name}", force) for name, force in forces if force != 0},
-            "constraints": {one.name: self.text(one.name, one.expression) for one in statement.constraints},
+            "constraints": {
+                constraint.name: self.text(constraint.name, constraint.expression)
+                for constraint in statement.constraints
+            },
             "positions": {
                 label: f"[{_joined(self.text(f'the position of {label}', entry) for entry in point)}]"
                 for label, point in statement.positions.items()
@@ -110,9 +113,9 @@ class _Writer:
     def text(self, what: str, expression: Any) -> str:
         """Return an expression as a quoted text."""
         plain = expression.xreplace(self.plain)
-        held = sorted(str(s) for s in plain.free_symbols if constraint_of(s) is not None)
-        if held:
-            raise _refusal(self.statement, f"{what} contains {held[0]}, and scenes have no multipliers")
+        multipliers = sorted(str(s) for s in plain.free_symbols if constraint_of(s) is not None)
+        if multipliers:
+            raise _refusal(self.statement, f"{what} contains {multipliers[0]}, and scenes have no multipliers")
         rates = plain.atoms(sympy.Derivative)
         try:
             if rates:
@@ -140,11 +143,11 @@ class _Writer:
 
     def dimensions(self) -> Iterator[tuple[str, str]]:
         """Yield (name, quoted unit or dimension). Reading infers units that follow from the stated ones again."""
-        for symbol, one in self.statement.dimensions.items():
+        for symbol, dimension in self.statement.dimensions.items():
             name = symbol.name if isinstance(symbol, sympy.Symbol) else name_of(symbol)
-            if symbol == t and one == named("second"):
+            if symbol == t and dimension == named("second"):
                 continue
-            yield name, _quoted(one.unit or _powers(one))
+            yield name, _quoted(dimension.unit or _powers(dimension))
 
 
 def _powers(one: Dimension) -> str:

@@ -150,7 +150,7 @@ class Statement:
     def unused(self) -> tuple[Symbol, ...]:
         """Parameters that no energy, force, constraint, position or given function contains."""
         stated = [self.kinetic, self.potential, self.dissipation, *self.forces]
-        stated += [one.expression for one in self.constraints]
+        stated += [constraint.expression for constraint in self.constraints]
         stated += [entry for point in self.positions.values() for entry in point]
         motions = (motion_of(function) for function in self.given)
         stated += [known.values for known in motions if known and isinstance(known.values, Expr)]

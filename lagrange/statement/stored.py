@@ -191,8 +191,8 @@ def _read(data: Any) -> Statement:
 
 def _symbol(name: str, positive: bool | None, nonnegative: bool | None, real: bool | None) -> Any:
     """Return a parameter with its stored assumptions on sign and reality."""
-    told = {"positive": positive, "nonnegative": nonnegative, "real": real}
-    return sympy.Symbol(name, **{key: True for key, value in told.items() if value is True})
+    assumptions = {"positive": positive, "nonnegative": nonnegative, "real": real}
+    return sympy.Symbol(name, **{key: True for key, value in assumptions.items() if value is True})
 
 
 class _Reader:

@@ -499,9 +499,9 @@ def _double(word: Word, parts: list[_Value]) -> float | None:
 
 
 def _comparisons(test: ast.Compare) -> list[Callable[[Any, Any], Any]]:
-    found = [_COMPARISONS.get(type(op)) for op in test.ops]
-    known = [comparison for comparison in found if comparison is not None]
-    if len(known) < len(found):
+    comparisons = [_COMPARISONS.get(type(op)) for op in test.ops]
+    known = [comparison for comparison in comparisons if comparison is not None]
+    if len(known) < len(comparisons):
         raise RefusalError("values compare with < <= > >= == != only")
     return known
 

@@ -73,9 +73,9 @@ def _with_marks(word: Token, tokens: Sequence[Token], i: int) -> tuple[Token, li
             word, i = replace(word, text=word.text + token.text, end=token.end), i + 1
         elif token.is_sign("^") and not power:
             end = closing(tokens, i + 1) + 1 if tokens[i + 1 : i + 2] and tokens[i + 1].is_sign("{") else i + 2
-            inside = [one for one in tokens[i + 1 : end] if not one.is_sign("{", "}")]
-            if inside and all(one.kind == "prime" for one in inside):
-                word, i = replace(word, primes=word.primes + sum(int(one.text) for one in inside)), end
+            inside = [part for part in tokens[i + 1 : end] if not part.is_sign("{", "}")]
+            if inside and all(part.kind == "prime" for part in inside):
+                word, i = replace(word, primes=word.primes + sum(int(part.text) for part in inside)), end
             elif end < len(tokens) and tokens[end].kind == "index":
                 power, i = list(tokens[i:end]), end
             else:
@@ -156,7 +156,7 @@ def _bottom(tokens: Sequence[Token], i: int, end: int) -> tuple[int, int] | None
     i += bracket
     match = _BOTTOM.fullmatch(tokens[i].text) if i < end and tokens[i].kind == "word" else None
     if match is None:
-        if not (i + 1 < end and [one.text for one in tokens[i : i + 2]] == ["d", "t"]):
+        if not (i + 1 < end and [part.text for part in tokens[i : i + 2]] == ["d", "t"]):
             return None
         i += 1
     i += 1

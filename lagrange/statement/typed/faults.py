@@ -32,7 +32,7 @@ def _word_faults(token: Token, following: Sequence[Token], names: Names) -> list
     name = token.text[:60]
     readings = names.readings(token.text)
     powered = bool(following) and (following[0].is_sign("^") or following[0].kind == "power")
-    readings = [one for one in readings if all(piece.kind != "e" or powered for piece in one)]
+    readings = [reading for reading in readings if all(piece.kind != "e" or powered for piece in reading)]
     if not readings:
         return [TypedFault(f"{name!r} is not a symbol of this system.{names.hint(token.text)}", token.begin)]
     if not differentiated(readings, token, names):

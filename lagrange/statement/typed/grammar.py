@@ -106,17 +106,17 @@ class _Symbol(Token):
 
 def _expanded(tokens: Sequence[Token], names: Names, choices: Choices) -> list[Token]:
     """Return the tokens with every word replaced by its factors."""
-    found: list[Token] = []
+    expanded: list[Token] = []
     for token in tokens:
         if token.kind != "word":
-            found.append(token)
+            expanded.append(token)
             continue
         readings = differentiated(names.readings(token.text), token, names)
         pieces = readings[choices.take(f"word {token.text}", len(readings))]
         for k, piece in enumerate(pieces):
             spaced = token.spaced and k == 0
-            found.append(_Symbol(piece.kind, piece.name, token.begin, token.end, spaced=spaced, piece=piece))
-    return found
+            expanded.append(_Symbol(piece.kind, piece.name, token.begin, token.end, spaced=spaced, piece=piece))
+    return expanded
 
 
 class _Parser:
@@ -324,15 +324,15 @@ class _Parser:
         opened = self.tokens[self.place]
         self.place += 1
         bars, self.bars = self.bars, 0
-        found = [self.sum()]
+        parts = [self.sum()]
         while self.next_is(","):
             self.place += 1
-            found.append(self.sum())
+            parts.append(self.sum())
         self.bars = bars
         if not self.next_is(OPENING[opened.text]):
             raise self.fault(f"{OPENING[opened.text]!r} is expected")
         self.place += 1
-        return found
+        return parts
 
     def bare_argument(self, function: Token) -> Part:
         """Read an argument without brackets: factors up to the first that moves, such as `2 omega t` or `k x`."""

@@ -131,7 +131,7 @@ class TypedReader:
                 pieces = next(iter(self.names.readings(token.text)), [])
                 marked = token.order > 0 or token.primes > 0
                 known = bool(pieces or marked or self.names.hint(token.text))
-                formula = marked or any(one.kind == "function" or one.order for one in pieces)
+                formula = marked or any(piece.kind == "function" or piece.order for piece in pieces)
                 words.append(Word(token.begin, token.end, known, formula))
         return Line(text, begin, end, tuple(words))
 
@@ -188,9 +188,9 @@ class TypedReader:
             if other not in formulas:
                 formulas.append(other)
         readings = [self._built(formulas[0], begin)]
-        for one in formulas[1:]:
+        for formula in formulas[1:]:
             with suppress(_Faults):
-                readings.append(self._built(one, begin))
+                readings.append(self._built(formula, begin))
         return tuple(readings)
 
     def _abbreviation(self, text: str, clause: Clause) -> dict[str, Any]:
@@ -222,7 +222,7 @@ class TypedReader:
     def _equated(self, text: str, begin: int, end: int) -> list[list[list[Token]]]:
         """Return the sides of each equation of a part. Raises _Faults.
 
-        Of a = b = c these are a = b and a = c. A further side with a name of its own, as in p = m x' = const, is left
+        For a = b = c these are a = b and a = c. A further side with an unknown name, as in p = m x' = const, is left
         out. For a side equated with "const" the derivative is zero.
         """
         tokens = with_derivatives(tokens_of(text, begin, end))
@@ -253,19 +253,19 @@ class TypedReader:
             or max(token.order, token.primes) > 1
             or (
                 token.kind == "word"
-                and any(piece.order > 1 for one in self.names.readings(token.text) for piece in one)
+                and any(piece.order > 1 for reading in self.names.readings(token.text) for piece in reading)
             )
             for token in side
         )
 
     def _formulas(self, sides: Sequence[Sequence[Token]], choices: Choices) -> list[Formula]:
-        found: list[Formula] = []
+        formulas: list[Formula] = []
         try:
             for side in sides:
-                found.append(parsed(side, self.names, choices, sum(len(one.rates) for one in found)))
+                formulas.append(parsed(side, self.names, choices, sum(len(formula.rates) for formula in formulas)))
         except TypedFault as fault:
             raise _Faults([fault]) from None
-        return found
+        return formulas
 
     def _built(self, formulas: Sequence[Formula], begin: int) -> Reading:
         """Return the reading of formulas in strict text. Raises _Faults if the strict reader refuses them."""
@@ -316,12 +316,14 @@ class TypedReader:
                 f"{what or 'the text'} {shown!r} has no symbol of this system. An answer is an equation such as "
                 f"{self._example()}."
             )
-        told = [self._told(text, fault, what) for fault in faults]
+        sentences = [self._told(text, fault, what) for fault in faults]
         end = f" The symbols are {self._symbols()}."
-        kept = next(k for k in range(len(told), 0, -1) if k == 1 or len(" ".join(told[:k]) + end) <= LONGEST_REFUSAL)
-        left = len(told) - kept
+        kept = next(
+            k for k in range(len(sentences), 0, -1) if k == 1 or len(" ".join(sentences[:k]) + end) <= LONGEST_REFUSAL
+        )
+        left = len(sentences) - kept
         more = f" {left} more {'fault follows' if left == 1 else 'faults follow'}." if left else ""
-        return " ".join(told[:kept]) + more + end
+        return " ".join(sentences[:kept]) + more + end
 
     @staticmethod
     def _told(text: str, fault: TypedFault, what: str) -> str:
@@ -332,7 +334,9 @@ class TypedReader:
 
     def _known(self, word: str) -> bool:
         """Return True if a reading of a word contains a symbol other than t."""
-        return any(piece.kind == "symbol" and piece.name != "t" for one in self.names.readings(word) for piece in one)
+        return any(
+            piece.kind == "symbol" and piece.name != "t" for reading in self.names.readings(word) for piece in reading
+        )
 
     def _example(self) -> str:
         """Return an example of the form of an answer, without the solution."""

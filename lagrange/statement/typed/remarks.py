@@ -72,7 +72,7 @@ def clauses_of(text: str, begin: int, end: int, known: Callable[[str], bool]) ->
         clauses.append(_trimmed(text, start, left, aside))
         start, aside = right, opens
     clauses.append(_trimmed(text, start, end, aside))
-    return [one for one in clauses if one.end > one.begin]
+    return [clause for clause in clauses if clause.end > clause.begin]
 
 
 def _trimmed(text: str, begin: int, end: int, aside: bool) -> Clause:
