@@ -16,7 +16,7 @@ SOLVED = ("rhs", "accelerations", "jacobian")
 
 
 def divisors(model: Model) -> Program | None:
-    """Return a program of the matrix entries of blocks with one unknown, or None if there are none to test.
+    """Return a program of the matrix entries of blocks with one unknown, or None without any to test.
 
     An entry that is a nonzero constant is left out.
     """

@@ -1,4 +1,4 @@
-"""What people read at the top of an exported file: the statement that it was made from."""
+"""Text of the statement at the top of an exported file."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ INPUTS = (
     "the last parameters. What is prepared from parameters does not depend on them: their places may be written before "
     "every call. A run holds them."
 )
-"""How the inputs of an exported file are set."""
+"""Comment on the inputs of an exported file."""
 
 LONG = 300
-"""Operations of an expression that is not put into the order of books, which takes seconds for thousands."""
+"""Number of operations above which terms keep SymPy's order: textbook order takes seconds for thousands."""
 
 
 def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Iterator[str]:
     """Yield lines: name, energies, forces, constraints, events, coordinates in order, parameters with values, units.
 
-    Given functions of time stand by their names, as they were stated.
+    Given functions of time appear by name, as stated.
     """
     inputs = [symbol.name for symbol, _ in statement.inputs]
     statement = statement.open_form or statement
@@ -65,7 +65,7 @@ def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Itera
 
 
 def _told(event: Event, write: Callable[[Any], str]) -> str:
-    """Return what is said of an event behind its expression: direction, end of the run, reset."""
+    """Return the text after the expression of an event: direction, end of the run, reset."""
     said = [{1: "rising", -1: "falling"}[event.direction]] if event.direction else []
     said += [f"terminal at occurrence {event.terminal}"] * (event.terminal > 0)
     said += [f"reset {write(key)} to {write(value)}" for key, value in event.reset.items()]
@@ -73,7 +73,7 @@ def _told(event: Event, write: Callable[[Any], str]) -> str:
 
 
 def _writer(statement: Statement) -> Callable[[Any], str]:
-    """Return what writes an expression: in the order of books, or, where it is long, as SymPy has it."""
+    """Return the function that writes an expression as text: in textbook order, or for long ones in SymPy's order."""
     plain, booklike = StrPrinter({"order": "none"}), cache(lambda: Typesetter(statement, AsciiNotation()))
 
     def write(expression: Any) -> str:

@@ -126,7 +126,7 @@ class RunEngine:
 
     @property
     def form(self) -> str:
-        """How members are run."""
+        """The way in which members are run, in words."""
         return "runs one after the other" + (BY_NUMPY if self.model.target == "numpy" else "")
 
     @property
@@ -237,7 +237,7 @@ class FlowEngine:
 
     @property
     def form(self) -> str:
-        """How members are run."""
+        """The way in which members are run, in words."""
         return self.alone.form
 
     @property

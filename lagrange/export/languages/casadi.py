@@ -106,9 +106,9 @@ def _evaluated(make, times, states):
 def source(program: Program, name: str, about: Sequence[str] = ()) -> str:
     """Return a file that defines `name(kind=ca.SX)` and `name_checked(kind=ca.SX)`, which return a `casadi.Function`.
 
-    That is a function of t, y and p; the second has the status as a result more. `about` are lines of its docstring.
-    Where a mass matrix is singular, the result of the first is NaN throughout. Raises StatementError for mathematics
-    that CasADi does not have.
+    Each is a function of t, y and p; the second returns the status, too. `about` are lines of the docstring. If a mass
+    matrix is singular, the result of the first is NaN throughout. Raises StatementError for functions that CasADi
+    does not have.
     """
     lines = "".join(f"{line}\n" for line in ("", *about)) if about else ""
     return f'''\

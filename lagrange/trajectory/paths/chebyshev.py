@@ -18,10 +18,10 @@ from lagrange.procedure.events.constants import CERTAINTY, EPSILON, LARGEST_NOIS
 from lagrange.trajectory.trajectory import FloatArray
 
 DEEPEST = 50
-"""Most halvings of a subinterval; what is narrower is a point, a jump or a pole."""
+"""Largest number of halvings of a subinterval; a narrower one is a point, a jump or a pole."""
 
 MOST_HALVINGS = 5000
-"""Most halvings of one step in total: some hundreds of roots. What is not resolved then is noise."""
+"""Largest total number of halvings of one step, for some hundreds of roots. The unresolved rest is noise."""
 
 POLE_LEVELS = 26
 """A function that grows by a factor of 1000 over this many halvings has a pole.
@@ -35,8 +35,8 @@ class LocalPolynomial:
     """A polynomial on a part of a step, from `start` over `width`, in units of the step.
 
     `coefficients` are those of powers of the time since its start in units of its width; `noise` bounds their error.
-    None stands for a part on which the function has no value, or a pole. At a `jump` the part is a place, and the
-    function is on one side of zero before it and on the other behind.
+    They are None on a part where the function has no value, or a pole. At a `jump` the part is a point, before and
+    after which the function has different signs.
     """
 
     start: float

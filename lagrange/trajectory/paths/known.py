@@ -1,4 +1,4 @@
-"""A path with the states that a run put out: at their times it is they, to the last bit."""
+"""Dense output that returns exactly the output states of a run at their times."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lagrange.trajectory.trajectory import FloatArray
 class OutputPath:
     """Output times (K,), rising or falling, their states (2n, K), and the path between them.
 
-    A run that kept its outputs alone has no path: then `refusal` says why, and what to do.
+    A run that kept only its outputs has no path; `refusal` then gives the cause and the remedy.
     """
 
     times: FloatArray

@@ -1,4 +1,4 @@
-"""A path made of one interpolant per step."""
+"""Dense output with one interpolant per step."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class PiecewisePath:
     """Dense output of a run with one interpolant per step: from times (K,) to states (2n, K).
 
     `edges` (steps + 1,) are the times of the accepted states, rising or falling, `start` (2n,) the first state, and
-    `interpolants` the functions between, from times (k,) to states (2n, k). At a joint the later one is used.
+    `interpolants` the functions between, from times (k,) to states (2n, k). At an edge the later one is used.
     """
 
     edges: FloatArray
@@ -27,10 +27,10 @@ class PiecewisePath:
         states = np.repeat(self.start[:, None], len(times), axis=1)
         if len(self.interpolants):
             forward = np.sign(self.edges[-1] - self.edges[0])
-            found = np.searchsorted(forward * self.edges, forward * times, side="right") - 1
-            found = np.clip(found, 0, len(self.interpolants) - 1)
-            order = np.argsort(found, kind="stable")
-            for group in np.split(order, np.flatnonzero(np.diff(found[order])) + 1):
+            steps = np.searchsorted(forward * self.edges, forward * times, side="right") - 1
+            steps = np.clip(steps, 0, len(self.interpolants) - 1)
+            order = np.argsort(steps, kind="stable")
+            for group in np.split(order, np.flatnonzero(np.diff(steps[order])) + 1):
                 if len(group):
-                    states[:, group] = self.interpolants[found[group[0]]](times[group])
+                    states[:, group] = self.interpolants[steps[group[0]]](times[group])
         return states

@@ -14,7 +14,7 @@ from lagrange.procedure.events.chebyshev import nodes
 from lagrange.trajectory.trajectory import FloatArray
 
 FEWEST_SPACINGS = 256
-"""A step of fewer spacings of the solver's times is a straight line.
+"""Length of a step, in spacings of the solver's times, below which its path is a straight line.
 
 A polynomial of degree up to 12 through states at rounded times would oscillate.
 """
@@ -24,7 +24,7 @@ A polynomial of degree up to 12 through states at rounded times would oscillate.
 class StepInterpolant:
     """The polynomial over one step with the `values` (k, 2n) at Chebyshev's points, from `begin` over `length`.
 
-    It passes through both accepted states, which an interpolant of multistep formulas does to the tolerance only.
+    It passes through both accepted states; an interpolant of multistep formulas does so only up to the tolerance.
     """
 
     begin: float
@@ -62,9 +62,9 @@ class StepInterpolant:
 
 
 class StepInterpolants(Sequence[StepInterpolant]):
-    """The paths over some steps, from the number `first` on. One that is still unread is read when it is asked for.
+    """The polynomials over some steps, from number `first` on; each is sampled at its first access.
 
-    Reading takes as long as a step of a quick solver, and few runs are asked for more than their steps.
+    Sampling takes as long as a step of a fast solver, and few runs need states between their steps.
     """
 
     def __init__(self, entries: list[Any], first: int = 0) -> None:
@@ -100,7 +100,7 @@ class SampledPath:
 
 
 def _shares(count: int, theta: FloatArray) -> FloatArray:
-    """Return the share of the value at each of `count` points in those at fractions theta (K,), (K, count).
+    """Return the weights (K, count) of the values at `count` points in the interpolant at fractions theta (K,).
 
     J.-P. Berrut, L. N. Trefethen, Barycentric Lagrange interpolation, SIAM Review 46 (2004) 501, (4.2) and (5.4).
     """

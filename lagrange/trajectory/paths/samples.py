@@ -1,4 +1,4 @@
-"""Times between the steps of a run, at which its dense output is looked at."""
+"""Times between the steps of a run, at which its dense output is sampled."""
 
 from __future__ import annotations
 

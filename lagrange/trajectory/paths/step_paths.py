@@ -1,4 +1,4 @@
-"""The path between steps, computed when it is asked for: for the steps that are asked for, in one call."""
+"""Dense output between steps, computed on demand in one call for all requested times."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from lagrange.trajectory.tableaux.butcher import ButcherTableau
 class StepPath:
     """Accepted steps: times (S+1,), states (S+1, 2n), and the dense output of the method that took them.
 
-    Inside each step the path is a polynomial of a `kind`, of degree 16 at most: events are sought on it. `tableau` is
-    that of an explicit method, where the path is made of its stages.
+    Inside each step the path is a polynomial of a `kind`, of degree 16 at most, on which events are located. `tableau`
+    is that of an explicit Runge-Kutta method, whose stages define the path, else None.
     """
 
     dense: DensePath
@@ -60,11 +60,11 @@ class StepPath:
 
 @dataclass(frozen=True, eq=False)
 class MotionsPath:
-    """Dense output of a run with resets: the path of each motion by itself, from times (K,) to states (2n, K).
+    """Dense output of a run with resets, one path for each smooth piece, from times (K,) to states (2n, K).
 
-    `times` (S+1,) and `states` (S+1, 2n) are those of the run. Behind some rows the motion is another; the step before
-    may have been cut: its whole end, at a time that is NaN for none, is what its path goes through. A `path` through
-    some states of the run tells of which kind it is.
+    `times` (S+1,) and `states` (S+1, 2n) are those of the run. `breaks` are the rows after which a new piece begins,
+    with the times and states at the end of the whole step before it, NaN if that step was not cut. `path` is a path
+    through some states of the run, for its kind.
     """
 
     times: FloatArray
@@ -73,19 +73,19 @@ class MotionsPath:
     path: StepPath
 
     def __call__(self, times: FloatArray) -> FloatArray:
-        """Return the states at the times, in any order, (2n, K); at a reset that behind it."""
-        found = np.empty((self.states.shape[1], len(times)))
+        """Return the states at the times, in any order, (2n, K); at the time of a reset, the state after it."""
+        states = np.empty((self.states.shape[1], len(times)))
         rows = self.breaks[0][self.breaks[0] < len(self.times) - 1]
         forward = 1.0 if self.times[-1] >= self.times[0] else -1.0
         motions = np.searchsorted(forward * self.times[rows], forward * times, side="right")
         order = np.argsort(motions, kind="stable")
         for group in np.split(order, np.flatnonzero(np.diff(motions[order])) + 1):
             if len(group):
-                found[:, group] = self._motion(int(motions[group[0]]))(times[group])
-        return found
+                states[:, group] = self._motion(int(motions[group[0]]))(times[group])
+        return states
 
     def _motion(self, number: int) -> StepPath:
-        """Return the path of a motion by its number."""
+        """Return the dense output of the smooth piece `number` between two resets."""
         rows, ends, whole = self.breaks
         begin = int(rows[number - 1]) + 1 if number else 0
         last = int(rows[number]) if number < len(rows) else len(self.times) - 1
@@ -141,7 +141,7 @@ def _of_tableau(tableau: ButcherTableau) -> StepPolynomial:
 
 
 def hermite_path(order: int) -> Callable[[Problem, FloatArray, FloatArray], StepPath]:
-    """Return what makes the Hermite path of a method of an order, as a `StepPlan` wants it: one order less will do."""
+    """Return the `path_of` function of a `StepPlan` for Hermite paths of a method of an order, of one degree less."""
 
     def path(problem: Problem, times: FloatArray, states: FloatArray) -> StepPath:
         kind = hermite_polynomial(max(3, order - 1))
