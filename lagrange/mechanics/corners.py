@@ -13,7 +13,7 @@ _COMPARED = sympy.core.relational.Relational
 
 
 def edges(given: Any) -> Sequence[Any]:
-    """Return what vanishes where an expression of `PlainForm.read` has a corner or jumps."""
+    """Return expressions whose zeros are the corners and jumps of an expression from `PlainForm.read`."""
     found = [node.args[0] for node in sorted(given.atoms(Magnitude, Direction, Step), key=str)]
     for node in sorted(given.atoms(sympy.Piecewise), key=str):
         for _, when in node.args:

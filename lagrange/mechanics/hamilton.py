@@ -210,7 +210,7 @@ def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], f
 
 @dataclass(frozen=True, eq=False)
 class Hamiltonian(ShownAsPage):
-    """H(q, p, t) of a system, in SymPy, and what follows from it.
+    """The Hamiltonian H(q, p, t) of a system in SymPy, with brackets and Hamilton's equations.
 
     `momenta` maps each coordinate to its momentum p_q, a function of time; `velocities` maps it to dq/dt as a function
     of coordinates and momenta. `forces` are those that no potential has, Q - dD/dv, in the same. `statement` states the
@@ -322,7 +322,7 @@ def _momenta(statement: Statement) -> list[Any]:
 
 
 def _record(form: PlainForm, momenta: list[Any], found: Legendre, made: Callable[[Statement], Any]) -> Hamiltonian:
-    """Return the record, with the statement of what is compiled."""
+    """Return the `Hamiltonian`, with a statement in coordinates and momenta that can be compiled."""
     statement = form.statement
     back = dict(zip(found.symbols, momenta, strict=True))
     in_momenta = dict(zip(form.v, found.velocities, strict=True))
@@ -378,7 +378,7 @@ def _initial(form: PlainForm, momenta: list[Any]) -> dict[Any, float]:
 
 
 def _check(form: PlainForm, found: Legendre, model: Model) -> None:
-    """Compare H, dH/dp and -dH/dq + Q with what is compiled, at random states."""
+    """Compare H, dH/dp and -dH/dq + Q with the compiled energy, velocities and forces, at random states."""
     slopes = [found.hamiltonian.diff(p) for p in found.symbols]
     pulls = [-found.hamiltonian.diff(q) + force for q, force in zip(form.q, form.forces, strict=True)]
 

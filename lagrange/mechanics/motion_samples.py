@@ -1,4 +1,4 @@
-"""States with the accelerations and multipliers of the motion, to many digits, without compiled code."""
+"""Random states with the accelerations and multipliers there, to many digits, without compiled code."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ from lagrange.mechanics.plain_form import PlainForm
 from lagrange.statement.statement import Statement
 
 DIGITS = 60
-"""Digits of the velocities: more than the derivatives of the motion keep."""
+"""Decimal digits of the velocities: more than the accelerations have."""
 
 LEFT = 1e-40
-"""What a relation that is linear in the velocities leaves at most, relative to its terms: rounding of 60 digits."""
+"""Largest residual of a relation that is linear in the velocities, relative to its terms: rounding with 60 digits."""
 
 SINGULAR = 1e-12
-"""Pivot, relative to its row, from which the relations do not determine the velocities."""
+"""Pivot, relative to its row, below which the relations do not determine the velocities."""
 
 
 class FirstOrderStates:
-    """The relations of the coordinates without inertia of a statement; `places` are the indices of these coordinates.
+    """Relations between velocities: the equations of motion of coordinates without inertia.
 
-    A coordinate that a constraint holds is none of them, nor is one whose equation has no velocity.
+    `places` are the indices of these coordinates. Coordinates that occur in a constraint are not among them.
     """
 
     def __init__(self, statement: Statement) -> None:
@@ -49,9 +49,9 @@ class FirstOrderStates:
             self._tape = Precise([one.xreplace(form.stated) for one in (*relations, *slopes)], statement, DIGITS)
 
     def satisfied(self, point: Point) -> Point:
-        """Return a point with the velocities of these coordinates that the relations give, linear in them.
+        """Return the point with velocities of these coordinates that satisfy the relations.
 
-        Raises OutsideDomain where they determine none.
+        Raises OutsideDomain if the relations do not determine them, or are not linear in them.
         """
         if self._tape is None:
             return point
@@ -71,13 +71,13 @@ class FirstOrderStates:
 
 
 LEAST = 1e-9
-"""The least size of a coordinate or velocity that is not zero: derivatives are differences in units of it."""
+"""Smallest magnitude of a non-zero coordinate or velocity, since difference steps are proportional to it."""
 
 ROUND_OFF = 1e-14
-"""The size of an entry, among others of order one, that a constraint makes zero."""
+"""Entries of a state on the constraints below this magnitude are rounding of zero."""
 
 ATTEMPTS = 120
-"""Draws for one state before the search is given up."""
+"""Largest number of random draws in the search for states."""
 
 
 @dataclass(frozen=True)
@@ -101,9 +101,9 @@ class MotionSample:
 
 
 def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[MotionSample]:
-    """Return so many states at which the statement determines the motion, the same for the same seed.
+    """Return `count` states at which the statement determines the motion; the same seed gives the same states.
 
-    Parameters and states are of order one, so that no term hides behind another. Raises StatementError where no such
+    Most parameters and states are of order one, so that no term is negligible. Raises StatementError if not enough
     states are found.
     """
     sampler, states = Sampler(statement, seed), MotionStates(statement)
@@ -130,14 +130,14 @@ class MotionStates:
         self.reference = Reference(statement, self._relations.places)
 
     def satisfied(self, point: Point) -> Point:
-        """Return a state near a point, to 40 digits. Raises OutsideDomain where there is none."""
+        """Return a nearby state that satisfies constraints and relations. Raises OutsideDomain if none is found."""
         if self._surface.holonomic:
             q, v = self._surface.nearest(point.q, point.v, point.t, point.parameters)
             point = replace(point, q=tuple(map(_without_noise, q)), v=tuple(map(_without_noise, v)))
         return self._relations.satisfied(point)
 
     def motion(self, point: Point) -> MotionSample:
-        """Return the motion at such a state. Raises OutsideDomain where it is not determined."""
+        """Return a state with its accelerations and multipliers. Raises OutsideDomain if they are not determined."""
         if any(0 < abs(x) < LEAST for x in (*point.q, *point.v)):
             raise OutsideDomain("a coordinate or velocity is too small for differences")
         entries, n, held = self.reference.at(point, ()), len(point.q), len(self.reference.holonomic)

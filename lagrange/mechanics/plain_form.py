@@ -1,4 +1,4 @@
-"""Laws of a statement in plain real symbols, and short forms of expressions."""
+"""Energies and equations of a statement in plain real symbols, and short forms of expressions."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from lagrange.statement.motion import motion_of
 from lagrange.statement.statement import Statement
 
 LONGEST_FACTORED = 400
-"""Operations up to which an expression is multiplied out and factored; that many take SymPy some 0.2 s."""
+"""Largest number of operations in an expression that is expanded and factored, in about 0.2 s."""
 
 MOST_SYMBOLS = 12
-"""Symbols, functions and roots of an expression up to which it is factored: polynomials in more take long."""
+"""Largest number of symbols, functions and roots in an expression that is factored: more take long."""
 
 MERGED_TERMS = 20_000
-"""Products that merging sines and cosines may take, some 0.2 s."""
+"""Largest number of products in merging sines and cosines: about 0.2 s."""
 
 LARGEST_FRACTION = 10
-"""Numerator and denominator of a fraction that is shown as one, where decimals were given."""
+"""Largest numerator and denominator of a fraction that is kept in an expression with decimals."""
 
 _ANGLES = (sympy.sin, sympy.cos, sympy.tan)
 _INVERSES = (sympy.asin, sympy.acos, sympy.atan)
 
 
 def simplest(given: Any) -> Any:
-    """Return the form of an expression with the fewest operations, of those that are tried."""
+    """Return the shortest of several equivalent forms of an expression, by number of operations."""
     if not given.args or given.is_Piecewise or given.has(sympy.Piecewise):
         return given
     if given.has(sympy.Float):  # polynomials of decimals have no factors
@@ -55,7 +55,7 @@ def simplest(given: Any) -> Any:
 
 
 def rational_below(given: Any) -> Any:
-    """Return an expression with square roots out of its denominator; as it is where that is long or roots are nested.
+    """Return an expression without square roots in its denominator; unchanged if it is long or roots are nested.
 
     A root r of a base b is a symbol with r^2 = b, and the fraction is multiplied by the conjugate of its denominator.
     """
@@ -76,9 +76,9 @@ def rational_below(given: Any) -> Any:
 
 
 def root_of_square(given: Any) -> Any:
-    """Return a square root, what is a square in roots of positive symbols taken out of it.
+    """Return the square root of an expression, with squares of polynomials in roots of positive symbols taken out.
 
-    Of a - 2 sqrt(a b) + b, which is a polynomial in sqrt(a) and sqrt(b), it is the distance of these two.
+    For a - 2 sqrt(a b) + b, which is (sqrt(a) - sqrt(b))^2, the result is |sqrt(a) - sqrt(b)|.
     """
     powers = [x for x in given.atoms(sympy.Pow) if x.base.is_Symbol and x.base.is_positive and x.exp.is_Rational]
     bases = sorted({x.base for x in powers if not x.exp.is_Integer}, key=str)
@@ -93,19 +93,19 @@ def root_of_square(given: Any) -> Any:
 
 
 def in_fractions(given: Any) -> Any:
-    """Return an expression with its decimals as the fractions that they are written as: 0.1 is one tenth."""
+    """Return an expression with each decimal replaced by the fraction that its digits denote: 0.1 by 1/10."""
     decimals = sorted(given.atoms(sympy.Float), key=str)
     return given.xreplace({x: sympy.Rational(repr(float(x))) for x in decimals})
 
 
 def in_decimals(given: Any) -> Any:
-    """Return an expression with decimals for fractions that are longer than eighths."""
+    """Return an expression with decimals in place of fractions whose numerator or denominator exceeds the limit."""
     fractions = [x for x in sorted(given.atoms(sympy.Rational), key=str) if max(abs(x.p), x.q) > LARGEST_FRACTION]
     return given.xreplace({x: sympy.Float(float(x)) for x in fractions if x.q > 1})
 
 
 def _merged(given: Any) -> Any:
-    """Return an expression with sin^2 + cos^2 = 1 and the addition theorems put in, above and below the fraction."""
+    """Return an expression simplified by sin^2 + cos^2 = 1 and addition theorems, in numerator and denominator."""
     above, below = sympy.fraction(sympy.together(given))
     algebra = Algebra(MERGED_TERMS)
     try:
@@ -116,7 +116,7 @@ def _merged(given: Any) -> Any:
 
 
 def _generators(given: Any) -> int:
-    """Return how many symbols, functions and roots an expression is made of."""
+    """Return the number of symbols, trigonometric functions and roots in an expression."""
     roots = [power for power in given.atoms(sympy.Pow) if not power.exp.is_Integer]
     return len(given.free_symbols) + len(given.atoms(*_ANGLES)) + len(roots)
 
@@ -127,7 +127,7 @@ def size(given: Any) -> int:
 
 
 def is_zero(given: Any) -> bool:
-    """Return whether SymPy sees that an expression vanishes identically."""
+    """Return True if SymPy can show that an expression is identically zero."""
     if given.is_zero is not None:
         return bool(given.is_zero)
     short = simplest(given)
@@ -135,15 +135,15 @@ def is_zero(given: Any) -> bool:
 
 
 IMAGINARY = 1e-20
-"""Imaginary part that is rounding, relative to the real one."""
+"""Largest imaginary part, relative to the real part, that is rounding."""
 
 DIGITS = 30
-"""Digits of an evaluated formula: it is compared with doubles, and its own rounding must not count."""
+"""Decimal digits of an evaluated formula: compared with doubles, its own rounding is negligible."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlainForm:
-    """Energies, momenta and equations in symbols q, v, a of a statement.
+    """Energies, momenta and equations of a statement in plain symbols q, v, a.
 
     The residual of coordinate i is dp_i/dt - dL/dq_i + dD/dv_i - Q_i, without the forces of constraints.
     """
@@ -195,7 +195,7 @@ class PlainForm:
 
     @cached_property
     def residuals(self) -> tuple[Any, ...]:
-        """The left sides of the equations of motion with everything on the left, n of them."""
+        """The equations of motion as n expressions that are zero, without constraint forces."""
         return tuple(
             self.rate(p) - self.lagrangian.diff(q) - force
             for p, q, force in zip(self.momenta, self.q, self.forces, strict=True)
@@ -207,11 +207,11 @@ class PlainForm:
         return sympy.Add(given.diff(t), *(given.diff(x) * rate for x, rate in symbols))
 
     def read(self, given: Any) -> Any:
-        """Return a stated expression in plain symbols, in a form that differentiates."""
+        """Return a stated expression in plain symbols, in a form that SymPy can differentiate."""
         return differentiable(given.xreplace(self.plain))
 
     def written(self, given: Any) -> Any:
-        """Return an expression in plain symbols as a user writes it."""
+        """Return an expression in plain symbols in the user's symbols and functions."""
         return printable(given).xreplace(self.stated)
 
     @cached_property
@@ -220,25 +220,25 @@ class PlainForm:
         return {symbol: leaf for leaf, symbol in self.plain.items()}
 
     def at(self, point: Point) -> dict[Any, Any]:
-        """Return the numbers of a point by symbol, exact ones."""
+        """Return the exact numbers of a point by symbol: coordinates, velocities, parameters and t."""
         numbers = [*zip(self.q, point.q, strict=True), *zip(self.v, point.v, strict=True)]
         numbers += [*point.parameters.items(), (t, point.t)]
         return {symbol: sympy.Rational(x) for symbol, x in numbers}
 
 
 def number(given: Any, values: Mapping[Any, Any]) -> complex:
-    """Return the value of an expression in plain symbols, NaN where it has none, as with an open function."""
+    """Return the value of an expression in plain symbols, or NaN if it has none or contains an unknown function."""
     known = prescribed(printable(given))
     if known.has(AppliedUndef):
         return complex("nan")
-    # A given function may have another symbol of the name. An expression that is one symbol becomes what stands for it.
+    # Symbols are matched by name, since the value of a function of time may contain another symbol of the same name.
     by_name = {symbol.name: sympy.Rational(x) if isinstance(x, float) else x for symbol, x in values.items()}
     found = known.xreplace({s: by_name[s.name] for s in known.free_symbols if s.name in by_name}).evalf(DIGITS)
     return complex(found) if found.is_number and found.is_finite else complex("nan")
 
 
 def prescribed(given: Any) -> Any:
-    """Return an expression with the values of its given functions of time, and of their derivatives."""
+    """Return an expression with functions of time and their derivatives replaced by their known expressions."""
     if not given.has(AppliedUndef):
         return given
     table: dict[Any, Any] = {}
@@ -251,19 +251,19 @@ def prescribed(given: Any) -> Any:
 
 
 def real(given: Any, values: Mapping[Any, Any]) -> float:
-    """Return the value of an expression in plain symbols, NaN where it has no real one."""
+    """Return the real value of an expression in plain symbols, or NaN."""
     found = number(given, values)
     return found.real if abs(found.imag) <= IMAGINARY * abs(found.real) else float("nan")
 
 
 def numeric(matrix: Any, values: Any) -> Any:
-    """Return a SymPy matrix as an array of doubles, complex where it is."""
+    """Return a SymPy matrix as an array of doubles, or of complex numbers if an entry is complex."""
     found = np.array([number(x, values) for x in matrix], dtype=complex).reshape(matrix.shape)
     return found.real if not found.imag.any() else found
 
 
 def fresh_name(name: str, taken: Iterable[str]) -> str:
-    """Return a name that is not taken yet: the one wanted, or with underscores behind it."""
+    """Return a name that is not taken: `name`, with underscores appended if necessary."""
     known = tuple(taken)
     while name in known:
         name += "_"
@@ -276,7 +276,7 @@ def names_of(statement: Statement) -> tuple[str, ...]:
 
 
 def without_points(statement: Statement, gone: Iterable[Any]) -> dict[str, Any]:
-    """Return positions and links of a statement without the points that some coordinates place."""
+    """Return the positions and links of a statement without points that depend on the coordinates `gone`."""
     leaves = [leaf for q in gone for leaf in (q, velocity_of(q))]
     points = {name: point for name, point in statement.positions.items() if not any(x.has(*leaves) for x in point)}
     kept = ("origin", *points)

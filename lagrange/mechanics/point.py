@@ -1,4 +1,4 @@
-"""The point about which a system is looked at: coordinates, steady velocities and inputs, as a user gives them."""
+"""The expansion point of an analysis: coordinates, steady velocities and inputs, as the user states them."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
 CLOSE = 1e-8
-"""What is left of the forces at an equilibrium in decimals, relative to the stiffness: such a point is given so."""
+"""Largest residual force at an equilibrium in decimals, relative to the stiffness."""
 
 
 @dataclass(frozen=True, eq=False)
 class StatedPoint:
-    """Values in plain symbols, n coordinates and n velocities, and of the inputs."""
+    """Expansion point: values of the n coordinates, the n velocities and the inputs, as expressions in parameters."""
 
     form: PlainForm
     q: tuple[Any, ...]
@@ -52,11 +52,11 @@ class StatedPoint:
 
     @cached_property
     def decimal(self) -> bool:
-        """Whether the point has decimals in it: then it is one of the parameters' values, and of no others."""
+        """True if the point contains decimals. It then holds only for the present values of the parameters."""
         return any(x.has(sympy.Float) for x in (*self.q, *self.v, *self.inputs.values()))
 
     def in_decimals(self) -> StatedPoint:
-        """Return the point in decimals, at the values of the parameters; zeros stay exact."""
+        """Return the point in decimals at the values of the parameters; zeros remain exact."""
         q, v = (
             tuple(x if x == 0 else sympy.N(x.xreplace(self.numbers), 17) for x in part) for part in (self.q, self.v)
         )
@@ -64,24 +64,24 @@ class StatedPoint:
 
     @property
     def where(self) -> str:
-        """The point in words: every coordinate, and the velocities that are not zero."""
+        """The point as text: all coordinates, and the non-zero velocities."""
         names = self.form.statement.names
         still = [f"{name} = {shown(x)}" for name, x in zip(names, self.q, strict=True)]
         return listing(still + [f"{name}_dot = {shown(x)}" for name, x in zip(names, self.v, strict=True) if x != 0])
 
     @cached_property
     def residuals(self) -> tuple[Any, ...]:
-        """The residuals of the equations of motion without corners at the point.
+        """The residuals of the equations of motion, smooth at the point.
 
-        Quadratic drag -c v |v| has one that does not matter. Raises StatementError where derivatives on the two sides
-        of a corner differ, as for dry friction at rest.
+        A corner without effect on first derivatives, as of quadratic drag -c v |v|, is removed. Raises StatementError
+        if the derivatives on the two sides of a corner differ, as for dry friction at rest.
         """
         return tuple(
             self._smooth(r, name) for r, name in zip(self.form.residuals, self.form.statement.names, strict=True)
         )
 
     def _smooth(self, residual: Any, name: str) -> Any:
-        """Return a residual on one side of each of its corners at the point."""
+        """Return the formula of a residual on one side of its corners at the point; `name` is its coordinate."""
         symbols = (*self.form.q, *self.form.v, *self.form.a, *self.inputs)
         for edge in edges(residual):
             if not edge.has(*self.form.q, *self.form.v) or not self.is_zero(edge.xreplace(self.table), ()):
@@ -99,7 +99,7 @@ class StatedPoint:
         return residual
 
     def is_zero(self, given: Any, scale: Any) -> bool:
-        """Return whether an expression vanishes at the point; of decimals, to eight digits of a size."""
+        """Return True if an expression is zero at the point; decimals to eight digits relative to `scale` or 1."""
         if not self.decimal or given.free_symbols:
             return vanishes(self.form, given)
         size = max([1.0, *(abs(complex(printable(x))) for x in scale if not x.free_symbols)])
@@ -107,9 +107,9 @@ class StatedPoint:
 
 
 def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tuple[Statement, Any, Any]:
-    """Return the statement, the point and the inputs with a parameter for each given function that is an input.
+    """Return the statement, the point and the inputs, with each input function of time replaced by a parameter.
 
-    Raises StatementError for one whose derivatives stand in the energies or forces.
+    Raises StatementError if energies or forces contain derivatives of an input.
     """
     listed = [inputs] if isinstance(inputs, str) else entries(inputs, "inputs")
     named = [label_of(one) for one in ([inputs] if listed is None else listed)]
@@ -132,9 +132,9 @@ def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tup
 
 
 def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint:
-    """Return the point that `at` gives; what it does not name is zero, inputs too.
+    """Return the point that the mapping `at` states. Coordinates, velocities and inputs that it omits are zero.
 
-    Raises StatementError for keys that the system does not have, and for values that are not constant.
+    Raises StatementError for unknown keys, and for values that are not constant.
     """
     if at is not None and not isinstance(at, Mapping):
         raise StatementError(f"at is {shown(at)}: give a dict such as {{{statement.names[0]}: 0}}.")
@@ -181,7 +181,7 @@ def _inputs(statement: Statement, given: Any) -> tuple[Any, ...]:
 
 
 def _constant(statement: Statement, given: Any, what: str) -> Any:
-    """Return a constant expression with the system's own parameters."""
+    """Return a constant expression in the parameters of the system. Raises StatementError if it has coordinates."""
     value, survey = expression(given, what), Survey()
     survey.add(value, what)
     if survey.coordinates or survey.velocities:

@@ -80,8 +80,8 @@ def substituted(statement: Statement, given: Mapping[Any, Any]) -> Statement:
     """Return the statement with expressions for some parameters, which are keyed by symbol or name.
 
     Parameters that only the expressions contain are new, and have no value. Raises StatementError for a key that is no
-    parameter, and for an expression in coordinates or time: the derivatives of what it stands in would lack its own. A
-    given function of time is a key too, with the values of `lagrange.given`.
+    parameter, and for an expression in coordinates or time, whose derivatives would be missing in the equations. A
+    function of time may also be a key, with values as for `lagrange.given`.
     """
     if not isinstance(given, Mapping) or not given:
         raise StatementError(f"substitute takes a dict from parameters to values, as {{l: 1}}, not {shown(given)}.")
@@ -232,7 +232,7 @@ def _without(statement: Statement, name: str, given: Any) -> Statement:
 def _check_initial(statement: Statement, name: str, solved: Any) -> None:
     """Raise StatementError where an initial value or velocity is another than that of an expression and its rate.
 
-    Zero is the initial value of what was not given: it follows. So does all where a parameter has no value.
+    Values of zero are not compared, since zero is the default. Nothing is compared if a parameter has no value.
     """
     plain, n = statement.plain, len(statement.coordinates)
     state = zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True)

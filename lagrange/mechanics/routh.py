@@ -81,7 +81,7 @@ class Routh:
 
 
 def places_of(statement: Statement, wanted: Sequence[Any]) -> tuple[int, ...]:
-    """Return where coordinates stand that are given as such or by name."""
+    """Return the indices of coordinates, each of which is a coordinate or its name."""
     if not wanted:
         raise StatementError("routhian() names no coordinate: give one that is ignorable.")
     found = [statement.names.index(coordinate_name(one, statement.names)) for one in wanted]
@@ -93,7 +93,7 @@ def places_of(statement: Statement, wanted: Sequence[Any]) -> tuple[int, ...]:
 
 
 def routh_of(statement: Statement, wanted: Sequence[Any]) -> Routh:
-    """Return the procedure for some coordinates. Raises StatementError where one of them is not ignorable."""
+    """Return Routh's procedure for some coordinates. Raises StatementError if one of them is not ignorable."""
     places, form = places_of(statement, wanted), PlainForm(statement)
     for i in places:
         _check_ignorable(form, i)
@@ -142,7 +142,7 @@ def routhian(statement: Statement, wanted: Sequence[Any], model: Model) -> State
 
 
 def _check_ignorable(form: PlainForm, i: int) -> None:
-    """Refuse a coordinate whose momentum changes, with the rate at which it does."""
+    """Raise StatementError, with the rate of the momentum, if the momentum of a coordinate is not constant."""
     statement, name = form.statement, form.statement.names[i]
     slope = form.lagrangian.diff(form.q[i])
     if not vanishes(form, slope):
@@ -207,14 +207,14 @@ NODES = 8
 """Nodes of Gauss's rule in each part of an interval between outputs; it is exact to degree 15."""
 
 MOST_PARTS = 64
-"""Parts of an interval at most; with eight nodes each, those of a step of Taylor series need two or four."""
+"""Largest number of parts of an interval; with eight nodes each, a Taylor step needs two or four."""
 
 TOLERANCE = 1e-12
-"""Difference of two rules, relative to the angle gone through, at which the finer one is taken."""
+"""Largest difference of two rules, relative to the total change of the coordinate, at convergence."""
 
 
 class Run(Protocol):
-    """What is read of a solution."""
+    """The attributes of a solution that `ignored` needs."""
 
     @property
     def t(self) -> FloatArray:
@@ -282,7 +282,7 @@ def _integral(speed: _Speed, times: FloatArray, name: str) -> FloatArray:
 
 
 def _sums(speed: _Speed, times: FloatArray, parts: int) -> FloatArray:
-    """Return the integral with so many parts in each interval."""
+    """Return the integral from the first time to each, (N,), by Gauss's rule on `parts` parts of each interval."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     inside = ((np.arange(parts)[:, None] + (nodes + 1.0) / 2.0) / parts).ravel()
     lengths = np.diff(times)

@@ -18,7 +18,7 @@ from lagrange.statement.number import whole_number
 from lagrange.statement.statement import Statement
 
 HIGHEST = 8
-"""The order of an expansion is at most this: derivatives of a double pendulum's energy of order 8 take a second."""
+"""Largest order of an expansion: order 8 of a double pendulum's energy takes about 1 s."""
 
 _SIZE = sympy.Dummy("size", real=True)
 """The size of the changes, by powers of which an expression is expanded."""
@@ -137,7 +137,7 @@ class _Expansion:
 
     @property
     def note(self) -> str:
-        """What was done, and whether the point is an equilibrium."""
+        """Description of the expansion; it says if the point is not an equilibrium."""
         done = f"Expanded about {self.where} to order {self.order} in changes of coordinates and velocities."
         if self.balanced:
             return done
@@ -148,7 +148,7 @@ class _Expansion:
 
     @cached_property
     def balanced(self) -> bool:
-        """Whether the system rests at the point: constraints may hold it."""
+        """True if the point is an equilibrium, possibly with constraint forces."""
         if any(x != 0 for x in self.values[len(self.form.q) :]):
             return False
         still = {**self.point.table, **dict.fromkeys(self.form.a, sympy.S.Zero)}

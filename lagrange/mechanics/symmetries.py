@@ -1,4 +1,4 @@
-"""Point symmetries: which are tried, their condition, the quantity that each conserves, and its name."""
+"""Point symmetries: the candidates, their condition, and the conserved quantity of each with its name."""
 
 from __future__ import annotations
 
@@ -133,9 +133,9 @@ def _same(stated: StatedAlgebra, first: Any, second: Any) -> bool:
 
 
 def untaken(name: str, taken: Sequence[str]) -> str:
-    """Return the name, with a number behind it if it is taken."""
+    """Return the name, with a number appended if it is taken."""
     names = [name, *(f"{name} ({k})" for k in range(2, len(taken) + 2))]
-    return next(one for one in names if one not in taken)
+    return next(candidate for candidate in names if candidate not in taken)
 
 
 def _name(stated: StatedAlgebra, symmetry: Symmetry, energy: str) -> str:
@@ -250,9 +250,9 @@ class SymmetryEquation:
         return algebra.merge_angles(algebra.add(*parts))
 
     def completed(self, symmetry: Symmetry) -> Symmetry | None:
-        """Return a symmetry with the F whose rate is its defect, zero where none is found.
+        """Return the symmetry with the gauge function F whose rate is its defect.
 
-        Return None where its defect at one state shows that there is no F.
+        F is zero if the defect is zero at a random state. None if the defect is not zero and no F is found.
         """
         defect = self.defect(symmetry)
         if not self._differs(defect):
@@ -272,7 +272,7 @@ class SymmetryEquation:
         return bool(abs(sum(parts)) > 10.0 ** (10 - DIGITS) * sum(abs(part) for part in parts))
 
     def _gauge(self, defect: MonomialSum) -> Any:
-        """Return F(q, t) with dF/dt equal to the defect, zero where there is none.
+        """Return F(q, t) with dF/dt equal to the defect, or zero if no F is found.
 
         The slopes of F are the factors of the velocities; they are integrated one after the other.
         """
@@ -320,7 +320,7 @@ class SymmetryEquation:
         return algebra.add(algebra.differentiate(terms, stated.time), *moved)
 
     def across(self, symmetry: Symmetry) -> list[MonomialSum]:
-        """Return G xi, how fast each constraint would be left."""
+        """Return G xi, the rate of change of each constraint expression under the shift xi."""
         stated, algebra = self.stated, self.stated.algebra
         found = []
         for one in stated.statement.constraints:
@@ -334,7 +334,7 @@ class SymmetryEquation:
         return found
 
     def proven(self, symmetry: Symmetry) -> bool:
-        """Return whether the symmetry is proven; False says that no proof was found."""
+        """Return True if the symmetry is proven; False means only that no proof was found."""
         stated = self.stated
         moved = [q for q, xi in zip(stated.q, symmetry.xi, strict=True) if xi != 0]
         moved += [stated.time] if symmetry.tau != 0 else []
@@ -354,7 +354,7 @@ class SymmetryEquation:
 
 
 MOST_PAIRED = 6
-"""With more coordinates only those named by axes, such as x1 and y1, are turned."""
+"""Largest number of coordinates for which rotations of pairs without axis names (such as x1, y1) are tried."""
 
 
 def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:

@@ -60,7 +60,7 @@ class Preimage:
     def solved(self, places: Sequence[float], rates: Sequence[float]) -> tuple[float, ...]:
         """Return the new initial state (q, v) at which the old one has these values.
 
-        Raises StatementError where there is none, or parameters have no values.
+        Raises StatementError if no such state is found, or if parameters have no values.
         """
         n = len(self.statement.coordinates)
         missing = [p.name for p in self._parameters if p not in self.statement.defaults]
@@ -176,7 +176,7 @@ class Transformation:
 
     @cached_property
     def coordinates(self) -> tuple[Any, ...]:
-        """The coordinates of the new statement: new ones stand where the first of the old ones stood."""
+        """The coordinates of the new statement. The new ones are at the index of the first replaced one."""
         left = [q for q in self.statement.coordinates if q not in self.gone]
         place = min(self.statement.coordinates.index(q) for q in self.gone)
         before = [q for q in self.statement.coordinates[:place] if q in left]
@@ -303,7 +303,7 @@ def _is_angle(change: Transformation, coordinate: Any) -> bool:
 
 
 def _transformation(statement: Statement, given: Mapping[Any, Any], positive: Any) -> Transformation:
-    """Return the transformation that a user gives. Raises StatementError for what is none."""
+    """Return the transformation that the user states. Raises StatementError if it is not one."""
     if not isinstance(given, Mapping) or not given:
         raise StatementError(
             "transform takes a dict from coordinates to expressions in new ones, as {x: r*cos(phi), y: r*sin(phi)}, "
@@ -331,7 +331,7 @@ def _transformation(statement: Statement, given: Mapping[Any, Any], positive: An
 
 
 def _count(table: Mapping[Any, Any], new: Sequence[Any]) -> str:
-    """Return why another number of coordinates is no transformation."""
+    """Return the error message for a different number of old and new coordinates."""
     fewer = len(new) < len(table)
     remedy = (
         "With fewer, a constraint holds: state it, and eliminate(...) a coordinate."
