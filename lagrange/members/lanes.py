@@ -358,7 +358,7 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
 
 
 def _impacts(plan: Plan, problem: Problem) -> tuple[Impact, ...]:
-    """Return the event functions of runs: those of the user, and for series those of singular points."""
+    """Return the events of runs: those of the user, and for series the square roots in the equations of motion."""
     return plan.impacts if isinstance(plan, TaylorPlan) else impacts_of(problem.model, problem.events, np.empty(0))
 
 

@@ -131,7 +131,7 @@ class RunEngine:
 
     @property
     def side_by_side(self) -> int:
-        """One after the other."""
+        """1: members run one by one."""
         return 1
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:
@@ -242,7 +242,7 @@ class FlowEngine:
 
     @property
     def side_by_side(self) -> int:
-        """One after the other."""
+        """1: members run one by one."""
         return 1
 
     def run(self, starts: Starts, stopped: Stopped) -> Ends:

@@ -87,7 +87,7 @@ def _on_a_terminal() -> bool:
 
 @contextmanager
 def progress_bar(span: Sequence[float], *, wanted: bool) -> Iterator[Report | None]:
-    """Yield a callback for the time reached, or None without `wanted` and without terminal or notebook."""
+    """Yield a callback for the time reached, or None if not `wanted`, or without a terminal or a notebook."""
     with _bar(span, "t = {:.6g}".format, wanted=wanted, stays=False) as report:
         yield report
 

@@ -35,7 +35,7 @@ class StepPath:
 
     @property
     def joins(self) -> bool:
-        """Whether the path of a step takes a slope from the step before, for the first one from the step behind it."""
+        """True if the path of a step uses a slope of the step before; the first step uses the step after it."""
         return self.kind.derivative
 
     def __call__(self, times: FloatArray) -> FloatArray:
