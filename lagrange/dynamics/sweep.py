@@ -225,13 +225,13 @@ def _cycles(states: FloatArray, periodic: tuple[bool, ...], scale: float) -> Flo
 
 
 def _ended(statuses: Sequence[tuple[Status, ...]], wanted: int, parameter: str, starts: int) -> tuple[Status, str]:
-    flat = [one for row in statuses for one in row]
+    flat = [status for row in statuses for status in row]
     if Status.INTERRUPTED in flat:
         return Status.INTERRUPTED, (
             f"interrupted: {len(statuses) - 1} of {counted(wanted, 'value')} of {parameter} are done, and kept."
         )
-    bad = [(k, one) for k, row in enumerate(statuses) for one in row if not one.complete]
+    bad = [(k, status) for k, row in enumerate(statuses) for status in row if not status.complete]
     words = f"{counted(wanted, 'value')} of {parameter}, {counted(starts, 'orbit')} each."
     if bad:
-        words += f" {len(bad)} ended early, as {listing(sorted({one.name for _, one in bad}))}."
+        words += f" {len(bad)} ended early, as {listing(sorted({status.name for _, status in bad}))}."
     return (bad[0][1] if bad else Status.SUCCESS), words

@@ -38,7 +38,10 @@ def description(
         "states": _states(statement),
         "parameters": list(motion.parameters),
         "initial": list(initial),
-        "sliders": [{"kind": one.kind, "place": one.place, "value": one.value, "angle": one.angle} for one in sliders],
+        "sliders": [
+            {"kind": slider.kind, "place": slider.place, "value": slider.value, "angle": slider.angle}
+            for slider in sliders
+        ],
         **_points(statement),
         "view": [math.radians(AZIMUTH), math.radians(ELEVATION)],
         "spring": spring(np.zeros(2), np.array([1.0, 0.0]), 1.0).T.round(4).tolist(),
@@ -70,7 +73,7 @@ def _points(statement: Statement) -> dict[str, Any]:
     names = list(statement.positions)
     dimension = max(map(len, statement.positions.values()), default=0)
     places = {name: place for place, name in enumerate([*names, ORIGIN])}
-    links = [[places[one.start], places[one.end], one.kind] for one in statement.links]
+    links = [[places[link.start], places[link.end], link.kind] for link in statement.links]
     numbers = {name: number for number, name in enumerate(moving_points(statement))}
     return {
         "points": names,

@@ -70,8 +70,8 @@ SPACE = 3
 
 def slider_groups(found: Sequence[Slider], page: FoldedFormulas) -> str:
     """Return the sliders in groups: chosen ones, parameters, initial values."""
-    chosen = [(place, one) for place, one in enumerate(found) if one.chosen]
-    others = [(place, one) for place, one in enumerate(found) if not one.chosen]
+    chosen = [(place, slider) for place, slider in enumerate(found) if slider.chosen]
+    others = [(place, slider) for place, slider in enumerate(found) if not slider.chosen]
     parameters = [pair for pair in others if pair[1].kind == PARAMETER]
     states = [pair for pair in others if pair[1].kind != PARAMETER]
     groups = [
@@ -79,9 +79,9 @@ def slider_groups(found: Sequence[Slider], page: FoldedFormulas) -> str:
         ("Parameters", parameters, bool(chosen) or len(parameters) > FEW),
         ("Start", states, bool(chosen) or len(others) > FEW),
     ]
-    units = any(one.unit or one.angle for one in found)
+    units = any(slider.unit or slider.angle for slider in found)
     written = (
-        (title, folded, "".join(_slider(place, one, page, units=units) for place, one in rows))
+        (title, folded, "".join(_slider(place, slider, page, units=units) for place, slider in rows))
         for title, rows, folded in groups
         if rows
     )
@@ -91,16 +91,18 @@ def slider_groups(found: Sequence[Slider], page: FoldedFormulas) -> str:
     )
 
 
-def _slider(place: int, one: Slider, page: FoldedFormulas, *, units: bool) -> str:
-    name, unit = escape(one.name), escape(plain_text(one.unit))
+def _slider(place: int, slider: Slider, page: FoldedFormulas, *, units: bool) -> str:
+    name, unit = escape(slider.name), escape(plain_text(slider.unit))
     spoken = f"{name} in {unit}" if unit else name
     shown_unit = f'<span id="unit{place}">{unit}</span>' if units else ""
-    start = "" if one.kind == PARAMETER else "initial value of "
+    start = "" if slider.kind == PARAMETER else "initial value of "
     return (
-        f'<div class="slider"><label for="slider{place}">{page.letter(one.name)}</label>'
-        f'<input type="range" id="slider{place}" min="{one.low!r}" max="{one.high!r}" step="any" value="{one.value!r}"'
+        f'<div class="slider"><label for="slider{place}">{page.letter(slider.name)}</label>'
+        f'<input type="range" id="slider{place}" min="{slider.low!r}" max="{slider.high!r}"'
+        f' step="any" value="{slider.value!r}"'
         f' aria-label="{start}{spoken}">'
-        f'<input type="number" id="number{place}" step="any" value="{one.value!r}" aria-label="{start}{spoken}, typed">'
+        f'<input type="number" id="number{place}" step="any" value="{slider.value!r}"'
+        f' aria-label="{start}{spoken}, typed">'
         f"{shown_unit}</div>\n"
     )
 

@@ -52,7 +52,7 @@ def render(
     detail: str = "full",
     heading: Heading = NO_HEADING,
 ) -> str:
-    """Return the derivation: what was stated, L, each coordinate, equations of motion, accelerations and energy.
+    """Return the derivation: the statement, L, each coordinate, equations of motion, accelerations and energy.
 
     With constraints the equations of motion contain the multipliers and are followed by the constraints. The
     multipliers are solved for together with the accelerations.

@@ -56,7 +56,7 @@ def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, flo
             f"{shown(asked)} says no sliders: give a dict from names to bounds, such as {{'l': {EXAMPLE}}}."
         )
     names = _names(statement)
-    found: dict[str, tuple[float, float]] = {}
+    result: dict[str, tuple[float, float]] = {}
     for key, pair in asked.items():
         name = names.get(key)
         if name is None:
@@ -65,8 +65,8 @@ def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, flo
                 f"there is no slider of {shown(label_of(key))}, which is no parameter, coordinate or velocity of "
                 f"{statement.name}: they are {listing(known)}.{suggestion(label_of(key), known)}"
             )
-        found[name] = _bounds(name, pair)
-    return found
+        result[name] = _bounds(name, pair)
+    return result
 
 
 def _names(statement: Statement) -> dict[Any, str]:
