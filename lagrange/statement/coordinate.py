@@ -13,7 +13,8 @@ from sympy import Basic, Derivative, Symbol
 from sympy.core.function import Application, AppliedUndef, UndefinedFunction
 
 from lagrange.errors import StatementError, formula, shown
-from lagrange.statement.lexer import FUNCTIONS, NAME
+from lagrange.statement.letters import NAME
+from lagrange.statement.lexer import FUNCTIONS
 from lagrange.statement.number import flag
 
 

@@ -29,7 +29,7 @@ from lagrange.statement.dimension_check import with_dimensions
 from lagrange.statement.energy import first_order_remedy, without_velocity
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.given import check_given, coordinate_or_given
-from lagrange.statement.lexer import NAME
+from lagrange.statement.letters import NAME
 from lagrange.statement.motion import motion_of
 from lagrange.statement.number import real_number
 from lagrange.statement.parameters import check_rate, default_values, label_of, parameter_symbols, table_of

@@ -1,4 +1,4 @@
-"""The words and letters of expressions in scene files, and the tokens of a text."""
+"""The words of expressions in scene files, and the tokens of a text."""
 
 from __future__ import annotations
 
@@ -12,51 +12,8 @@ from typing import Any, NoReturn
 import sympy
 
 from lagrange.errors import SceneError, listing, suggestion
+from lagrange.statement.letters import LETTER, NAME, WORD
 from lagrange.statement.modulo import modulo
-
-GREEK = {
-    "α": "alpha",
-    "β": "beta",
-    "γ": "gamma",
-    "δ": "delta",
-    "ε": "epsilon",
-    "ζ": "zeta",
-    "η": "eta",
-    "θ": "theta",
-    "ι": "iota",
-    "κ": "kappa",
-    "λ": "lambda",
-    "μ": "mu",
-    "ν": "nu",
-    "ξ": "xi",
-    "ρ": "rho",
-    "σ": "sigma",
-    "τ": "tau",
-    "υ": "upsilon",
-    "φ": "phi",
-    "χ": "chi",
-    "ψ": "psi",
-    "ω": "omega",
-    "Γ": "Gamma",
-    "Δ": "Delta",
-    "Θ": "Theta",
-    "Λ": "Lambda",
-    "Ξ": "Xi",
-    "Σ": "Sigma",
-    "Υ": "Upsilon",
-    "Φ": "Phi",
-    "Ψ": "Psi",
-    "Ω": "Omega",
-}
-"""Greek letters that a name may contain, and their names. Left out: pi, a constant, and letters that look Latin."""
-
-LETTER = f"A-Za-z{''.join(GREEK)}"
-"""The letters of names, as part of a regular expression."""
-
-NAME = re.compile(f"[{LETTER}][{LETTER}0-9_]{{0,63}}")
-
-WORD = re.compile(r"[^\W\d][\w\u0300-\u036f]*")
-"""A word in any alphabet; accents may be separate combining characters."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from lagrange.errors import SceneError, StatementError
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.dimension import Dimension, named
 from lagrange.statement.expression_text import expression_text
-from lagrange.statement.lexer import NAME
+from lagrange.statement.letters import NAME
 from lagrange.statement.motion import Table, motion_of
 from lagrange.statement.multiplier import constraint_of
 from lagrange.statement.same_statement import difference

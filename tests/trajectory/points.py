@@ -7,6 +7,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+from sympy import Integer
 
 from lagrange.equations.state_layout import StateLayout
 from lagrange.graph.node import Graph
@@ -30,7 +31,7 @@ class Called:
 class Point:
     """A fake model: one coordinate x with the acceleration a(t, x, v)."""
 
-    statement = SimpleNamespace(names=("x",), parameters=())
+    statement = SimpleNamespace(names=("x",), parameters=(), lagrangian=Integer(0), dissipation=Integer(0), forces=())
     layout = StateLayout(("x",), ("x",))
     equations = SimpleNamespace(structure=SimpleNamespace(brief=False), constraints=(), accelerations=(), graph=Graph())
 

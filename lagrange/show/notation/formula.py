@@ -79,10 +79,10 @@ class Typesetter:
 
         Factors are pairs of a base and a positive exponent.
         """
-        number, rest = node.as_coeff_Mul()
+        number, factors = self.under_one_root(node)
         above: list[Any] = []
         below: list[Any] = []
-        for factor in sorted(sympy.Mul.make_args(rest), key=self.order.factor):
+        for factor in sorted(factors, key=self.order.factor):
             base, exponent = _base_and_exponent(factor)
             if base.is_Add and exponent.is_Integer and self.order.turned(base):
                 base, number = -base, -number if exponent.is_odd else number
@@ -90,6 +90,23 @@ class Typesetter:
                 side, power = (below, -exponent) if exponent.is_negative else (above, exponent)
                 side.append((base, power))
         return bool(number.is_negative), above, below, abs(number)
+
+    def under_one_root(self, product: Any) -> tuple[Any, list[Any]]:
+        """Return the number before a product, and its factors, with several square roots of constants as one.
+
+        SymPy writes the frequency sqrt(2*g/(3*(R - r))) as sqrt(6)*sqrt(g)*sqrt(1/(R - r))/3.
+        """
+        number, rest = product.as_coeff_Mul()
+        factors = list(sympy.Mul.make_args(rest))
+        roots = [x for x in factors if x.is_Pow and abs(x.exp) == sympy.S.Half and not self.order.moves(x.base)]
+        if len(roots) < 2 or not all(x.base.is_Rational or x.base.free_symbols for x in roots):
+            return number, factors
+        inside = sympy.Mul(*(x.base ** (2 * x.exp) for x in roots))
+        factor = inside.as_coeff_Mul()[0]
+        if number.is_Rational and factor.is_Rational and (factor * number**2).q < factor.q * number.q**2:
+            inside, number = inside * number**2, sympy.sign(number)  # sqrt(6)/3 is the root of 2/3
+        others = [x for x in factors if x not in roots]
+        return number, [*others, sympy.Pow(inside, sympy.S.Half, evaluate=False)]
 
     def quotient(self, above: list[Any], below: list[Any], number: Any) -> Piece:
         """Return number * above / below. Constants are a separate fraction in front, if the notation has that."""

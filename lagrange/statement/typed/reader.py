@@ -17,7 +17,7 @@ import sympy
 
 from lagrange.errors import SceneError, StatementError, listing
 from lagrange.statement.coordinate import t
-from lagrange.statement.lexer import WORD
+from lagrange.statement.letters import WORD
 from lagrange.statement.text import read_expression
 from lagrange.statement.typed.derivatives import with_derivatives
 from lagrange.statement.typed.faults import TypedFault, faults_of
