@@ -307,6 +307,9 @@ The variation is that over displacements up to 2**-12 of the coordinate. Smooth 
 = 1e14, where the spacing is 1/64, the energy of a pendulum has an error of a tenth.
 """
 
+ROUNDING_PART = 2.0**-46
+"""Part of the largest acceleration below which a change is rounding, 64 units: one that is zero changes by that."""
+
 NEIGHBOURS, OCTAVES = 8, 40
 """Number of neighbouring doubles, and of displacements of 1, 2, 4, ... spacings, at which forces are evaluated."""
 
@@ -350,4 +353,5 @@ def _is_rough(problem: Problem, t: float, y: FloatArray, i: int) -> bool:
         slopes = problem.model.kernel("rhs")(t, states, problem.parameter_array)[problem.model.layout.v]
     near = np.median(np.abs(np.diff(slopes[:, : NEIGHBOURS + 1], axis=1)), axis=1)
     whole = np.abs(slopes - slopes[:, :1]).max(axis=1)
-    return bool((near > ROUGH * whole).any())
+    noise = ROUNDING_PART * np.abs(slopes).max()
+    return bool((near > np.maximum(ROUGH * whole, noise)).any())

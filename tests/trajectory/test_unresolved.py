@@ -1,9 +1,15 @@
 """Coordinates so large that doubles do not resolve what the forces change on."""
 
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
 import pytest
 from sympy import cos
 
 import lagrange as lg
+from lagrange.equations.state_layout import StateLayout
+from lagrange.trajectory.endings import _is_rough
 
 theta = lg.coordinate("theta")
 x = lg.coordinate("x")
@@ -31,3 +37,16 @@ def test_what_rests_or_is_far_away_is_no_fault(start: float) -> None:
     resting = lg.System(kinetic=x.dot**2 / 2, potential=(x - start) ** 2 / 2, initial={x: start})
     for system in (free, falling, resting):
         assert system.run(1e-3, method="dop853").status is lg.Status.SUCCESS
+
+
+@pytest.mark.parametrize(("size", "rough"), [(1e-16, False), (1e-3, True)])
+def test_an_acceleration_that_is_zero_up_to_rounding_is_no_fault(size: float, rough: bool) -> None:
+    """Beside an acceleration of 1 one that jumps by 1e-16 from double to double is rounding, one by 1e-3 is not."""
+
+    def rates(t: float, states: Any, parameters: Any) -> Any:
+        jumps = size * np.random.default_rng(1).uniform(-1.0, 1.0, states.shape[1])
+        return np.stack([states[2], states[3], np.ones_like(jumps), jumps])
+
+    model = SimpleNamespace(kernel=lambda name: rates, layout=StateLayout(("x", "y"), ("x", "y")))
+    problem: Any = SimpleNamespace(model=model, parameter_array=np.empty(0))
+    assert _is_rough(problem, 0.0, np.array([0.1, 0.2, 0.0, 0.0]), 1) is rough
