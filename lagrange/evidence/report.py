@@ -43,7 +43,7 @@ class Report(ShownAsPage):
 
     `rows` has one row per quantity. `points` describes the points used. `outside` counts rejected points by reason: the
     statement has no value or no derivative there. `unexplained` lists points where only one of statement and compiled
-    code has a value. `notes` lists what was not covered. `limit` is the largest accepted error. `seconds` is the
+    code has a value. `notes` has remarks on gaps. `limit` is the largest accepted error. `seconds` is the
     duration of the check; it is not printed, so that the printed report is the same in every process.
     """
 

@@ -26,7 +26,7 @@ from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
 LARGEST_BLOCK = 4
-"""Coupled velocities that are solved for in symbols: the inverse of five has thousands of terms."""
+"""Largest number of coupled velocities that are solved for in symbols: the inverse of five has thousands of terms."""
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Legendre:
 
 
 def legendre(form: PlainForm, symbols: Sequence[Any]) -> Legendre:
-    """Return the transform of a Lagrangian. Raises StatementError where velocities do not follow from momenta."""
+    """Return the Legendre transform. Raises StatementError if the momenta do not determine the velocities."""
     mass = form.mass
     blocks = coupled_blocks([[entry != 0 for entry in row] for row in mass.tolist()])
     solve = _solved if mass.has(*form.v) else _inverted
@@ -113,7 +113,7 @@ def _squares(mass: Any, column: list[Any]) -> list[Any]:
 
 
 def _degenerate(form: PlainForm, block: Sequence[int]) -> str:
-    """Return why momenta do not determine velocities."""
+    """Return the error message for momenta that do not determine the velocities."""
     names = [form.statement.names[i] for i in block]
     if len(block) == 1:
         reason = f"d2L/d{names[0]}_dot2 = 0, so that {names[0]}_dot does not follow from its momentum"
@@ -129,9 +129,9 @@ def _degenerate(form: PlainForm, block: Sequence[int]) -> str:
 
 
 def _solved(form: PlainForm, block: Sequence[int], symbols: Sequence[Any]) -> tuple[list[Any], Any]:
-    """Return the velocities of a block whose inertia depends on them, and H where it is known beside them.
+    """Return the velocities of a block whose inertia depends on them, and H, or None if H is not known yet.
 
-    Of several branches the one is taken that gives back the velocities of random states.
+    Of several branches, the result is the one that reproduces the velocities of random states.
     """
     candidates = _by_length(form, block, symbols)
     if not candidates and len(block) == 1:
@@ -193,7 +193,7 @@ def _with_roots_together(given: Any) -> Any:
 
 
 def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], found: Sequence[Any]) -> bool:
-    """Return whether velocities come back from the momenta that they make, at a few random states."""
+    """Return True if the formulas reproduce the velocities from their momenta, at a few random states."""
     sampler, seen = Sampler(form.statement, seed=0), 0
     for attempt in range(MOST_DRAWS):
         values = form.at(sampler.point(SAMPLE_KINDS[(attempt + 1) % 4], attempt))
@@ -259,7 +259,7 @@ class Hamiltonian(ShownAsPage):
         return self.made(self.statement)
 
     def compile(self, target: str = "llvm", *, check: bool = True) -> Model:
-        """Compile Hamilton's equations; the state is [q, p] and behind it their rates, (4n,)."""
+        """Compile Hamilton's equations; the state (4n,) is [q, p] followed by their rates."""
         model: Model = self.system.compile(target, check=check)
         return model
 

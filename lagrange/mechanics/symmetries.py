@@ -34,13 +34,16 @@ PLACINGS: dict[int, tuple[Placing, ...]] = {
         lambda r, b, a: (r * cos(b) * cos(a), r * cos(b) * sin(a), r * sin(b)),
     ),
 }
-"""Places by the number of coordinates: Cartesian, polar (from x, or hanging), on a sphere of any radius, cylindrical,
-spherical; angles are counted from the pole or from the equator."""
+"""Position vectors of a body by number of coordinates.
+
+They are Cartesian, polar (angle from x, or hanging), on a sphere of any radius, cylindrical and spherical. Angles are
+counted from the pole or from the equator.
+"""
 
 
 @dataclass(frozen=True, eq=False)
 class Place:
-    """A body at r, with T = mass |v|^2 / 2, in plain symbols; `rest` is what else L has, linear in velocities."""
+    """A single body at r with T = mass |v|^2 / 2, in plain symbols; `rest` is L - T, at most linear in velocities."""
 
     mass: Any
     r: tuple[Any, ...]
@@ -49,7 +52,7 @@ class Place:
 
 
 def place(stated: StatedAlgebra) -> Place | None:
-    """Return the place of the one body of a statement, or None where no placing gives its kinetic energy."""
+    """Return the position of the single body of a statement, or None if none of PLACINGS gives its kinetic energy."""
     mass = _mass(stated)
     for placing in PLACINGS.get(len(stated.q), ()) if mass is not None else ():
         for order in permutations(range(len(stated.q))):
@@ -62,7 +65,7 @@ def place(stated: StatedAlgebra) -> Place | None:
 
 
 def _mass(stated: StatedAlgebra) -> Any:
-    """Return an entry of the mass matrix that is constant: that of a length, or on a sphere of the polar angle."""
+    """Return a constant diagonal entry of the mass matrix, such as that of a length, or None."""
     moving = frozenset((*stated.q, *stated.v, stated.time))
     for i in range(len(stated.q)):
         entry = stated.mass[i][i]
@@ -72,7 +75,7 @@ def _mass(stated: StatedAlgebra) -> Any:
 
 
 def _rest(stated: StatedAlgebra, mass: Any, v: Sequence[Any]) -> MonomialSum | None:
-    """Return L - mass |v|^2 / 2, or None where velocities are left in it other than to the first power."""
+    """Return L - mass |v|^2 / 2, or None if it is not at most linear in the velocities."""
     algebra = stated.algebra
     kinetic = algebra.scale(algebra.read(mass * sum(x**2 for x in v) / 2), S.NegativeOne)
     rest = algebra.merge_angles(algebra.add(stated.lagrangian, kinetic))
@@ -96,9 +99,9 @@ AXES = {"xy": ("z", 1), "yz": ("x", 1), "zx": ("y", 1), "yx": ("z", -1), "zy": (
 def oriented(
     stated: StatedAlgebra, symmetry: Symmetry, place: Place | None, energy: str = "energy"
 ) -> tuple[Symmetry, str]:
-    """Return a symmetry, or the one in the other direction, and a name of its quantity.
+    """Return a symmetry in its standard direction, and the name of its conserved quantity.
 
-    The direction is the one from x to y, and back in time: its quantity is +(v.p - L). `energy` is the name of v.p - L.
+    Rotations turn x towards y. Shifts in time go backwards, so that the quantity is +(v.p - L), with the name `energy`.
     """
     found = _axis(stated, symmetry)
     if found is None and place is not None and symmetry.tau == 0:
@@ -180,7 +183,7 @@ def axis_of(name: str) -> str:
 
 
 def described(stated: StatedAlgebra, symmetry: Symmetry) -> str:
-    """Return the motion that changes nothing, in words."""
+    """Return a sentence that describes the symmetry."""
     names = stated.statement.names
     parts = [f"delta {name} = {_text(stated, xi)}" for name, xi in zip(names, symmetry.xi, strict=True) if xi != 0]
     parts += [f"delta t = {_text(stated, symmetry.tau)}"] if symmetry.tau != 0 else []
@@ -199,15 +202,15 @@ def _text(stated: StatedAlgebra, given: Any) -> str:
 
 
 DIGITS = 30
-"""Digits of a defect at a state: 20 are compared."""
+"""Decimal digits of a defect at a random state; 20 of them are compared."""
 
 LONGEST_GAUGE = 400
-"""Operations of a total derivative that is integrated; those of symmetries that people state have ten."""
+"""Largest number of operations in a total derivative that is integrated; typical symmetries have ten."""
 
 
 @dataclass(frozen=True, eq=False)
 class Symmetry:
-    """xi (n of them), tau and F in the plain symbols of a statement."""
+    """A symmetry delta q = xi (n of them), delta t = tau, with the gauge function F, in plain symbols."""
 
     xi: tuple[Any, ...]
     tau: Any = S.Zero
@@ -216,7 +219,7 @@ class Symmetry:
 
 @dataclass(frozen=True, eq=False)
 class SymmetryEquation:
-    """The condition of a symmetry, with the laws of a statement as monomials."""
+    """The condition of a symmetry, with the forces and the power of a statement as sums of monomials."""
 
     stated: StatedAlgebra
     forces: Sequence[MonomialSum] = field(init=False)
@@ -236,7 +239,7 @@ class SymmetryEquation:
         object.__setattr__(self, "power", algebra.add(lost, *work))
 
     def defect(self, symmetry: Symmetry) -> MonomialSum:
-        """Return the rate at which p . xi - tau E - F changes beside the forces of constraints, merged."""
+        """Return the rate of p . xi - tau E - F without constraint forces, simplified. It is zero for a symmetry."""
         stated, algebra = self.stated, self.stated.algebra
         parts: list[MonomialSum] = [{}]
         for given, force, p in zip(symmetry.xi, self.forces, stated.momenta, strict=True):
@@ -261,7 +264,7 @@ class SymmetryEquation:
         return None if gauge == 0 else replace(symmetry, gauge=gauge)
 
     def _differs(self, terms: MonomialSum) -> bool:
-        """Return whether a sum has another value than zero at a random state; False where it has none."""
+        """Return True if a sum is not zero at a random state; False if it has no value there."""
         expression = printable(self.stated.algebra.write(terms))
         draw = random.Random(7)
         symbols = sorted(expression.free_symbols, key=str)
@@ -298,7 +301,7 @@ class SymmetryEquation:
         return gauge if not canonical(algebra, left) else S.Zero
 
     def _total(self, defect: MonomialSum, slopes: Sequence[MonomialSum]) -> bool:
-        """Return False where F cannot be: its slopes have velocities, or its mixed derivatives in q and t differ."""
+        """Return False if no F exists: its slopes contain velocities, or its mixed derivatives in q and t differ."""
         stated, algebra = self.stated, self.stated.algebra
         if any(algebra.free(k) & frozenset(stated.v) for terms in slopes for monomial in terms for k, _ in monomial):
             return False
@@ -311,7 +314,7 @@ class SymmetryEquation:
         return True
 
     def rate(self, terms: MonomialSum) -> MonomialSum:
-        """Return the total rate of a function of q and t."""
+        """Return the total time derivative of a function of q and t."""
         stated, algebra = self.stated, self.stated.algebra
         moved = [
             algebra.multiply(algebra.differentiate(terms, q), stated.symbol(v))

@@ -28,10 +28,10 @@ from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
 STARTS = 60
-"""Starts of the iteration: zero, then random ones of sizes from a tenth of the given values to ten times."""
+"""Number of starts of the iteration: zero, then random ones from 0.1 to 10 times the magnitude of the old values."""
 
 STEPS = 60
-"""Steps of Newton's method from one start; it converges in ten where it does."""
+"""Largest number of Newton steps from one start; about ten suffice for convergence."""
 
 CLOSE = 1e-12
 """Largest residual of a solution, relative to the values and to 1: a thousand roundings."""
@@ -277,7 +277,7 @@ def _overlaid(kept: Mapping[Any, float], initial: Any) -> dict[Any, Any]:
 
 
 def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
-    """Return the new initial state, by number."""
+    """Return the new initial state, computed numerically."""
     old = change.statement
     wanted = [old.coordinates.index(q) for q in change.gone]
     still = dict.fromkeys((change.plain[velocity_of(q)] for q in made.coordinates), sympy.S.Zero)
@@ -297,7 +297,7 @@ def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
 
 
 def _is_angle(change: Transformation, coordinate: Any) -> bool:
-    """Return whether a full turn of a new coordinate changes nothing."""
+    """Return True if the old coordinates have period 2 pi in a new one."""
     symbol = change.plain[coordinate]
     return all(x.xreplace({symbol: symbol + 2 * sympy.pi}) == x for x in change.old)
 

@@ -90,7 +90,7 @@ def _small_angles(equations: Sequence[StudentEquation], statement: Statement) ->
 
 
 def _has_direction(parameter: Any, statement: Statement) -> bool:
-    """Return True if a parameter has a direction, as g or a force has, and a mass, length or stiffness has not.
+    """Return True if a parameter has a direction, such as g or a force, unlike a mass, length or stiffness.
 
     Such a parameter is a factor of forces, or of terms of the potential with either sign. The kinetic energy does not
     contain it.
