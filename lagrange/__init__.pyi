@@ -46,4 +46,5 @@ from lagrange.trajectory.solution import Solution as Solution
 from lagrange.trajectory.trajectory import Status as Status
 from lagrange.trajectory.trajectory import Trajectory as Trajectory
 
+__all__: list[str]
 __version__: str

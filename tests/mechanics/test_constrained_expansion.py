@@ -18,7 +18,7 @@ from tests.mechanics.bicycle import STRAIGHT, bicycle, speed
 x, y, z, heading, lean, spin = lg.coordinates("x y z heading lean spin")
 m, g, r, k, w = lg.parameters("m g r k w")
 
-PUBLISHED = {
+PUBLISHED: dict[float, list[Any]] = {
     # Weave (real and imaginary part), capsize, castering, by speed; J. P. Meijaard, J. M. Papadopoulos, A. Ruina,
     # A. L. Schwab, Linearized dynamics equations for the balance and steer of a bicycle, Proc. R. Soc. A 463, 2007.
     0: [5.53094371765393, 3.13164324790656, -3.13164324790656, -5.53094371765393],

@@ -136,9 +136,9 @@ def test_more_random_systems(kind: Callable[[Random], Case], method: str, seed: 
 def test_members_in_lanes_are_not_limited_by_rounding() -> None:
     """They went on to the step limit: lanes raised no floors under way."""
     system, start, end = net(2, 2)
-    entries = dict.fromkeys(system.compile().layout.names(), 1e-17)
-    start = {**entries, str(next(iter(start)).func): np.linspace(-0.31, -0.29, 3)}
-    found = lg.ensemble(system, end, initial=start, method="dop853", max_steps=5000)
+    entries: dict[str, Any] = dict.fromkeys(system.compile().layout.names(), 1e-17)
+    starts = {**entries, str(next(iter(start)).func): np.linspace(-0.31, -0.29, 3)}
+    found = lg.ensemble(system, end, initial=starts, method="dop853", max_steps=5000)
     assert (found.status == lg.Status.SUCCESS).all()
 
 

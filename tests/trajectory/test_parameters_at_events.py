@@ -127,7 +127,7 @@ def test_a_dropped_mass_keeps_its_speed_and_takes_its_energy_along() -> None:
     # The speed at x = 0 is 1. With omega = 2 the amplitude is half as large.
     assert run.t_events[0][0] == pytest.approx(math.pi / 2)
     assert run.at(math.pi / 2 + math.pi / 4)[0] == pytest.approx(-0.5, abs=1e-9)
-    first = np.searchsorted(run.t, math.pi / 2 + 0.1)
+    first = int(np.searchsorted(run.t, math.pi / 2 + 0.1))
     assert run.energy[[0, first]] == pytest.approx([0.5, 0.125])
 
 
