@@ -159,14 +159,13 @@ def names_of(module: ModuleType) -> tuple[list[str], list[str]]:
 
 
 def _collect(module: ModuleType, values: dict[Any, None]) -> None:
-    """Add the coordinates and symbols of a file of tests, in tuples too, after those of the files it imports from."""
+    """Add the coordinates and symbols of a file of tests, after those of the files that it imports from."""
     own = [*vars(module).values()]
     files = dict.fromkeys(value.__module__ for value in own if isinstance(value, (type, FunctionType)))
     for name in files:
         if name.startswith("tests.") and name != module.__name__:
             _collect(sys.modules[name], values)
-    parts = (part for value in own for part in (value if isinstance(value, (tuple, list)) else (value,)))
-    values.update(dict.fromkeys(part for part in parts if isinstance(part, (AppliedUndef, Symbol))))
+    values.update(dict.fromkeys(value for value in own if isinstance(value, (AppliedUndef, Symbol))))
 
 
 OLDEST = 2

@@ -1,4 +1,4 @@
-"""Sums written as in a book: common factors cancelled, terms grouped by motion, their coefficients factored."""
+"""Shorten sums of monomials as a textbook would: cancel common factors, group like motions, factor coefficients."""
 
 from __future__ import annotations
 

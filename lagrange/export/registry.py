@@ -1,4 +1,4 @@
-"""The targets of `System.export` by name, and tests of what they can express."""
+"""Find a target of `System.export` by name or alias, and refuse models it cannot express; `target.py` has the list."""
 
 from __future__ import annotations
 

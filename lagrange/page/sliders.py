@@ -1,4 +1,4 @@
-"""The sliders of a page: the values that they change, and their bounds."""
+"""The sliders of a page, and the default bounds of each."""
 
 from __future__ import annotations
 

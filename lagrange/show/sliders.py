@@ -1,4 +1,4 @@
-"""Sliders that the user chose by name: the values that they change, and their bounds."""
+"""Bounds that the user gives for sliders, checked."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The frozen record of a statement, and links between its points."""
+"""The frozen record of a statement, links between its points, and the default settings of its run."""
 
 from __future__ import annotations
 

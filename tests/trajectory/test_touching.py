@@ -8,7 +8,7 @@ from sympy import cos
 
 import lagrange as lg
 
-a = lg.coordinates("a0 a1 a2 a3 a4 a5 a6")
+a = lg.coordinates("ball0 ball1 ball2 ball3 ball4 ball5 ball6")  # names that no other file declares
 m, g, l = lg.parameters("m g l")
 
 
@@ -45,7 +45,7 @@ def test_a_cradle_of_balls_that_touch_hands_its_velocity_on(method: str) -> None
     assert found.y[:5, -1] == pytest.approx(np.sort([free, 0, 0, 0, 0]), abs=1e-6)
 
 
-@pytest.mark.parametrize(("count", "raised", "method"), [(3, {"a1": -0.5, "a2": 0.4}, "taylor"), (7, {}, "dop853")])
+@pytest.mark.parametrize(("count", "raised", "method"), [(3, {"ball1": -0.5, "ball2": 0.4}, "taylor"), (7, {}, "dop853")])
 def test_impacts_in_a_wrong_order_are_no_success(count: int, raised: dict[str, float], method: str) -> None:
     """A ball that was let through another was a success."""
     system, impacts = cradle(count)

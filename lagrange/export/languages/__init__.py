@@ -1,1 +1,1 @@
-"""The languages that models are written in, one module each; `lagrange.export.registry` lists them."""
+"""The languages of exported code, one file each; `BUILT_IN` in `lagrange.export.target` lists them."""

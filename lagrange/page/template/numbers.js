@@ -24,7 +24,7 @@ function steady(value, places) {
     return value.toFixed(places).replace("-", "−");
 }
 
-/** Return the distance of tick marks for an axis with about `count` of them. */
+/** Return the distance of tick marks for an axis of a length with at most `most` of them. */
 function markDistance(length, most) {
     const least = length / most;
     const unit = 10 ** Math.floor(Math.log10(least));

@@ -1,4 +1,4 @@
-"""Style of figures: colours, line styles, tick labels."""
+"""The look of figures: colours, line styles, numbers at ticks."""
 
 from __future__ import annotations
 

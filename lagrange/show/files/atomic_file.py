@@ -1,4 +1,4 @@
-"""Files that are either written whole or not at all."""
+"""Files that are written whole or not at all, and the rows and numbers of CSV files."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pieces of formulas, and their order in textbooks."""
+"""Pieces of formulas, and the order of factors and terms in textbooks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small tables as plain text."""
+"""Small tables, and durations, as plain text."""
 
 from __future__ import annotations
 

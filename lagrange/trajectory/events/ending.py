@@ -1,4 +1,4 @@
-"""Results of event processing: continue, or end the run with a status and a sentence on cause and remedy."""
+"""Results of event processing, and the sentence of each end: at rest, events that accumulate, sliding, undefined."""
 
 from __future__ import annotations
 
