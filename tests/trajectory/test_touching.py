@@ -45,7 +45,9 @@ def test_a_cradle_of_balls_that_touch_hands_its_velocity_on(method: str) -> None
     assert found.y[:5, -1] == pytest.approx(np.sort([free, 0, 0, 0, 0]), abs=1e-6)
 
 
-@pytest.mark.parametrize(("count", "raised", "method"), [(3, {"ball1": -0.5, "ball2": 0.4}, "taylor"), (7, {}, "dop853")])
+@pytest.mark.parametrize(
+    ("count", "raised", "method"), [(3, {"ball1": -0.5, "ball2": 0.4}, "taylor"), (7, {}, "dop853")]
+)
 def test_impacts_in_a_wrong_order_are_no_success(count: int, raised: dict[str, float], method: str) -> None:
     """A ball that was let through another was a success."""
     system, impacts = cradle(count)
