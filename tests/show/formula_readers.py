@@ -127,7 +127,11 @@ def latex_text(setter: Typesetter, text: str) -> Any:
     for letter, mark in reader.letters:
         text = re.sub(rf"(?<![A-Za-z\\]){re.escape(letter)}(?![A-Za-z])", f" {mark} ", text)
     text = (
-        re.sub(r"\\(left|right|bigl|bigr)", "", text).replace("{}", "").replace("\\cdot", "*").replace("e^", r"\exp^")
+        re.sub(r"\\(left|right|bigl|bigr)", "", text)
+        .replace("{}", "")
+        .replace("\\cdot", "*")
+        .replace("\\times", "*")
+        .replace("e^", r"\exp^")
     )
     before = ""
     while before != text:
@@ -161,7 +165,7 @@ def _plain(node: ElementTree.Element) -> str:
             return "".join(parts)
         case "mspace":
             return " "
-    signs = {"\N{MINUS SIGN}": "-", "·": "*", "\N{FUNCTION APPLICATION}": " "}
+    signs = {"\N{MINUS SIGN}": "-", "·": "*", "×": "*", "\N{FUNCTION APPLICATION}": " "}
     return f" {signs.get(node.text or '', node.text)} "
 
 

@@ -80,7 +80,7 @@ def test_in_a_pipe_there_is_nothing_unless_lines_are_asked_for(capsys: pytest.Ca
         lambda how: lg.ensemble(ball, 0.1, {"x": [0.1, 0.2]}, progress=how),
         lambda how: lg.phase_portrait(ball, {x: (1, 2), x.dot: (0, 1)}, starts=[{x: 1.5}], progress=how),
     ]
-    for call, last in zip(calls, ("2 of 2 members", "1 of 1 orbits"), strict=True):
+    for call, last in zip(calls, ("2 of 2 members", "1 of 1 orbit"), strict=True):
         call(how=True)
         assert capsys.readouterr() == ("", "")
         call(how="lines")
