@@ -241,7 +241,7 @@ class Model:
         `y` has shape (2n, batch) and `t` (batch,). Raises StatementError for an expression with anything else in it.
         """
         kernel = self.function("expression", (node_of(expression, self.statement, self.equations),))
-        return np.asarray(self.called(kernel, t, y, parameters)[0])
+        return np.asarray(self._call(kernel, t, self._checked_state(y), parameters)[0])
 
     def called(self, kernel: Kernel, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return the result of a kernel of this model for states (2n,) or (2n, batch)."""

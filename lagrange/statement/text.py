@@ -232,7 +232,7 @@ def read_expression(text: str, names: Mapping[str, Any]) -> Any:
     """Return the SymPy expression that a text states in the given names, `t` and `pi`.
 
     `names` maps identifiers to SymPy objects. The text may hold numbers, + - * / **, the functions of
-    `vocabulary.WORDS`, and conditions such as `a if x < 0 else b`. Raises SceneError with the column.
+    `lexer.WORDS`, and conditions such as `a if x < 0 else b`. Raises SceneError with the column.
     """
     known = {**names, **_PREDEFINED}
     lexer.scan(text, known)
