@@ -35,13 +35,19 @@ def last_state(part: Trajectory) -> FloatArray:
     return np.ascontiguousarray(part.y[:, -1] if known else part.dense(np.array([part.span[1]]))[:, 0])
 
 
-def rest_of(problem: Problem, parts: Sequence[Trajectory], begin: float, y: FloatArray) -> Problem:
+def rest_of(
+    problem: Problem, parts: Sequence[Trajectory], begin: float, y: FloatArray, *, output_at_begin: bool = False
+) -> Problem:
     """Return the rest of a problem from the time `begin` and the state `y` (2n,) on.
 
-    The steps, wall time and events of the `parts` so far are subtracted from its limits.
+    The steps, wall time and events of the `parts` so far are subtracted from its limits. An output time that is
+    `begin` is kept only if `output_at_begin`.
     """
     forward = 1.0 if problem.t1 >= problem.t0 else -1.0
-    wanted = None if problem.t_eval is None else problem.t_eval[forward * (problem.t_eval - begin) > 0]
+    outputs = problem.t_eval
+    if outputs is not None:
+        ahead = forward * (outputs - begin)
+        outputs = outputs[ahead >= 0 if output_at_begin else ahead > 0]
     steps = sum(part.steps + part.rejected for part in parts)
     wall = None if problem.max_wall is None else max(problem.max_wall - sum(part.wall for part in parts), 1e-3)
     times = [np.concatenate(times) for times in zip(*(part.t_events for part in parts), strict=True)]
@@ -50,7 +56,7 @@ def rest_of(problem: Problem, parts: Sequence[Trajectory], begin: float, y: Floa
         problem,
         t0=begin,
         y0=y,
-        t_eval=wanted,
+        t_eval=outputs,
         max_steps=max(problem.max_steps - steps, 1),
         max_wall=wall,
         events=tuple(_counted(event, count) for event, count in zip(problem.events, seen, strict=True)),
@@ -299,8 +305,8 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
             break
         last = _last(problem, parts)
         parts[-1] = _before_outputs_at_end(problem, parts[-1])
-        rest = rest_of(segment, parts[-1:], end, behind.y)
-        rest = replace(rest, parameters=behind.parameters, t_eval=_outputs_from(problem, end), step=parts[0].step)
+        rest = rest_of(segment, parts[-1:], end, behind.y, output_at_begin=True)
+        rest = replace(rest, parameters=behind.parameters, step=parts[0].step)
         added.append(added[-1] + energy(rest, behind.y) - energy(segment, before))
         begins, values, segment = [*begins, end], [*values, rest.parameter_array], rest
         if last is not None:
@@ -346,7 +352,8 @@ def _last(problem: Problem, parts: Sequence[Trajectory]) -> Status | None:
 def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float, before: FloatArray) -> _Behind:
     """Return the state and the parameters after the events `acting` at time t; `before` (2n,) is the state there."""
     model, y, resets = problem.model, before.copy(), [problem.events[i] for i in acting]
-    for impact in impacts(model, resets, segment.parameter_array):
+    effects = impacts(model, resets, segment.parameter_array)
+    for impact in effects:
         impact.apply(t, before, y)
     parameters = dict(segment.parameters)
     for event in resets:
@@ -358,7 +365,7 @@ def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float,
             parameters[symbol] = value if free else np.nan
     if not (np.isfinite(y).all() and np.isfinite(list(parameters.values())).all()):
         return _Behind(y, parameters, nowhere(listing(_name(problem, i) for i in acting)))
-    named = {row for impact in impacts(model, resets, segment.parameter_array) for row in impact.rows}
+    named = {row for impact in effects for row in impact.rows}
     follows = [row for row in (model.layout.v.start + i for i in model.equations.first_order) if row not in named]
     y[follows] = 0.0
     try:
@@ -385,12 +392,6 @@ def _before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
     count = int(np.searchsorted(abs(part.t - part.span[0]), abs(part.span[1] - part.span[0])))
     count += problem.t_eval is None
     return replace(part, t=part.t[:count], y=part.y[:, :count])
-
-
-def _outputs_from(problem: Problem, begin: float) -> FloatArray | None:
-    """Return the output times from a time on."""
-    forward = 1.0 if problem.t1 >= problem.t0 else -1.0
-    return None if problem.t_eval is None else problem.t_eval[forward * (problem.t_eval - begin) >= 0]
 
 
 def _point(problem: Problem, part: Trajectory, y: FloatArray, status: Status, cause: str = "") -> Trajectory:
