@@ -100,12 +100,15 @@ def _check_constraints(tried: Tried, reach: Reach | None) -> None:
     equations, constraints = tried.equations, tried.equations.constraints
     entries = [entry for row in constraints.gradient for entry in row]
     shape = (len(constraints), len(equations.q), -1)
-    gradient = tried.values(entries).reshape(shape)
-    sizes = tried.values(term_sizes(entries)).reshape(shape)
     pairs = zip(constraints.positions, constraints.velocities, strict=True)
     stated = [psi if phi is None else phi for phi, psi in pairs]
-    _check_empty(constraints.names, gradient, sizes, tried.values(stated), tried.values(term_sizes(stated)))
-    singular = _common_singular(tried.mass_matrices(), gradient)
+    # One evaluation, since all are computed from the same nodes.
+    parts = (entries, term_sizes(entries), stated, term_sizes(stated), tried.mass_entries())
+    rows = tried.values([node for part in parts for node in part])
+    gradient, sizes, values, terms, mass = np.split(rows, np.cumsum([len(part) for part in parts[:-1]]))
+    gradient = gradient.reshape(shape)
+    _check_empty(constraints.names, gradient, sizes.reshape(shape), values, terms)
+    singular = _common_singular(mass.reshape(len(equations.q), len(equations.q), -1), gradient)
     if singular is None:
         return
     if singular.motion is not None:
@@ -210,7 +213,11 @@ class Tried:
     def mass_matrices(self) -> FloatArray:
         """Return the mass matrix at every state tried, (n, n, states)."""
         n = len(self.equations.q)
-        return self.values([entry for row in self.equations.mass for entry in row]).reshape(n, n, -1)
+        return self.values(self.mass_entries()).reshape(n, n, -1)
+
+    def mass_entries(self) -> list[Node]:
+        """Return the entries of the mass matrix, row by row."""
+        return [entry for row in self.equations.mass for entry in row]
 
 
 def _check_empty(
