@@ -18,7 +18,7 @@ from lagrange.dynamics.runs import Runs
 from lagrange.dynamics.section import point_counts
 from lagrange.dynamics.section import section as section_of
 from lagrange.dynamics.sweep import parameter_of, sweep, values_of, with_value
-from lagrange.errors import StatementError, shown
+from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from lagrange.show.dynamics import (
     Bifurcation,
@@ -27,14 +27,14 @@ from lagrange.show.dynamics import (
     PoincareSection,
     shown_as,
 )
-from lagrange.statement.given import require_values
 from lagrange.statement.number import flag, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.system import System
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.settings import check_options
 from lagrange.trajectory.options import RunOptions
-from lagrange.trajectory.progress import compiling, counter, wanted_progress
+from lagrange.trajectory.progress import counter, wanted_progress
+from lagrange.trajectory.run import compiled
 
 TIGHT, USUAL = 1e-12, 1e-9
 """Default relative tolerances: for portraits and sections, whose orbits visibly close, and for bifurcations."""
@@ -189,14 +189,10 @@ def _runs(
     max_steps: int | None = None,
 ) -> tuple[Model, Runs]:
     """Return the model of a system, and its runs. `how` is (method, rtol, step); `tight` is the default of rtol."""
-    if not isinstance(system, (System, Model)):
-        raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene('pendulum').")
-    require_values(system.statement)
     method, rtol, step = how
     if rtol is None and (method is None or (isinstance(method, str) and find(method).claims.adaptive)):
         rtol = tight
-    with compiling(system.statement.name, wanted=bool(wanted_progress(progress))):
-        model = system if isinstance(system, Model) else system.compile()
+    model = compiled(system, "pendulum", progress=wanted_progress(progress))
     options = RunOptions(method, rtol, None, step, max_steps=max_steps)
     check_options(step, rtol)
     if method is not None:
@@ -217,11 +213,11 @@ def _at(model: Model, runs: Runs, name: str) -> Callable[[float], tuple[Statemen
     values = dict(zip(statement.parameters, runs.parameters.tolist(), strict=True))
     chosen = next(p for p in statement.parameters if p.name == name)
 
-    def stated(value: float) -> tuple[Statement, Model]:
+    def at(value: float) -> tuple[Statement, Model]:
         system = System.from_statement(replace(statement, defaults=MappingProxyType({**values, chosen: value})))
         return system.statement, system.compile("numpy", check=False)
 
-    return stated
+    return at
 
 
 def _positive(given: Any, what: str) -> float:

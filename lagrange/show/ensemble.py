@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from lagrange.errors import StatementError, UnknownKey, counted, listing, suggestion
-from lagrange.machine.model import Model, Stated, stated
+from lagrange.machine.model import Model, Stated
 from lagrange.members.chunk import INTERRUPTED, STATUSES, SUCCESS, MemberResults
 from lagrange.members.job import Job
 from lagrange.members.keep import (
@@ -51,7 +51,6 @@ from lagrange.show.notebook.html_card import image, pairs, sentences
 from lagrange.show.terminal.table import duration, text_table
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.event import declare_events
-from lagrange.statement.given import require_values
 from lagrange.statement.number import whole_number
 from lagrange.trajectory.integrate import output_times, span_or_end
 from lagrange.trajectory.integrator import Problem
@@ -60,6 +59,7 @@ from lagrange.trajectory.methods.registry import DEFAULT, find
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.plan import Planned
 from lagrange.trajectory.progress import compiling, counter, wanted_progress
+from lagrange.trajectory.run import compiled
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 if TYPE_CHECKING:
@@ -415,7 +415,7 @@ def ensemble(
     Raises StatementError for invalid arguments, RunError if an executor or a disk fails.
     """
     began = time.perf_counter()
-    model = _model(system, wanted_progress(progress))
+    model = compiled(system, "double-pendulum", progress=wanted_progress(progress))
     t0, t1 = span_or_end(span)
     threads = threads_of(workers)
     if workers is not None and executor is not None:
@@ -437,14 +437,6 @@ def ensemble(
     )
     job = Job(problem, options, keep_of(keep, model, problem.events), table.varying)
     return _run(job, table, threads, executor, store, began=began, progress=wanted_progress(progress))
-
-
-def _model(system: Stated | Model, progress: bool | str) -> Model:
-    """Return the model of a system. Raises StatementError for anything but a system or a model."""
-    statement = stated(system, "double-pendulum")
-    require_values(statement)
-    with compiling(statement.name, wanted=bool(progress)):
-        return system if isinstance(system, Model) else system.compile()
 
 
 def _run(

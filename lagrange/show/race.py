@@ -26,8 +26,8 @@ from lagrange.show.files.atomic_folder import write_together
 from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
 from lagrange.show.terminal.table import text_table
-from lagrange.statement.given import require_values
 from lagrange.statement.number import real_number
+from lagrange.trajectory.run import compiled
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -412,7 +412,6 @@ def race(
         relative=relative,
         digits=digits,
     )
-    require_values(statement)
-    model = system if isinstance(system, Model) else system.compile()
+    model = compiled(system, "kepler")
     result = work_precision.race(model, span, initial, parameters, methods, settings, reference)
     return Race(result, model.statement.name, span, relative=relative)

@@ -9,7 +9,8 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from lagrange.machine.model import Model, Stated
+from lagrange.machine.model import Model, Stated, stated
+from lagrange.statement.given import require_values
 from lagrange.statement.number import flag, real_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate as trajectory_of
@@ -74,6 +75,17 @@ def integrate_since(
     except KeyboardInterrupt:
         explained = interrupted(trajectory, span)
     return Solution(explained, model, values)
+
+
+def compiled(system: Stated | Model, example: str, *, progress: bool | str = False) -> Model:
+    """Return a model as it is, and a system compiled. `progress` says on a terminal that this takes long.
+
+    Raises StatementError for anything else, with the scene `example`, and for given functions without values.
+    """
+    statement = stated(system, example)
+    require_values(statement)
+    with compiling(statement.name, wanted=bool(progress)):
+        return system if isinstance(system, Model) else system.compile()
 
 
 def run_stated(
