@@ -39,8 +39,8 @@ def __getattr__(name: str) -> object:
     """Load a public name from the module it lives in (PEP 562)."""
     if name not in _HOMES:
         raise AttributeError(f"module 'lagrange' has no attribute {name!r}")
-    home = _HOMES[name]
-    value = import_module(f"lagrange.{name}") if home == "lagrange" else getattr(import_module(home), name)
+    home = import_module(_HOMES[name])
+    value = getattr(home, name) if hasattr(home, name) else import_module(f"{home.__name__}.{name}")
     globals()[name] = value
     return value
 

@@ -1,9 +1,5 @@
 """The public names, one a line, each with its module. `__init__.py` reads this file."""
 
-from lagrange import methods as methods
-from lagrange.dynamical import bifurcation as bifurcation
-from lagrange.dynamical import phase_portrait as phase_portrait
-from lagrange.dynamical import poincare as poincare
 from lagrange.errors import LagrangeError as LagrangeError
 from lagrange.errors import RunError as RunError
 from lagrange.errors import SceneError as SceneError
@@ -11,15 +7,17 @@ from lagrange.errors import StatementError as StatementError
 from lagrange.evidence.trust import TrustHorizon as TrustHorizon
 from lagrange.evidence.trust import trust_horizon as trust_horizon
 from lagrange.export.registry import targets as targets
-from lagrange.library import scene as scene
-from lagrange.library import scenes as scenes
-from lagrange.loading import load as load
 from lagrange.members.varied import grid as grid
 from lagrange.members.varied import sample as sample
 from lagrange.recipes.model import Model as Model
+from lagrange.show import methods as methods
+from lagrange.show.dynamics import bifurcation as bifurcation
+from lagrange.show.dynamics import phase_portrait as phase_portrait
+from lagrange.show.dynamics import poincare as poincare
 from lagrange.show.ensemble import Ensemble as Ensemble
 from lagrange.show.ensemble import ensemble as ensemble
 from lagrange.show.figures.new_figure import figure as figure
+from lagrange.show.notebook.shown_lists import scenes as scenes
 from lagrange.show.plotting import plot as plot
 from lagrange.show.race import Race as Race
 from lagrange.show.race import race as race
@@ -37,6 +35,8 @@ from lagrange.statement.given import given as given
 from lagrange.statement.motion import table as table
 from lagrange.statement.multiplier import multiplier as multiplier
 from lagrange.system import System as System
+from lagrange.system import load as load
+from lagrange.system import scene as scene
 from lagrange.trajectory.integrator import Claims as Claims
 from lagrange.trajectory.integrator import Integrator as Integrator
 from lagrange.trajectory.integrator import Problem as Problem

@@ -1,4 +1,4 @@
-"""The public class of a mechanical system: state it, read it, compile it, run it, check it."""
+"""The public class of a mechanical system; systems of the library and runs from files."""
 
 from __future__ import annotations
 
@@ -20,7 +20,6 @@ from lagrange.show.notebook.system_page import system_page
 from lagrange.show.terminal.languages import DETAILS
 from lagrange.statement import scene as scene_files
 from lagrange.statement.choice import ByName, one_of
-from lagrange.statement.choice import text as checked_text
 from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.declare import declare
 from lagrange.statement.given import require_values
@@ -174,9 +173,8 @@ class System:
     def equations(self) -> list[Any]:
         """Return the Euler-Lagrange equations, a list of n SymPy Eq, one per coordinate, as in a textbook.
 
-        Goldstein, Poole, Safko, Classical Mechanics, 3rd ed., sections 1.4 and 1.5, with constraints section 2.4.
         The right-hand sides are the constraint forces, with their multipliers `lagrange.multiplier(name)`. The
-        constraints themselves are `derivation().constraints`.
+        constraints themselves are `derivation().constraints`. Goldstein, Poole, Safko, 3rd ed., sections 1.4, 2.4.
         """
         return EquationList(self._derivation.equations, self.statement)
 
@@ -399,9 +397,8 @@ class System:
     def substitute(self, parameters: Mapping[Any, Any]) -> System:
         """Return the System with numbers or expressions for some parameters, such as {l: 1, m2: mu*m1}.
 
-        Keys are symbols or names. A given function of time can be replaced too, as in {X: sin(t)}. Symbols that are new
-        in the expressions become parameters without a value. Raises StatementError for a key that is not a parameter,
-        and for expressions that are not constant.
+        Keys are symbols or names; {X: sin(t)} replaces a given function of time. New symbols become parameters without
+        a value. Raises StatementError for a key that is not a parameter, and for expressions that are not constant.
         """
         from lagrange.mechanics.reduction import substituted
 
@@ -509,11 +506,8 @@ class System:
         """
         from lagrange.show.notation.graded_answer import graded_answer
 
-        return graded_answer(self._known, self._known_derivation, derived)
-
-    def compare_text(self, text: str) -> EquationsComparison:
-        """Compare equations of motion in a text, as `compare` does. Raises StatementError if `text` is not a string."""
-        return self.compare(checked_text(text, "the text of the equations"))
+        known = self.from_statement(self._known) if self.statement.given else self
+        return graded_answer(known.statement, known.derivation(), derived)
 
     def equilibria(self, rates: Mapping[Any, Any] | None = None) -> list[Equilibrium]:
         """Return the equilibria, each with `.coordinates`, `.stable`, `.energy` and the `.condition` for it to exist.
@@ -536,16 +530,9 @@ class System:
         only, which `.note` reports. They are tested against the Jacobian of the compiled model. Raises StatementError
         for a point that is off the constraints or has no derivatives. Goldstein, Poole, Safko, 3rd ed., section 6.1.
         """
-        from lagrange.mechanics.linearization import check as check_linearization
-        from lagrange.mechanics.linearization import linearized_at
-        from lagrange.mechanics.point import stated_point, with_inputs_as_parameters
+        from lagrange.mechanics.linearization import linearized
 
-        statement, at, inputs = with_inputs_as_parameters(self.statement, at, inputs)
-        system = self if statement is self.statement else self.from_statement(statement)
-        model, point = system.compile("numpy", check=False), stated_point(system._known, at, inputs)
-        linearization = linearized_at(point)
-        check_linearization(linearization, point, model)
-        return linearization
+        return linearized(self, at, inputs)
 
     def modes(self, at: Mapping[Any, Any] | None = None) -> ShownModes:
         """Return frequencies, shapes and stability of small oscillations about an equilibrium; `plot()` draws them.
@@ -587,13 +574,27 @@ class System:
         require_values(self.statement)
         return known_statement(self.statement)
 
-    @property
-    def _known_derivation(self) -> ShownDerivation:
-        return self.from_statement(self._known).derivation() if self.statement.given else self.derivation()
-
 
 def _reached(*given: Any) -> list[Any]:
     """Return the nearest states on the constraints; see `lagrange.compiler.reached`."""
     from lagrange.compiler import reached
 
     return reached(*given)
+
+
+def scene(name: str) -> System:
+    """Return a system of the library by name; `lagrange.scenes()` lists the names. Raises StatementError otherwise."""
+    return System.from_statement(scene_files.load(name))
+
+
+def load(path: str | os.PathLike[str]) -> Solution:
+    """Return the run that `solution.to_npz` wrote, with its system: a Solution.
+
+    Between its outputs it has only the states that the file stores for animations.
+    No code in the file is run: it holds numbers and texts, from which the system is built like that of a scene.
+    Raises StatementError for a file that cannot be read, or that is not from `to_npz`.
+    """
+    from lagrange.compiler import machine, model_of
+    from lagrange.show.files.loaded_run import loaded_run
+
+    return loaded_run(path, lambda statement, target: model_of(statement, machine(target)))

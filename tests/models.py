@@ -12,13 +12,12 @@ from sympy import cos, exp, sin, sqrt
 
 from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
-from lagrange.library import scene
 from lagrange.recipes.model import Model
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.statement.scene import load
 from lagrange.statement.statement import Statement
-from lagrange.system import System
+from lagrange.system import System, scene
 
 TARGETS = ("numpy", "llvm")
 x, y, z, theta, phi, r = coordinates("x y z theta phi r")

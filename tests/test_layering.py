@@ -252,10 +252,15 @@ def test_every_module_is_reachable() -> None:
 
 
 def test_stating_a_system_loads_few_modules() -> None:
-    loaded = loaded_by("lagrange.library", package())
+    loaded = loaded_by("lagrange.system", package())
     assert {"lagrange.system", "lagrange.equations.regularity", "lagrange.show.derivation"} <= loaded
     assert len(loaded) <= MOST_LOADED
     assert not {name for name in loaded if layer(name) in map(STAGES.index, ("machine", "trajectory", "mechanics"))}
+
+
+def test_the_root_has_the_system_and_the_compiler_alone() -> None:
+    files = {path.stem for path in (ROOT / "lagrange").glob("*.py")}
+    assert files == {"__init__", "__main__", "compiler", "errors", "system"}
 
 
 def test_entry_points_exist() -> None:

@@ -97,7 +97,7 @@ def _graded(system: System, path: Path) -> dict[str, Any]:
     """Return the row of one file: an entry for each column, and the whole comparison for --json."""
     found: dict[str, Any] = {"student": path.stem, "file": str(path), "right": False, "reading": ""}
     try:
-        result = system.compare_text(_text(path))
+        result = system.compare(_text(path))
     except StatementError as error:
         return found | {"verdict": UNREADABLE, "finding": str(error)}
     return found | {

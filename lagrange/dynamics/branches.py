@@ -6,7 +6,7 @@ middle one and the last, and followed from there.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,29 +66,30 @@ class BranchesData:
 TIP = 12
 """Number of values added beside a value at which a formula begins to hold."""
 
-ModelAt = Callable[[float], tuple[Statement, Model]]
-"""Function of a parameter value that returns the statement and the model with that value."""
-
 
 def equilibrium_branches(
-    parameter: str, values: FloatArray, model_at: ModelAt, progress: Report | None = None
+    model: Model, parameter: str, values: FloatArray, progress: Report | None = None
 ) -> BranchesData:
-    """Return the equilibria along a parameter; see `lagrange.bifurcation`. Raises StatementError if none is found."""
+    """Return the equilibria along a parameter; see `lagrange.bifurcation`. Raises StatementError if none is found.
+
+    The other parameters have the default values of `model`.
+    """
+    statement = model.statement
+    symbol = next(p for p in statement.parameters if p.name == parameter)
     anchors = list(dict.fromkeys((0, len(values) // 2, len(values) - 1)))
     made: list[Branch] = []
     interrupted, refusal = False, ""
-    statement, _ = model_at(float(values[0]))
     turns = angles(statement)
     try:
         for done, anchor in enumerate(anchors):
-            known, model = model_at(float(values[anchor]))
+            known = model.with_defaults({symbol: float(values[anchor])})
             try:
-                places = equilibria(known, None, model)
+                places = equilibria(known.statement, None, known)
             except StatementError as error:
                 refusal = str(error)
                 continue
             for place in places:
-                _add(made, place, (known, model), (parameter, values, anchor), turns)
+                _add(made, place, known, (parameter, values, anchor), turns)
             if progress is not None:
                 progress(float(done + 1))
             if all(place.exact for place in places):
@@ -112,12 +113,12 @@ def equilibrium_branches(
 def _add(
     made: list[Branch],
     place: Equilibrium,
-    known: tuple[Statement, Model],
+    model: Model,
     along: tuple[str, FloatArray, int],
     turns: tuple[bool, ...],
 ) -> None:
     """Follow an equilibrium in both directions from a value, unless it already belongs to a branch."""
-    (statement, model), (parameter, values, anchor) = known, along
+    statement, (parameter, values, anchor) = model.statement, along
     n = len(statement.coordinates)
     if place.exact:
         values = _with_ends(place, statement, parameter, values)

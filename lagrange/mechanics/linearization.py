@@ -11,14 +11,16 @@ from typing import Any
 import numpy as np
 import sympy
 
+from lagrange.equations.regularity import known_statement
 from lagrange.errors import StatementError, formula, listing
 from lagrange.evidence.sample import Point
-from lagrange.machine.model import Model
+from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.agreement import agrees, compared
 from lagrange.mechanics.constrained_expansion import expansion
 from lagrange.mechanics.plain_form import PlainForm, numeric, simplest
-from lagrange.mechanics.point import StatedPoint
+from lagrange.mechanics.point import StatedPoint, stated_point, with_inputs_as_parameters
 from lagrange.statement.coordinate import t
+from lagrange.statement.given import require_values
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
@@ -119,6 +121,17 @@ class Linearization(ShownAsPage):
 
 def _again(values: dict[str, Any]) -> Linearization:
     return Linearization(**{**values, "at": MappingProxyType(values["at"])})
+
+
+def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
+    """Return the linearization of a system, compared with its compiled model; see `lagrange.System.linearize`."""
+    statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
+    system = system if statement is system.statement else system.from_statement(statement)
+    require_values(statement)
+    point = stated_point(known_statement(statement), at, inputs)
+    linearization = linearized_at(point)
+    check(linearization, point, system.compile("numpy", check=False))
+    return linearization
 
 
 def linearized_at(point: StatedPoint) -> Linearization:

@@ -286,7 +286,7 @@ def test_sympy_and_text_are_read_alike() -> None:
     assert pendulum.compare(sp.Eq(m * l * theta.ddot, -m * g * sp.sin(theta)))
     assert pendulum.compare([l * sp.Symbol("theta_ddot") + g * sp.sin(sp.Symbol("theta"))])
     assert pendulum.compare({theta: "l*theta_ddot == -g*sin(theta)"})
-    assert pendulum.compare_text("# by hand\n\nl*theta_ddot = -g*sin(theta)  # the only one\n")
+    assert pendulum.compare("# by hand\n\nl*theta_ddot = -g*sin(theta)  # the only one\n")
 
 
 @pytest.mark.parametrize(
@@ -320,9 +320,9 @@ def test_refusals(given: Any, message: str) -> None:
 
 def test_files_are_refused_by_line() -> None:
     with pytest.raises(StatementError, match=r"^line 3, column 1: 'c' is not a symbol of this system"):
-        system("pendulum").compare_text("theta_ddot + g/l*sin(theta)\n\nc*theta_dot = 0\n")
+        system("pendulum").compare("theta_ddot + g/l*sin(theta)\n\nc*theta_dot = 0\n")
     with pytest.raises(StatementError, match=r"^there is no equation: write one a line"):
-        system("pendulum").compare_text("# nothing\n")
+        system("pendulum").compare("# nothing\n")
 
 
 @pytest.mark.parametrize(

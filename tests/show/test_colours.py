@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from matplotlib.colors import to_rgb
 
-from lagrange.methods import names, plot_stability
 from lagrange.show.figures import modes_figure
 from lagrange.show.figures.style import COLOURS, colours
+from lagrange.show.methods import names, plot_stability
 
 
 @pytest.mark.parametrize("count", [0, 1, 8, 9, 39, 100])

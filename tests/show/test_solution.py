@@ -16,11 +16,10 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError, counted
-from lagrange.library import scene
 from lagrange.statement.coordinate import coordinate, coordinates, t
 from lagrange.statement.declare import declare
 from lagrange.statement.event import event
-from lagrange.system import System
+from lagrange.system import System, scene
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-import lagrange.methods
 from lagrange.errors import StatementError
 from lagrange.procedure.series.order import HIGHEST_ORDER
 from lagrange.procedure.taylor.constants import LOWEST_ORDER
+from lagrange.show import methods
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import registry
@@ -46,7 +46,7 @@ def test_names_and_instances_are_found() -> None:
     assert find(DEFAULT).claims.adaptive
     instance = RK4(step=0.1)
     assert find(instance) is instance
-    assert set(NAMES) <= set(names()) and names() == list(lagrange.methods.names())
+    assert set(NAMES) <= set(names()) and names() == list(methods.names())
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def test_a_method_without_its_package_is_listed_and_refused_when_it_runs(monkeyp
 )
 def test_options_of_cvode_that_cannot_be_meant(options: dict[str, Any], words: str) -> None:
     with pytest.raises(StatementError, match=words):
-        lagrange.methods.CVODE(**options)
+        methods.CVODE(**options)
 
 
 @pytest.mark.parametrize("name", [*FIXED, *ADAPTIVE])
@@ -136,7 +136,7 @@ def test_claims_are_those_of_the_step(name: str) -> None:
 def test_every_built_in_method_stands_in_the_public_module() -> None:
     for make in BUILT_IN.values():
         name = getattr(make, "__name__", "")
-        assert name in lagrange.methods.__all__ and getattr(lagrange.methods, name) is make
+        assert name in methods.__all__ and getattr(methods, name) is make
 
 
 def test_a_method_is_entered_where_it_is_defined_and_listed_nowhere_else() -> None:
@@ -144,7 +144,7 @@ def test_a_method_is_entered_where_it_is_defined_and_listed_nowhere_else() -> No
     sources = {path.stem: path.read_text("utf-8") for path in sorted(folder.glob("*.py"))}
     families = [name for name, source in sources.items() if re.search(r"^@built_in\(", source, re.MULTILINE)]
     assert families == sorted(family.__name__.rpartition(".")[2] for family in registry.FAMILIES)
-    public = Path(lagrange.methods.__file__).read_text("utf-8")
+    public = Path(methods.__file__).read_text("utf-8")
     assert all(f"from lagrange.trajectory.methods.{name} import *" in public for name in families)
     for name, make in BUILT_IN.items():
         assert make.__module__.rpartition(".")[2] in families

@@ -10,6 +10,7 @@ from sympy import Basic
 from lagrange.show.notation.sections import Formula
 from lagrange.show.notebook.html_card import table
 from lagrange.show.notebook.page_writer import MOST_OPERATIONS, PageWriter, Part, joined, left_out
+from lagrange.statement.scene import library
 from lagrange.statement.statement import Statement
 
 
@@ -52,6 +53,12 @@ class SceneList(list[str]):
 
     def _repr_html_(self) -> str:
         return table(("scene", "about"), list(zip(self, self.about, strict=False)))
+
+
+def scenes() -> list[str]:
+    """Return the names of the scene library."""
+    entries = library()
+    return SceneList((entry.name for entry in entries), (entry.about for entry in entries))
 
 
 def _formulas(rows: Iterable[tuple[str, Any, Any]], statement: Statement) -> Iterator[Part]:

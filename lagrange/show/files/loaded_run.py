@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from lagrange.compiler import machine, model_of
 from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.show.files.archive import UNREADABLE, arrays_of
 from lagrange.statement.choice import printable
+from lagrange.statement.statement import Statement
 from lagrange.statement.stored import restored
 from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
 from lagrange.trajectory.paths.known import OutputPath
@@ -26,13 +26,8 @@ NEEDED = ("t", "y", "names", "card", "statement")
 OUTPUTS_ALONE = "a file has the outputs of a run alone. Ask at these times, or run the system again."
 
 
-def load(path: str | os.PathLike[str]) -> Solution:
-    """Return the run that `solution.to_npz` wrote, with its system: a Solution.
-
-    Between its outputs it has only the states that the file stores for animations.
-    No code in the file is run: it holds numbers and texts, from which the system is built like that of a scene.
-    Raises StatementError for a file that cannot be read, or that is not from `to_npz`.
-    """
+def loaded_run(path: Any, model_of: Callable[[Statement, str], Model]) -> Solution:
+    """Return the run in a file; see `lagrange.load`. `model_of` compiles a statement for a target."""
     if not isinstance(path, (str, os.PathLike)):
         raise StatementError(f"the path is {shown(path)} ({type(path).__name__}): give the path of a file.")
     arrays = arrays_of(path, machine_memory() / MEMORY_DIVISOR)
@@ -44,7 +39,7 @@ def load(path: str | os.PathLike[str]) -> Solution:
         )
     try:
         card, stated = (json.loads(str(arrays[name])) for name in ("card", "statement"))
-        model = model_of(restored(stated), machine(card["target"]))
+        model = model_of(restored(stated), card["target"])
         return Solution(_trajectory(arrays, card, model), model, model.parameter_values(card["parameters"]))
     except StatementError as error:
         raise StatementError(f"{os.fspath(path)!r} cannot be used: {error}") from error
