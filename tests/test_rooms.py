@@ -133,6 +133,20 @@ def test_the_floor_plan_has_every_folder_and_tests_that_exist() -> None:
     assert [test for tests in floor_plan().values() for test in tests if not (ROOT / test).exists()] == []
 
 
+PLACE = re.compile(r"^\| [^|`]+ \| `(lagrange/[\w/]+\.pyi?)` \| `(\w+)` \|$", re.MULTILINE)
+"""A row of the table of ordinary changes: a file, and a name that it defines."""
+
+
+def test_the_places_of_ordinary_changes_exist() -> None:
+    page = (ROOT / "docs" / "dev" / "extending.md").read_text("utf-8")
+    rows = page.split("## An ordinary change")[1].split("\n## ")[0].count("\n| ") - 2
+    places = PLACE.findall(page)
+    assert rows == len(places) >= 20
+    for file, name in places:
+        text = (ROOT / file).read_text("utf-8")
+        assert re.search(rf"^( *def |class |from .* as |){name}\b", text, re.MULTILINE), f"{file} has no {name}"
+
+
 def test_every_folder_of_tests_is_in_the_floor_plan() -> None:
     page = (ROOT / "docs" / "dev" / "extending.md").read_text("utf-8")
     folders = {path.parent.name for path in ROOT.glob("tests/*/test_*.py")}

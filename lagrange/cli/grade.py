@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 from lagrange.cli.arguments import DONE, FAILED, Answer, add_command, add_json, load_scene
 from lagrange.errors import StatementError
-from lagrange.show.files.atomic_file import check_place, write_atomically, write_rows
+from lagrange.show.files.atomic_file import check_place, write_atomically
+from lagrange.show.files.csv_format import write_rows
 from lagrange.show.terminal.table import text_table
 
 if TYPE_CHECKING:

@@ -30,8 +30,8 @@ from lagrange.statement.event import Event
 from lagrange.statement.expression import entries
 from lagrange.statement.given import open_functions
 from lagrange.trajectory.methods import registry
-from lagrange.trajectory.methods.settings import STEPS_UNDER_BRIEF_FORCE
 from lagrange.trajectory.methods.splitting import check_separable
+from lagrange.trajectory.methods.tolerances import STEPS_UNDER_BRIEF_FORCE
 
 DEFAULT = ("rhs", "energy")
 """Default contents of an export."""

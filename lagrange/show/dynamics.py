@@ -36,7 +36,7 @@ from lagrange.show.terminal.table import text_table
 from lagrange.statement.number import flag, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.methods.settings import check_options
+from lagrange.trajectory.methods.tolerances import check_options
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.progress import counter, wanted_progress
 from lagrange.trajectory.run import compiled

@@ -45,7 +45,8 @@ from lagrange.members.table import MemberTable, member_table
 from lagrange.members.work import ExecutorRunner, Runner, ThreadRunner, run_members, threads_of
 from lagrange.show.figures.ensemble_figure import COMPLETE, plot_ensemble
 from lagrange.show.files import FILE_DPI
-from lagrange.show.files.atomic_file import write_atomically, write_rows
+from lagrange.show.files.atomic_file import write_atomically
+from lagrange.show.files.csv_format import write_rows
 from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import image, pairs, sentences
 from lagrange.show.terminal.table import duration, text_table

@@ -13,7 +13,7 @@ from lagrange.machine.state import DriverState
 from lagrange.procedure.step.constants import SMALL_FLOOR
 from lagrange.program.switching import switch
 from lagrange.trajectory.events.actions import rates
-from lagrange.trajectory.events.ending import EventResult, sliding
+from lagrange.trajectory.events.end_messages import EventResult, sliding
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.outputs import Part
 from lagrange.trajectory.sizes import Slopes, raise_to_noise, slopes_of

@@ -19,7 +19,7 @@ from lagrange.trajectory.constraints.approach import NEAR, Independence, regular
 from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
 from lagrange.trajectory.events.actions import ALIKE, impacts
-from lagrange.trajectory.events.ending import EventResult, accumulating, nowhere
+from lagrange.trajectory.events.end_messages import EventResult, accumulating, nowhere
 from lagrange.trajectory.events.event_log import MOST_REPEATS, ChangeCounter
 from lagrange.trajectory.integrator import Integrator, Problem, run_by
 from lagrange.trajectory.messages import message, number

@@ -16,7 +16,7 @@ from lagrange.machine.state import NO_OUTPUTS, DriverState
 from lagrange.procedure.step.constants import AFTER_BROKEN
 from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
-from lagrange.trajectory.events.ending import EventResult
+from lagrange.trajectory.events.end_messages import EventResult
 from lagrange.trajectory.events.event_loop import WatchedEvents
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.integrator import Claims, Integrator, Problem

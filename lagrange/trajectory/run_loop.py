@@ -20,7 +20,7 @@ from lagrange.trajectory.endings import (
     until_dependent,
     until_discontinuity,
 )
-from lagrange.trajectory.events.ending import EventResult
+from lagrange.trajectory.events.end_messages import EventResult
 from lagrange.trajectory.events.event_log import EventLog
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.memory_limit import compiled_late, memory_limit

@@ -20,7 +20,7 @@ from lagrange.statement.coordinate import row_label
 from lagrange.statement.number import real_array
 from lagrange.trajectory.measures.constraint_drift import ConstraintDrift, constraint_drift
 from lagrange.trajectory.measures.constraint_forces import ConstraintForces
-from lagrange.trajectory.measures.drift import EnergyDrift, energy_drift, since_start
+from lagrange.trajectory.measures.energy_drift import EnergyDrift, energy_drift, since_start
 from lagrange.trajectory.measures.sampling import states_at
 from lagrange.trajectory.measures.stiffness import Stiffness, stiffness
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory

@@ -19,7 +19,7 @@ from lagrange.machine.state import DriverState
 from lagrange.procedure.taylor.constants import PROBES
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
-from lagrange.trajectory.events.ending import EventResult
+from lagrange.trajectory.events.end_messages import EventResult
 from lagrange.trajectory.events.event_log import Occurrences
 from lagrange.trajectory.events.planned_step import PlannedStep
 from lagrange.trajectory.events.series_watch import Watch

@@ -1,22 +1,18 @@
-"""Files that are written whole or not at all, and the rows and numbers of CSV files."""
+"""Files that are written whole or not at all."""
 
 from __future__ import annotations
 
 import errno
-import numbers
 import os
 import stat
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable
 from contextlib import suppress
-from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
 from lagrange.errors import RunError, StatementError, shortened, shown
 
 _FULL = {errno.ENOSPC: "the disk is full", errno.EDQUOT: "the disk quota is used up", errno.EFBIG: "it is too large"}
-
-_ROWS_AT_ONCE = 4096
 
 Writer = Callable[[BinaryIO], object]
 """Callback that writes the content of an open binary file."""
@@ -34,36 +30,6 @@ def write_atomically(path: str | os.PathLike[str], write: Writer) -> Path:
         return _write(target, write)
     except OSError as error:
         raise in_words(target, error) from error
-
-
-def write_rows(file: BinaryIO, names: Sequence[str], columns: Sequence[Iterable[object]]) -> None:
-    """Write columns under their names as CSV. Numbers round-trip."""
-    lines = _lines(names, columns)
-    while block := list(islice(lines, _ROWS_AT_ONCE)):
-        file.write("".join(block).encode())
-
-
-def cell(value: object) -> str:
-    """Return a CSV cell (RFC 4180): a number as its shortest round-trip text, a text in a form that is not a formula.
-
-    A text that starts with ``= + - @`` or a control character gets an apostrophe in front, because spreadsheets would
-    run it as a formula.
-    """
-    if isinstance(value, numbers.Integral):
-        return str(int(value))
-    if isinstance(value, numbers.Real):
-        return repr(float(value))
-    text = str(value)
-    if text.lstrip(" ").startswith(("=", "+", "-", "@", "\t", "\r", "\n")):
-        text = "'" + text
-    quoted = not text or any(mark in text for mark in ',"\r\n')
-    return '"' + text.replace('"', '""') + '"' if quoted else text
-
-
-def _lines(names: Sequence[str], columns: Sequence[Iterable[object]]) -> Iterator[str]:
-    yield ",".join(map(cell, names)) + "\n"
-    for row in zip(*columns, strict=True):
-        yield ",".join(map(cell, row)) + "\n"
 
 
 def _write(target: Path, write: Writer) -> Path:

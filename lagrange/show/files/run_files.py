@@ -15,8 +15,9 @@ from numpy.typing import ArrayLike
 
 from lagrange.errors import StatementError
 from lagrange.show.between import stored_between
-from lagrange.show.files.atomic_file import Writer, write_atomically, write_rows
+from lagrange.show.files.atomic_file import Writer, write_atomically
 from lagrange.show.files.atomic_folder import write_together
+from lagrange.show.files.csv_format import write_rows
 from lagrange.show.files.picture import picture
 from lagrange.statement.multiplier import multiplier
 from lagrange.statement.stored import stored

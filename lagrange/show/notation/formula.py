@@ -9,7 +9,8 @@ from typing import Any
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.show.notation.pieces import ATOM, POWER, PRODUCT, SUM, BookOrder, Notation, Piece
+from lagrange.show.notation.book_order import BookOrder
+from lagrange.show.notation.pieces import ATOM, POWER, PRODUCT, SUM, Notation, Piece
 from lagrange.show.notation.sections import Formula, Grid, Partial, Product, Rate, ShownQuantity, Square, Sum, Transpose
 from lagrange.show.notation.text import UnicodeNotation, width
 from lagrange.statement.coordinate import t

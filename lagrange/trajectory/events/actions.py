@@ -18,7 +18,7 @@ from lagrange.statement.declare import state_rows
 from lagrange.statement.event import Event
 from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of
-from lagrange.trajectory.events.ending import EventResult, nowhere, off_constraints
+from lagrange.trajectory.events.end_messages import EventResult, nowhere, off_constraints
 from lagrange.trajectory.trajectory import FloatArray
 
 JUMPING = frozenset(("sign", "atan2", "piecewise"))

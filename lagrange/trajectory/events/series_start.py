@@ -10,7 +10,7 @@ from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact
-from lagrange.trajectory.events.ending import EventResult, sliding, undefined
+from lagrange.trajectory.events.end_messages import EventResult, sliding, undefined
 from lagrange.trajectory.events.planned_step import EventZero
 from lagrange.trajectory.events.roots import Root, Side
 from lagrange.trajectory.events.series_on_step import EventSeries, near, signed_scale, unit

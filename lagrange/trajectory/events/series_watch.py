@@ -18,7 +18,7 @@ from lagrange.machine.state import DriverState
 from lagrange.procedure.events.constants import TOGETHER
 from lagrange.procedure.taylor.constants import MOST_FAILURES
 from lagrange.trajectory.events.actions import Impact, reset_state
-from lagrange.trajectory.events.ending import (
+from lagrange.trajectory.events.end_messages import (
     EventResult,
     accumulating,
     at_rest,

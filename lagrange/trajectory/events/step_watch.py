@@ -22,7 +22,7 @@ from lagrange.procedure.events.constants import CLEAR_FACTOR, NOISE_HALVES, TOGE
 from lagrange.procedure.events.roots import roots
 from lagrange.trajectory.events.actions import rates, reset_state
 from lagrange.trajectory.events.contacts import SMALL_FRACTION, entry, lie, passes_anyhow, sent_through
-from lagrange.trajectory.events.ending import (
+from lagrange.trajectory.events.end_messages import (
     EventResult,
     accumulating,
     at_rest,

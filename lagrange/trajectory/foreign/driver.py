@@ -22,7 +22,7 @@ from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.foreign.fault import Fault
 from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs, StopError
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.methods.settings import adaptive_settings
+from lagrange.trajectory.methods.tolerances import adaptive_settings
 from lagrange.trajectory.options import Tolerances
 from lagrange.trajectory.paths.piecewise import PiecewisePath
 from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant, StepInterpolants

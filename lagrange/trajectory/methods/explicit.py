@@ -19,7 +19,7 @@ from lagrange.statement.expression import MOST_ENTRIES, entries
 from lagrange.statement.number import whole_number
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.built_in import built_in
-from lagrange.trajectory.methods.settings import adaptive_settings, check_options, fixed_settings
+from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options, fixed_settings
 from lagrange.trajectory.paths.step_paths import StepPath, hermite_path, runge_kutta_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by

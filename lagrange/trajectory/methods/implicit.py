@@ -16,7 +16,7 @@ from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.choice import one_of, text
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.built_in import built_in
-from lagrange.trajectory.methods.settings import (
+from lagrange.trajectory.methods.tolerances import (
     adaptive_settings,
     check_holonomic,
     check_options,

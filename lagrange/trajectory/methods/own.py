@@ -20,8 +20,8 @@ from lagrange.program.step import StepProgram, trace
 from lagrange.statement.choice import text
 from lagrange.statement.number import whole_number
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
-from lagrange.trajectory.methods.settings import check_options, fixed_settings
 from lagrange.trajectory.methods.splitting import check_splits
+from lagrange.trajectory.methods.tolerances import check_options, fixed_settings
 from lagrange.trajectory.methods.trial import TrialVector, kind_of, number, refusal
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan

@@ -22,7 +22,7 @@ from lagrange.statement.expression import entries
 from lagrange.statement.number import real_array, real_number, whole_number
 from lagrange.trajectory.integrator import Claims, Problem, method_repr
 from lagrange.trajectory.methods.built_in import built_in
-from lagrange.trajectory.methods.settings import check_options, check_problem, fixed_settings
+from lagrange.trajectory.methods.tolerances import check_options, check_problem, fixed_settings
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.plan import StepPlan
 from lagrange.trajectory.run_loop import drive_by

@@ -23,7 +23,7 @@ from lagrange.trajectory.events.surfaces import stated_sides
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.explicit import DOP853
-from lagrange.trajectory.methods.settings import adaptive_settings, check_options
+from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options
 from lagrange.trajectory.options import Tolerances
 from lagrange.trajectory.paths.series import SeriesPath
 from lagrange.trajectory.paths.step_paths import hermite_path

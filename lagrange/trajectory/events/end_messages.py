@@ -1,4 +1,4 @@
-"""Results of event processing, and the sentence of each end: at rest, events that accumulate, sliding, undefined."""
+"""Result of event processing, and the messages of ends at events: at rest, accumulating events, sliding, undefined."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tolerances and step sizes: what a run asks for, what a method can use, and the defaults."""
+"""Default tolerances and step sizes, and those that a run asks for and a method can use."""
 
 from __future__ import annotations
 

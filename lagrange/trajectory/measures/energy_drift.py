@@ -1,4 +1,4 @@
-"""Drift of the energy along a run, and its scale."""
+"""Drift of the energy along a run: its numbers, its scale, and its sentence."""
 
 from __future__ import annotations
 

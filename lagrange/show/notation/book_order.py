@@ -1,0 +1,150 @@
+"""Order of factors in a product and of terms in a sum, as textbooks print them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from sympy import Add, Derivative
+from sympy.core.function import AppliedUndef
+
+from lagrange.show.notation.names import index_parts
+from lagrange.statement.coordinate import t
+from lagrange.statement.statement import Statement
+
+LETTERS = ("G", "m M mu", "I J Theta", "g", "", "l L R r a b d h s w length radius", "omega Omega nu")
+"""Parameters by the usual meaning of their letters: masses, moments of inertia, gravity, others, lengths, rates.
+
+Textbooks print m g l, m l^2 omega^2, and G m1 m2 with G first. In the same class the order is that of the statement.
+"""
+OTHERS = LETTERS.index("")
+CLASS_OF = {letter: place for place, letters in enumerate(LETTERS) for letter in letters.split()}
+PARAMETER, MULTIPLIER, POSITION, VELOCITY, ACCELERATION, FUNCTION = range(6)
+LAST = (POSITION, 0, 1_000_000)
+"""Rank of time and of symbols that are not in the statement: after the coordinates."""
+
+Key = tuple[Any, ...]
+
+
+class BookOrder:
+    """Sorts factors and terms of the formulas of a statement, in its plain symbols."""
+
+    def __init__(self, statement: Statement) -> None:
+        plain = list(statement.plain.values())
+        self.rank: dict[Any, tuple[int, int, int]] = {}
+        others = [p for p in statement.parameters if p not in statement.defaults]
+        stated = [*statement.defaults, *sorted(others, key=_natural)]
+        for place, parameter in enumerate(stated):
+            head, _ = index_parts(parameter.name)
+            self.rank[parameter] = (PARAMETER, CLASS_OF.get(head, OTHERS), place)
+        for place, one in enumerate(statement.constraints):
+            self.rank[one.multiplier] = (MULTIPLIER, 0, place)
+        for place, symbol in enumerate(plain):
+            self.rank[symbol] = (POSITION + place % 3, 0, place // 3)
+        self.sums = self._stated_sums(statement)
+
+    def _stated_sums(self, statement: Statement) -> frozenset[Any]:
+        """Return the sums of the statement: their signs are kept as the author chose them."""
+        stated = [statement.lagrangian, statement.dissipation, *statement.forces]
+        stated += [one.expression for one in statement.constraints]
+        stated += [entry for point in statement.positions.values() for entry in point]
+        found = (node for expression in stated for node in expression.xreplace(statement.plain).atoms(Add))
+        return frozenset(found)
+
+    def symbols(self, expression: Any) -> list[tuple[int, int, int]]:
+        """Return the ranks of the symbols in an expression, sorted; time and unknown symbols rank with positions."""
+        return sorted(self.rank.get(symbol, LAST) for symbol in expression.free_symbols)
+
+    def moves(self, expression: Any) -> bool:
+        """Return True if an expression contains other symbols than parameters."""
+        return any(rank[0] != PARAMETER for rank in self.symbols(expression))
+
+    def follows(self, factor: Any) -> bool:
+        """Return True if a factor follows a fraction of constants: it is a function or contains variables."""
+        return self.moves(factor) or bool(self.factor(factor)[0] >= ACCELERATION)
+
+    def factor(self, factor: Any) -> Key:
+        """Return the sort key of a factor."""
+        base, exponent = factor.as_base_exp()
+        if given := given_function(base):
+            return (ACCELERATION, 1, base.derivative_count if base.is_Derivative else 0, 0, given)
+        ranks = self.symbols(factor)
+        if base.is_Add and exponent.is_Integer:
+            highest = max((rank[0] for rank in ranks), default=PARAMETER)
+            first = next((rank for rank in ranks if rank[0] == min(highest, POSITION)), (highest, 0, 0))
+            return (highest, *first[1:], 0, str(base))
+        if base.is_Symbol and not exponent.free_symbols and (exponent.is_Integer or not self.moves(base)):
+            return (*self.rank.get(base, LAST), 1, base.name)
+        if not ranks:
+            return (PARAMETER, -1, 0, 0, str(base))
+        moving = [rank for rank in ranks if rank[0] != PARAMETER]
+        lead = (moving or ranks)[0]
+        kind = {"sin": 0, "cos": 1}.get(type(base).__name__, 2)
+        root = base.is_Symbol or base.is_Add
+        return (FUNCTION, 0 if root else 1 + lead[0], lead[2], kind, str(base))
+
+    def term(self, term: Any) -> Key:
+        """Return the sort key of a term: accelerations come first, then velocities, then the rest.
+
+        In the rest squares and products of coordinates come first, as in x^2 + y^2 - l^2, then constants, as in l + x
+        and m1 + m2 sin(theta)^2.
+        """
+        ranks = self.symbols(term)
+        highest = max((rank[0] for rank in ranks), default=PARAMETER)
+        places = [rank[2] for rank in ranks if rank[0] == highest for _ in range(self._power(term, rank))]
+        return (-max(highest, POSITION), self._place(term, highest), places, ranks)
+
+    def _power(self, term: Any, rank: tuple[int, int, int]) -> int:
+        """Return the degree of a symbol in a product, so that x^2 comes before x y, and x y before y^2."""
+        powers = term.as_powers_dict()
+        return next((int(e) for base, e in powers.items() if self.rank.get(base) == rank and e.is_Integer and e > 0), 1)
+
+    def _place(self, term: Any, highest: int) -> int:
+        if highest > POSITION:
+            return 0
+        _, rest = term.as_coeff_Mul()
+        degree = 0
+        for factor in rest.as_ordered_factors() if rest.is_Mul else [rest]:
+            base, exponent = factor.as_base_exp()
+            if self.moves(base) or self.moves(exponent):
+                if not base.is_Symbol or not exponent.is_Integer:
+                    return 3
+                degree += int(exponent)
+        return 1 if degree == 0 else 2 if degree == 1 else 0
+
+    def terms(self, parts: list[Any]) -> list[Any]:
+        """Return the terms of a sum in order, a positive one first unless the sum begins with accelerations."""
+        ordered = sorted(parts, key=self.term)
+        positive = [part for part in ordered if not _negative(part)]
+        if _negative(ordered[0]) and positive and self.term(ordered[0])[0] != -ACCELERATION:
+            ordered.remove(positive[0])
+            ordered.insert(0, positive[0])
+        return ordered
+
+    def turned(self, total: Any) -> bool:
+        """Return True if a sum in parentheses is better written as its negative.
+
+        This is so if most terms are negative. For one half the sign is that of the statement, else the first term is
+        positive.
+        """
+        negative = sum(map(_negative, total.args))
+        if 2 * negative != len(total.args):
+            return 2 * negative > len(total.args)
+        if (total in self.sums) != (-total in self.sums):
+            return total not in self.sums
+        return _negative(min(total.args, key=self.term))
+
+
+def given_function(node: Any) -> str:
+    """Return the name of a function of time, or of its derivative; an empty text for any other expression."""
+    function = node.expr if isinstance(node, Derivative) else node
+    return str(function.func.__name__) if isinstance(function, AppliedUndef) and function.args == (t,) else ""
+
+
+def _natural(parameter: Any) -> list[tuple[int, str]]:
+    """Return the sort key of a name: m2 comes before m10."""
+    head, parts = index_parts(parameter.name)
+    return [(int(part) if part.isdigit() else 0, part) for part in (head, *parts)]
+
+
+def _negative(term: Any) -> bool:
+    return bool(term.as_coeff_Mul()[0].is_negative)
