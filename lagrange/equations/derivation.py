@@ -29,6 +29,7 @@ from lagrange.equations.textbook_algebra import BUDGET, TextbookAlgebra
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import t
 from lagrange.statement.multiplier import multiplier
+from lagrange.statement.named_tables import with_named_tables
 from lagrange.statement.statement import Statement
 
 Part = TypeVar("Part")
@@ -65,6 +66,11 @@ class Derivation:
 
     def __reduce__(self) -> tuple[Any, ...]:
         return derive, (self.statement,)
+
+    def with_named_tables(self) -> tuple[Derivation, tuple[str, ...]]:
+        """Return the derivation with each table as a function S(argument), and a sentence on each table."""
+        statement, sentences = with_named_tables(self.statement)
+        return (derive(statement) if sentences else self), sentences
 
     @cached_property
     def refusal(self) -> str:

@@ -11,6 +11,7 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.statement.dimension import DIMENSIONLESS, Dimension, named
+from lagrange.statement.motion import table_range
 
 SAME_DIMENSION = (sympy.Abs, sympy.Min, sympy.Max)
 """Functions whose value has the dimension of their arguments."""
@@ -38,8 +39,11 @@ class CheckedPart:
 
 
 def in_short(term: Any, plain: Mapping[Any, Any]) -> str:
-    """Return a term in the plain symbols of messages, cut to 80 characters."""
-    return str(term.xreplace(plain))[:80]
+    """Return a term in the plain symbols of messages, with tables by name, cut to 80 characters."""
+    named_tables = term.replace(
+        lambda node: table_range(node) is not None, lambda node: sympy.Function("table")(node.args[0].cond.args[0].lhs)
+    )
+    return str(named_tables.xreplace(plain))[:80]
 
 
 def number_of(exponent: Any) -> Fraction | None:
@@ -52,9 +56,12 @@ def number_of(exponent: Any) -> Fraction | None:
 def inner_parts(expression: Any, dimension: Dimension | None) -> Iterator[tuple[Any, Dimension | None]]:
     """Yield arguments of a function, or branches of a Piecewise, with their required dimensions; None for any.
 
-    Quantities that are compared, such as both sides of a condition, are yielded as their difference.
+    The argument of a table is a number, and so is its value. Quantities that are compared, such as both sides of a
+    condition, are yielded as their difference.
     """
-    if isinstance(expression, sympy.Piecewise):
+    if (table := table_range(expression)) is not None:
+        yield table[0], DIMENSIONLESS
+    elif isinstance(expression, sympy.Piecewise):
         for pair in expression.args:
             yield pair.expr, dimension
             for condition in pair.cond.atoms(sympy.core.relational.Relational):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
@@ -68,6 +68,8 @@ def declare(
     survey.add(potential, "the potential energy")
     moving = dict.fromkeys(survey.velocities)
     checked = declare_constraints(constraints, survey)
+    if coordinates is None:
+        survey.coordinates.update(dict.fromkeys(_first_order(forces, dissipation)))
     chosen = _coordinates(coordinates, survey)
     by_name = {name_of(q): q for q in chosen}
     force_table = _forces(forces, by_name, survey)
@@ -189,6 +191,17 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]
     for name in by_name:
         check_rate(name, by_name, "coordinate")
     return tuple(by_name.values())
+
+
+def _first_order(forces: Any, dissipation: Any) -> Iterator[Any]:
+    """Yield the coordinates on which forces act, and those whose velocities the dissipation contains.
+
+    States of first order stand in no energy.
+    """
+    rubbed = dissipation.atoms(sympy.Derivative) if isinstance(dissipation, sympy.Basic) else ()
+    for q in (*(forces if isinstance(forces, Mapping) else ()), *(rate.expr for rate in rubbed)):
+        if isinstance(q, AppliedUndef) and q.args == (t,) and motion_of(q) is None:
+            yield q
 
 
 def _in_order(coordinates: Iterable[Any]) -> list[Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import cache
@@ -13,6 +13,7 @@ from typing import Any
 import sympy
 
 from lagrange.errors import MANY_PARTS, SceneError, StatementError, formula, has_many_parts, listing, shown, suggestion
+from lagrange.statement.coordinate import t
 from lagrange.statement.parameters import label_of
 from lagrange.statement.scale import SAME_FACTOR
 from lagrange.statement.text import read_expression
@@ -58,7 +59,7 @@ OTHERS = {
 FUNCTIONS_TOO = ("min", "sec")
 """Units whose names are also names of functions in expressions."""
 
-SIGNS = {"µ": "u", "μ": "u", "·": "*", "⋅": "*", "²": "**2", "³": "**3", "\u2126": "ohm", "\u03a9": "ohm"}
+SIGNS = {"^": "**", "µ": "u", "μ": "u", "·": "*", "⋅": "*", "²": "**2", "³": "**3", "\u2126": "ohm", "\u03a9": "ohm"}
 """Signs in texts of units, and their plain spelling."""
 
 
@@ -151,6 +152,11 @@ class Dimension:
     def whole(self) -> bool:
         """True if all exponents are whole numbers."""
         return all(power.denominator == 1 for _, power in self.exponents)
+
+    @property
+    def in_words(self) -> str:
+        """The stated unit, else the dimension."""
+        return self.unit or str(self)
 
     def __str__(self) -> str:
         listed = sorted(
@@ -303,13 +309,46 @@ def read_dimensions(given: Any, known: Mapping[str, Any]) -> dict[Any, Dimension
     return {known[name]: dimension for name, dimension in dimensions.items() if name in known}
 
 
-def check_names(given: Mapping[Any, Any], known: Mapping[str, Any]) -> None:
-    """Raise StatementError for a name that the system does not have.
+def with_dimensions_of_rates(stated: Mapping[Any, Dimension]) -> dict[Any, Dimension]:
+    """Return the dimensions with each of a derivative in time replaced by that of its function of time.
+
+    Raises StatementError if the function was stated too, with a dimension or unit that does not fit.
+    """
+    dimensions = {symbol: one for symbol, one in stated.items() if not isinstance(symbol, sympy.Derivative)}
+    time = dimensions.get(t, named("second"))
+    for rate, dimension in stated.items():
+        if isinstance(rate, sympy.Derivative):
+            function, order = rate.expr, len(rate.variables)
+            integrated = _times(dimension, time, order)
+            base = dimensions.setdefault(function, integrated)
+            if not base.fits(integrated):
+                expected = _times(base, time, -order)
+                raise StatementError(
+                    f"dimensions has {label_of(rate)} in {dimension.in_words} and {label_of(function)} in "
+                    f"{base.in_words}, with {t} in {time.unit or 's'}: state {label_of(rate)} in {expected.in_words}, "
+                    "or leave it out."
+                )
+            if base.factor is None:
+                dimensions[function] = integrated
+    return dimensions
+
+
+def _times(dimension: Dimension, time: Dimension, power: int) -> Dimension:
+    """Return a dimension times a power of that of time, with the text of its unit if it has one."""
+    product = dimension * time ** Fraction(power)
+    if not dimension.unit:
+        return product
+    text = _from_text(dimension.unit, "the unit") * _from_text(time.unit or "s", "the unit of time") ** power
+    return replace(product, unit=str(text) if text.free_symbols else "")
+
+
+def check_names(given: Mapping[Any, Any], known: Mapping[str, Any], rates: Collection[str]) -> None:
+    """Raise StatementError for a name that the system does not have: neither a symbol nor one of its rates.
 
     Unknown symbols are accepted: one table may serve several systems.
     """
     for key in given:
-        if isinstance(key, sympy.Basic) or key in known:
+        if isinstance(key, sympy.Basic) or key in known or key in rates:
             continue
         raise StatementError(
             f"dimensions names {label_of(key)!r}, which this system does not have; its symbols are {listing(known)}."

@@ -15,15 +15,29 @@ from sympy.core.function import AppliedUndef
 from lagrange.errors import StatementError
 from lagrange.statement.checked_part import SAME_DIMENSION, CheckedPart, in_short, inner_parts, number_of
 from lagrange.statement.coordinate import name_of, t
-from lagrange.statement.dimension import DIMENSIONLESS, Dimension, check_names, named, read_dimensions
-from lagrange.statement.motion import motion_of
+from lagrange.statement.dimension import (
+    DIMENSIONLESS,
+    Dimension,
+    check_names,
+    named,
+    read_dimensions,
+    with_dimensions_of_rates,
+)
+from lagrange.statement.motion import motion_of, table_range
 from lagrange.statement.own_numbers import without_own_numbers
-from lagrange.statement.parameters import in_own_parameters
+from lagrange.statement.parameters import in_own_parameters, rate_name
 from lagrange.statement.scale_check import with_scales
 from lagrange.statement.statement import Statement
 
 MOST_PASSES = 20
 """Most passes over a statement that infer unknown dimensions. A pass that finds none is the last."""
+
+
+NO_UNIT = (
+    " The numbers of a table have no unit: with parameters for the units of its points and values write "
+    "value*lg.table(x/point, points, values)."
+)
+"""What to write for a table of numbers with units."""
 
 
 class WrongTermError(Exception):
@@ -39,12 +53,18 @@ def with_dimensions(statement: Statement, given: Mapping[Any, Any]) -> Statement
     known = {"t": t, **dict(zip(statement.names, statement.coordinates, strict=True))}
     known |= {symbol.name: symbol for symbol in statement.parameters}
     known |= {name_of(function): function for function in statement.given}
-    stated = read_dimensions(given, known)
+    rates = {rate_name(name_of(q), order): q.diff(t, order) for q in _functions(statement) for order in (1, 2)}
+    stated = with_dimensions_of_rates(read_dimensions(given, known | rates))
     parts = _parts(statement)
     dimensions = check_dimensions(parts, stated, statement.plain)
     check_dimensions(parts, dimensions | dict(multiplier_dimensions(statement, dimensions)), statement.plain)
-    check_names(given, known)
+    check_names(given, known, rates)
     return replace(statement, dimensions=MappingProxyType(dimensions))
+
+
+def _functions(statement: Statement) -> tuple[Any, ...]:
+    """Return the functions of time of a statement: coordinates and given functions."""
+    return (*statement.coordinates, *statement.given)
 
 
 def _parts(statement: Statement) -> list[CheckedPart]:
@@ -131,7 +151,8 @@ def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any])
         "" if outer is None or wrong.term.is_number or wrong.place == "function" else f", in {in_short(outer, plain)}"
     )
     has = f"{part.what} has the term {term}{inside}, whose dimension is {wrong.found}"
-    return f"{has}; {where}it should be {wrong.wanted}."
+    tables = any(map(table_range, (wrong.term, wrong.within)))
+    return f"{has}; {where}it should be {wrong.wanted}." + (NO_UNIT if tables else "")
 
 
 class _Dimensions:
@@ -154,6 +175,8 @@ class _Dimensions:
             return self._power(*expression.args)
         if expression.is_Add or isinstance(expression, SAME_DIMENSION):
             return self._first(expression.args)
+        if table_range(expression) is not None:
+            return DIMENSIONLESS
         if isinstance(expression, sympy.Piecewise):
             return self._first([pair.expr for pair in expression.args])
         if isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Subs)):

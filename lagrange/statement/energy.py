@@ -13,6 +13,7 @@ from lagrange.errors import StatementError, formula, listing
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.expression import entries, expression, vector
 from lagrange.statement.motion import motion_of
+from lagrange.statement.parameters import label_of
 
 
 def without_velocity(
@@ -58,9 +59,12 @@ def first_order_remedy(rate: str) -> str:
 def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
     """Return m |dr/dt|^2 / 2 of a point mass at `position`, a vector (k,) of any length or one expression.
 
-    Units are those of the mass and the position. Raises StatementError for other types, such as a text.
+    Units are those of the mass and the position. Raises StatementError for a position that contains a velocity, and
+    for other types, such as a text.
     """
     point = vector(position, "the position")
+    for place in point:
+        _check_place(place)
     return expression(mass, "the mass") * sum((sympy.diff(x, t) ** 2 for x in point), sympy.S.Zero) / 2
 
 
@@ -77,6 +81,17 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
         _check_rate(rate, "the angular velocity" if len(rates) == 1 else f"component {i} of the angular velocity")
     omega = sympy.Matrix(rates)
     return (omega.T * _tensor(inertia, omega.rows) * omega)[0, 0] / 2
+
+
+def _check_place(place: Any) -> None:
+    """Raise StatementError if a component of a position contains a velocity."""
+    for rate in sorted(place.atoms(sympy.Derivative), key=str):
+        if rate.expr.args == (t,) and motion_of(rate.expr) is None:
+            name = name_of(rate.expr)
+            raise StatementError(
+                f"the position contains {label_of(rate)}, a rate: kinetic_energy takes a place and differentiates it, "
+                f"so give the place in {name}, or write the energy yourself, such as m*{name}.dot**2/2."
+            )
 
 
 def _check_rate(rate: Any, what: str) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -135,16 +134,7 @@ def _put_in(
         return _written_out(known, symbols) if statement.unknown else known
 
     return replace(
-        statement,
-        kinetic=put(statement.kinetic),
-        potential=put(statement.potential),
-        lagrangian=put(statement.lagrangian),
-        forces=tuple(map(put, statement.forces)),
-        dissipation=put(statement.dissipation),
-        constraints=tuple(
-            replace(constraint, expression=put(constraint.expression)) for constraint in statement.constraints
-        ),
-        positions=MappingProxyType({label: tuple(map(put, point)) for label, point in statement.positions.items()}),
+        statement.mapped(put),
         prescribed=tuple(table.items()),
         open_form=statement,
         parameters=(*statement.parameters, *symbols),

@@ -41,12 +41,17 @@ class Table:
 
 
 def table(argument: Any, points: Any, values: Any) -> Any:
-    """Return a force or energy that is measured at points, as a SymPy expression: a Piecewise of cubics.
+    """Return a function that is known from measurements, such as a force over a distance, as a SymPy expression.
 
-    `argument` is an expression such as a coordinate, a velocity or a distance. `values` (K,) belong to `points` (K,),
-    4 to 200 increasing numbers. A cubic spline joins them: its first and second derivatives are continuous. Outside of
-    the points the value is undefined, and a run that gets there stops with a message. Raises StatementError for points
-    that do not increase, and for numbers that are not finite.
+    It may stand in energies, forces and constraints: `lg.table(x, [0, 1, 2, 3], [0, 0.9, 2.1, 3.8])` is the value at
+    the coordinate x. `argument` is any expression: a coordinate, a velocity, a distance. `values` (K,) belong to
+    `points` (K,), 4 to 200 increasing numbers. They are joined by a cubic spline ("not a knot"), whose first and second
+    derivatives are continuous: the expression is a Piecewise of cubics. Outside of the points it has no value, and a
+    run that gets there stops with a message.
+
+    Numbers have no unit. In a system with `dimensions` write the argument over a unit and a unit before the table, as
+    in `e*lg.table(x/a, points, values)`. A table over time is `lg.given(name, (times, values))`. Raises StatementError
+    for points that do not increase, and for numbers that are not finite.
     """
     variable = expression(argument, "the argument of the table")
     if not variable.free_symbols:
@@ -106,15 +111,20 @@ def spline(table: Table, order: int, variable: Any) -> Any:
     return sympy.Piecewise((sympy.Piecewise(*branches, evaluate=False), inside), evaluate=False)
 
 
+def table_range(node: Any) -> tuple[Any, float, float] | None:
+    """Return (argument, first point, last point) of a table, or of a derivative of one; None for other expressions."""
+    conditions = node.args[0].cond.args if isinstance(node, sympy.Piecewise) and len(node.args) == 1 else ()
+    ends = {type(part): part for part in conditions}
+    if set(ends) == {sympy.StrictGreaterThan, sympy.StrictLessThan}:
+        above, below = ends[sympy.StrictGreaterThan], ends[sympy.StrictLessThan]
+        if above.lhs == below.lhs and above.rhs.is_Float and below.rhs.is_Float:
+            return above.lhs, float(above.rhs), float(below.rhs)
+    return None
+
+
 def ranges(expression: Any) -> Iterator[tuple[Any, float, float]]:
-    """Yield (variable, first point, last point) of each table in an expression."""
-    for node in expression.atoms(sympy.Piecewise):
-        conditions = node.args[0].cond.args if len(node.args) == 1 else ()
-        ends = {type(part): part for part in conditions}
-        if set(ends) == {sympy.StrictGreaterThan, sympy.StrictLessThan}:
-            above, below = ends[sympy.StrictGreaterThan], ends[sympy.StrictLessThan]
-            if above.lhs == below.lhs and above.rhs.is_Float and below.rhs.is_Float:
-                yield above.lhs, float(above.rhs), float(below.rhs)
+    """Yield (argument, first point, last point) of each table in an expression."""
+    yield from (found for node in expression.atoms(sympy.Piecewise) if (found := table_range(node)) is not None)
 
 
 MARK = "motion"

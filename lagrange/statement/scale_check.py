@@ -20,17 +20,29 @@ from sympy.core.function import AppliedUndef
 from lagrange.errors import StatementError
 from lagrange.statement.checked_part import SAME_DIMENSION, CheckedPart, in_short, inner_parts, number_of
 from lagrange.statement.coordinate import name_of
-from lagrange.statement.dimension import BASE, Dimension, named, units_in
+from lagrange.statement.dimension import BASE, Dimension, named, read_dimension, units_in
+from lagrange.statement.motion import table_range
+from lagrange.statement.parameters import label_of
 from lagrange.statement.scale import SAME_FACTOR, Scale, ScaleEquations
 
 COHERENT = {"mass": "kg", "length": "m", "time": "s"}
 """Base units of N, J, W and other units of the SI."""
+
+DERIVED = ("N", "N*m", "N/m", "N*s/m", "W")
+"""Derived units that a remedy writes in place of products of kg, m and s."""
 
 LARGEST = 700.0
 """Largest logarithm of a factor that is printed as a number: doubles overflow at 709."""
 
 FIT = "state all symbols in units that fit together, such as kg, m and s, and angles in rad."
 """The remedy for units that do not fit together."""
+
+
+MOST_TRIED = 12
+"""Most symbols of which another unit is tried as a remedy. Each takes the time of one check."""
+
+MOST_REMEDIES, MOST_NAMED = 2, 4
+"""Most remedies, and most stated units, that a message lists."""
 
 
 class OtherUnitError(Exception):
@@ -56,11 +68,50 @@ def with_scales(
         except OtherUnitError as wrong:
             raise StatementError(
                 f"{part.what} has the term {in_short(wrong.term, plain)} in other units than the terms it is compared "
-                f"with: {FIT} Its unit is {_factor(wrong.ratio)} times theirs."
+                f"with, {_factor(wrong.ratio)} times theirs: {_remedy(parts, dimensions, wrong.term)}"
             ) from None
     completed = {symbol: scales.completed(symbol, dimension) for symbol, dimension in dimensions.items()}
     _check_found([dimension for dimension in dimensions.values() if dimension.unit], completed)
     return completed
+
+
+def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], term: Any) -> str:
+    """Return what to write for a term in another unit: symbols of which each alone, in another unit, mends it."""
+    stated = [symbol for symbol, dimension in dimensions.items() if dimension.unit]
+    # Symbols of the term first: one of them is more often the wrong one.
+    stated.sort(key=lambda symbol: not term.has(symbol))
+    mended = [
+        f"{label_of(symbol)} in {unit} instead of {dimensions[symbol].unit}"
+        for symbol in stated[:MOST_TRIED]
+        if (unit := _fitting_unit(parts, dimensions, symbol))
+    ]
+    if mended:
+        return f"state {', or '.join(mended[:MOST_REMEDIES])}."
+    units = ", ".join(f"{label_of(symbol)} in {dimensions[symbol].unit}" for symbol in stated[:MOST_NAMED])
+    return f"{FIT} Stated are {units}."
+
+
+def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], symbol: Any) -> str:
+    """Return the unit of a symbol in which the units of the other symbols fit together, empty if there is none."""
+    others = {**dimensions, symbol: Dimension(dimensions[symbol].exponents)}
+    scales = _Scales(others)
+    try:
+        for part in parts:
+            scales.check(part)
+    except OtherUnitError:
+        return ""
+    factor = scales.completed(symbol, others[symbol]).factor
+    exponents = dimensions[symbol].exponents
+    if not exponents:
+        return "rad"
+    derived = next((unit for unit in DERIVED if Dimension(exponents, factor).fits(read_dimension(unit, unit))), "")
+    if factor is not None and derived:
+        return derived
+    bases = _base_units([dimension for dimension in others.values() if dimension.unit])
+    if factor is None or not all(name in bases for name, _ in exponents):
+        return ""
+    away, text = min(((abs(factor - scale), text) for scale, text in _made(bases, dimensions[symbol])))
+    return text if away <= SAME_FACTOR else ""
 
 
 class _Scales:
@@ -154,7 +205,7 @@ class _Scales:
                 self.scale(argument)
             else:
                 self._number(argument)
-        if isinstance(expression, sympy.Piecewise):
+        if isinstance(expression, sympy.Piecewise) and table_range(expression) is None:
             return self._equal([pair.expr for pair in expression.args])
         return Scale()
 

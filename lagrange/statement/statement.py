@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
 from math import inf
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -102,6 +102,19 @@ class Statement:
     def __setstate__(self, state: dict[str, Any]) -> None:
         views = {name: MappingProxyType(state[name]) for name in _VIEWS}
         self.__dict__.update(state | views)
+
+    def mapped(self, change: Callable[[Any], Any]) -> Statement:
+        """Return the statement with a function applied to each of its expressions."""
+        return replace(
+            self,
+            kinetic=change(self.kinetic),
+            potential=change(self.potential),
+            lagrangian=change(self.lagrangian),
+            forces=tuple(map(change, self.forces)),
+            dissipation=change(self.dissipation),
+            constraints=tuple(replace(one, expression=change(one.expression)) for one in self.constraints),
+            positions=MappingProxyType({label: tuple(map(change, point)) for label, point in self.positions.items()}),
+        )
 
     @property
     def velocities(self) -> tuple[Any, ...]:

@@ -203,7 +203,9 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ),
     ({"potential": V * coordinate("thet"), "coordinates": [theta]}, "Did you mean 'theta'?"),
     # forces
-    ({"forces": {x: 1}}, "forces names 'x', which is no coordinate of this system; they are theta."),
+    ({"forces": {x: 1}}, "does not contain x.dot, so x has no inertia"),
+    ({"forces": {x: 1}, "coordinates": [theta]}, "forces names 'x', which is no coordinate of this system; they are"),
+    ({"kinetic": 0, "potential": 0, "forces": {x: 1 - x}}, "give its rate as the force on it and x.dot**2/2 as diss"),
     ({"forces": {"thet": 1}}, "Did you mean 'theta'?"),
     ({"forces": {theta.dot: 1}}, "forces names 'theta_dot', which is no coordinate"),
     ({"forces": {theta: 1, "theta": 2}}, "forces names 'theta' twice: give the sum of the forces on it."),

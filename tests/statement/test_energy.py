@@ -79,6 +79,10 @@ def test_what_is_stated_is_real() -> None:
 
 REFUSALS: list[tuple[Any, str]] = [
     (lambda: kinetic_energy(m, "x"), "the position is the text 'x': give SymPy expressions."),
+    (
+        lambda: kinetic_energy(m, (y, x.dot)),
+        "the position contains x_dot, a rate: kinetic_energy takes a place",
+    ),
     (lambda: kinetic_energy(m, []), "the position is empty: give at least one component."),
     (
         lambda: rotational_energy([i1, i2], [w1, w2, w3]),

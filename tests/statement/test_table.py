@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import sympy
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
@@ -104,3 +105,25 @@ def test_a_start_outside_is_named() -> None:
 def test_what_is_no_table_is_refused(argument: Any, points: Any, values: Any, said: str) -> None:
     with pytest.raises(lg.StatementError, match=said):
         lg.table(argument, points, values)
+
+
+def test_a_derivation_writes_tables_as_functions() -> None:
+    system = body(potential=e * lg.table(x / a, POINTS, VALUES), forces={x: -lg.table(x.dot, POINTS, -VALUES)})
+    text = system.derivation().text()
+    assert "V = e*S1(x/a)" in text and "S1 is a table of 7 points from -2 to 2." in text
+    assert "m*x_ddot + e*S1'(x/a)/a = -S2(x_dot)" in text
+    single = body(potential=lg.table(x, POINTS, VALUES))
+    assert "\\[ m \\ddot{x} + S'(x) = 0 \\]" in single.derivation().latex()
+    # The equations that are returned as expressions have the cubics.
+    assert system.equations()[0].lhs.subs(x, 0.3).has(sympy.Piecewise)
+
+
+def test_a_table_of_numbers_with_units_is_refused_with_the_remedy() -> None:
+    for energy in (lg.table(x, POINTS, VALUES), e * lg.table(x, POINTS, VALUES), lg.table(x / a, POINTS, VALUES)):
+        with pytest.raises(
+            lg.StatementError, match=r"table\(x(/a)?\).* have no unit: .* value\*lg.table\(x/point"
+        ) as refusal:
+            body(potential=energy, dimensions={m: "kg", x: "m", a: "m"})
+        assert len(str(refusal.value)) <= 400
+    with pytest.raises(lg.StatementError, match=r"the term x/a in other units .* or a in m instead of cm"):
+        body(potential=e * lg.table(x / a, POINTS, VALUES), dimensions={m: "kg", x: "m", a: "cm"})

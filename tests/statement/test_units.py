@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.statement.dimension import read_dimension
+from lagrange.statement.parameters import label_of
 from lagrange.statement.scene_text import scene_text
 from tests.statement.test_dimensions import KNOWN, SYSTEMS
 
@@ -19,7 +21,7 @@ m, M, k, a, F, c, g, l, w, u = lg.parameters("m M k a F c g l w u")
 x, y, theta = lg.coordinates("x y theta")
 T = m * x.dot**2 / 2
 
-OTHER = "in other units than the terms it is compared with: state all symbols in units that fit together"
+OTHER = "in other units than the terms it is compared with, "
 
 WRONG: dict[str, tuple[dict[str, Any], dict[Any, Any], str, str]] = {
     # statement, units, what is told of, and the ratio of the units
@@ -110,8 +112,42 @@ def test_units_that_do_not_fit_are_refused(name: str) -> None:
     with pytest.raises(StatementError) as refusal:
         lg.System(**given, dimensions=units)
     message = str(refusal.value)
-    assert message.startswith(f"{term} {OTHER}") and message.endswith(f"Its unit is {ratio} times theirs.")
-    assert len(message) <= 400
+    assert message.startswith(f"{term} {OTHER}{ratio} times theirs: state ") and len(message) <= 400
+    remedies = re.findall(r"(\w+) in (\S+) instead of ([^\s,]+?)[,.](?= |$)", message)
+    assert remedies
+    for symbol, unit, stated in remedies:
+        (key,) = (key for key in units if label_of(key) == symbol)
+        assert units[key] == stated
+        lg.System(**given, dimensions=units | {key: unit})
+
+
+def test_units_of_which_two_are_wrong_are_listed() -> None:
+    with pytest.raises(StatementError) as refusal:
+        lg.System(T, k * (x - a) ** 2 / 2, forces={x: F}, dimensions={x: "m", a: "cm", F: "kN", k: "N/m", m: "kg"})
+    assert str(refusal.value).endswith("Stated are x in m, a in cm, F in kN, k in N/m.")
+
+
+RATES: dict[str, tuple[dict[Any, str], str]] = {
+    # units, and the unit of x
+    "inferred": ({x.dot: "cm/s", m: "kg"}, "cm"),
+    "by name": ({"x_dot": "m/s", m: "kg"}, "m"),
+    "of an acceleration": ({x.dot.diff(lg.t): "km/hour^2", lg.t: "hour"}, "km"),
+    "beside a dimension": ({x: "length", x.dot: "mm/ms", lg.t: "ms"}, "mm"),
+    "that fits": ({x: "km", x.dot: "m/s"}, ""),
+    "of a third": ({x.dot: "kg", m: "kg"}, ""),
+}
+
+
+@pytest.mark.parametrize("name", RATES)
+def test_a_unit_of_a_rate_is_that_of_its_coordinate_over_time(name: str) -> None:
+    units, unit = RATES[name]
+    if unit:
+        found = lg.System(T, k * x**2 / 2, dimensions=units).statement.dimensions[x]
+        assert found.unit == unit and found.fits(read_dimension(unit, "x"))
+        return
+    message = "dimensions has x_dot in m/s and x in km, with t in s: state x_dot in km/s, or leave it out."
+    with pytest.raises(StatementError, match=message if x in units else r"m\*x_dot\*\*2/2, whose dimension is mass"):
+        lg.System(T, k * x**2 / 2, dimensions=units)
 
 
 UNITS = {

@@ -76,7 +76,8 @@ class LatexNotation(Notation):
             if arguments[0].simple:
                 return Piece(f"{head} {inside}", closed=closed, call=True)
             return Piece(closed, call=True)
-        shown = {"log": r"\ln", "min": r"\min", "max": r"\max"}.get(name) or self.letter(name)
+        shown = {"log": r"\ln", "min": r"\min", "max": r"\max"}.get(name)
+        shown = shown or self.letter(name.rstrip("'")) + "'" * name.count("'")
         return self.power_of(shown + self.brackets(inside), exponent)
 
     def power_of(self, value: str, exponent: str) -> Piece:

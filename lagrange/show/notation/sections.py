@@ -108,9 +108,10 @@ LAGRANGIAN = ShownQuantity("L")
 
 
 def sections(derivation: Derivation) -> Iterator[Section]:
-    """Yield the sections; a part that is too large is replaced by a sentence that says so."""
+    """Yield the sections; a part that is too large is replaced by a sentence that says so. Tables are functions."""
+    derivation, tables = derivation.with_named_tables()
     statement = derivation.statement
-    yield Section("Stated", tuple(_stated(statement)))
+    yield Section("Stated", (*_stated(statement), *tables))
     if derivation.refusal:
         yield Section("Equations of motion", (f"Not written out: {derivation.refusal}",))
         return
