@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.export.divisors import SOLVED, divisors, fixed, guarded
 from lagrange.export.identifiers import ascii_name
@@ -29,6 +31,7 @@ from lagrange.statement.coordinate import name_of
 from lagrange.statement.event import Event
 from lagrange.statement.expression import entries
 from lagrange.statement.given import open_functions
+from lagrange.statement.parameters import label_of, table_of
 from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.splitting import check_separable
 from lagrange.trajectory.methods.tolerances import STEPS_UNDER_BRIEF_FORCE
@@ -60,7 +63,13 @@ class Wanted:
     taylor: bool
 
 
-def wanted(target: Target, model: Model, contents: Sequence[str] | None, events: Sequence[Event]) -> Wanted:
+def wanted(
+    target: Target,
+    model: Model,
+    contents: Sequence[str] | None,
+    events: Sequence[Event],
+    parameters: Mapping[Any, Any] | None,
+) -> Wanted:
     """Return the requested contents. Raises StatementError for contents that the system or the target do not have."""
     names = list(dict.fromkeys((*target.always, *_names(contents, events))))
     quantities = [name for name in QUANTITIES if name in names]
@@ -70,6 +79,8 @@ def wanted(target: Target, model: Model, contents: Sequence[str] | None, events:
     if MAIN in names and not runs_itself and target.contents & {"steps", "runs"}:
         methods.append(ADAPTIVE_METHOD)
     _refuse(target, model, names, methods, events)
+    if MAIN in names and MAIN not in target.always:
+        _refuse_without_inputs(model, parameters)
     steps = tuple((name, step_of(name)) for name in dict.fromkeys(methods))
     if (steps or not quantities) and "rhs" not in quantities:
         quantities.insert(0, "rhs")
@@ -133,6 +144,20 @@ def _refuse(
             raise StatementError(
                 f"target {target.name!r} has no {what}: leave it out of contents, or take {listing(able)}."
             )
+
+
+def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -> None:
+    """Raise StatementError for a run in which an input has no value: it would be zero."""
+    if isinstance(parameters, np.ndarray):  # it has all values
+        return
+    stated = {label_of(key) for key in table_of(parameters, "parameters", "parameter to value")}
+    missing = [symbol.name for symbol, _ in model.statement.inputs if symbol.name not in stated]
+    if missing:
+        raise StatementError(
+            f"main runs the system, and its {'input' if len(missing) == 1 else 'inputs'} {listing(missing)} "
+            f"{'has' if len(missing) == 1 else 'have'} no value: give one that the run holds, as in parameters="
+            f"{{'{missing[0]}': 1.0}}, or leave main out of contents and call the step with your own values."
+        )
 
 
 def _refuse_runs(target: Target, methods: Sequence[str]) -> None:

@@ -50,7 +50,7 @@ def export(
     declared = () if events is None else declare_events(events, model.statement, constant="an export")
     folder, made = _folder(path)
     try:
-        module = module_of(model, wanted(chosen, model, contents, declared), declared, parameters)
+        module = module_of(model, wanted(chosen, model, contents, declared, parameters), declared, parameters)
         check_operations(chosen, module)
         files = chosen.files(module)
         written = write_together(folder, {name: _writer(text) for name, text in files.items()})

@@ -7,7 +7,7 @@ Source: H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd ed., 2002, ch
 from __future__ import annotations
 
 import cmath
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -63,8 +63,12 @@ class Modes(ShownAsPage):
     linearization: Linearization
 
     def __repr__(self) -> str:
+        return self.summary(map(str, self.frequencies))
+
+    def summary(self, frequencies: Iterable[str]) -> str:
+        """Return one line with the stability and the frequencies as texts."""
         word = {True: "stable", False: "unstable", None: "undecided"}[self.stable]
-        return f"<Modes: {word}; frequencies {listing(map(str, self.frequencies))}>"
+        return f"<Modes: {word}; frequencies {listing(frequencies)}>"
 
 
 @dataclass(frozen=True)

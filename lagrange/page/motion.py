@@ -55,7 +55,7 @@ def contents(statement: Statement) -> tuple[str, ...]:
 def motion_source(model: Model, parameters: Mapping[Any, Any] | None) -> MotionSource:
     """Return the module of a model. Raises StatementError for functions that JavaScript lacks."""
     target, asked = find(TARGET), contents(model.statement)
-    module = module_of(model, wanted(target, model, asked, ()), (), parameters)
+    module = module_of(model, wanted(target, model, asked, (), parameters), (), parameters)
     missing = missing_operation(target, module)
     if missing is not None:
         quantity, function = missing

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from inspect import signature
 from typing import Any
 
 import numpy as np
@@ -45,6 +46,7 @@ def input_functions(model: Model, given: Any) -> Inputs:
             raise StatementError(
                 f"the input {name} is {shown(value)}: give a function of the time, such as lambda t: np.sin(t)."
             )
+        _check_arity(name, value)
         found[name] = value
     missing = [name for name in names if name not in found]
     if missing:
@@ -53,6 +55,21 @@ def input_functions(model: Model, given: Any) -> Inputs:
             f"{{'{missing[0]}': lambda t: ...}}, a function of the time."
         )
     return tuple((places[name], found[name]) for name in names)
+
+
+def _check_arity(name: str, function: Callable[..., Any]) -> None:
+    """Raise StatementError for a function that cannot be called with one argument, the time."""
+    try:
+        arguments = signature(function)
+    except (TypeError, ValueError):  # functions of C have none
+        return
+    try:
+        arguments.bind(0.0)
+    except TypeError:
+        raise StatementError(
+            f"the input {name} is a function of ({', '.join(arguments.parameters)}): give one of the time alone, such "
+            "as lambda t: np.sin(t)."
+        ) from None
 
 
 def at_time(parameters: FloatArray, inputs: Inputs, t: float) -> FloatArray:

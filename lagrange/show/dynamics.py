@@ -31,6 +31,8 @@ from lagrange.show.figures.section_figure import plot_branches, plot_section, pl
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.picture import picture
+from lagrange.show.notation.formula import SideWriter
+from lagrange.show.notation.text import AsciiNotation
 from lagrange.show.notebook.html_card import image, pairs, sentences
 from lagrange.show.terminal.table import text_table
 from lagrange.statement.number import flag, real_number, whole_number
@@ -170,6 +172,10 @@ class EquilibriumBranches(Drawn, BranchesData):
 @dataclass(frozen=True, eq=False, repr=False)
 class ShownModes(Modes):
     """The modes of a system with their picture; see `System.modes`."""
+
+    def __repr__(self) -> str:
+        written = SideWriter(self.linearization.statement, AsciiNotation).setter.write if self.symbolic else str
+        return self.summary(map(written, self.frequencies))
 
     def shapes_in_numbers(self) -> ModeShapes:
         """Return the shapes as numbers, at the values of the parameters: all coordinates, and the stated positions.

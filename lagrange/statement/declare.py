@@ -68,9 +68,7 @@ def declare(
     survey.add(potential, "the potential energy")
     moving = dict.fromkeys(survey.velocities)
     checked = declare_constraints(constraints, survey)
-    if coordinates is None:
-        survey.coordinates.update(dict.fromkeys(_first_order(forces, dissipation)))
-    chosen = _coordinates(coordinates, survey)
+    chosen = _coordinates(coordinates, survey, _first_order(forces, dissipation))
     by_name = {name_of(q): q for q in chosen}
     force_table = _forces(forces, by_name, survey)
     dissipation = _dissipation(dissipation, by_name, survey)
@@ -171,10 +169,12 @@ def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> tuple[Any, Any, 
     return kinetic, potential, kinetic - potential
 
 
-def _coordinates(given: Sequence[Any] | None, survey: Survey) -> tuple[Any, ...]:
+def _coordinates(given: Sequence[Any] | None, survey: Survey, first_order: Iterable[Any]) -> tuple[Any, ...]:
+    """Return the coordinates: those listed, else those in the survey and the states of first order."""
     if given is not None and (not isinstance(given, Iterable) or (isinstance(given, np.ndarray) and not given.ndim)):
         raise StatementError(f"coordinates is {shown(given)}: give a list, such as [{shown(given)}].")
     if given is None:
+        survey.coordinates.update(dict.fromkeys(first_order))
         _check_inferred(survey)
     by_name: dict[str, Any] = {}
     for q in _in_order(survey.coordinates) if given is None else given:

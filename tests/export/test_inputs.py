@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from tests.statement.inputs import VALUES, at, driven
+from tests.statement.inputs import VALUES, X, at, driven, theta, u
 
 STATE, TIME = [0.7, -1.3], 0.4
 
@@ -108,3 +108,18 @@ def test_casadi_and_jax_take_inputs_in_the_parameters(wanted: list[float]) -> No
     jax = pytest.importorskip("jax", reason="JAX is not installed")
     jax.config.update("jax_enable_x64", val=True)
     np.testing.assert_allclose(model.as_jax("rhs")(TIME, STATE, p), wanted, rtol=1e-13)
+
+
+def test_a_run_without_values_of_inputs_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(
+        lg.StatementError, match=r"its inputs X, X_dot, X_ddot and u have no value: give one"
+    ) as refusal:
+        driven().export("c", tmp_path, ["main"])
+    assert len(str(refusal.value)) <= 400 and list(tmp_path.iterdir()) == []
+    held = {"X": 0, "X_dot": 0, "X_ddot": 0, "u": 0.5}
+    driven().export("c", tmp_path, ["main"], parameters=held)
+    subprocess.run(["cc", "-O1", "-DDRIVEN_MAIN", "-o", "main", "driven.c", "-lm"], cwd=tmp_path, check=True)
+    rows = subprocess.run(["./main", "1.0"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout.split()
+    other = driven().substitute({X: 0, u: 0.5}).run(1.0, rtol=1e-10)
+    # main has a tolerance of 1e-8.
+    assert float(rows[-1].split(",")[1]) == pytest.approx(other[theta][-1], rel=1e-6)

@@ -247,3 +247,11 @@ def test_a_mass_of_zero_is_refused_in_a_sentence() -> None:
     with pytest.raises(StatementError, match="the mass matrix is singular at these values of the parameters"):
         massless.modes()
     assert {one.stable for one in massless.equilibria()} == {None}
+
+
+def test_modes_print_frequencies_with_one_root() -> None:
+    angle, (mass, R, r, gravity) = lg.coordinate("angle"), lg.parameters("mass R r gravity")
+    bowl = lg.System(
+        sympy.Rational(3, 4) * mass * (R - r) ** 2 * angle.dot**2, -mass * gravity * (R - r) * sympy.cos(angle)
+    )
+    assert repr(bowl.modes()) == "<Modes: undecided; frequencies sqrt(2*gravity/(3*(R - r)))>"
