@@ -86,7 +86,7 @@ def test_every_recipe_has_a_block_that_runs() -> None:
     assert [
         name for name in (*RECIPES, "ctypes", "scipy", "sympy") if not re.search(rf"(import|from) {name}\b", imports)
     ] == []
-    assert len(bodies) == 8  # NumPy with SciPy, control, Numba, JAX, CasADi, SymPy, ctypes, cffi
+    assert len(bodies) == 9  # NumPy with SciPy, inputs, control, Numba, JAX, CasADi, SymPy, ctypes, cffi
 
 
 def test_the_reference_has_the_public_names_and_no_others() -> None:
