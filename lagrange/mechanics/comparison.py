@@ -206,9 +206,14 @@ def compare_equations(
     samples = motion_samples(statement, SAMPLES)
     understood = [_likeliest(equation, statement, samples) for equation in equations]
     rows = [row for _, row in understood]
+    letters = {multiplier: letter for equation in equations for multiplier, letter in equation.letters.items()}
+
+    def written(expression: Any) -> str:
+        return write(expression.xreplace(letters))
+
     further, untried = branch_samples(statement, rows, samples)
     samples += further
-    result, alone = _compared(derivation, rows, samples, untried, write)
+    result, alone = _compared(derivation, rows, samples, untried, written)
     remark = ""
     if result.wrong:
         slip = slip_of([reading for reading, _ in understood], statement, samples, alone=alone)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import sympy
@@ -14,8 +15,9 @@ from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.sample import Point
 from lagrange.mechanics.agreement import vanishes_in_symbols as vanishes
 from lagrange.mechanics.motion_samples import MotionSample
-from lagrange.statement.coordinate import name_of
+from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import TEXTS, entries, expression
+from lagrange.statement.letters import WORD
 from lagrange.statement.multiplier import constraint_of
 from lagrange.statement.parameters import coordinate_name
 from lagrange.statement.statement import Statement
@@ -34,13 +36,17 @@ class StudentEquation:
     """An equation of motion `zero` = 0, in the plain symbols of `Statement.plain`.
 
     `label` names it in messages. `zero` is left side minus right side; `right` is the right side. `read` is the text of
-    the equation as it was understood. `others` are further readings of an ambiguous text.
+    the equation as it was understood. `differentiated` are the expressions whose time derivative was typed, and
+    `letters` maps multipliers to the letters that were typed for them. `others` are further readings of an ambiguous
+    text.
     """
 
     label: str
     zero: Any
     right: Any = sympy.S.Zero
     read: str = ""
+    differentiated: tuple[Any, ...] = ()
+    letters: Mapping[Any, Any] = field(default_factory=dict)
     others: tuple[StudentEquation, ...] = ()
 
 
@@ -88,6 +94,7 @@ class _EquationReader:
         spellings = {f"{letter}{k}": name for k, name in enumerate(multipliers, 1) for letter in ("lambda", *letters)}
         if len(statement.constraints) == 1:
             spellings |= dict.fromkeys(("lambda", "lam", *letters), next(iter(multipliers)))
+        self.spellings = spellings
         self.typed = TypedReader(self.names, spellings)
 
     def text(self, given: str) -> list[StudentEquation]:
@@ -95,7 +102,13 @@ class _EquationReader:
         equations = [typed for typed in self.typed.equations(given) if not self._is_kinetic_energy(typed)]
         if not equations:
             raise StatementError("there is no equation: write one a line, such as  theta_ddot + g/l*sin(theta) = 0.")
-        return [_equation(f"equation {k}", typed) for k, typed in enumerate(equations, 1)]
+        letters = self._letters(given)
+        return [_equation(f"equation {k}", typed, letters) for k, typed in enumerate(equations, 1)]
+
+    def _letters(self, text: str) -> dict[Any, Any]:
+        """Return {multiplier: symbol of the letter that a text has for it}."""
+        words = {word.replace("_", "") for word in WORD.findall(text)}
+        return {self.names[name]: sympy.Symbol(letter) for letter, name in self.spellings.items() if letter in words}
 
     def _is_kinetic_energy(self, equation: TypedEquation) -> bool:
         """Return True if an equation defines T as the kinetic energy, although T was read as a constraint force."""
@@ -109,7 +122,7 @@ class _EquationReader:
             equations = self.typed.equations(given, what)
             if len(equations) != 1:
                 raise StatementError(f"{what} is a text with {len(equations)} equations: give one in each entry.")
-            return _equation(what, equations[0])
+            return _equation(what, equations[0], self._letters(given))
         if isinstance(given, sympy.Eq):
             left, right = (self.symbols(expression(side, what), what) for side in given.args)
             return StudentEquation(what, left - right, right, f"{spelled(left)} = {spelled(right)}")
@@ -153,9 +166,12 @@ class _EquationReader:
         return stated.xreplace(self.given).xreplace(self.plain | table)
 
 
-def _equation(label: str, typed: TypedEquation) -> StudentEquation:
+def _equation(label: str, typed: TypedEquation, letters: Mapping[Any, Any]) -> StudentEquation:
     """Return the first reading of a typed equation; `others` are its further readings."""
-    first, *others = (StudentEquation(label, reading.zero, reading.right, reading.read) for reading in typed.readings)
+    first, *others = (
+        StudentEquation(label, reading.zero, reading.right, reading.read, reading.differentiated, letters)
+        for reading in typed.readings
+    )
     return replace(first, others=tuple(others))
 
 
@@ -185,7 +201,7 @@ class EquationRow:
     """A linear equation in the plain symbols of a statement: zero = rest + sum of slopes[z] * z over the unknowns z.
 
     The unknowns are accelerations and multipliers. `right` is the right side as it was typed; its terms have the
-    opposite sign in `zero`.
+    opposite sign in `zero`. `differentiated` are the expressions whose time derivative was typed.
     """
 
     statement: Statement
@@ -194,6 +210,7 @@ class EquationRow:
     slopes: Mapping[Any, Any]
     rest: Any
     right: Any = sympy.S.Zero
+    differentiated: tuple[Any, ...] = ()
 
     @cached_property
     def _tape(self) -> Precise:
@@ -219,7 +236,7 @@ class EquationRow:
             symbol: slope * sympy.diff(table.get(symbol, symbol), symbol) for symbol, slope in self.slopes.items()
         }
         zero, right = (side.xreplace(table) for side in (self.zero, self.right))
-        return EquationRow(self.statement, self.label, zero, slopes, self.rest, right)
+        return replace(self, zero=zero, slopes=slopes, right=right)
 
     def numbers(self, sample: MotionSample) -> tuple[list[Any], Any]:
         """Return the values of the coefficients and of the rest at a sample. Raises OutsideDomain if one has none."""
@@ -258,6 +275,13 @@ class EquationRow:
         return bool(residuals) and all(abs(left) <= HELD * size for left, size in residuals)
 
 
+def along_motion(expression: Any, statement: Statement) -> Any:
+    """Return the time derivative along the motion of an expression in coordinates, velocities and time."""
+    plain = list(statement.plain.values())
+    pairs = [(x, rate) for i in range(0, len(plain), 3) for x, rate in pairwise(plain[i : i + 3])]
+    return sympy.Add(sympy.diff(expression, t), *(sympy.diff(expression, x) * rate for x, rate in pairs))
+
+
 def unknowns_of(statement: Statement) -> list[Any]:
     """Return the unknowns of the equations of motion in plain symbols: the accelerations, then the multipliers."""
     return [*list(statement.plain.values())[2::3], *(constraint.multiplier for constraint in statement.constraints)]
@@ -280,7 +304,7 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
     zeros = dict.fromkeys(present, sympy.S.Zero)
     slopes = {symbol: slope.xreplace(zeros) for symbol, slope in slopes.items()}
     rest = equation.zero.xreplace(zeros)
-    return EquationRow(statement, equation.label, equation.zero, slopes, rest, equation.right)
+    return EquationRow(statement, equation.label, equation.zero, slopes, rest, equation.right, equation.differentiated)
 
 
 def tape(expressions: Sequence[Any], statement: Statement) -> Precise:

@@ -21,6 +21,7 @@ from lagrange.mechanics.plain_form import simplest
 from lagrange.mechanics.small import small
 from lagrange.mechanics.student_equations import EquationRow, StudentEquation, row_of, tape, unknowns_of, values_at
 from lagrange.mechanics.term_difference import (
+    MISSING,
     WRONG,
     Difference,
     Numbers,
@@ -32,6 +33,8 @@ from lagrange.mechanics.term_difference import (
     spread,
     summands,
 )
+from lagrange.mechanics.wrong_side import place_of, wrong_part
+from lagrange.statement.multiplier import constraint_of
 from lagrange.statement.statement import Statement
 
 LONGEST_SLIP = 400
@@ -147,54 +150,15 @@ def _slips(equations: Sequence[StudentEquation], statement: Statement, *, alone:
             yield f"All is right for {word}{q} in place of {q}.", {q: factor * q, v: factor * v, a: factor * a}
 
 
-LONGEST_SOLVED = 300
-"""Largest number of operations in a solved acceleration and its right side for which denominators are compared."""
-
-LONGEST_QUOTIENT = 6
-"""Largest number of operations in the quotient of two numerators for which it counts as a common factor."""
-
-
-def wrong_denominator(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence if only the denominator of a solved equation's right side is wrong, else "".
-
-    At least one term of the typed denominator has to be right. Otherwise the numerator may be the wrong part.
-    """
-    names, unknowns = row.statement.names, list(row.slopes)
-    place = next((k for k, slope in enumerate(row.slopes.values()) if slope != 0), len(names))
-    if place >= len(names) or row.zero + row.right != unknowns[place]:
-        return ""
-    above, below = sympy.fraction(row.right)
-    typed = next((factor for factor in sympy.Mul.make_args(below) if factor.is_Add), below)
-    if not typed.free_symbols:
-        return ""
-    try:
-        solved = list(derivation.accelerations.values())[place].xreplace(row.statement.plain)
-    except StatementError:
-        return ""
-    if solved.count_ops() + row.right.count_ops() > LONGEST_SOLVED:
-        return ""
-    numerator, denominator = sympy.fraction(sympy.together(solved))
-    quotient = simplest(above * typed / below / numerator)
-    if quotient.count_ops() > LONGEST_QUOTIENT:
-        return ""
-    expected = sympy.Add(*summands(quotient * denominator))
-    if not set(summands(typed)) & set(sympy.Add.make_args(expected)):
-        return ""
-    right = above * typed / below / expected
-    if not replace(row, zero=unknowns[place] - right, rest=-right, right=right).holds(samples):
-        return ""
-    of = "" if names[place] in row.label else f", that of {names[place]},"
-    return f"In {row.label}{of} the denominator {write(typed)} is wrong: it should be {write(expected)}."
-
-
 NEAR = 0.5
 """Largest ratio of differing terms to agreeing products at which an Euler-Lagrange equation counts as intended."""
 
 LONGEST_FORMULA = 3_000
 """Largest number of operations in a solved acceleration that is compared: expanding a longer one takes seconds."""
 
-BENT = 2
-"""Penalty, in differing terms, of a factor that depends on the state, and of a difference in the solved-for unknown."""
+BENT, SOLVED = 2, 100
+"""Penalties, in differing terms, of a factor that depends on the state, and of a difference in the unknown alone on the
+left side, such as theta_ddot = ...: there the right side is wrong."""
 
 SINGULAR = 1e-12
 """Pivot, relative to its row, below which a mass matrix counts as singular."""
@@ -213,9 +177,9 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     label = f"{row.label[0].upper()}{row.label[1:]}"
     if not any(row.slopes.values()) and not any(sample.first_order for sample in samples):
         return WrongTerm(f"{label} does not hold, and contains no acceleration: it is no equation of motion.")
-    denominator = wrong_denominator(row, derivation, samples, write)
-    if denominator:
-        return WrongTerm(denominator, alone=True)
+    part = wrong_part(row, derivation, samples, write)
+    if part:
+        return WrongTerm(part, alone=True)
     given = _Sorted.of(row.zero, row.statement, samples, _solved_for(row, samples[0]))
     if given is None:
         return WrongTerm(f"{label} does not hold.")
@@ -233,8 +197,11 @@ def _sentence(meant: _Meant, row: EquationRow, write: Write) -> str:
     """Return a sentence on the first product whose coefficient differs, with the signs as they were typed."""
     product, difference = meant.finding()
     side, sign = _side(row, product, difference)
-    of = "" if meant.name in row.label else f", that of {meant.name},"
-    return f"In {row.label}{of}{side} {difference.told(product, sign, write)}"
+    told = difference.told(product, sign, write)
+    constraint = constraint_of(product) if product.is_Symbol else None
+    if difference.kind == MISSING and constraint is not None:
+        told = told.replace(" is missing.", f", the force of the constraint {constraint}, is missing.")
+    return f"{place_of(meant.name, row)}{side} {told}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -442,6 +409,7 @@ class _Meant:
         agreeing = [product for product in products if product not in self.differing]
         self.agreeing = len(agreeing)
         self.agreeing_terms = sum(len(given.terms.get(product, [])) for product in agreeing)
+        self.agreeing_terms += sum(map(self._agreeing_terms, self.differing))
         self.differing_terms = sum(map(self._terms, self.differing))
 
     @property
@@ -459,16 +427,20 @@ class _Meant:
         there = self.given.values.get(product)
         if there is not None and ratio_of(there, self._wanted(product)) is not None:
             return 1
-        factor, left = self.factor.values, list(self.given.terms.get(product, []))
-        missing = 0
+        agreeing = self._agreeing_terms(product)
+        typed, expected = (len(side.terms.get(product, [])) for side in (self.given, self.expected))
+        return max(typed - agreeing, expected - agreeing, 1)
+
+    def _agreeing_terms(self, product: Any) -> int:
+        """Return the number of terms of a coefficient that are as expected."""
+        left = list(self.given.terms.get(product, []))
+        count = len(left)
         for term in self.expected.terms.get(product, []):
-            expected = [c * x for c, x in zip(factor, term, strict=True)]
+            expected = [c * x for c, x in zip(self.factor.values, term, strict=True)]
             match = next((typed for typed in left if same(typed, expected)), None)
-            if match is None:
-                missing += 1
-            else:
+            if match is not None:
                 left.remove(match)
-        return max(len(left), missing, 1)
+        return count - len(left)
 
     def _wanted(self, product: Any) -> Numbers:
         zero = [0] * len(self.factor.values)
@@ -515,7 +487,9 @@ def _rank(meant: _Meant) -> tuple[Any, ...]:
     simple = (1, -1).index(int(constant)) if constant in (1, -1) else 2 if constant is not None else 3
     leading = _leading(meant.given.samples[0], meant.given.statement)
     accelerates = 0 if meant.factor.product in leading else 1
-    doubts = BENT * (meant.bent + (not meant.given.solved.isdisjoint(meant.differing)))
+    doubts = BENT * meant.bent
+    for unknown in meant.given.solved.intersection(meant.differing):
+        doubts += SOLVED if meant.given.coefficients[unknown] == 1 else BENT
     return meant.differing_terms + doubts, -meant.agreeing_terms, simple, accelerates, meant.length
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Callable
 
 import pytest
 import sympy as sp
@@ -193,3 +194,58 @@ def test_an_equation_without_a_value_somewhere_is_wrong() -> None:
         f"x'' = -({drag}) x' sqrt(x'^2 - y'^2)\ny'' = -g - ({drag}) y' sqrt(x'^2 + y'^2)"
     )
     assert not result and result.wrong == (0,)
+
+
+def oscillator() -> lg.System:
+    x, (m, k, c, g, F, w) = lg.coordinate("x"), lg.parameters("m k c g F w")
+    return lg.System(
+        m * x.dot**2 / 2, k * x**2 / 2 - m * g * x, forces={x: F * sp.cos(w * lg.t)}, dissipation=c * x.dot**2 / 2
+    )
+
+
+def orbit() -> lg.System:
+    r, phi = lg.coordinates("r phi")
+    m, M, g = lg.parameters("m M g")
+    return lg.System((m + M) * r.dot**2 / 2 + m * r**2 * phi.dot**2 / 2, M * g * r)
+
+
+def wedge() -> lg.System:
+    X, s = lg.coordinates("X s")
+    m, M, g, a = lg.parameters("m M g a")
+    return lg.System((M + m) * X.dot**2 / 2 + m * s.dot**2 / 2 + m * X.dot * s.dot * sp.cos(a), -m * g * s * sp.sin(a))
+
+
+def strung() -> lg.System:
+    x, y = lg.coordinates("x y")
+    m1, m2, g, L = lg.parameters("m1 m2 g L")
+    return lg.System(m1 * x.dot**2 / 2 + m2 * y.dot**2 / 2, -m1 * g * x - m2 * g * y, constraints={"string": x + y - L})
+
+
+LARGER: list[tuple[Callable[[], lg.System], str, str]] = [
+    (oscillator, "x'' = -k x - c x' + m g + F cos(w t)", "the right side has the wrong factor: it is m times what"),
+    (
+        oscillator,
+        "x'' = -k x/m^2 - c x'/m^2 + g/m + F cos(w t)/m^2",
+        "the right side has the wrong factor: it is 1/m times",
+    ),
+    (
+        oscillator,
+        "x'' = -k x - c x' + g + F cos(w t)",
+        "on the right side the sum F*cos(t*w) - k*x is wrong",
+    ),
+    (orbit, "d/dt(m r phi') = 0\nr'' = 0", "the term d/dt(m*r*phi_dot) is wrong: it should be d/dt(m*r**2*phi_dot)."),
+    (orbit, "M g - m r phi'^2 = -d/dt(m r')", "the term d/dt(m*r_dot) is wrong: it should be d/dt((M + m)*r_dot)."),
+    (wedge, "(M - m) X'' + m s'' cos a = 0", "the term -m*X_ddot has the wrong sign: it is -m*X_ddot, and should be"),
+    (wedge, "(M + 2m) X'' + m s'' cos a = 0", "the term 2*m*X_ddot has the wrong factor: it is 2*m*X_ddot, 2 times"),
+    (strung, "m1 x'' = m1 g - T\nm2 y'' = m2 g + T", "the term T has the wrong sign: it is T, and should be -T."),
+    (strung, "x'' = g\ny'' = -g", "the term -lambda_string/m1, the force of the constraint string, is missing."),
+]
+"""Wrong answers, and what is said of a part that is larger than a term, or of a force of a constraint."""
+
+
+@pytest.mark.parametrize(("system", "text", "said"), LARGER)
+def test_a_wrong_factor_momentum_or_force_is_named_as_a_whole(
+    system: Callable[[], lg.System], text: str, said: str
+) -> None:
+    message = system().compare(text).message
+    assert said in message.replace("w*t", "t*w"), message

@@ -50,12 +50,14 @@ LONGEST_SYMBOLS = 120
 class Reading:
     """One reading of an equation: left minus right side, `zero`, and the right side, in the symbols of the reader.
 
-    `read` is the equation in the strict notation, with both its sides.
+    `read` is the equation in the strict notation, with both its sides. `differentiated` are the expressions whose time
+    derivative was typed, as in d/dt(m x').
     """
 
     zero: Any
     right: Any
     read: str
+    differentiated: tuple[Any, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -270,17 +272,20 @@ class TypedReader:
     def _built(self, formulas: Sequence[Formula], begin: int) -> Reading:
         """Return the reading of formulas in strict text. Raises _Faults if the strict reader refuses them."""
         names = dict(self.symbols)
+        differentiated = []
         try:
             for formula in formulas:
                 for name, (operand, order) in formula.rates.items():
-                    names[name] = self._differentiated(read_expression(operand, names), order)
+                    inside = read_expression(operand, names)
+                    names[name] = self.differentiated(inside, order)
+                    differentiated += [inside] * (order == 1)
             values = [read_expression(formula.text, names) for formula in formulas]
         except SceneError as error:
             read = " = ".join(formula.shown for formula in formulas)
             raise _Faults(
                 [TypedFault(f"read as {read[:120]}: {error.reason.removesuffix('.')[:160]}", begin)]
             ) from None
-        return _reading(values, " = ".join(formula.shown for formula in formulas))
+        return _reading(values, " = ".join(formula.shown for formula in formulas), differentiated)
 
     def _rates(self) -> dict[Any, Any]:
         """Return {symbol: its time derivative} for coordinates, velocities and given functions."""
@@ -295,7 +300,7 @@ class TypedReader:
             if name in self.symbols and rate in self.symbols
         }
 
-    def _differentiated(self, expression: Any, order: int) -> Any:
+    def differentiated(self, expression: Any, order: int) -> Any:
         """Return the time derivative of that order along the motion. Raises SceneError if a symbol has none."""
         for _ in range(order):
             left = expression.free_symbols - set(self.rates)
@@ -364,9 +369,9 @@ class _Faults(Exception):
         self.faults = faults
 
 
-def _reading(values: Sequence[Any], read: str) -> Reading:
+def _reading(values: Sequence[Any], read: str, differentiated: Sequence[Any] = ()) -> Reading:
     right = values[1] if len(values) > 1 else sympy.S.Zero
-    return Reading(values[0] - right, right, read)
+    return Reading(values[0] - right, right, read, tuple(differentiated))
 
 
 def _bracketed(side: Sequence[Token]) -> list[Token]:

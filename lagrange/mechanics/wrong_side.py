@@ -1,0 +1,134 @@
+"""Wrong parts of an equation that are more than a term: a denominator, the factor of a side, a typed momentum."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from typing import Any
+
+import sympy
+
+from lagrange.equations.derivation import Derivation
+from lagrange.errors import StatementError
+from lagrange.mechanics.motion_samples import MotionSample
+from lagrange.mechanics.plain_form import simplest
+from lagrange.mechanics.student_equations import EquationRow, StudentEquation, along_motion, row_of
+from lagrange.mechanics.term_difference import Write, summands
+from lagrange.statement.coordinate import t
+
+
+def wrong_part(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
+    """Return a sentence on the only wrong part of an equation if that is more than a term, else ""."""
+    return (
+        _wrong_denominator(row, derivation, samples, write)
+        or _wrong_factor(row, derivation, samples, write)
+        or _wrong_momentum(row, derivation, samples, write)
+    )
+
+
+def place_of(name: str, row: EquationRow) -> str:
+    """Return the begin of a sentence about an equation, with the name of its coordinate unless the label has it."""
+    return f"In {row.label}" + ("" if name in row.label else f", that of {name},")
+
+
+LONGEST_SOLVED = 300
+"""Largest number of operations in a solved acceleration and its right side for which denominators are compared."""
+
+LONGEST_QUOTIENT = 6
+"""Largest number of operations in the quotient of two numerators for which it counts as a common factor."""
+
+
+def _wrong_denominator(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
+    """Return a sentence if only the denominator of a solved equation's right side is wrong, else "".
+
+    At least one term of the typed denominator has to be right. Otherwise the numerator may be the wrong part.
+    """
+    form = _solved(row, derivation)
+    if form is None:
+        return ""
+    name, acceleration, solved = form
+    above, below = sympy.fraction(row.right)
+    typed = next((factor for factor in sympy.Mul.make_args(below) if factor.is_Add), below)
+    if not typed.free_symbols:
+        return ""
+    numerator, denominator = sympy.fraction(sympy.together(solved))
+    quotient = simplest(above * typed / below / numerator)
+    if quotient.count_ops() > LONGEST_QUOTIENT:
+        return ""
+    expected = sympy.Add(*summands(quotient * denominator))
+    if not set(summands(typed)) & set(sympy.Add.make_args(expected)):
+        return ""
+    right = above * typed / below / expected
+    if not replace(row, zero=acceleration - right, rest=-right, right=right).holds(samples):
+        return ""
+    return f"{place_of(name, row)} the denominator {write(typed)} is wrong: it should be {write(expected)}."
+
+
+def _wrong_factor(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
+    """Return a sentence if the right side of a solved equation is a constant times the right one, else "".
+
+    A side with one term is left to the search for a wrong term.
+    """
+    form, typed = _solved(row, derivation), summands(row.right)
+    if form is None or len(typed) < 2:
+        return ""
+    name, acceleration, solved = form
+    state = {*row.statement.plain.values(), t}
+    for term in summands(solved):
+        factor = sympy.cancel(typed[0] / term)
+        if factor.free_symbols & state or factor == 0:
+            continue
+        right = row.right / factor
+        if replace(row, zero=acceleration - right, rest=-right, right=right).holds(samples):
+            word = "sign" if factor == -1 else "factor"
+            told = f"has the wrong {word}: it is {write(factor)} times what it should be."
+            return f"{place_of(name, row)} the right side {told}"
+    return ""
+
+
+def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
+    """Return a sentence if only an expression under a typed d/dt is wrong, else ""."""
+    for typed in row.differentiated:
+        for name, expected in _momenta(derivation, typed):
+            change = along_motion(expected - typed, row.statement)
+            for sign in (1, -1):  # on the left side, or on the right
+                corrected = row_of(StudentEquation(row.label, row.zero + sign * change), row.statement)
+                if corrected.holds(samples):
+                    told = f"the term d/dt({write(typed)}) is wrong: it should be d/dt({write(expected)})."
+                    return f"{place_of(name, row)} {told}"
+    return ""
+
+
+def _momenta(derivation: Derivation, typed: Any) -> Iterator[tuple[str, Any]]:
+    """Yield (name of a coordinate, its momentum times a constant) that may be meant by a typed expression."""
+    statement = derivation.statement
+    try:
+        momenta = [p.xreplace(statement.plain) for p in derivation.momenta.values()]
+    except StatementError:
+        return
+    ones = dict.fromkeys((*statement.plain.values(), t), sympy.S.One)
+    for name, momentum in zip(statement.names, momenta, strict=True):
+        if momentum == 0 or momentum.count_ops() > LONGEST_SOLVED:
+            continue
+        factor = sympy.cancel(typed / momentum).xreplace(ones)
+        for constant in dict.fromkeys((sympy.S.One, -sympy.S.One, factor)):
+            if constant.is_finite is not False and constant != 0:
+                yield name, sympy.Mul(constant, momentum) if momentum.is_Mul else constant * momentum
+
+
+def _solved(row: EquationRow, derivation: Derivation) -> tuple[str, Any, Any] | None:
+    """Return name, acceleration and right solution of an equation with an acceleration alone on its left side.
+
+    None for another form, and for a solution that is too long.
+    """
+    names, unknowns = row.statement.names, list(row.slopes)
+    place = next((k for k, slope in enumerate(row.slopes.values()) if slope != 0), len(names))
+    if place >= len(names) or row.zero + row.right != unknowns[place]:
+        return None
+    try:
+        solved = list(derivation.accelerations.values())[place].xreplace(row.statement.plain)
+    except StatementError:
+        return None
+    return (
+        None if solved.count_ops() + row.right.count_ops() > LONGEST_SOLVED else (names[place], unknowns[place], solved)
+    )
