@@ -17,8 +17,10 @@ import pytest
 from sympy import Symbol
 from sympy.core.function import AppliedUndef
 
+from lagrange.machine.llvm import engine
 from lagrange.statement.coordinate import COORDINATES, PARAMETERS
 from tests import covering
+from tests.kept_code import KeptCode, shrink
 
 mpl.use("Agg")
 
@@ -57,6 +59,13 @@ def pytest_configure(config: pytest.Config) -> None:
     if getattr(config.option, "dist", "no") == "load":
         # Each process gets whole files, in their order: models and machine code are made once per file.
         config.option.dist, config.option.loadscopereorder = "loadfile", False
+    if config.pluginmanager.has_plugin("cacheprovider"):
+        engine._compiled = KeptCode(config.cache.mkdir("object_code"), engine._compiled)
+
+
+def pytest_unconfigure(config: pytest.Config) -> None:
+    if isinstance(engine._compiled, KeptCode) and not hasattr(config, "workerinput"):
+        shrink(engine._compiled.folder)
 
 
 def chosen_by_hand(config: pytest.Config) -> bool:

@@ -1,0 +1,58 @@
+"""Object code that tests keep from run to run: LLVM takes almost half of their processor time.
+
+Nearly every text that a run compiles is one of the run before. The code depends on the text, the passes, the version
+of LLVM, the processor, and on the module that calls LLVM: its source is part of the name of a file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import llvmlite.binding as llvm
+
+from lagrange.machine.llvm import engine
+
+ROOM = 500_000_000
+"""Bytes in the folder after a run. A default run writes some 60 MB, a run of all cases several times as much."""
+
+DIGEST = 32
+"""Bytes of the checksum at the begin of a file."""
+
+
+class KeptCode:
+    """Takes the place of the function that compiles a text: the code of a text that was compiled before is read."""
+
+    def __init__(self, folder: Path, compiled: Callable[..., bytes]) -> None:
+        self.folder, self._compiled = folder, compiled
+        processor = f"{llvm.get_host_cpu_name()} {llvm.get_host_cpu_features().flatten()}"
+        source = Path(engine.__file__).read_text("utf-8")
+        self._setting = f"{llvm.llvm_version_info} {processor} {source}"
+
+    def __call__(self, text: str, effort: int, passes: Callable[[Any, Any], None] | None) -> bytes:
+        """Return the object code of a text, as the function does whose place this takes."""
+        way = f"{self._setting}\n{effort} {passes and passes.__name__}\n{text}"
+        file = self.folder / hashlib.sha256(way.encode()).hexdigest()
+        kept = file.read_bytes() if file.exists() else b""
+        if kept and hashlib.sha256(kept[DIGEST:]).digest() == kept[:DIGEST]:
+            os.utime(file)
+            return kept[DIGEST:]
+        code = self._compiled(text, effort, passes)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        part = file.with_name(f"{file.name}.{os.getpid()}")
+        part.write_bytes(hashlib.sha256(code).digest() + code)
+        part.replace(file)
+        return code
+
+
+def shrink(folder: Path, room: int = ROOM) -> None:
+    """Remove files until the others fit: those first that were read or written longest ago."""
+    files = [(file, file.stat()) for file in folder.glob("*")]
+    taken = sum(status.st_size for _, status in files)
+    for file, status in sorted(files, key=lambda entry: entry[1].st_mtime):
+        if taken > room:
+            file.unlink(missing_ok=True)
+            taken -= status.st_size

@@ -1,0 +1,33 @@
+"""Object code that is kept between runs is that of its text, and what is kept has a bound."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from tests.kept_code import KeptCode, shrink
+
+
+def test_a_text_is_compiled_once_and_again_where_its_file_is_damaged(tmp_path: Path) -> None:
+    compiled: list[tuple[str, int]] = []
+
+    def compile_text(text: str, effort: int, passes: object) -> bytes:
+        compiled.append((text, effort))
+        return f"{text} {effort}".encode()
+
+    ways = [("a", 0), ("a", 2), ("b", 2)]
+    for _ in range(2):
+        kept = KeptCode(tmp_path / "code", compile_text)
+        assert [kept(*way, None) for way in ways] == [b"a 0", b"a 2", b"b 2"]
+    assert compiled == ways
+    for file in kept.folder.glob("*"):
+        file.write_bytes(file.read_bytes()[:-1] + b"9")
+    assert kept("a", 0, None) == b"a 0" and compiled == [*ways, ("a", 0)]
+
+
+def test_files_that_were_read_longest_ago_are_removed(tmp_path: Path) -> None:
+    for age, name in enumerate("dcba"):
+        (tmp_path / name).write_bytes(bytes(10))
+        os.utime(tmp_path / name, (100 - age, 100 - age))
+    shrink(tmp_path, 25)
+    assert sorted(file.name for file in tmp_path.glob("*")) == ["c", "d"]
