@@ -7,6 +7,7 @@ import random
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import sympy
@@ -43,6 +44,15 @@ Form = dict[Any, float]
 UNIT = sympy.S.One
 
 
+@dataclass(frozen=True)
+class _Row:
+    """A monomial of size 1: powers of unknowns by index, powers of other symbols, logarithm of its coefficient."""
+
+    unknowns: dict[int, float]
+    known: tuple[tuple[Any, float], ...]
+    unit: float
+
+
 class Scales:
     """Typical magnitudes of the coordinates and velocities of a statement, for any values of its parameters.
 
@@ -51,12 +61,14 @@ class Scales:
     """
 
     def __init__(self, statement: Statement) -> None:
-        self._unknown = (*statement.coordinates, *statement.velocities)
-        self._rows: list[Form] = []
+        unknowns = (*statement.coordinates, *statement.velocities)
+        self._index = {unknown: k for k, unknown in enumerate(unknowns)}
         self._forms: dict[Any, Form] = {}
+        self._monomials: list[Form] = []
         stated = (statement.lagrangian, *statement.forces, statement.dissipation)
-        for expression in (*stated, *(one.expression for one in statement.constraints)):
+        for expression in (*stated, *(constraint.expression for constraint in statement.constraints)):
             self._read(expression)
+        self._rows = [self._row(form) for form in self._monomials if any(symbol in self._index for symbol in form)]
 
     def sizes(self, parameters: Mapping[Any, float], start: Sequence[float] = ()) -> tuple[float, ...]:
         """Return the 2n sizes. A size that is of order one, or not determined, is 1.
@@ -64,32 +76,25 @@ class Scales:
         A state `start` (2n,) gives the sizes that constants and parameters do not determine.
         """
         logarithms = {p: math.log(abs(x)) for p, x in parameters.items() if x and math.isfinite(x)}
-        rows = [row for row in (self._with(form, logarithms) for form in self._rows) if row is not None]
+        rows: list[tuple[dict[int, float], float]] = []
+        for row in self._rows:
+            # A row is left out if one of its symbols has no size.
+            unit = row.unit + sum(power * logarithms.get(symbol, math.nan) for symbol, power in row.known)
+            if math.isfinite(unit):
+                rows.append((row.unknowns, unit))
         solution = _Solution(rows)
-        for unknown, value in zip(self._unknown, start, strict=False):
+        for k, value in enumerate(start):
             if value:
-                solution.settle(unknown, math.log(abs(value)))
-        for unknown in self._unknown:
-            solution.settle(unknown, 0.0)
-        bounded = (max(-EXTREME, min(EXTREME, solution.sizes[unknown])) for unknown in self._unknown)
+                solution.settle(k, math.log(abs(value)))
+        for k in self._index.values():
+            solution.settle(k, 0.0)
+        bounded = (max(-EXTREME, min(EXTREME, solution.sizes[k])) for k in self._index.values())
         return tuple(1.0 if abs(size) <= ORDINARY else math.exp(size) for size in bounded)
 
-    def _with(self, form: Form, logarithms: Mapping[Any, float]) -> Form | None:
-        """Return a row in the unknowns only, with the logarithms of the parameters inserted.
-
-        None if a parameter has no size, or if the row has no unknown.
-        """
-        row: Form = {UNIT: 0.0}
-        for symbol, power in form.items():
-            if symbol in logarithms:
-                row[UNIT] += power * logarithms[symbol]
-            elif symbol is UNIT:
-                row[UNIT] += power
-            elif symbol in self._unknown:
-                row[symbol] = power
-            else:
-                return None
-        return row if len(row) > 1 and math.isfinite(row[UNIT]) else None
+    def _row(self, form: Form) -> _Row:
+        unknowns = {self._index[symbol]: power for symbol, power in form.items() if symbol in self._index}
+        known = tuple((s, power) for s, power in form.items() if s is not UNIT and s not in self._index)
+        return _Row(unknowns, known, form.get(UNIT, 0.0))
 
     def _read(self, expression: Any) -> None:
         """Add the rows of an expression, children first."""
@@ -116,11 +121,11 @@ class Scales:
             return {symbol: power * float(node.exp) for symbol, power in parts[0].items()}
         if isinstance(node, (sympy.Abs, sympy.Max, sympy.Min, sympy.Add, *RELATIONS)):
             # All terms get the size of the first one, preferably of one without unknowns.
-            parts.sort(key=lambda part: any(symbol in self._unknown for symbol in part))
-            self._rows += [_product([part, {s: -power for s, power in parts[0].items()}]) for part in parts[1:]]
+            parts.sort(key=lambda part: any(symbol in self._index for symbol in part))
+            self._monomials += [_product([part, {s: -power for s, power in parts[0].items()}]) for part in parts[1:]]
             return parts[0]
         if isinstance(node, sympy.Function) and not isinstance(node, (sympy.Piecewise, sympy.sign)):
-            self._rows += parts
+            self._monomials += parts
         return {UNIT: 0.0} if not isinstance(node, sympy.Piecewise) else parts[0]
 
 
@@ -138,46 +143,43 @@ def _product(parts: Sequence[Form]) -> Form:
 class _Solution:
     """Solves the rows, linear equations for logarithms of sizes, one unknown after another.
 
-    `sizes` has the known logarithms. A row gives its last unknown as soon as all others are known.
+    A row has the powers of its unknowns, by index, and its constant term. `sizes` has the known logarithms. A row gives
+    its last unknown as soon as all others are known.
     """
 
-    def __init__(self, rows: Sequence[Form]) -> None:
-        self.sizes: dict[Any, float] = {}
+    def __init__(self, rows: Sequence[tuple[Mapping[int, float], float]]) -> None:
+        self.sizes: dict[int, float] = {}
         self._rows = rows
-        self._waiting: dict[Any, list[int]] = {}
-        for k, row in enumerate(rows):
-            for symbol in row.keys() - {UNIT}:
-                self._waiting.setdefault(symbol, []).append(k)
-        self._left = [len(row) - 1 for row in rows]
-        for k, left in enumerate(list(self._left)):
-            if left == 1:
-                self._follow(k)
+        self._waiting: dict[int, list[int]] = {}
+        for k, (powers, _) in enumerate(rows):
+            for unknown in powers:
+                self._waiting.setdefault(unknown, []).append(k)
+        self._left = [len(powers) for powers, _ in rows]
+        for powers, unit in rows:
+            if len(powers) == 1:
+                for unknown, power in powers.items():
+                    self.settle(unknown, -unit / power)
 
-    def settle(self, symbol: Any, size: float) -> None:
+    def settle(self, unknown: int, size: float) -> None:
         """Set the logarithm of a size, unless it is known, and compute those that follow from it."""
-        if symbol in self.sizes:
+        if unknown in self.sizes:
             return
-        self.sizes[symbol] = size
-        fresh = deque([symbol])
+        self.sizes[unknown] = size
+        fresh = deque([unknown])
         while fresh:
             for k in self._waiting.get(fresh.popleft(), ()):
                 self._left[k] -= 1
-                if self._left[k] == 1 and (follower := self._alone(k)):
-                    fresh.append(follower)
+                if self._left[k] == 1:
+                    fresh += self._last(k)
 
-    def _follow(self, k: int) -> None:
-        row = self._rows[k]
-        for symbol in row.keys() - {UNIT, *self.sizes}:
-            self.settle(symbol, -row[UNIT] / row[symbol])
-
-    def _alone(self, k: int) -> Any:
-        """Compute the size of the last unknown of a row and return this unknown, or None if the size is known."""
-        row = self._rows[k]
-        for symbol in row.keys() - {UNIT, *self.sizes}:
-            known = sum(power * self.sizes[s] for s, power in row.items() if s in self.sizes)
-            self.sizes[symbol] = -(row[UNIT] + known) / row[symbol]
-            return symbol
-        return None
+    def _last(self, k: int) -> list[int]:
+        """Compute the size of the last unknown of a row and return this unknown, alone; nothing if it is known."""
+        powers, unit = self._rows[k]
+        last = [unknown for unknown in powers if unknown not in self.sizes]
+        for unknown in last:
+            known = sum(power * self.sizes[other] for other, power in powers.items() if other in self.sizes)
+            self.sizes[unknown] = -(unit + known) / powers[unknown]
+        return last
 
 
 def sampled_statement(model: Model) -> tuple[Statement, Callable[[Point], Point]]:
@@ -268,7 +270,11 @@ class Sampler:
     def __init__(self, statement: Statement, seed: int) -> None:
         self.statement = statement
         self._draw = random.Random(seed)
-        self._scales = Scales(statement)
+        scales = Scales(statement)
+        # Points with the default parameters share their sizes.
+        self._sizes = lru_cache(maxsize=2)(
+            lambda values, start: scales.sizes(dict(zip(statement.parameters, values, strict=True)), start)
+        )
         n = len(statement.coordinates)
         self._initial = (statement.initial[:n], statement.initial[n:])
 
@@ -282,7 +288,7 @@ class Sampler:
             moves = [[(0.0, self._of_order_one(), 1.0) for _ in values] for values in self._initial]
         t = self._draw.uniform(0.1, 2.0) * (max(0.1, self.statement.run.t_end / 2) if near else 1.0)
         parameters = self._parameters(kind.parameters)
-        q, v = self._placed(moves, self._scales.sizes(parameters, self.statement.initial if near else ()))
+        q, v = self._placed(moves, self._sizes(tuple(parameters.values()), self.statement.initial if near else ()))
         return Point(q, v, self._within(t), parameters, kind.name)
 
     def initial(self) -> Point:
@@ -298,7 +304,7 @@ class Sampler:
         ]
         t = abs(self._of_order_one()) * self._magnitude()
         parameters = self._parameters(self._draw.choice(("default", "near default", "order one")))
-        q, v = self._placed(moves, self._scales.sizes(parameters))
+        q, v = self._placed(moves, self._sizes(tuple(parameters.values()), ()))
         return Point(q, v, self._within(t), parameters, "far and wide")
 
     def _placed(
