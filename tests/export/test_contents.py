@@ -14,6 +14,8 @@ import pytest
 from sympy import sin
 
 import lagrange as lg
+from lagrange.export.contents import module_of, wanted
+from lagrange.export.registry import find
 
 LOADED = """
 import sys
@@ -99,6 +101,16 @@ def test_lines_are_short(target: str, tmp_path: Path) -> None:
     contents = ["rhs", "jacobian", *steps, *(["taylor"] if target == "c" else [])]
     made = lg.scene("four-bar").export(target, tmp_path, contents)
     assert max(len(line) for file in made.files for line in file.read_text().splitlines()) <= 120
+
+
+def test_the_tested_run_takes_few_steps() -> None:
+    """Python took 3,000 steps in the run that tests a page of 50 particles that come near each other."""
+    x = lg.coordinate("x")
+    fast = lg.System(kinetic=x.dot**2 / 2, potential=1e10 * x**2, initial={x: 1.0}, name="fast")
+    model = fast.compile("numpy")
+    check = module_of(model, wanted(find("python"), model, ["dop853"], ()), ()).step_checks[0]
+    assert 1e-5 < check.length < 1e-2
+    assert check.result[0] == pytest.approx(np.cos(2e10**0.5 * check.length), abs=1e-9)
 
 
 LOADED_BY_C = """
