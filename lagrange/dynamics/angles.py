@@ -26,15 +26,14 @@ def angles(statement: Statement) -> tuple[bool, ...]:
     """
     form = PlainForm(statement)
     parts = [form.lagrangian, *form.forces, *(form.read(constraint.expression) for constraint in statement.constraints)]
-    seen = [form.read(entry) for point in statement.positions.values() for entry in point]
-    return tuple(_is_angle(form, q, parts, seen) for q in form.q)
+    positions = [form.read(entry) for point in statement.positions.values() for entry in point]
+    circular = {f for part in (*parts, *positions) for f in part.atoms(sympy.sin, sympy.cos, sympy.tan)}
+    turning = frozenset().union(*(f.free_symbols for f in circular))
+    return tuple(q in turning and _is_periodic(form, q, parts) for q in form.q)
 
 
-def _is_angle(form: PlainForm, q: sympy.Symbol, parts: list[sympy.Expr], seen: list[sympy.Expr]) -> bool:
-    among = [part for part in parts if part.has(q)]
-    circular = [f for part in (*among, *seen) for f in part.atoms(sympy.sin, sympy.cos, sympy.tan)]
-    trigonometric = any(f.has(q) for f in circular)
-    return trigonometric and all(vanishes(form, part.xreplace({q: q + 2 * sympy.pi}) - part) for part in among)
+def _is_periodic(form: PlainForm, q: sympy.Symbol, parts: list[sympy.Expr]) -> bool:
+    return all(vanishes(form, part.xreplace({q: q + 2 * sympy.pi}) - part) for part in parts if part.has(q))
 
 
 def is_angle(statement: Statement, row: int) -> bool:

@@ -104,9 +104,9 @@ EXPANDED_TERMS = 10_000
 """Most monomials for multiplying out: 0.1 s. Beyond it the formulas stay nested. Three links need 2,000."""
 LONGEST_FORMULA = 20_000
 """Most operations in one acceleration: some 50 printed pages."""
-LONGEST_SLOPES = 10_000
-"""Most operations inside the derivatives of L by all coordinates together. 20 bodies with forces
-between all pairs have 9,000, and their derivation takes 20 s. A chain of 30 links has 2,000."""
+LONGEST_SLOPES = 5_500
+"""Most operations inside the derivatives of L by all coordinates together. 15 bodies with forces
+between all pairs have 5,000, and their derivation takes 6 s. A chain of 30 links has 2,000."""
 LARGEST_FRACTION = 10**6
 """Fractions with larger numbers are shown as decimals, where the statement has decimals."""
 

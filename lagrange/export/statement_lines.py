@@ -74,12 +74,20 @@ def _told(event: Event, write: Callable[[Any], str]) -> str:
 
 def _writer(statement: Statement) -> Callable[[Any], str]:
     """Return the function that writes an expression as text: in textbook order, or for long ones in SymPy's order."""
-    plain, booklike = StrPrinter({"order": "none"}), cache(lambda: Typesetter(statement, AsciiNotation()))
+    booklike = cache(lambda: Typesetter(statement, AsciiNotation()))
+    printer, plain = StrPrinter({"order": "none"}), statement.plain
+
+    def named(other: Callable[[Any], str]) -> Callable[[Any], str]:
+        return lambda node: plain[node].name if node in plain else other(node)
+
+    # Long expressions are not rewritten in plain symbols first: SymPy needs seconds for that.
+    printer._print_AppliedUndef = named(printer._print_Function)
+    printer._print_Derivative = named(printer.emptyPrinter)
 
     def write(expression: Any) -> str:
         if count_ops(expression) <= LONG:
             return booklike().write(expression)
-        return str(plain.doprint(expression.xreplace(dict(statement.plain))))
+        return str(printer.doprint(expression))
 
     return write
 

@@ -11,13 +11,15 @@ from functools import cache
 from html import escape
 from pathlib import Path
 
+import sympy
+
 from lagrange.equations.derivation import Derivation
 from lagrange.page.description import moving_points
 from lagrange.show.derivation import HtmlPage
 from lagrange.show.figures.style import DARK, LIGHT, Style, colours
 from lagrange.show.files.template import filled
 from lagrange.show.notation.names import plain_text
-from lagrange.show.notation.sections import Section, sections
+from lagrange.show.notation.sections import Formula, Section, sections
 from lagrange.show.notation.text import UnicodeNotation
 from lagrange.show.sliders import PARAMETER, Slider
 from lagrange.statement.statement import Statement
@@ -28,6 +30,11 @@ OPEN = ("Stated", "Equations of motion")
 LONGEST = 30_000
 """Longest section, in characters; a longer one is replaced by a sentence. The accelerations of the double pendulum take
 8,000."""
+
+SHORTEST_OPERATION = 20
+"""Least number of characters of an operation with its operand, in MathML."""
+
+TOO_LONG = "These formulas are too long to be read here: `lagrange derive` prints them."
 
 
 class FoldedFormulas(HtmlPage):
@@ -41,9 +48,9 @@ class FoldedFormulas(HtmlPage):
 
     def section(self, section: Section) -> str:
         """Return a section, or a sentence instead of it if it is too long."""
-        inside = "\n".join(map(self.row, section.rows))
-        if len(inside) > LONGEST:
-            inside = self.row("These formulas are too long to be read here: `lagrange derive` prints them.")
+        inside = "" if _is_long(section) else "\n".join(map(self.row, section.rows))
+        if not inside or len(inside) > LONGEST:
+            inside = self.row(TOO_LONG)
         opened = " open" if section.heading in OPEN else ""
         heading = self.heading(section, escape, "<math>{}</math>")
         return f"<details{opened}><summary>{heading}</summary>\n{inside}\n</details>\n"
@@ -53,6 +60,13 @@ class FoldedFormulas(HtmlPage):
         base = name.removesuffix("_dot")
         dots = int(name != base and base in self.statement.names)
         return f"<math>{self.lines.sides.notation.letter(base if dots else name, dots)}</math>"
+
+
+def _is_long(section: Section) -> bool:
+    """Return True if the text of a section is surely longer than `LONGEST`, by its number of operations."""
+    sides = [side for row in section.rows if isinstance(row, Formula) for side in row.sides]
+    operations = sum(int(side.count_ops()) for side in sides if isinstance(side, sympy.Basic))
+    return operations * SHORTEST_OPERATION > LONGEST
 
 
 def formulas(derivation: Derivation) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from math import inf
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -97,7 +98,8 @@ class Statement:
 
     def __getstate__(self) -> dict[str, Any]:
         # Read-only views of dicts do not pickle.
-        return self.__dict__ | {name: dict(getattr(self, name)) for name in _VIEWS}
+        stored = {name: value for name, value in self.__dict__.items() if name != "plain"}
+        return stored | {name: dict(getattr(self, name)) for name in _VIEWS}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         views = {name: MappingProxyType(state[name]) for name in _VIEWS}
@@ -177,7 +179,7 @@ class Statement:
         pairs = [(function, motion.values) for function, motion in known if motion and motion.values is not None]
         return [pair if isinstance(pair[1], Expr) else f"{name_of(pair[0])} is given by {pair[1]}." for pair in pairs]
 
-    @property
+    @cached_property
     def plain(self) -> Mapping[Any, Any]:
         """Replacement of q(t) and its derivatives by real symbols `q`, `q_dot`, `q_ddot`, for differentiation."""
         table: dict[Any, Any] = {}

@@ -16,11 +16,12 @@ from sympy import cos, erf, sin
 import lagrange as lg
 from lagrange.cli.program import main
 from lagrange.page.description import rate
-from lagrange.page.document import SCRIPTS, TEMPLATE, in_script
+from lagrange.page.document import SCRIPTS, TEMPLATE, FoldedFormulas, in_script
 from lagrange.page.motion import contents
 from lagrange.page.sliders import nice, parameter_bounds
 from lagrange.show.figures.space import AZIMUTH, ELEVATION, from_side, spring
 from lagrange.show.files.template import as_json
+from lagrange.show.notation.sections import sections
 from tests.models import shared_scene
 from tests.systems import pendulum
 
@@ -155,6 +156,16 @@ def test_formulas_that_are_too_long_are_left_out(tmp_path: Path, monkeypatch: py
 
 
 # --- sliders
+
+
+def test_formulas_that_are_surely_too_long_are_not_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The energies of 50 particles were written for half a minute, and then left out."""
+    x = lg.coordinate("x")
+    system = lg.System(kinetic=x.dot**2 / 2, potential=sum(sin(k * x) for k in range(1, 900)), coordinates=[x])
+    page = FoldedFormulas(system.statement)
+    monkeypatch.setattr(page, "lines", None)
+    (section, *_) = sections(system.derivation())
+    assert "too long to be read here" in page.section(section)
 
 
 def test_bounds_of_sliders() -> None:

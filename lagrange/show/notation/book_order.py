@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from typing import Any
 
 from sympy import Add, Derivative
@@ -40,15 +41,17 @@ class BookOrder:
             self.rank[one.multiplier] = (MULTIPLIER, 0, place)
         for place, symbol in enumerate(plain):
             self.rank[symbol] = (POSITION + place % 3, 0, place // 3)
-        self.sums = self._stated_sums(statement)
+        self._statement = statement
+        self._factors: dict[Any, Key] = {}
 
-    def _stated_sums(self, statement: Statement) -> frozenset[Any]:
-        """Return the sums of the statement: their signs are kept as the author chose them."""
+    @cached_property
+    def sums(self) -> frozenset[Any]:
+        """The sums of the statement: their signs are kept as the author chose them."""
+        statement = self._statement
         stated = [statement.lagrangian, statement.dissipation, *statement.forces]
         stated += [one.expression for one in statement.constraints]
         stated += [entry for point in statement.positions.values() for entry in point]
-        found = (node for expression in stated for node in expression.xreplace(statement.plain).atoms(Add))
-        return frozenset(found)
+        return frozenset(node for part in stated for node in part.xreplace(statement.plain).atoms(Add))
 
     def symbols(self, expression: Any) -> list[tuple[int, int, int]]:
         """Return the ranks of the symbols in an expression, sorted; time and unknown symbols rank with positions."""
@@ -63,7 +66,12 @@ class BookOrder:
         return self.moves(factor) or bool(self.factor(factor)[0] >= ACCELERATION)
 
     def factor(self, factor: Any) -> Key:
-        """Return the sort key of a factor."""
+        """Return the sort key of a factor. Factors recur: each key is made once."""
+        if factor not in self._factors:
+            self._factors[factor] = self._key(factor)
+        return self._factors[factor]
+
+    def _key(self, factor: Any) -> Key:
         base, exponent = factor.as_base_exp()
         if given := given_function(base):
             return (ACCELERATION, 1, base.derivative_count if base.is_Derivative else 0, 0, given)

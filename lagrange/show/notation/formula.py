@@ -38,6 +38,7 @@ class Typesetter:
         self.notation = notation
         self.order = BookOrder(statement)
         self.plain = statement.plain
+        self._signed: dict[Any, tuple[bool, Piece]] = {}
         self.letters: dict[Any, str] = {t: notation.letter("t")}
         for symbol in (*statement.parameters, *(one.multiplier for one in statement.constraints)):
             self.letters[symbol] = notation.letter(symbol.name)
@@ -69,11 +70,14 @@ class Typesetter:
         return Piece(self.notation.signs([(True, self.notation.grouped(piece, PRODUCT))]), SUM) if negative else piece
 
     def signed(self, node: Any) -> tuple[bool, Piece]:
-        """Return True if a term is subtracted, and the term without its sign."""
-        if node.is_Add:
-            return False, self.piece(node)
-        sign, above, below, number = self.parts(node)
-        return sign, self.quotient(above, below, number)
+        """Return True if a term is subtracted, and the term without its sign. Terms recur: each is written once."""
+        if node not in self._signed:
+            if node.is_Add:
+                self._signed[node] = False, self.piece(node)
+            else:
+                sign, above, below, number = self.parts(node)
+                self._signed[node] = sign, self.quotient(above, below, number)
+        return self._signed[node]
 
     def parts(self, node: Any) -> tuple[bool, list[Any], list[Any], Any]:
         """Return a term as (negative, factors above, factors below, number); sums have the sign of textbooks.
