@@ -108,7 +108,7 @@ def test_the_tested_run_takes_few_steps() -> None:
     x = lg.coordinate("x")
     fast = lg.System(kinetic=x.dot**2 / 2, potential=1e10 * x**2, initial={x: 1.0}, name="fast")
     model = fast.compile("numpy")
-    check = module_of(model, wanted(find("python"), model, ["dop853"], ()), ()).step_checks[0]
+    check = module_of(model, wanted(find("python"), model, ["dop853"], (), None), ()).step_checks[0]
     assert 1e-5 < check.length < 1e-2
     assert check.result[0] == pytest.approx(np.cos(2e10**0.5 * check.length), abs=1e-9)
 
