@@ -349,9 +349,8 @@ class System:
     def to_scene(self, path: str | os.PathLike[str]) -> Path:
         """Write the statement as a scene file, which `System.from_scene` reads back. Returns its path.
 
-        The file holds energies, forces, constraints, values, initial state, points, links, units, given functions, the
-        description of the system, and its default options of a run. SymPy assumptions, such as positive parameters, are
-        not stored. Raises StatementError for content that a scene cannot hold, such as a parameter without a value or a
+        The file holds the whole statement and the default options of a run, but no SymPy assumptions, such as positive
+        parameters. Raises StatementError for content that a scene cannot hold, such as a parameter without a value or a
         function without a formula, and for a path that cannot be written.
         """
         from lagrange.show.files.atomic_file import write_atomically
@@ -485,9 +484,9 @@ class System:
     def noether(self, generator: Mapping[Any, Any]) -> Any:
         """Return the conserved quantity of a symmetry, given its generator: {x: -y, y: x} for a rotation.
 
-        Keys are coordinates, their names, or t for a shift in time; values depend on coordinates, parameters and t. The
-        Lagrangian may change by a total derivative. Raises StatementError, with the rate of the quantity, for a
-        generator that is not a symmetry, and where no proof is found. Goldstein, Poole, Safko, 3rd ed., section 13.7.
+        Keys are coordinates or t, for a shift in time; values depend on coordinates, parameters and t. The Lagrangian
+        may change by a total derivative. Raises StatementError, with the rate of the quantity, for a generator that is
+        not a symmetry, and where no proof is found. Goldstein, Poole, Safko, 3rd ed., section 13.7.
         """
         from lagrange.mechanics.conserved import noether_quantity
 
@@ -506,8 +505,9 @@ class System:
         """
         from lagrange.show.notation.graded_answer import graded_answer
 
-        known = self.from_statement(self._known) if self.statement.given else self
-        return graded_answer(known.statement, known.derivation(), derived)
+        known = self._known
+        derivation = (self.from_statement(known) if self.statement.given else self).derivation()
+        return graded_answer(known, derivation, derived)
 
     def equilibria(self, rates: Mapping[Any, Any] | None = None) -> list[Equilibrium]:
         """Return the equilibria, each with `.coordinates`, `.stable`, `.energy` and the `.condition` for it to exist.
@@ -562,7 +562,7 @@ class System:
     ) -> Figure:
         """Return a Matplotlib figure of the eigenvalues about an equilibrium along a parameter.
 
-        Arguments and raised errors are those of `System.eigenvalues`; `style` is "light" or "dark".
+        Arguments and raised errors are those of `eigenvalues`; `style` is "light" or "dark".
         """
         from lagrange.show.figures.modes_figure import plot_eigenvalues
 

@@ -137,6 +137,19 @@ def speaks_of_its_making(file: str, source: str) -> Iterator[str]:
             yield f"{file}:{number} {line.strip()[:70]}"
 
 
+# --- formulas -------------------------------------------------------------------------------------------------
+
+
+def simplifies(file: str, source: str) -> Iterator[str]:
+    """Calls of SymPy's `simplify`, whose time has no bound, also inside methods of matrices."""
+    for node in nodes(parsed(source)) if "simplify" in source else ():
+        match node:
+            case ast.Call(func=ast.Attribute(value=ast.Name(id="sympy"), attr="simplify")):
+                yield f"{file}:{node.lineno} calls simplify: call simplest() of lagrange/mechanics/plain_form.py"
+            case ast.keyword(arg="simplify", value=ast.Constant(value=True)):
+                yield f"{file}:{node.value.lineno} lets SymPy simplify: give simplify=simplest"
+
+
 # --- figures --------------------------------------------------------------------------------------------------
 
 MAKES_FIGURES = "lagrange/show/figures/new_figure.py"
@@ -264,7 +277,7 @@ def test_there_is_something_to_look_at() -> None:
 
 
 @pytest.mark.parametrize(
-    "rule", [too_long, runs_text, silences, undocumented, makes_figures], ids=lambda rule: rule.__name__
+    "rule", [too_long, runs_text, silences, undocumented, makes_figures, simplifies], ids=lambda rule: rule.__name__
 )
 def test_the_package_keeps(rule: Rule) -> None:
     assert complaints(rule, PACKAGE) == []
@@ -323,6 +336,8 @@ BROKEN: list[tuple[Rule, str]] = [
     (undocumented, '"""Text."""\nclass ButcherTableau:\n    """Butcher tableau."""'),
     (makes_figures, "def f():\n    from matplotlib.figure import Figure"),
     (makes_figures, "def f():\n    import matplotlib.pyplot as plt"),
+    (simplifies, "sympy.simplify(x)"),
+    (simplifies, "m.rank(simplify=True)"),
     (speaks_of_its_making, "see issue " + "#12"),
     (speaks_of_its_making, "in .." + "/shared/design.md"),
     (iterates_sets, "for x in {1, 2}: f(x)"),
@@ -349,6 +364,7 @@ SOUND: list[tuple[Rule, str]] = [
     (undocumented, '"""Text."""\ndef _f(): return 1'),
     (makes_figures, "if TYPE_CHECKING:\n    from matplotlib.figure import Figure"),
     (makes_figures, "def f():\n    from matplotlib.ticker import Formatter"),
+    (simplifies, "m.rank(simplify=simplest)"),
     (speaks_of_its_making, "the tissue of a session"),
     (iterates_sets, "for x in sorted({2, 1}): f(x)"),
     (iterates_sets, "s = {1}\nif x in s: f(x)"),

@@ -9,8 +9,7 @@ import numpy as np
 import sympy
 
 from lagrange.machine.backend import FloatArray
-from lagrange.mechanics.agreement import vanishes
-from lagrange.mechanics.plain_form import PlainForm
+from lagrange.mechanics.plain_form import PlainForm, vanishes
 from lagrange.statement.statement import Statement
 
 TURN = 2.0 * math.pi

@@ -18,17 +18,19 @@ from __future__ import annotations
 import math
 import random
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
 
 from lagrange.errors import FAULT, RunError
+from lagrange.evidence.agreement import holds, random_points
 from lagrange.evidence.compare import LIMIT, TINY, relative_error
 from lagrange.evidence.constraint_laws import StatedConstraints, acceleration_level
 from lagrange.evidence.laws import DifferenceSteps, along
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler, sampled_statement
+from lagrange.evidence.sample import Point, Sampler, sampled_statement
 from lagrange.machine.model import Model
 from lagrange.statement.statement import Statement
 
@@ -60,23 +62,26 @@ def quick_check(model: Model) -> None:
     """
     statement, of_model = sampled_statement(model)
     probe = _Probe(statement)
-    sampler = Sampler(statement, seed=0)
     confirmations = suspicious = 0
-    for attempt in range(MOST_DRAWS + 1):
-        point = sampler.initial() if attempt == MOST_DRAWS else sampler.point(SAMPLE_KINDS[(attempt + 1) % 4], attempt)
+
+    def passes(point: Point) -> bool | None:
+        nonlocal confirmations, suspicious
         a = _accelerations(model, of_model(point))
         virtual = [w * (abs(x) or 1.0) for w, x in zip(probe.direction, point.q, strict=True)]
         direction = _allowed(model, of_model(point), virtual)
         # Equations without accelerations do not hold at random states; the full test checks their time derivatives.
         if all(map(math.isfinite, a)) and not probe.suspects(point, a, direction):
-            return
+            return True
         if not probe.has_value(point):
-            continue
+            return None
         # This is not yet a fault: the mass matrix may be singular here, a number too large, or a kink too near.
         if len(a) > MOST_CONFIRMED and (suspicious := suspicious + 1) == 1:
-            continue
+            return None
         if _confirm(model, statement, point, a) or (confirmations := confirmations + 1) == CONFIRMATIONS:
-            return
+            return True
+        return None
+
+    holds(chain(random_points(statement, 0, MOST_DRAWS), [Sampler(statement, 0).initial()]), passes, 1)
 
 
 def _accelerations(model: Model, point: Point) -> list[float]:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -11,12 +12,13 @@ import sympy
 from sympy import Abs, Float, Matrix, Rational, S, sqrt
 
 from lagrange.equations.identities import canonical
-from lagrange.equations.terms import MonomialSum, TooLargeError, differentiable
+from lagrange.equations.terms import MonomialSum, TooLargeError, differentiable, printable
 from lagrange.equations.textbook_algebra import StatedAlgebra, TextbookAlgebra
-from lagrange.errors import StatementError, formula, listing, shown, suggestion
+from lagrange.errors import FAULT, RunError, StatementError, formula, listing, shown, suggestion
+from lagrange.evidence.agreement import random_points, usable
+from lagrange.evidence.sample import Point
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters, some_of
-from lagrange.mechanics.agreement import check_constant, quantity_rates
 from lagrange.mechanics.symmetries import (
     Place,
     Symmetry,
@@ -30,12 +32,13 @@ from lagrange.mechanics.symmetries import (
     untaken,
 )
 from lagrange.statement.choice import ByName
-from lagrange.statement.coordinate import t
+from lagrange.statement.coordinate import acceleration_of, t, velocity_of
 from lagrange.statement.expression import expression
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.parameters import in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
+from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.trajectory import FloatArray
 
 
@@ -266,13 +269,96 @@ def _refusal(
     cause = f" It does not keep the constraint {listing(across)}." if across else ""
     return (
         f"this is no symmetry of {model.statement.name}: its quantity {_spelled(model, quantity)} changes at the "
-        f"rate{formula} {rates.values[worst]:.4g} at {rates.described(worst)}.{cause}"
+        f"rate{formula} {rates.values[worst]:.4g} at {rates.points[worst].describe(model.statement.names, 4)}.{cause}"
     )
 
 
 def _spelled(model: Model, quantity: Any) -> str:
     """Return a quantity in the notation of scene files, truncated if it is long."""
     return formula(quantity.xreplace(dict(model.statement.plain)), LONGEST_SHOWN)
+
+
+RATE_STATES = 6
+"""Number of random states at which a rate is tested."""
+
+LARGEST_RATE = 1e-8
+"""Largest rate that counts as zero, relative to its terms. Accelerations in doubles are accurate to about 1e-12."""
+
+REST = 1e-4
+"""Terms of a rate below this fraction of the largest terms of all quantities are treated as rounding."""
+
+
+@dataclass(frozen=True, eq=False)
+class QuantityRates:
+    """The rate of a quantity at K states of a model: `values` (K,), and `sizes` (K,), the magnitudes of its terms."""
+
+    points: Sequence[Point]
+    values: FloatArray
+    sizes: FloatArray
+
+    @property
+    def worst(self) -> int | None:
+        """Index of the state with the largest significant rate, or None if the rate is zero at all states."""
+        finite = np.isfinite(self.values) & np.isfinite(self.sizes)
+        share = np.where(finite, np.abs(self.values) - LARGEST_RATE * self.sizes, -1.0)
+        worst = int(np.argmax(share)) if len(share) else 0
+        return worst if len(share) and share[worst] > 0 else None
+
+
+def quantity_rates(model: Model, expressions: Sequence[Any]) -> list[QuantityRates]:
+    """Return the rates of expressions in q, v and t along the compiled motion, at random states."""
+    points = [*islice(usable(random_points(model.statement, 17), lambda point: _placed(model, point)), RATE_STATES)]
+    terms = [_rate_terms(model, expression) for expression in expressions]
+    if not points or not any(terms):
+        return [QuantityRates(points, np.zeros(len(points)), np.zeros(len(points))) for _ in terms]
+    rates = model.function("rates", tuple(model.equations.translate(term) for parts in terms for term in parts))
+    with np.errstate(all="ignore"):
+        columns = [rates(p.t, np.array([*p.q, *p.v]), model.parameter_array(p.parameters)) for p in points]
+    blocks = np.split(np.array(columns).T, np.cumsum([len(parts) for parts in terms])[:-1])
+    sizes = [np.abs(block).sum(axis=0) for block in blocks]
+    # If all terms of a rate are rounding, the terms of the other quantities give the scale of that rounding.
+    largest = REST * np.max(sizes, axis=0)
+    pairs = zip(blocks, sizes, strict=True)
+    return [QuantityRates(points, block.sum(axis=0), np.maximum(size, largest)) for block, size in pairs]
+
+
+def _placed(model: Model, point: Point) -> Point | None:
+    """Return a close state that satisfies constraints and first-order equations of motion, or None."""
+    if not len(model.equations.constraints):
+        return point
+    projection = Projection(model, point.t, model.parameter_array(point.parameters))
+    try:
+        y = projection.reached(np.array([*point.q, *point.v]), nearest=False)
+    except (RunError, StatementError):
+        return None
+    if y is None:
+        return None
+    q, v = model.layout.split(y)
+    return replace(point, q=tuple(q.tolist()), v=tuple(v.tolist()))
+
+
+def _rate_terms(model: Model, expression: Any) -> list[Any]:
+    """Return the terms of the time derivative of an expression: partial derivatives times the rates of the symbols."""
+    statement = model.statement
+    plain = {**statement.plain, t: sympy.Dummy("t", real=True)}
+    back = {symbol: leaf for leaf, symbol in plain.items()}
+    given = differentiable(expression.xreplace(plain))
+    parts = [(plain[t], sympy.S.One)]
+    for q, v in zip(statement.coordinates, statement.velocities, strict=True):
+        parts += [(plain[q], velocity_of(q)), (plain[v], acceleration_of(q))]
+    slopes = [(given.diff(symbol), rate) for symbol, rate in parts]
+    return [printable(slope).xreplace(back) * rate for slope, rate in slopes if slope != 0]
+
+
+def check_constant(model: Model, quantities: Mapping[str, Any]) -> None:
+    """Raise RunError if a quantity that is proven to be constant changes along the compiled motion."""
+    for name, rates in zip(quantities, quantity_rates(model, list(quantities.values())), strict=True):
+        worst = rates.worst
+        if worst is not None:
+            raise RunError(
+                f"{name} of {model.statement.name} is proven to be conserved, but changes at the rate "
+                f"{rates.values[worst]:.6g} at {rates.points[worst].describe(model.statement.names, 4)}. {FAULT}"
+            )
 
 
 MOST_COORDINATES = 12

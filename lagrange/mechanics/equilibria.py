@@ -15,10 +15,9 @@ import sympy
 from lagrange.errors import FAULT, RunError, StatementError, listing, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.mechanics.agreement import size_of_terms
 from lagrange.mechanics.branches import solved
 from lagrange.mechanics.linearization import Linearization, linearized_at
-from lagrange.mechanics.plain_form import PlainForm, in_fractions, number, simplest
+from lagrange.mechanics.plain_form import PlainForm, in_fractions, number, simplest, size_of_terms
 from lagrange.mechanics.point import StatedPoint, stated_point
 from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
 from lagrange.statement.coordinate import t

@@ -12,10 +12,20 @@ import sympy
 
 from lagrange.equations.solve import coupled_blocks
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.sample import SAMPLE_KINDS, Sampler
+from lagrange.evidence.agreement import LARGEST_ERROR, compared, holds, random_points
+from lagrange.evidence.sample import Point
 from lagrange.machine.model import Model
-from lagrange.mechanics.agreement import LARGEST_ERROR, MOST_DRAWS, compared
-from lagrange.mechanics.plain_form import DIGITS, PlainForm, fresh_name, is_zero, names_of, number, simplest, size
+from lagrange.mechanics.plain_form import (
+    DIGITS,
+    STATES,
+    PlainForm,
+    fresh_name,
+    is_zero,
+    names_of,
+    number,
+    simplest,
+    size,
+)
 from lagrange.mechanics.reduction import with_origin
 from lagrange.statement.coordinate import coordinate_of, t, velocity_of
 from lagrange.statement.declare import declare
@@ -189,23 +199,24 @@ def _with_roots_together(given: Any) -> Any:
         has = any(not power.exp.is_Integer for power in term.atoms(sympy.Pow))
         (rooted if has else rest).append(term)
     whole = sympy.Add(*rooted)
-    return sympy.Add(min((whole, sympy.simplify(whole)), key=size), *rest)
+    return sympy.Add(min((whole, simplest(whole), sympy.radsimp(sympy.together(whole))), key=size), *rest)
 
 
 def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], found: Sequence[Any]) -> bool:
     """Return True if the formulas reproduce the velocities from their momenta, at a few random states."""
-    sampler, seen = Sampler(form.statement, seed=0), 0
-    for attempt in range(MOST_DRAWS):
-        values = form.at(sampler.point(SAMPLE_KINDS[(attempt + 1) % 4], attempt))
+
+    def reproduced(point: Point) -> bool | None:
+        values = form.at(point)
         momenta = [number(form.momenta[i], values) for i in block]
         if not all(p.imag == 0 for p in momenta):
-            continue
+            return None
         known = values | {symbols[i]: sympy.Float(p.real, DIGITS) for i, p in zip(block, momenta, strict=True)}
         again = [number(x, known) for x in found]
-        if any(abs(x - values[form.v[i]]) > LARGEST_ERROR * (1 + abs(x)) for i, x in zip(block, again, strict=True)):
-            return False
-        seen += 1
-    return seen > 0
+        return all(
+            abs(x - values[form.v[i]]) <= LARGEST_ERROR * (1 + abs(x)) for i, x in zip(block, again, strict=True)
+        )
+
+    return bool(holds(random_points(form.statement, seed=0), reproduced, STATES))
 
 
 @dataclass(frozen=True, eq=False)

@@ -13,9 +13,9 @@ import sympy
 
 from lagrange.equations.regularity import known_statement
 from lagrange.errors import StatementError, formula, listing
+from lagrange.evidence.agreement import agrees, compared
 from lagrange.evidence.sample import Point
 from lagrange.machine.model import Model, Stated
-from lagrange.mechanics.agreement import agrees, compared
 from lagrange.mechanics.constrained_expansion import expansion
 from lagrange.mechanics.plain_form import PlainForm, numeric, simplest
 from lagrange.mechanics.point import StatedPoint, stated_point, with_inputs_as_parameters

@@ -16,7 +16,7 @@ import sympy
 
 from lagrange.errors import FAULT, RunError, StatementError, listing
 from lagrange.mechanics.linearization import Linearization
-from lagrange.mechanics.plain_form import number, numeric, rational_below, root_of_square, simplest, size
+from lagrange.mechanics.plain_form import is_zero, number, numeric, rational_below, root_of_square, simplest, size
 from lagrange.mechanics.point import StatedPoint
 from lagrange.mechanics.stability import REAL_PART, first_order_matrix, has_inertia, matrix_values, stability_of
 from lagrange.statement.coordinate import t
@@ -289,7 +289,7 @@ def _shape(matrix: Any, skipped: int) -> Any:
         column = adjugate[:, k]
         if skipped == 0 and max(sizes) > ZERO and not column.is_zero_matrix:
             return _scaled(column)
-    columns = matrix.nullspace(simplify=True)
+    columns = matrix.nullspace(simplify=simplest, iszerofunc=is_zero)
     return _scaled(columns[skipped]) if skipped < len(columns) else None
 
 
@@ -301,7 +301,7 @@ def _scaled(column: Any) -> Any:
 def _shortest(entry: Any) -> Any:
     """Return an entry of a shape, simplified and without roots in the denominator."""
     if _brief(entry):
-        return _neat(sympy.radsimp(sympy.simplify(entry)))
+        return min((_neat(sympy.radsimp(entry)), _neat(rational_below(sympy.together(entry)))), key=size)
     return _neat(rational_below(sympy.together(entry)))
 
 

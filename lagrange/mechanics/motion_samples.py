@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any
 
 import sympy
 
 from lagrange.errors import StatementError
+from lagrange.evidence.agreement import usable
 from lagrange.evidence.constraint_laws import ConstraintSurface
 from lagrange.evidence.laws import solve
 from lagrange.evidence.precise import OutsideDomain, Precise
@@ -107,15 +109,11 @@ def motion_samples(statement: Statement, count: int, seed: int = 0) -> list[Moti
     states are found.
     """
     sampler, states = Sampler(statement, seed), MotionStates(statement)
-    found: list[MotionSample] = []
-    order_one = SAMPLE_KINDS[1]
-    near = SAMPLE_KINDS[3]
-    for attempt in range(ATTEMPTS):
-        if len(found) == count:
-            return found
-        point = sampler.point(near if attempt % 3 == 2 else order_one, attempt // 3)
-        with suppress(OutsideDomain):
-            found.append(states.motion(states.satisfied(point)))
+    _, order_one, _, near, _ = SAMPLE_KINDS
+    points = (sampler.point(near if draw % 3 == 2 else order_one, draw // 3) for draw in range(ATTEMPTS))
+    samples = [*islice(usable(points, states.sample), count)]
+    if len(samples) == count:
+        return samples
     raise StatementError(
         f"{statement.name} has no state, of {ATTEMPTS} that were drawn, at which its motion is determined: give "
         "initial values and parameters at which it runs."
@@ -135,6 +133,12 @@ class MotionStates:
             q, v = self._surface.nearest(point.q, point.v, point.t, point.parameters)
             point = replace(point, q=tuple(map(_without_noise, q)), v=tuple(map(_without_noise, v)))
         return self._relations.satisfied(point)
+
+    def sample(self, point: Point) -> MotionSample | None:
+        """Return the motion at a nearby state that satisfies the laws, or None if there is none."""
+        with suppress(OutsideDomain):
+            return self.motion(self.satisfied(point))
+        return None
 
     def motion(self, point: Point) -> MotionSample:
         """Return a state with its accelerations and multipliers. Raises OutsideDomain if they are not determined."""

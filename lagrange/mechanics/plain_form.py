@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+import random
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -13,7 +14,8 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.equations.terms import Algebra, TooLargeError, differentiable, printable
-from lagrange.evidence.sample import Point
+from lagrange.evidence.agreement import ALL_KINDS, MOST_DRAWS, holds, random_points
+from lagrange.evidence.sample import Point, SampleKind
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
 from lagrange.statement.motion import motion_of
 from lagrange.statement.statement import Statement
@@ -132,6 +134,53 @@ def is_zero(given: Any) -> bool:
         return bool(given.is_zero)
     short = simplest(given)
     return bool(short.is_zero)
+
+
+STATES = 3
+"""Number of random states at which an expression must be zero to count as identically zero."""
+
+RESIDUAL = 1e-20
+"""Largest value of an expression that is zero, relative to its terms: two thirds of the `DIGITS` computed."""
+
+
+def vanishes(form: PlainForm, given: Any, kinds: Sequence[SampleKind] = ALL_KINDS) -> bool:
+    """Return True if an expression in plain symbols is zero at random states, times and values of the parameters.
+
+    If it has a value at too few of them, SymPy decides.
+    """
+    if given == 0:
+        return True
+    points = random_points(form.statement, seed=7, kinds=kinds)
+    zero = holds(points, lambda point: _is_rounding(given, form.at(point)), STATES)
+    return is_zero(given) if zero is None else zero
+
+
+def vanishes_in_symbols(given: Any) -> bool:
+    """Return True if an expression in plain symbols is zero for all real values of them; False if it has no value."""
+    draw = random.Random(7)
+    symbols = sorted(given.free_symbols, key=str)
+    values = ({x: sympy.Rational(draw.randrange(64, 256), 128) for x in symbols} for _ in range(MOST_DRAWS))
+    return given == 0 or bool(holds(values, lambda numbers: _is_rounding(given, numbers), STATES))
+
+
+def _is_rounding(given: Any, values: Mapping[Any, Any]) -> bool | None:
+    """Return True if the value of an expression is rounding of zero, None if it has no value."""
+    found, terms = number(given, values), size_of_terms(given, values)
+    return None if found != found or terms != terms else abs(found) <= RESIDUAL * terms
+
+
+def size_of_terms(given: Any, values: Mapping[Any, Any]) -> float:
+    """Return the magnitude of the terms of an expression: sums are replaced by sums of magnitudes, also in factors.
+
+    Rounding is relative to this number, not to the value: in (x - y) z the two terms of the first factor may cancel.
+    """
+    if given.is_Add:
+        return sum(size_of_terms(term, values) for term in given.args)
+    if given.is_Mul and given.has(sympy.Add):
+        return math.prod(size_of_terms(factor, values) for factor in given.args)
+    if given.is_Pow and given.base.is_Add and given.exp.is_Integer and given.exp.is_positive:
+        return size_of_terms(given.base, values) ** int(given.exp)
+    return abs(number(given, values))
 
 
 IMAGINARY = 1e-20

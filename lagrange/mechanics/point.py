@@ -11,9 +11,8 @@ import sympy
 
 from lagrange.equations.terms import printable
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
-from lagrange.mechanics.agreement import vanishes
 from lagrange.mechanics.corners import edges, on_side
-from lagrange.mechanics.plain_form import PlainForm
+from lagrange.mechanics.plain_form import PlainForm, vanishes
 from lagrange.mechanics.reduction import rewritten
 from lagrange.statement.coordinate import name_of, velocity_of
 from lagrange.statement.expression import entries, expression

@@ -11,6 +11,8 @@ import sympy
 
 from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
+from lagrange.evidence.agreement import NEAR_INITIAL
+from lagrange.mechanics.plain_form import PlainForm, in_fractions, simplest, vanishes
 from lagrange.statement.constraint import Constraint
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.declare import declare
@@ -135,12 +137,6 @@ def _value(parameter: Any, given: Any, by_name: Mapping[str, Any]) -> Any:
     return value
 
 
-DIGITS = 40
-"""Digits of the numbers at which a given branch is tested."""
-
-TESTS = 5
-"""States at which it is tested: one with another value is enough to refuse it."""
-
 ROUNDING = 1e-6
 """An initial value this close to that of the expression, relative to the larger, is the same with fewer digits: six or
 more of those that a constraint is typed with are right."""
@@ -205,7 +201,7 @@ def _solution(constraint: Constraint, name: str, statement: Statement) -> Any:
         return None
     slope = sympy.expand(differentiable(zero).diff(c))
     if slope.has(c):
-        slope = sympy.simplify(slope)
+        slope = simplest(slope)
     if slope.has(c) or not _never_zero(slope):
         return None
     return sympy.expand(-zero.xreplace({c: sympy.S.Zero}) / slope)
@@ -286,7 +282,7 @@ def _refusal(held: Sequence[Constraint], name: str, statement: Statement) -> str
     slope = differentiable(places[0].expression.xreplace(plain)).diff(c)
     cause = (
         f"it is not linear in {name}, so that {name} may have several values or none"
-        if sympy.simplify(slope).has(c)
+        if simplest(slope).has(c)
         else f"the coefficient of {name}, {printable(sympy.factor(slope))}, may vanish"
     )
     return (
@@ -322,38 +318,17 @@ def _checked(held: Sequence[Constraint], name: str, given: Any, statement: State
             )
     plain = statement.plain
     solved = stated.xreplace(plain)
+
+    def put(zero: Any) -> Any:
+        return in_fractions(zero.xreplace(plain).xreplace({plain[q]: solved}))
+
     for one in held:
-        if one.holonomic and _holds(one.expression.xreplace(plain).xreplace({plain[q]: solved}), statement):
+        if one.holonomic and vanishes(PlainForm(statement), put(one.expression), NEAR_INITIAL):
             return one, solved
     raise StatementError(
         f"{name} = {shown(str(solved))} solves no constraint on positions that {name} is in"
         + (f"; they are {listing(one.name for one in held if one.holonomic)}." if held else ": it is in none.")
     )
-
-
-def _holds(zero: Any, statement: Statement) -> bool:
-    """Return whether an expression in plain symbols is zero, at states near the initial one, to many digits."""
-    plain, found = statement.plain, 0
-    decimals = sorted(zero.atoms(sympy.Float), key=str)
-    zero = zero.xreplace({number: sympy.Rational(repr(float(number))) for number in decimals})
-    for k in range(TESTS):
-        shift = sympy.Rational(2 * k - TESTS, 50 + 7 * k)
-        values = {
-            plain[q]: sympy.Rational(x) + shift / (i + 2)
-            for i, (q, x) in enumerate(zip(statement.coordinates, statement.initial, strict=False))
-        }
-        values |= {
-            p: sympy.Rational(statement.defaults.get(p, 1.5)) * (1 + shift**2 / (i + 3))
-            for i, p in enumerate(statement.parameters)
-        }
-        terms = sympy.Add.make_args(zero.xreplace({**values, t: sympy.Rational(1, 3) + shift}))
-        numbers = [term.evalf(DIGITS) for term in terms]
-        if not all(number.is_real and number.is_finite for number in numbers):
-            continue
-        found += 1
-        if abs(sum(numbers)) > sympy.Float(10) ** (10 - DIGITS) * max([1, *map(abs, numbers)]):
-            return False
-    return found > 0
 
 
 def _substituted(statement: Statement, name: str, constraint: Constraint, solved: Any) -> Statement:

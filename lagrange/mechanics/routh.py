@@ -11,11 +11,11 @@ import numpy as np
 import sympy
 
 from lagrange.errors import RunError, StatementError, listing, shown
+from lagrange.evidence.agreement import compared
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.mechanics.agreement import compared, vanishes
 from lagrange.mechanics.hamilton import half_square, inverse
-from lagrange.mechanics.plain_form import PlainForm, fresh_name, names_of, number, simplest, without_points
+from lagrange.mechanics.plain_form import PlainForm, fresh_name, names_of, number, simplest, vanishes, without_points
 from lagrange.mechanics.reduction import with_origin
 from lagrange.statement.coordinate import t, velocity_of
 from lagrange.statement.declare import declare

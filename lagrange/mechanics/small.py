@@ -163,4 +163,4 @@ class _Expansion:
         if not rows:
             return all(self.point.is_zero(r, ()) for r in rest)
         held = sympy.Matrix(rows).T
-        return bool(held.row_join(sympy.Matrix(rest)).rank(simplify=True) == held.rank(simplify=True))
+        return bool(held.row_join(sympy.Matrix(rest)).rank(simplify=simplest) == held.rank(simplify=simplest))

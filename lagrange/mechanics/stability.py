@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
 import sympy
 
+from lagrange.equations.terms import differentiable
 from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.mechanics.agreement import vanishes
 from lagrange.mechanics.linearization import Linearization, linearized_at
-from lagrange.mechanics.plain_form import PlainForm, is_zero, number, numeric, simplest
+from lagrange.mechanics.plain_form import (
+    PlainForm,
+    is_zero,
+    number,
+    numeric,
+    real,
+    simplest,
+    vanishes,
+    vanishes_in_symbols,
+)
 from lagrange.mechanics.point import StatedPoint, stated_point
 from lagrange.statement.coordinate import t
 from lagrange.statement.number import real_array
@@ -23,6 +34,9 @@ from lagrange.statement.statement import Statement
 
 REAL_PART = 1e-6
 """Real parts below this fraction of the largest eigenvalue count as zero: double eigenvalues are accurate to 1e-8."""
+
+LARGEST_DEGREE = 100
+"""Largest denominator of the degree of a term of the dissipation, such as 3/2."""
 
 DEFINITE = 1e-9
 """Eigenvalues of a symmetric matrix below this fraction of its largest entry count as zero."""
@@ -108,7 +122,7 @@ def _symbolic_verdict(lin: Linearization, form: PlainForm, gone: tuple[int, ...]
             None,
             "the energy has no strict minimum to second order there, and eigenvalues need values of the parameters.",
         )
-    if minors and _is_definite(lin.M) and lin.K.is_symmetric(simplify=True):
+    if minors and _is_definite(lin.M) and all(map(is_zero, lin.K - lin.K.T)):
         if minors[-1].is_negative:
             return Verdict(
                 stable=False, reason="the determinant of K is negative, so that an eigenvalue is real and positive."
@@ -197,9 +211,16 @@ def _is_drag(term: Any, v: Sequence[Any]) -> bool:
     """Return True if a term of D is homogeneous in the velocities, of positive degree, and not negative."""
     if not term.is_nonnegative:
         return False
-    scale = sympy.Dummy("scale", positive=True)
-    grown = sympy.powsimp(sympy.simplify(term.xreplace({x: scale * x for x in v}) / term))
-    return bool(grown.as_base_exp()[0] == scale and grown.as_base_exp()[1].is_positive)
+    smooth = differentiable(term)
+    # Euler: the sum of v dD/dv is D times its degree.
+    grown = sympy.Add(*(x * smooth.diff(x) for x in v))
+    values = {x: sympy.Rational(13 + 4 * k, 11) for k, x in enumerate(sorted(term.free_symbols, key=str))}
+    whole = real(smooth, values)
+    ratio = real(grown, values) / whole if whole else math.nan
+    if not math.isfinite(ratio):
+        return False
+    degree = Fraction(ratio).limit_denominator(LARGEST_DEGREE)
+    return degree > 0 and vanishes_in_symbols(grown - sympy.Rational(degree) * smooth)
 
 
 def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool) -> Verdict:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -10,12 +9,13 @@ from itertools import combinations, permutations
 from typing import Any
 
 import sympy
-from sympy import Matrix, Rational, S, cos, diff, expand, sin
+from sympy import Matrix, S, cos, diff, expand, sin
 
 from lagrange.equations.identities import canonical, is_identity
 from lagrange.equations.terms import MonomialSum, printable
 from lagrange.equations.textbook_algebra import StatedAlgebra
 from lagrange.errors import listing
+from lagrange.mechanics.plain_form import vanishes_in_symbols
 
 Placing = Callable[..., tuple[Any, ...]]
 
@@ -201,9 +201,6 @@ def _text(stated: StatedAlgebra, given: Any) -> str:
     return str(given.xreplace({**plain, stated.time: sympy.Symbol("t")}))
 
 
-DIGITS = 30
-"""Decimal digits of a defect at a random state; 20 of them are compared."""
-
 LONGEST_GAUGE = 400
 """Largest number of operations in a total derivative that is integrated; typical symmetries have ten."""
 
@@ -264,15 +261,8 @@ class SymmetryEquation:
         return None if gauge == 0 else replace(symmetry, gauge=gauge)
 
     def _differs(self, terms: MonomialSum) -> bool:
-        """Return True if a sum is not zero at a random state; False if it has no value there."""
-        expression = printable(self.stated.algebra.write(terms))
-        draw = random.Random(7)
-        symbols = sorted(expression.free_symbols, key=str)
-        values = {symbol: Rational(draw.randint(300, 1400), 1000) for symbol in symbols}
-        parts = [term.xreplace(values).evalf(DIGITS) for term in sympy.Add.make_args(expression)]
-        if not all(part == 0 or (part.is_Float and part.is_finite) for part in parts):
-            return False
-        return bool(abs(sum(parts)) > 10.0 ** (10 - DIGITS) * sum(abs(part) for part in parts))
+        """Return True if a sum is not zero at random values of its symbols."""
+        return not vanishes_in_symbols(printable(self.stated.algebra.write(terms)))
 
     def _gauge(self, defect: MonomialSum) -> Any:
         """Return F(q, t) with dF/dt equal to the defect, or zero if no F is found.

@@ -15,10 +15,10 @@ import sympy
 
 from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, listing, shown
+from lagrange.evidence.agreement import compared
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.mechanics.agreement import compared
 from lagrange.mechanics.plain_form import PlainForm, number, prescribed, real, simplest
 from lagrange.mechanics.reduction import rewritten
 from lagrange.statement.coordinate import COORDINATES, acceleration_of, name_of, t, velocity_of

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,8 @@ import pytest
 from sympy import cos, sin, sqrt
 
 import lagrange as lg
-from lagrange.mechanics.agreement import MotionRates, random_rates
 from lagrange.mechanics.symmetries import SymmetryEquation
+from lagrange.trajectory.constraints.consistent import consistent_state
 from tests.mechanics.conserving_systems import FLAT, POLAR_T, SYSTEMS, T, c, g, k, m, omega, phi, r, u, w, x, y, z
 
 CASES = [(name, k) for name in SYSTEMS for k in range(3)]
@@ -19,7 +20,16 @@ STATES = 60
 STEP = 1e-5
 
 
-def values(model: lg.Model, expression: Any, at: MotionRates, shift: float = 0.0) -> Any:
+@dataclass(frozen=True)
+class States:
+    """Times (K,) and states (2n, K) of a model, all with the same parameters (k,)."""
+
+    t: Any
+    y: Any
+    parameters: Any
+
+
+def values(model: lg.Model, expression: Any, at: States, shift: float = 0.0) -> Any:
     """An expression at states of a model, moved along the compiled motion."""
     moved = model.rhs(at.t, at.y, at.parameters) * shift
     return model.evaluate_expression(expression, at.t + shift, at.y + moved, at.parameters)
@@ -33,13 +43,22 @@ def outside(wanted: Any, found: list[Any]) -> float:
     return float(np.linalg.norm(wanted - columns @ fit) / np.linalg.norm(wanted))
 
 
-def states(model: lg.Model, seed: int) -> MotionRates:
+def states(model: lg.Model, seed: int) -> States:
     """Random states, on the constraints, with lengths above zero: k/r is k/|r| there."""
-    at = random_rates(model, 24 if model.statement.constraints else STATES, seed)
+    draw, n = np.random.default_rng(seed), model.dimension
+    usual = np.array([model.statement.defaults.get(p, 1.0) or 1.0 for p in model.statement.parameters])
+    parameters = usual / np.abs(usual) * draw.uniform(0.5, 1.6, len(usual))
+    count = 24 if model.statement.constraints else STATES
+    y = draw.uniform(0.3, 1.4, (2 * n, count)) * draw.choice((-1.0, 1.0), (2 * n, count))
+    y[:, ::3] = np.array(model.statement.initial)[:, None] + 0.2 * y[:, ::3]
+    t, rows = draw.uniform(0.2, 1.7, count), []
+    for time, state in zip(t, y.T, strict=True):
+        with suppress(lg.RunError, lg.StatementError):
+            rows.append((time, consistent_state(model, time, state, parameters)))
+    y = np.array([row for _, row in rows]).T
     lengths = [i for i, name in enumerate(model.statement.names) if name in ("r", "rho")]
-    y = at.y.copy()
     y[lengths] = np.abs(y[lengths])
-    return replace(at, y=y)
+    return States(np.array([time for time, _ in rows]), y, parameters)
 
 
 @pytest.mark.few

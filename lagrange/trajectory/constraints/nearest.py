@@ -66,7 +66,7 @@ class Nearest:
 
     def of(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
         """Return the nearest point and its residuals, or where Newton's method gave up."""
-        x, found = self._restored(start)
+        x, found = self.restored(start)
         if found.largest > ON_SURFACE:
             return x, found
         for _ in range(MOST_DESCENTS):
@@ -75,7 +75,7 @@ class Nearest:
                 break
             share, before = 1.0, self._length(x - start)
             while share >= SHORTEST_SHARE:
-                trial, there = self._restored(x + share * along)
+                trial, there = self.restored(x + share * along)
                 if there.largest <= ON_SURFACE and self._length(trial - start) < before:
                     break
                 share /= 2
@@ -84,7 +84,7 @@ class Nearest:
             x, found = trial, there
         return x, found
 
-    def _restored(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
+    def restored(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
         """Return a point of the surface close to a point, by Newton's method with steps of least length."""
         x, found = start, self._surface(start)
         for _ in range(MOST_CORRECTIONS):

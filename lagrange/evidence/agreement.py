@@ -1,0 +1,92 @@
+"""One test for every formula: values at random states, until enough of them have been judged."""
+
+from __future__ import annotations
+
+import cmath
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import islice
+from typing import TypeVar
+
+import numpy as np
+
+from lagrange.errors import FAULT, RunError
+from lagrange.evidence.sample import SAMPLE_KINDS, Point, SampleKind, Sampler
+from lagrange.statement.statement import Statement
+
+MOST_DRAWS = 16
+"""Largest number of random states tried, since a formula may have no value at some."""
+
+ALL_KINDS = (*SAMPLE_KINDS[1:4], SAMPLE_KINDS[0])
+"""Kinds of random states, used in turn: those of order one come first."""
+
+NEAR_INITIAL = (SAMPLE_KINDS[3],)
+"""States near the initial one, where a formula may hold that holds on one branch alone."""
+
+PLACES = 2
+"""Number of random states at which a formula is compared: a wrong one agrees with probability zero."""
+
+LARGEST_ERROR = 1e-8
+"""Largest difference, relative to the largest number compared. Cancellation costs some digits, a wrong term all."""
+
+Place = TypeVar("Place")
+Value = TypeVar("Value")
+
+
+def random_points(
+    statement: Statement, seed: int, draws: int = MOST_DRAWS, kinds: Sequence[SampleKind] = ALL_KINDS
+) -> Iterator[Point]:
+    """Yield `draws` random states with times and parameters, of each kind in turn; the same for the same seed."""
+    sampler = Sampler(statement, seed)
+    return (sampler.point(kinds[attempt % len(kinds)], attempt) for attempt in range(draws))
+
+
+def usable(places: Iterable[Place], value: Callable[[Place], Value | None]) -> Iterator[Value]:
+    """Yield the values of a function at places, without those places at which it returns None."""
+    return (result for result in map(value, places) if result is not None)
+
+
+def holds(places: Iterable[Place], judge: Callable[[Place], bool | None], count: int) -> bool | None:
+    """Return True if `judge` is true at `count` places, False after its first False, None if too few have a value.
+
+    `judge` returns None at a place where it has no value.
+    """
+    seen = 0
+    for verdict in islice(usable(places, judge), count):
+        if not verdict:
+            return False
+        seen += 1
+    return True if seen == count else None
+
+
+Values = Callable[[Point], tuple[Sequence[float], Sequence[complex]]]
+"""Function that returns compiled numbers and the values of their formulas at a point."""
+
+
+def compared(what: str, statement: Statement, values: Values) -> None:
+    """Compare formulas with compiled numbers at random states. Raises RunError, with the name `what`, if they differ.
+
+    States at which one of them has no value are skipped.
+    """
+    holds(random_points(statement, seed=0), lambda point: agrees(what, statement, point, values), PLACES)
+
+
+def agrees(what: str, statement: Statement, point: Point, values: Values) -> bool | None:
+    """Return True if compiled numbers and formulas agree at a point, None if one has no value there.
+
+    Raises RunError if they differ.
+    """
+    try:
+        compiled, formulas = values(point)
+    except RunError:
+        return None
+    if not all(map(cmath.isfinite, (*compiled, *formulas))):
+        return None
+    off = np.abs(np.asarray(formulas) - np.asarray(compiled))
+    scale = max(1e-300, *map(abs, compiled), *map(abs, formulas))
+    if off.max() > LARGEST_ERROR * scale:
+        worst = int(off.argmax())
+        raise RunError(
+            f"{what} of {statement.name} is wrong: a formula gives {formulas[worst]:.15g} where {compiled[worst]:.15g} "
+            f"is compiled, at {point.describe(statement.names)}. {FAULT}"
+        )
+    return True
