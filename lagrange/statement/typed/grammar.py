@@ -6,6 +6,7 @@ Some texts have two readings: `g/2l`, `sin a b`, `sin x^2`, a word that is a pro
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice, product
@@ -22,6 +23,9 @@ MOST_READINGS = 12
 """Most readings of one text that are tried."""
 
 SUM, PRODUCT, POWER, ATOM = range(4)
+
+_ANGLE = re.compile(r"\b(?:alpha|beta|gamma|delta|theta|phi|psi|chi)_?[0-9]*$")
+"""Letters of constant angles at the end of the argument of a function."""
 
 
 @dataclass(frozen=True)
@@ -190,10 +194,12 @@ class _Parser:
     def divided(self, above: Part) -> Part:
         """Read a quotient. Factors after the denominator without a sign may belong to it or not: both are tried."""
         below = self.signed()
+        closed = self.tokens[self.place - 1].is_sign(*OPENING.values())
         following = self.peek()
         if following is not None and self.starts_value():
-            likely = not following.spaced and not (above.number and below.number)
-            if likely != bool(self.choices.take("division", 2)):
+            # In g/2l the l belongs to the denominator; in k/(m l^2)(x - y) and 1/2 m it does not.
+            likely = not following.spaced and not (above.number and below.number) and not closed
+            if likely != bool(self.choices.take(f"division {'joined' if likely else 'apart'}", 2)):
                 while self.starts_value() and not (likely and self.tokens[self.place].spaced):
                     below = _times(below, self.factor())
         return Part(
@@ -357,7 +363,12 @@ class _Parser:
         if token is None or token.kind == "function":
             return False
         if not part.moves:
-            return self.starts_value() or (self.next_is("*", "/") and after is not None and after.kind != "function")
+            more = self.starts_value() or (self.next_is("*", "/") and after is not None and after.kind != "function")
+            if not more or part.number:
+                return more
+            # The argument of sin omega t has two factors, that of sin alpha x and of cos a/(m + M) one.
+            ends = _ANGLE.search(part.text) or (self.next_is("/") and after is not None and after.is_sign(*OPENING))
+            return bool(ends) == bool(self.choices.take("argument of constants", 2))
         if self.next_is("/") and after is not None and after.kind == "number":
             return bool(self.choices.take("divided argument", 2))
         return self.starts_value() and bool(self.choices.take("argument", 2))

@@ -6,14 +6,16 @@ The text keeps its length, so that offsets in it are those of the typed text.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
 from lagrange.statement.typed.latex import FRAME, LINE_BREAK, OPERATOR, PROSE
 
 _COMMENT = re.compile(r"(?:(?<!\\)[#%]|(?<=\s)//)[^\n]*")
 _LABEL = re.compile(
     r"\s*(?:\(\s*[0-9]{1,2}[a-z]?\s*\)|\(\s*(?:[ivx]{1,4}|[a-h])\s*\)(?=\s)|[0-9]{1,2}\.?\s*\)|[0-9]{1,2}\.(?=\s)"
-    r"|(?:i{1,3}|i?v|vi{1,3}|[a-h])\)(?=\s)|[-*•](?=\s+[-(A-Za-z\\].*=))"
+    r"|(?:i{1,3}|i?v|vi{1,3}|[a-h])\)(?=\s)|•(?=\s))"
 )
+_BULLET = re.compile(r"\s*[-*](?=\s+[-(A-Za-z\\])")
 _HEADING = re.compile(r"[^=\n]*:(?!=)")
 _TRAILING_LABEL = re.compile(r"\s+\(\s*[0-9]{1,2}[a-z]?\s*\)\s*$")
 _END = re.compile(r"[\s;,.!✓✔☑∎□■]+$")
@@ -38,7 +40,7 @@ def equation_spans(text: str) -> tuple[str, list[tuple[int, int]]]:
     spans: list[tuple[int, int]] = []
     place = 0
     lines: list[str] = []
-    for line in blanked.split("\n"):
+    for line in _without_bullets(blanked.split("\n")):
         before = "" if not spans else "\n".join(lines)[spans[-1][0] : spans[-1][1]]
         lines.append(line if _depth(before) > 0 else _without_label(line))
         begin, end = place, place + len(line)
@@ -51,6 +53,17 @@ def equation_spans(text: str) -> tuple[str, list[tuple[int, int]]]:
             spans.append((begin, end))
     clean = "\n".join(lines)
     return clean, [part for span in spans for part in _separated(clean, *span)]
+
+
+def _without_bullets(lines: Sequence[str]) -> list[str]:
+    """Return lines with blanks for bullets: - or * at the begin of every equation of a list of several.
+
+    At the begin of some lines only, they are operators.
+    """
+    stated = [line for line in lines if line.strip() and not line.rstrip().endswith(":")]
+    if len(stated) < 2 or not all(_BULLET.match(line) and _EQUALITY.search(line) for line in stated):
+        return list(lines)
+    return [_BULLET.sub(lambda match: _spaces(match.group()), line, count=1) for line in lines]
 
 
 def _joined(before: str, line: str) -> bool:

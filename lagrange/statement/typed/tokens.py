@@ -204,6 +204,8 @@ class _Scanner:
             if group and group.group(1):
                 index, end = self._indices(group.end())
                 return self._add("word", group.group(1).replace("\\_", "_").replace(" ", "_") + index, place, end)
+            if group is None:  # \mathrm d sets one letter upright
+                return after
         if name in LETTER_COMMANDS or name in FUNCTION_COMMANDS:
             index, end = self._indices(after) if name in LETTER_COMMANDS else ("", after)
             word = LETTER_COMMANDS.get(name) or FUNCTION_COMMANDS[name]

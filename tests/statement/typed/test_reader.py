@@ -58,6 +58,7 @@ READINGS = {
     r"\frac{d^2\theta}{dt^2} + \frac{d\theta}{dt}": "theta_ddot + theta_dot",
     r"\frac{d}{dt}\left( m l^2 \dot\theta \right)": "d/dt(m*l**2*theta_dot)",
     r"\frac{\mathrm{d}^2 x}{\mathrm{d}t^2}": "x_ddot",
+    r"\frac{\mathrm d}{\mathrm dt}(m x)": "d/dt(m*x)",
     r"\mu_s g + \mu_{\mathrm{s}} x_{block}": "mu_s*g + mu_s*x_block",
     r"\lambda + \lambda_{rod} + lambda[rod]": "lambda_rod + lambda_rod + lambda_rod",
     "e^{-k x} + e^(-t)": "exp(-k*x) + exp(-t)",
@@ -80,11 +81,19 @@ def test_what_is_typed_is_read(text: str, expected: str) -> None:
         ("g/l x", ["g/l*x", "g/(l*x)"]),
         ("sin theta^2", ["sin(theta**2)", "sin(theta)**2"]),
         ("sin x/2", ["sin(x)/2", "sin(x/2)"]),
+        ("g/(m l)(x - theta)", ["g/(m*l)*(x - theta)", "g/(m*l*(x - theta))"]),
+        ("sin omega x", ["sin(omega*x)", "sin(omega)*x"]),
+        ("cos omega/(m + M)", ["cos(omega)/(m + M)", "cos(omega/(m + M))"]),
     ],
 )
 def test_of_two_readings_both_are_returned(text: str, readings: list[str]) -> None:
     (equation,) = reader().equations(text)
     assert [one.read for one in equation.readings] == readings
+
+
+def test_a_constant_angle_is_the_whole_argument_of_a_function() -> None:
+    (equation,) = reader("alpha").equations("sin alpha x'")
+    assert [one.read for one in equation.readings] == ["sin(alpha)*x_dot", "sin(alpha*x_dot)"]
 
 
 def test_a_word_is_the_symbol_of_that_name_before_it_is_a_product() -> None:
@@ -107,6 +116,10 @@ LINES = {
     "x'' = 0   (3)": ["x_ddot = 0"],
     "a = x'' = -k x": ["x_ddot = -k*x"],
     "v = sqrt(x'^2)\nx'' = -v x' // drag": ["x_ddot = -v*x_dot"],
+    "m x''\n+ k x\n- m g x = 0": ["m*x_ddot + k*x - m*g*x = 0"],
+    "m x''\n  - k x = 0\nM theta''\n  - k (theta - x) = 0": ["m*x_ddot - k*x = 0", "M*theta_ddot - k*(theta - x) = 0"],
+    "- m x'' = 0\n- M theta'' = 0": ["m*x_ddot = 0", "M*theta_ddot = 0"],
+    "- k x = m x''": ["-k*x = m*x_ddot"],
     "-k x = m x''\n-k theta = theta''": ["-k*x = m*x_ddot", "-k*theta = theta_ddot"],
     "\\begin{align}\n m \\ddot x &= -k x \\\\\n \\ddot\\theta &= 0 \\label{b}\n\\end{align}": [
         "m*x_ddot = -k*x",
