@@ -63,9 +63,9 @@ class Modes(ShownAsPage):
     linearization: Linearization
 
     def __repr__(self) -> str:
-        return self.summary(map(str, self.frequencies))
+        return self._summary(map(str, self.frequencies))
 
-    def summary(self, frequencies: Iterable[str]) -> str:
+    def _summary(self, frequencies: Iterable[str]) -> str:
         """Return one line with the stability and the frequencies as texts."""
         word = {True: "stable", False: "unstable", None: "undecided"}[self.stable]
         return f"<Modes: {word}; frequencies {listing(frequencies)}>"

@@ -111,7 +111,8 @@ def _momenta(derivation: Derivation, typed: Any) -> Iterator[tuple[str, Any]]:
         if momentum == 0 or momentum.count_ops() > LONGEST_SOLVED:
             continue
         factor = sympy.cancel(typed / momentum).xreplace(ones)
-        for constant in dict.fromkeys((sympy.S.One, -sympy.S.One, factor)):
+        sign = sympy.Integer(-1 if factor.could_extract_minus_sign() else 1)
+        for constant in dict.fromkeys((sign, factor)):
             if constant.is_finite is not False and constant != 0:
                 yield name, sympy.Mul(constant, momentum) if momentum.is_Mul else constant * momentum
 

@@ -422,14 +422,31 @@ class _Meant:
     def _terms(self, product: Any) -> int:
         """Return the number of terms of a coefficient that differ from the expected ones.
 
-        It is 1 if the whole coefficient differs by a constant factor.
+        It is 1 if the whole coefficient differs by a factor, or if a product with a rate is missing.
         """
         there = self.given.values.get(product)
-        if there is not None and ratio_of(there, self._wanted(product)) is not None:
+        if there is None and product != 1:
+            return 1
+        if there is not None and (ratio_of(there, self._wanted(product)) is not None or self._is_scaled(product)):
             return 1
         agreeing = self._agreeing_terms(product)
         typed, expected = (len(side.terms.get(product, [])) for side in (self.given, self.expected))
         return max(typed - agreeing, expected - agreeing, 1)
+
+    def _is_scaled(self, product: Any) -> bool:
+        """Return True if a coefficient is the expected one times a factor, which may depend on parameters."""
+        there, wanted = self.given.values[product], self._wanted(product)
+        typed, expected = (side.terms.get(product, []) for side in (self.given, self.expected))
+        if not all(wanted) or not all(there) or len(typed) != len(expected):
+            return False
+        left = list(typed)
+        for term in expected:
+            scaled = [a / b * c * x for a, b, c, x in zip(there, wanted, self.factor.values, term, strict=True)]
+            match = next((other for other in left if same(other, scaled)), None)
+            if match is None:
+                return False
+            left.remove(match)
+        return True
 
     def _agreeing_terms(self, product: Any) -> int:
         """Return the number of terms of a coefficient that are as expected."""
@@ -482,15 +499,15 @@ class _Meant:
 
 
 def _rank(meant: _Meant) -> tuple[Any, ...]:
-    """Sort key of candidates: fewest differing terms, then most agreeing terms, then the simplest factor."""
+    """Sort key of candidates: fewest differing terms, a factor of 1 or -1, most agreeing terms, the simplest factor."""
     constant = meant.factor.constant
-    simple = (1, -1).index(int(constant)) if constant in (1, -1) else 2 if constant is not None else 3
+    simple = (1, -1).index(int(constant)) if constant in (1, -1) else 2
     leading = _leading(meant.given.samples[0], meant.given.statement)
     accelerates = 0 if meant.factor.product in leading else 1
     doubts = BENT * meant.bent
     for unknown in meant.given.solved.intersection(meant.differing):
         doubts += SOLVED if meant.given.coefficients[unknown] == 1 else BENT
-    return meant.differing_terms + doubts, -meant.agreeing_terms, simple, accelerates, meant.length
+    return meant.differing_terms + doubts, simple, -meant.agreeing_terms, constant is None, accelerates, meant.length
 
 
 def _rational(value: Fraction) -> Any:

@@ -175,7 +175,7 @@ class ShownModes(Modes):
 
     def __repr__(self) -> str:
         written = SideWriter(self.linearization.statement, AsciiNotation).setter.write if self.symbolic else str
-        return self.summary(map(written, self.frequencies))
+        return self._summary(map(written, self.frequencies))
 
     def shapes_in_numbers(self) -> ModeShapes:
         """Return the shapes as numbers, at the values of the parameters: all coordinates, and the stated positions.

@@ -203,6 +203,11 @@ def oscillator() -> lg.System:
     )
 
 
+def morse() -> lg.System:
+    r, (m, D, a) = lg.coordinate("r"), lg.parameters("m D a")
+    return lg.System(m * r.dot**2 / 2, D * (1 - sp.exp(-a * r)) ** 2)
+
+
 def orbit() -> lg.System:
     r, phi = lg.coordinates("r phi")
     m, M, g = lg.parameters("m M g")
@@ -237,6 +242,11 @@ LARGER: list[tuple[Callable[[], lg.System], str, str]] = [
     (orbit, "M g - m r phi'^2 = -d/dt(m r')", "the term d/dt(m*r_dot) is wrong: it should be d/dt((M + m)*r_dot)."),
     (wedge, "(M - m) X'' + m s'' cos a = 0", "the term -m*X_ddot has the wrong sign: it is -m*X_ddot, and should be"),
     (wedge, "(M + 2m) X'' + m s'' cos a = 0", "the term 2*m*X_ddot has the wrong factor: it is 2*m*X_ddot, 2 times"),
+    (morse, "m r'' = -D a (1 - e^(-a r)) e^(-a r)", "the term -D*a*(1 - exp(-a*r))*exp(-a*r) has the wrong factor"),
+    (morse, "m r'' = 2 a D (1 - e^(-a r)) e^(-a r)", "the term 2*D*a*(1 - exp(-a*r))*exp(-a*r) has the wrong sign"),
+    (morse, "m r'' + 2 D (1 - e^(-a r)) e^(-a r) = 0", "the term 2*D*(1 - exp(-a*r))*exp(-a*r) is wrong"),
+    (orbit, "d/dt(m r^2 phi') = 0\nd/dt((M + m) r') = m r phi'^2 + M g", "the term M*g has the wrong sign"),
+    (wedge, "s'' = g sin a\n(M + m) X'' + m s'' cos a = 0", "the term X_ddot*cos(a) is missing"),
     (strung, "m1 x'' = m1 g - T\nm2 y'' = m2 g + T", "the term T has the wrong sign: it is T, and should be -T."),
     (strung, "x'' = g\ny'' = -g", "the term -lambda_string/m1, the force of the constraint string, is missing."),
 ]

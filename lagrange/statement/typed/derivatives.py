@@ -13,6 +13,7 @@ OPENING = {"(": ")", "[": "]", "{": "}"}
 
 _TOP = re.compile(r"d([0-9]?)(.*)", re.DOTALL)
 _BOTTOM = re.compile(r"dt([0-9]?)")
+_CALLS = ("diff", "Diff", "Derivative")
 
 
 def with_derivatives(tokens: Sequence[Token]) -> list[Token]:
@@ -86,11 +87,11 @@ def _with_marks(word: Token, tokens: Sequence[Token], i: int) -> tuple[Token, li
 
 
 def _leibniz(tokens: Sequence[Token]) -> list[Token]:
-    """Return the tokens with d^2x/dt^2 and d/dt(...), also as LaTeX fractions, replaced by rates."""
+    """Return the tokens with d^2x/dt^2, d/dt(...), also as LaTeX fractions, and diff(x, t, 2) replaced by rates."""
     replaced: list[Token] = []
     i = 0
     while i < len(tokens):
-        match = _fraction(tokens, i) or _quotient(tokens, i)
+        match = _fraction(tokens, i) or _quotient(tokens, i) or _call(tokens, i)
         if match is None:
             replaced.append(tokens[i])
             i += 1
@@ -129,6 +130,26 @@ def _fraction(tokens: Sequence[Token], i: int) -> _Rate | None:
     if top is None or bottom is None or top[2] != middle or bottom[1] != end or top[0] != bottom[0]:
         return None
     return top[0], top[1], end + 1
+
+
+def _call(tokens: Sequence[Token], i: int) -> _Rate | None:
+    """Return the derivative diff(x, t, 2), Derivative(x, (t, 2)) or D[x, {t, 2}] that begins at index i, or None."""
+    opened = i + 1 < len(tokens) and tokens[i + 1].is_sign(*OPENING)
+    named = tokens[i].text in _CALLS or (tokens[i].text == "D" and opened and tokens[i + 1].text == "[")
+    end = closing(tokens, i + 1) if opened and named and tokens[i].kind == "word" else len(tokens)
+    if end == len(tokens):
+        return None
+    inside = list(tokens[i + 2 : end])
+    depth, comma = 0, 0
+    while comma < len(inside) and not (depth == 0 and inside[comma].is_sign(",")):
+        depth += inside[comma].is_sign(*OPENING) - inside[comma].is_sign(*OPENING.values())
+        comma += 1
+    by = [token.text for token in inside[comma:] if token.kind != "sign"]
+    if not comma or not by or any(word != "t" and not word.isdigit() for word in by):
+        return None
+    order = sum(1 if word == "t" else int(word) - 1 for word in by)
+    brackets = (Token("sign", mark, place, place) for mark, place in (("(", inside[0].begin), (")", inside[-1].end)))
+    return (order, [next(brackets), *inside[:comma], next(brackets)], end + 1) if order in (1, 2) else None
 
 
 def _top(tokens: Sequence[Token], i: int, end: int) -> _Rate | None:

@@ -310,7 +310,7 @@ class _Parser:
             exponent = self.exponent()
             return Part("exp(1)") if exponent is None else self.called("exp", [exponent])
         here = [one.text for one in self.tokens[self.place : self.place + 3]]
-        if piece.base and here == ["(", "t", ")"]:
+        if piece.base and here in (["(", "t", ")"], ["[", "t", "]"]):
             self.place += 3
         return Part(piece.name, number=piece.kind == "pi", moves=piece.moves)
 

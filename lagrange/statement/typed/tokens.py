@@ -46,6 +46,9 @@ _INDEX_COMMAND = re.compile(rf"\\(?:{'|'.join(WORD_GROUPS)})(?![A-Za-z])|[{{}}\\
 _PLAIN_INDEX = re.compile(r"_([0-9]+|[A-Za-z][A-Za-z0-9]*)")
 _BRACKETED = re.compile(r"\[([A-Za-z][A-Za-z0-9_]*)\]")
 _RATE = re.compile(r"\.(d{1,2}ot)\b")
+_BEFORE_DIGITS = ("sin", "cos", "tan", "cot", "sqrt")
+"""Functions that end a word before a digit, as in sin2x."""
+
 _SUPERSCRIPT = re.compile(r"([⁺⁻]?)([⁰¹²³⁴⁵⁶⁷⁸⁹]+)")
 _SUBSCRIPTS = dict(zip("₀₁₂₃₄₅₆₇₈₉ₐₑₕᵢⱼₖₗₘₙₒₚᵣₛₜᵤᵥₓ", "0123456789aehijklmnoprstuvx", strict=True))
 
@@ -141,7 +144,7 @@ class _Scanner:
             if not (_letter(mark) or (mark.isascii() and mark.isdigit())):
                 break
             letter, dots, after = _dotted(self.text, place, self.end)
-            if dots and spelled:
+            if (dots and spelled) or (mark.isdigit() and spelled in _BEFORE_DIGITS):
                 break
             spelled, order, place = spelled + letter, order or dots, after
             index, place = self._indices(place)

@@ -41,6 +41,8 @@ READINGS = {
     "(dtheta/dt)^2": "theta_dot**2",
     "d/dt(m l^2 theta')": "d/dt(m*l**2*theta_dot)",
     "d/dt (x)": "x_dot",
+    "diff(x, t, 2) + Derivative(m x(t), (t, 2)) + D[x[t], t]": "x_ddot + d^2/dt^2(m*x) + x_dot",
+    "sin2θ + Cos(x)": "sin(2*theta) + cos(x)",
     "theta''(t) + x(t)": "theta_ddot + x",
     "x.ddot + x.dot": "x_ddot + x_dot",
     "θ̈₁ + θ̇²": "theta1_ddot + theta_dot**2",
