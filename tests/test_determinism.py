@@ -16,7 +16,7 @@ from sympy import Abs, Max, Min, Piecewise, cos
 
 import lagrange as lg
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.machine.kernel.llvm_text import column_module, scalar_module
+from lagrange.machine.kernel.llvm_module import column_module, scalar_module
 from lagrange.machine.steps.llvm_driver import driver_ir
 from lagrange.program.catalogue import QUANTITIES, program_of
 from lagrange.trajectory.methods.explicit import DOP853, RK4
@@ -27,7 +27,6 @@ from tests.models import SYSTEMS
 ROOT = Path(__file__).resolve().parent.parent
 NAMES = ("double pendulum", "chain of 7", "cart and pole", "blocks", "friction", "8 carried masses", "saddle")
 CHOSEN = ("rhs", "energy")
-VECTOR_NAMES = {"sin": "_ZGVdN4v_sin", "exp": "_ZGVdN4v_exp"}
 
 
 def texts(name: str, quantities: Iterable[str] = QUANTITIES) -> dict[str, str]:
@@ -38,7 +37,7 @@ def texts(name: str, quantities: Iterable[str] = QUANTITIES) -> dict[str, str]:
         program = program_of(quantity, equations)
         found[f"{name} {quantity} program"] = str(program)
         found[f"{name} {quantity} scalar"] = scalar_module(program)
-        found[f"{name} {quantity} columns"] = column_module(program, 4, VECTOR_NAMES)
+        found[f"{name} {quantity} columns"] = column_module(program, 4)
     return found
 
 

@@ -156,8 +156,8 @@ def test_every_folder_of_tests_is_in_the_floor_plan() -> None:
 @pytest.mark.parametrize(
     ("module", "source"),
     [
-        ("machine.kernel.llvm_text", "from lagrange.machine.steps.llvm_layout import laid_out"),
-        ("machine.llvm.emitter", "import lagrange.machine.kernel.llvm_calling"),
+        ("machine.kernel.llvm_module", "from lagrange.machine.steps.llvm_layout import laid_out"),
+        ("machine.llvm.emitter", "import lagrange.machine.kernel.llvm_module"),
         ("trajectory.trajectory", "from lagrange.trajectory import run_loop"),
         (
             "trajectory.paths.sampled",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -206,19 +207,20 @@ def module_of(
         every.append(model.law("projection").program)
     alone = divisors(model) if any(name in SOLVED for name in programs) else None
     prepared = Prepared.of([*every, alone] if alone else every)
-    given = {"state_names": state, "parameter_names": tuple(p.name for p in statement.parameters)}
+    names = tuple(p.name for p in statement.parameters)
+    evaluated = partial(kernel, state_names=state, parameter_names=names)
     about = "Write the parameters into p, and behind them what depends on them alone."
-    procedures = {name: kernel(one, prepared, name, _about(name), **given) for name, one in programs.items()}
+    procedures = {name: evaluated(one, prepared, name, _about(name)) for name, one in programs.items()}
     if alone:
-        entries = kernel(alone, prepared, "divisors", "The entries of the matrix that are divided by.", **given)
+        entries = evaluated(alone, prepared, "divisors", "The entries of the matrix that are divided by.")
         procedures |= {name: guarded(procedures[name], entries) for name in SOLVED if name in procedures}
     laws = {"law": procedures["rhs"], "jacobian": procedures["rhs"]} if asked.methods else {}
     if projected:
-        laws["projection"] = kernel(every[-1], prepared, "projection", "Corrections onto the constraints.", **given)
+        laws["projection"] = evaluated(every[-1], prepared, "projection", "Corrections onto the constraints.")
     prune = Pruner().pruned
     integrators = tuple(_integrator(name, step, len(state), laws, prune) for name, step in asked.methods)
     tested = fixed(alone, prepared) if alone else ()
-    preparing = prepare(prepared, about, parameter_names=given["parameter_names"], divisors=tested)
+    preparing = prepare(prepared, about, parameter_names=names, divisors=tested)
     size = prepared.size
     if asked.taylor:
         series = _taylor(model, prepared.size, laws.get("projection"))
@@ -235,10 +237,10 @@ def module_of(
         name=ascii_name(statement.name).lower(),
         statement=tuple(statement_lines(statement, events)),
         state=state,
-        parameters=given["parameter_names"],
+        parameters=names,
         inputs=tuple(symbol.name for symbol, _ in statement.inputs),
         values=values,
-        units={name: unit for name in (*state, *given["parameter_names"], "t") if (unit := unit_of(statement, name))},
+        units={name: unit for name in (*state, *names, "t") if (unit := unit_of(statement, name))},
         prepare=preparing,
         prepared=size,
         quantities=quantities,

@@ -30,7 +30,7 @@ AT_ONCE: Mapping[str, Callable[..., Any]] = {
 }
 """Operations that are spelled otherwise for all iterations at once."""
 
-AS_WRITTEN = ("add", "sub", "mul", "neg", "abs", "fma", "less", "less_equal", "equal")
+AS_WRITTEN = ("add", "sub", "mul", "neg", "abs", "fma", "fnma", "less", "less_equal", "equal")
 """Operations that Python spells for arrays as for numbers."""
 
 

@@ -41,6 +41,7 @@ from lagrange.procedure.form import (
     Repeat,
     Reserve,
     ReserveRecord,
+    SineCosine,
     Statement,
     When,
 )
@@ -129,7 +130,7 @@ class Builder:
     def _parameter(self, name: str, kind: Kind | Array | Record | Callee) -> int:
         if self.current:
             raise LagrangeError(f"procedure {self.name}: the parameter {name} comes behind the first statement.")
-        ref = self._fresh()
+        ref = self.unused()
         self.parameters.append(Parameter(ref, name, kind))
         return ref
 
@@ -146,6 +147,12 @@ class Builder:
             raise LagrangeError(f"procedure {self.name}: {op} takes no {given}.")
         refs = tuple(arg.ref for arg in found)
         return self.made(result, lambda ref: Let(ref, result, op, refs))
+
+    def sine_cosine(self, angle: Real) -> tuple[Real, Real]:
+        """Return the sine and the cosine of an angle."""
+        sine, cosine = self.unused(), self.unused()
+        self.add(SineCosine(sine, cosine, self.operand(angle, REAL)))
+        return Real(self, sine), Real(self, cosine)
 
     def constant(self, value: Any, kind: Kind) -> Any:
         """Return a Python number as a value."""
@@ -178,7 +185,7 @@ class Builder:
 
     def made(self, kind: Kind, make: Callable[[int], Statement]) -> Any:
         """Return the value of a new statement."""
-        ref = self._fresh()
+        ref = self.unused()
         self.add(make(ref))
         return VALUES[kind](self, ref)
 
@@ -201,6 +208,10 @@ class Builder:
     def fma(self, a: Any, b: Any, c: Any) -> Any:
         """Return a*b + c, rounded once."""
         return self.operation("fma", a, b, c)
+
+    def fnma(self, a: Any, b: Any, c: Any) -> Any:
+        """Return c - a*b, rounded once."""
+        return self.operation("fnma", a, b, c)
 
     def sqrt(self, x: Any) -> Any:
         """Return the square root."""
@@ -227,7 +238,7 @@ class Builder:
     def variable(self, value: Any, name: str = "") -> Variable:
         """Return a variable with its first value; a number of Python is of the kind that it looks like."""
         kind = _kind_of(value)
-        first, ref = self.operand(value, kind), self._fresh()
+        first, ref = self.operand(value, kind), self.unused()
         self.add(Declare(ref, kind, first))
         if name:
             self.names[ref] = name
@@ -235,7 +246,7 @@ class Builder:
 
     def reserve(self, size: int, kind: Kind = REAL, *, room: int = 1, name: str = "") -> Memory:
         """Return a local array with undefined values."""
-        array, ref = Array(kind, size, room=room), self._fresh()
+        array, ref = Array(kind, size, room=room), self.unused()
         self.add(Reserve(ref, array))
         if name:
             self.names[ref] = name
@@ -243,14 +254,14 @@ class Builder:
 
     def reserve_record(self, record: Record, name: str = "") -> Any:
         """Return a local record; its fields are zero at first."""
-        ref = self._fresh()
+        ref = self.unused()
         self.add(ReserveRecord(ref, record))
         self.names[ref] = name or record.name.lower()
         return Fields(self, ref, record)
 
     def part(self, memory: Memory, start: Any) -> Memory:
         """Return the part of an array from an index on."""
-        place, ref = self.operand(start, WHOLE), self._fresh()
+        place, ref = self.operand(start, WHOLE), self.unused()
         self.add(Part(ref, memory.ref, place))
         return Memory(self, ref, Array(memory.array.kind, None, memory.array.read, memory.array.room))
 
@@ -293,7 +304,7 @@ class Builder:
     @contextmanager
     def loop(self, start: Any, stop: Any, step: int = 1) -> Iterator[Whole]:
         """Run the body for an index from `start` while below `stop`."""
-        first, last, index = self.operand(start, WHOLE), self.operand(stop, WHOLE), self._fresh()
+        first, last, index = self.operand(start, WHOLE), self.operand(stop, WHOLE), self.unused()
         with self.block() as body:
             yield Whole(self, index)
         self.add(Loop(index, first, last, step, tuple(body)))
@@ -311,7 +322,7 @@ class Builder:
     def each(self, count: Any, *, width: int = PARTIAL, spill: bool = False, unrolled: bool = False) -> Iterator[Whole]:
         """Run the body for each index below `count`, in any order. It may use `sum` and `largest`; see `Each`."""
         number = self.operand(count, WHOLE)
-        index, outside, self._folds = self._fresh(), self._folds, []
+        index, outside, self._folds = self.unused(), self._folds, []
         if outside is not None:
             raise LagrangeError(f"procedure {self.name}: an `each` stands in another.")
         with self.block() as body:
@@ -338,7 +349,7 @@ class Builder:
     def _fold(self, op: str, value: Real, factor: int | None = None) -> Folded:
         if self._folds is None:
             raise LagrangeError(f"procedure {self.name}: a sum of values stands outside of `each`.")
-        self._folds.append(Fold(self._fresh(), op, self.operand(value, REAL), factor))
+        self._folds.append(Fold(self.unused(), op, self.operand(value, REAL), factor))
         return Folded(self, self._folds[-1].ref)
 
     def call(self, callee: Procedure, *args: Any) -> Any:
@@ -356,7 +367,7 @@ class Builder:
             self.operand(arg, kind) if isinstance(kind, Kind) else arg.ref
             for arg, kind in zip(args, types, strict=True)
         )
-        refs = tuple(self._fresh() for _ in results)
+        refs = tuple(self.unused() for _ in results)
         self.add(Call(refs, callee, given))
         values = tuple(VALUES[kind](self, ref) for kind, ref in zip(results, refs, strict=True))
         return values[0] if len(values) == 1 else values or None
@@ -387,7 +398,8 @@ class Builder:
         verify(made)
         return made
 
-    def _fresh(self) -> int:
+    def unused(self) -> int:
+        """Return an unused number."""
         self._count += 1
         return self._count - 1
 

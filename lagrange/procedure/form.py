@@ -113,6 +113,14 @@ class Let(NamedTuple):
     data: float | int | bool | None = None
 
 
+class SineCosine(NamedTuple):
+    """The sine and the cosine of one angle, which cost little more together than one of them."""
+
+    sine: int
+    cosine: int
+    angle: int
+
+
 class Reserve(NamedTuple):
     """A local array with undefined values, for the duration of a call."""
 
@@ -283,6 +291,7 @@ class Note(NamedTuple):
 
 Statement = (
     Let
+    | SineCosine
     | Reserve
     | ReserveRecord
     | Part

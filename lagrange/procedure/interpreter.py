@@ -38,6 +38,7 @@ from lagrange.procedure.form import (
     Reserve,
     ReserveRecord,
     Set,
+    SineCosine,
     Store,
     When,
     Write,
@@ -86,6 +87,11 @@ def _block(block: Block, known: Environment) -> Results | None:
 
 def _let(let: Let, known: Environment) -> None:
     known[let.ref] = let.data if let.op == CONSTANT else OPERATIONS[let.op](*[known[arg] for arg in let.args])
+
+
+def _sine_cosine(pair: SineCosine, known: Environment) -> None:
+    angle = known[pair.angle]
+    known[pair.sine], known[pair.cosine] = OPERATIONS["sin"](angle), OPERATIONS["cos"](angle)
 
 
 def _reserve(reserve: Reserve, known: Environment) -> None:
@@ -194,6 +200,7 @@ def _leave(leave: Leave, known: Environment) -> Results:
 
 _STATEMENTS: Mapping[type, Callable[[Any, Environment], Results | None]] = {
     Let: _let,
+    SineCosine: _sine_cosine,
     Reserve: _reserve,
     ReserveRecord: _reserve_record,
     Part: _part,
@@ -347,6 +354,7 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "power": _power,
     "round": _round,
     "fma": fused,
+    "fnma": lambda a, b, c: fused(-a, b, c),
     "less": lambda a, b: a < b,
     "less_equal": lambda a, b: a <= b,
     "equal": lambda a, b: a == b,

@@ -22,7 +22,7 @@ OPERATIONS: dict[str, tuple[Signature, ...]] = {
     **_functions("neg", _UNARY, ((WHOLE,), WHOLE)),
     **_functions("quotient", _WHOLES),
     **_functions("abs sqrt sign sin cos tan asin acos atan exp log sinh cosh tanh asinh acosh atanh erf round", _UNARY),
-    **_functions("fma", ((REAL, REAL, REAL), REAL)),
+    **_functions("fma fnma", ((REAL, REAL, REAL), REAL)),
     **_functions("less less_equal equal", *_COMPARED),
     **_functions("and or", ((FLAG, FLAG), FLAG)),
     **_functions("not", ((FLAG,), FLAG)),
@@ -36,10 +36,10 @@ OPERATIONS: dict[str, tuple[Signature, ...]] = {
 """Every operation with the kinds that it takes and gives.
 
 Comparisons are false where an operand is NaN; `min` and `max` are NaN there, and so is `magnitude`, the larger of |a|
-and |b|, which costs processors less than `max`. `fma` is a*b + c rounded once. `round` goes to the nearest whole
-number, ties to even. `quotient` rounds towards zero, and so does `whole` of a real within the range of wholes. A normal
-|x| is mantissa * 2**exponent with 1 <= mantissa < 2; the exponent of infinity and NaN is 1024, that of zero and what is
-below the normals -1023. `two_to` k is 2**k, a normal.
+and |b|, which costs processors less than `max`. `fma` is a*b + c rounded once, `fnma` c - a*b. `round` goes to the
+nearest whole number, ties to even. `quotient` rounds towards zero, and so does `whole` of a real within the range of
+wholes. A normal |x| is mantissa * 2**exponent with 1 <= mantissa < 2; the exponent of infinity and NaN is 1024, that of
+zero and what is below the normals -1023. `two_to` k is 2**k, a normal.
 """
 
 

@@ -20,6 +20,7 @@ from lagrange.procedure.form import (
     Reserve,
     ReserveRecord,
     Set,
+    SineCosine,
     Statement,
     When,
     inner,
@@ -87,6 +88,8 @@ class _Pass:
                 return ref not in self.got
             case Set(variable=variable):
                 return variable not in self.got
+            case SineCosine(sine=sine, cosine=cosine):
+                return sine not in self.needed and cosine not in self.needed
             case When(then=(), otherwise=()):
                 return True
             case _:

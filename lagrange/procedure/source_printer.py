@@ -39,6 +39,7 @@ from lagrange.procedure.form import (
     Reserve,
     ReserveRecord,
     Set,
+    SineCosine,
     Statement,
     Store,
     Type,
@@ -177,6 +178,9 @@ class SourcePrinter(Syntax):
         match statement:
             case Let():
                 self.let(statement)
+            case SineCosine(sine=sine, cosine=cosine, angle=angle):
+                self.let(Let(sine, REAL, "sin", (angle,)))
+                self.let(Let(cosine, REAL, "cos", (angle,)))
             case Reserve(ref=ref, array=held):
                 self.types[ref] = held
                 self.settle()

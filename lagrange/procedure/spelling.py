@@ -43,6 +43,7 @@ OPERATORS: Mapping[str, Operator] = {
     "add": Operator(6, "{0} + {1}", (6, 7)),
     "sub": Operator(6, "{0} - {1}", (6, 7)),
     "fma": Operator(6, "{0} * {1} + {2}", (7, 8, 7)),
+    "fnma": Operator(6, "{2} - {0} * {1}", (7, 8, 6)),
     "mul": Operator(7, "{0} * {1}", (7, 8)),
     "div": Operator(7, "{0} / {1}", (7, 8)),
     "neg": Operator(8, "-{0}", (9,)),

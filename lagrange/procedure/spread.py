@@ -30,6 +30,7 @@ from lagrange.procedure.form import (
     Reserve,
     ReserveRecord,
     Set,
+    SineCosine,
     Statement,
     When,
 )
@@ -133,6 +134,9 @@ class _Search:
         match statement:
             case Let(ref=ref, args=args):
                 self.mark(ref, own=self.differs(args))
+            case SineCosine(sine=sine, cosine=cosine, angle=angle):
+                self.mark(sine, own=angle in self.own)
+                self.mark(cosine, own=angle in self.own)
             case Load(ref=ref, array=array, place=place):
                 common = array not in self.own and array not in self.apart and array not in self.written
                 self.mark(ref, own=not common or place in self.own)

@@ -17,6 +17,7 @@ from lagrange.procedure.form import (
     Read,
     Repeat,
     Set,
+    SineCosine,
     Statement,
     Store,
     When,
@@ -28,13 +29,16 @@ from lagrange.procedure.form import (
 def operands(statement: Statement) -> tuple[int, ...]:
     """Return the numbers of all that a statement reads itself, without its blocks.
 
-    Parts of arrays and records to which it writes are among them, variables are not.
+    An angle is read once for its sine and once for its cosine. Parts of arrays and records to which it writes are among
+    them, variables are not.
     """
     match statement:
         case Let(args=args) | Leave(values=args):
             return args
         case Call(callee=callee, args=args):
             return args if isinstance(callee, Procedure) else (callee, *args)
+        case SineCosine(angle=angle):
+            return angle, angle
         case Part(array=array, start=place) | Load(array=array, place=place):
             return array, place
         case Store(array=array, place=place, value=value):
@@ -78,7 +82,8 @@ def uses_of(block: Block) -> dict[int, int]:
 def _defined(block: Block) -> frozenset[int]:
     """Return the values that a block defines."""
     here = (one.ref for one in block if isinstance(one, (Let, Load, Read, Get)))
-    return frozenset(here).union(*(_defined(body) for one in block for body in inner(one)))
+    pairs = (ref for one in block if isinstance(one, SineCosine) for ref in (one.sine, one.cosine))
+    return frozenset(here).union(pairs, *(_defined(body) for one in block for body in inner(one)))
 
 
 def loop_depth(block: Block) -> int:

@@ -36,6 +36,7 @@ from lagrange.procedure.form import (
     Reserve,
     ReserveRecord,
     Set,
+    SineCosine,
     Statement,
     Store,
     Type,
@@ -138,6 +139,10 @@ class _Check:
             self.let(statement)
             return False
         match statement:
+            case SineCosine(sine=sine, cosine=cosine, angle=angle):
+                self.kind(angle, REAL)
+                self.define(sine, REAL)
+                self.define(cosine, REAL)
             case Load() | Store() | Read() | Write():
                 self.memory(statement)
             case Declare() | Get() | Set():

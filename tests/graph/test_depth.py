@@ -12,7 +12,7 @@ from lagrange.graph.differentiate import gradient, tangents
 from lagrange.graph.from_sympy import Translator
 from lagrange.graph.node import Binding, Graph, Node, reachable
 from lagrange.graph.share import share_sums
-from lagrange.machine.kernel.llvm_text import scalar_module
+from lagrange.machine.kernel.llvm_module import scalar_module
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.program.lower import lower

@@ -13,7 +13,7 @@ import lagrange as lg
 from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import RunError
-from lagrange.machine.kernel import llvm_body
+from lagrange.machine.llvm import procedures
 from lagrange.machine.model import Model
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet
@@ -100,7 +100,7 @@ def test_a_large_system_that_is_singular_takes_its_memory_from_the_heap(
     loops: int, largest: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The matrix of 60 loops, 243 unknowns, takes half a megabyte: with its factors too much for a thread's stack."""
-    monkeypatch.setattr(llvm_body, "LARGEST_ON_STACK", largest)
+    monkeypatch.setattr(procedures, "LARGEST_ON_STACK", largest)
     held = model_of(ladder(loops), machine("llvm"))
     straight = np.ravel([(i + 1.0, 0.0) for i in range(loops + 1)])
     with pytest.raises(RunError):

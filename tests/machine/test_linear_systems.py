@@ -11,7 +11,9 @@ import pytest
 from lagrange.compiler import machine
 from lagrange.graph.node import Binding, Graph
 from lagrange.machine.backend import Kernel, SingularMassMatrix
-from lagrange.machine.kernel.llvm_body import saved_slots, width_of
+from lagrange.machine.kernel.llvm_module import KernelCode
+from lagrange.procedure.kernel.prepared import width_of
+from lagrange.program.elimination import WRITTEN_OUT
 from lagrange.program.lower import lower
 from tests.machine.matrices import REGULAR, SINGULAR, Matrix, hollow, indefinite, positive
 from tests.models import TARGETS
@@ -248,9 +250,9 @@ def hoisted_kernel(size: int, multipliers: int) -> Kernel:
 
 def trusted(kernel: Any, values: Any) -> bool:
     """Return whether every pivot was trusted: the last that `prepare` keeps of the factors."""
-    slots = saved_slots(kernel.program)
+    slots = KernelCode(kernel.program).prepared.of_program(kernel.program)
     (factor,) = (ref for ref in slots if kernel.program.instructions[ref].op == "factor")
-    return bool(kernel.prepare(values)[slots[factor] + width_of(kernel.program, factor) - 1])
+    return bool(kernel.prepare(values)[slots[factor] + width_of(kernel.program, factor, WRITTEN_OUT) - 1])
 
 
 @pytest.mark.parametrize(("n", "m"), [(2, 1), (3, 1), (4, 2), (3, 3)])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from lagrange.compiler import compile_model
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.backend import FloatArray
-from lagrange.machine.kernel import llvm_calling
+from lagrange.machine.kernel.llvm_module import fit
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.machine.steps.llvm_driver import laid_out
@@ -157,7 +157,7 @@ def row_of(n: int) -> Model:
 @pytest.mark.parametrize("name", [*IMPLICIT, *STEPPED])
 def test_machine_code_takes_the_steps_of_the_interpreter(name: str, n: int) -> None:
     """One coordinate in registers, two in registers and whole blocks, five between arrays with a block begun."""
-    assert llvm_calling.fit(2 * n) is (n < 5)
+    assert fit(2 * n) is (n < 5)
     compiled = row_of(n)
     for share in (0.0, 1e-3) if name not in FIXED else (0.0,):
         beside = Compiled(name, compiled, 0.07, share)
@@ -177,7 +177,7 @@ def test_machine_code_takes_the_steps_of_the_interpreter(name: str, n: int) -> N
 def test_machine_code_projects_the_steps_of_the_interpreter(name: str, links: int) -> None:
     """Two points of four coordinates in registers, three of six between arrays; rounding decides what is lost."""
     compiled = rods(links)
-    assert llvm_calling.fit(4 * links) is (links < 3)
+    assert fit(4 * links) is (links < 3)
     beside = Compiled(name, compiled, 0.01)
     ours = Interpreted(beside, compiled)
     for _ in range(2 if links > 2 else 6):

@@ -15,8 +15,7 @@ from tests.procedure.random_procedures import RandomProcedure
 
 LINEAR: dict[str, Procedure] = {
     "invert_dense": ldl.invert_dense(),
-    "solve_lanes": ldl.solve_lanes(pivoted=False),
-    "solve_lanes_pivoted": ldl.solve_lanes(pivoted=True),
+    "solve_columns": ldl.solve_columns(),
     "invert": inverse.invert(),
     "inversion": gauss_jordan.inversion(7),
 }
@@ -66,7 +65,7 @@ def used_once_nearby(body: list[ast.stmt], function: ast.AST) -> Iterator[str]:
                     yield f"{name} = {ast.unparse(value)}"
 
 
-@pytest.mark.parametrize("name", ["invert_dense", "solve_lanes", "solve_lanes_pivoted", "inversion"])
+@pytest.mark.parametrize("name", ["invert_dense", "inversion"])
 def test_what_is_used_once_has_no_name(name: str) -> None:
     for function in ast.parse(source(LINEAR[name])).body:
         assert isinstance(function, ast.FunctionDef)

@@ -13,13 +13,12 @@ import numpy as np
 
 from lagrange.machine.backend import FloatArray, QuickCalls, SingularMassMatrix
 from lagrange.machine.copies import Shared, UnpickledKernel
-from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.kernel.llvm_arrays import quick_calls
-from lagrange.machine.kernel.llvm_body import prepared_size
-from lagrange.machine.kernel.llvm_text import column_module, scalar_code, solves
+from lagrange.machine.kernel.llvm_module import KernelCode, in_registers, solves
 from lagrange.machine.llvm.address import address
-from lagrange.machine.llvm.engine import Module, lanes, linear_solver, solver_of_columns, vector_routines
+from lagrange.machine.llvm.engine import Module, lanes, linear_solver, solver_of_columns
 from lagrange.procedure.blocks import whole_blocks
+from lagrange.procedure.linear.ldl import solve_columns
 from lagrange.program.program import Program
 
 SHORT_PROGRAM = 4096
@@ -36,16 +35,16 @@ class LlvmKernel(Shared):
         self._program = program
         if solves(program):
             linear_solver(often=not all(plan.written_out for plan in program.eliminations.values()))
-        text, called = scalar_code(program)
-        if called:
+        self._code = KernelCode(program)
+        if solve_columns() in self._code.called:
             solver_of_columns()
-        self._module = Module(text)
+        self._module = Module(self._code.scalar_module())
         self._address = self._module.address(program.name)
         self._prepare = _PREPARE(self._module.address(f"{program.name}_prepare"))
         self._scalar = _SCALAR(self.address)
         self._prepared: tuple[bytes, FloatArray] | None = None
         self._quick: tuple[FloatArray, QuickCalls | None] | None = None
-        self._size = prepared_size(program) + 1
+        self._size = self._code.prepared.size + 1
         ends = [0, *accumulate(block.size for block in program.inputs)]
         rows = [slice(*pair) for pair in pairwise(ends)]
         self._split: Callable[[FloatArray], Sequence[FloatArray]] = (
@@ -88,7 +87,7 @@ class LlvmKernel(Shared):
     def law_address(self) -> int:
         """Address of the kernel that steps call: in registers where it is small, else that of `address`."""
         name = self._program.name
-        return self._module.address(f"{name}_registers") if llvm_calling.hold(self._program) else self._address
+        return self._module.address(f"{name}_registers") if in_registers(self._program) else self._address
 
     @property
     def columns_address(self) -> int:
@@ -173,7 +172,7 @@ class LlvmKernel(Shared):
     @cached_property
     def _column_kernel(self) -> tuple[Module, ctypes._CFunctionType]:
         """The module and its function as one value: threads that compile it concurrently each keep their own pair."""
-        module = Module(column_module(self._program, self._lanes, vector_routines() if self._lanes > 1 else {}))
+        module = Module(self._code.column_module(self._lanes))
         pointers = [ctypes.c_void_p] * (3 + len(self._program.inputs))
         columns = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *pointers)
         return module, columns(module.address(f"{self._program.name}_columns"))

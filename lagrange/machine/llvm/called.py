@@ -17,8 +17,8 @@ from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module
-from lagrange.machine.llvm.operations import KINDS, argument_type, declarations, result_type, separated
-from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, function
+from lagrange.machine.llvm.operations import KINDS, argument_type, result_type, separated
+from lagrange.machine.llvm.procedures import function, joined
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 
 _CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
@@ -82,7 +82,7 @@ def called_ir(procedure: Procedure) -> str:
     """Return the IR of a procedure that is called as run(ptr words); what it calls is merged but for what is apart."""
     functions = [function(one, hidden=True, merged=not one.apart) for one in procedure.callees]
     functions.append(function(procedure, hidden=True))
-    return "\n".join([declarations(), *functions, _run(procedure), METADATA, ATTRIBUTES])
+    return joined([*functions, _run(procedure)])
 
 
 def _run(procedure: Procedure) -> str:

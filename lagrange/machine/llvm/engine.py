@@ -19,7 +19,7 @@ from lagrange.machine.llvm.operations import LIBRARY
 from lagrange.machine.llvm.procedures import module
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.linear.inverse import invert
-from lagrange.procedure.linear.ldl import factor_dense, invert_dense, solve_columns, solve_factored, solve_lanes
+from lagrange.procedure.linear.ldl import factor_dense, invert_dense, solve_columns, solve_factored
 from lagrange.procedure.linear.pivoted import factor_pivoted, solve_pivoted
 from lagrange.program.program import ARITY
 
@@ -40,8 +40,7 @@ The Jacobian of a chain of 30 links (23,000 operations) then takes 1.2 s instead
 
 def dense_solver() -> tuple[Procedure, ...]:
     """Return the procedures for linear systems that models call, compiled once per process."""
-    pivoted = factor_pivoted(), solve_pivoted(), solve_lanes(pivoted=True)
-    return *pivoted, factor_dense(), solve_factored(), solve_lanes(pivoted=False), invert_dense()
+    return factor_pivoted(), solve_pivoted(), factor_dense(), solve_factored(), invert_dense()
 
 
 class Module(Shared):

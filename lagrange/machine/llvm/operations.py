@@ -57,6 +57,7 @@ def declarations() -> str:
         if lanes > 1:
             lines.append(f"declare i64 @llvm.vector.reduce.umax.v{lanes}i64({vector})")
     lines += [declaration(name, op) for op, name in LIBRARY.items()]
+    lines += ["declare void @sincos(double, ptr, ptr)", "declare ptr @malloc(i64)", "declare void @free(ptr)"]
     return "\n".join(lines)
 
 
@@ -104,6 +105,9 @@ def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes
         return e.value(f"{_REALS[op]} {kind} {args[0]}, {args[1]}")
     if real and op in INTRINSICS:
         return e.value(f"call {kind} @llvm.{INTRINSICS[op]}.{suffix(kind)}({typed})")
+    if op == "fnma":
+        minus = e.value(f"fneg {kind} {args[0]}")
+        return e.fma(minus, args[1], args[2], kind)
     if op == "magnitude":
         return _magnitude(e, args, lanes)
     if op == "sign":
@@ -181,6 +185,16 @@ _BITS = {"two_to": _two_to, "exponent": _exponent, "mantissa": _mantissa}
 def result_type(results: Sequence[Kind]) -> str:
     """Return LLVM's type of some results."""
     return together([KINDS[kind] for kind in results])
+
+
+def foreign_type(kind: Kind) -> str:
+    """Return LLVM's type of a result of a function that is called from outside: a flag is C's int."""
+    return "i32" if kind is FLAG else KINDS[kind]
+
+
+def convention(results: Sequence[Kind]) -> str:
+    """Return how a function with some results is called from outside: several are returned in registers."""
+    return "swiftcc " if len(results) > 1 else ""
 
 
 def together(types: Sequence[str]) -> str:

@@ -7,7 +7,7 @@ iterations are vectors there; the others are broadcast where they meet them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -17,7 +17,9 @@ from lagrange.machine.llvm.operations import (
     KINDS,
     argument_type,
     constant,
+    convention,
     declarations,
+    foreign_type,
     give,
     phi,
     result_type,
@@ -26,6 +28,13 @@ from lagrange.machine.llvm.operations import (
     splat,
     together,
     type_of,
+)
+from lagrange.machine.llvm.sine_cosine import (
+    ANGLES,
+    CALLED_FOR_ANGLES,
+    angle_function,
+    call_sine_and_cosine,
+    sine_and_cosine,
 )
 from lagrange.procedure.form import (
     CONSTANT,
@@ -55,13 +64,31 @@ from lagrange.procedure.form import (
     Reserve,
     ReserveRecord,
     Set,
+    SineCosine,
     Statement,
     Store,
     Type,
     When,
     Write,
     assigned,
+    inner,
 )
+
+INLINE_ANGLES = 8
+"""Up to this many different angles, sine and cosine are written out for each.
+
+Beyond it they are a function, which bounds the compile time of a long chain.
+"""
+
+LARGEST_ON_STACK = 50_000
+"""Most numbers of a local array on the stack, 400 kB: larger ones are taken from the heap."""
+
+MOST_TOGETHER = 4
+"""Most results that are stored at once by what is called from outside.
+
+A step loads them four at a time, and a processor forwards a value from a store to a load only if one store has all of
+it: that would double the time of a small step.
+"""
 
 LIKELY = {True: ", !prof !0", False: ", !prof !1", None: ""}
 METADATA = '!0 = !{!"branch_weights", i32 2000, i32 1}\n!1 = !{!"branch_weights", i32 1, i32 2000}\n'
@@ -70,9 +97,11 @@ METADATA = '!0 = !{!"branch_weights", i32 2000, i32 1}\n!1 = !{!"branch_weights"
 ATTRIBUTES = (
     'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" "stackrealign" }\n'
     "attributes #1 = { nounwind }\n"
+    "attributes #2 = { nounwind noinline optnone }\n"
 )
 """Vectors of eight reals are one register where there are such. Other procedures leave the width to LLVM: else it
-copies blocks of four in pairs, which wait for stores of single ones. Spills are aligned to cache lines."""
+copies blocks of four in pairs, which wait for stores of single ones. Spills are aligned to cache lines. What runs once
+per set of parameters is compiled quickly, without optimization."""
 
 
 def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = ()) -> str:
@@ -82,7 +111,19 @@ def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = 
         wanted |= dict.fromkeys(one for one in (*procedure.callees, procedure) if one not in hidden_by(elsewhere))
     declared = [declaration(one) for one in dict.fromkeys(elsewhere)]
     made = [function(one, hidden=one not in dict.fromkeys(procedures)) for one in wanted]
-    return "\n".join([declarations(), *declared, *made, METADATA, ATTRIBUTES])
+    return joined(made, declared)
+
+
+def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
+    """Return the IR of a module of functions, with what they call."""
+    angles = [angle_function(1)] if any(CALLED_FOR_ANGLES in text for text in functions) else []
+    return "\n".join([declarations(), *declared, *angles, *functions, METADATA, ATTRIBUTES])
+
+
+def number_of_angles(block: Block) -> int:
+    """Return how many sines and cosines a block computes, those of one angle together."""
+    here = sum(isinstance(one, SineCosine) or (isinstance(one, Let) and one.op in ANGLES) for one in block)
+    return here + sum(number_of_angles(body) for one in block for body in inner(one))
 
 
 def hidden_by(elsewhere: Sequence[Procedure]) -> dict[Procedure, None]:
@@ -99,9 +140,20 @@ def declaration(procedure: Procedure) -> str:
     return f"declare {result_type(procedure.results)} @{procedure.name}({kinds})"
 
 
-def function(procedure: Procedure, *, hidden: bool = False, merged: bool = False) -> str:
-    """Return the IR of one procedure; a `hidden` one may be merged into its callers, and `merged` says that it is."""
-    return Printer(procedure).function("internal " if hidden else "", "alwaysinline " if merged else "")
+def function(
+    procedure: Procedure,
+    *,
+    hidden: bool = False,
+    merged: bool = False,
+    quickly: bool = False,
+    outside: Container[Procedure] = (),
+) -> str:
+    """Return the IR of one procedure; a `hidden` one may be merged into its callers, and `merged` says that it is.
+
+    One that runs rarely is compiled `quickly`. Those in `outside` are called as a `Callee` is, by others and here.
+    """
+    printer = Printer(procedure, outside=outside)
+    return printer.function("internal " if hidden else "", "alwaysinline " if merged else "", quickly=quickly)
 
 
 class Printer:
@@ -111,9 +163,17 @@ class Printer:
     are vectors, one entry for each of the iterations of the `current` block.
     """
 
-    def __init__(self, procedure: Procedure) -> None:
-        self.procedure = procedure
-        self.e = Emitter()
+    def __init__(
+        self,
+        procedure: Procedure,
+        *,
+        outside: Container[Procedure] = (),
+        e: Emitter | None = None,
+        angles: int | None = None,
+    ) -> None:
+        self.procedure, self.outside = procedure, outside
+        self.foreign = procedure in outside
+        self.e = Emitter() if e is None else e
         self.values: dict[int, str] = {}
         self.kinds: dict[int, Kind] = {}
         self.types: dict[int, Type] = {}
@@ -121,10 +181,18 @@ class Printer:
         self.wide: dict[int, None] = {}
         self.spread: dict[int, str] = {}
         self.current: IterationBlock | None = None
+        self.angles = angles
+        """How many angles the procedure has, once that was asked for."""
         self.open = True
         """Whether the present block can be left behind its last statement."""
+        self.memories: list[tuple[str, str, int]] = []
+        """Local arrays of the open blocks: address, kind and size."""
+        self.free: dict[tuple[str, int], list[str]] = {}
+        """Stack memory of blocks that are closed, by kind and size."""
+        self.together: list[tuple[int, int, str]] = []
+        """Numbers to be stored side by side: array, place and value."""
 
-    def function(self, linkage: str, merging: str) -> str:
+    def function(self, linkage: str, merging: str, *, quickly: bool = False) -> str:
         """Return the IR of the procedure."""
         given = []
         for parameter in self.procedure.parameters:
@@ -137,10 +205,16 @@ class Printer:
         self.block(self.procedure.body)
         if self.open:
             self.e.do("ret void")
-        results = result_type(self.procedure.results)
+        results = together(self.result_types())
         merging = "noinline " if self.procedure.apart else merging
         merging += "#0" if any(each.width > PARTIAL for each in eaches(self.procedure.body)) else "#1"
+        merging = "#2" if quickly else merging
+        linkage += convention(self.procedure.results) if self.foreign else ""
         return self.e.function(f"define {linkage}{results} @{self.procedure.name}({', '.join(given)}) {merging}")
+
+    def result_types(self) -> list[str]:
+        """Return LLVM's types of the results: to a caller from outside flags are C's ints."""
+        return [foreign_type(kind) if self.foreign else KINDS[kind] for kind in self.procedure.results]
 
     # --- what is known
 
@@ -173,22 +247,75 @@ class Printer:
     # --- statements
 
     def block(self, block: Block) -> None:
-        """Print statements."""
+        """Print statements; local arrays are free behind them."""
+        before = len(self.memories)
         for statement in block:
+            if self.together and not self.passes(statement):
+                self.store_together()
             self.statement(statement)
+        self.store_together()
+        if self.open:
+            self.release(before)
+        for memory, kind, size in self.memories[before:]:
+            if size <= LARGEST_ON_STACK:
+                self.free.setdefault((kind, size), []).append(memory)
+        del self.memories[before:]
+
+    def release(self, first: int = 0) -> None:
+        """Free the memory on the heap of the local arrays from one on."""
+        for memory, _, size in self.memories[first:]:
+            if size > LARGEST_ON_STACK:
+                self.e.do(f"call void @free(ptr {memory})")
+
+    def reserve(self, array: Array) -> str:
+        """Return memory for a local array: on the stack, of another block if one is closed, or on the heap."""
+        kind, size = KINDS[array.kind], (array.size or 0) + (array.room if array.room > 1 else 0)
+        unused = self.free.get((kind, size))
+        if size > LARGEST_ON_STACK:
+            memory = self.e.value(f"call ptr @malloc(i64 {8 * size})")
+        else:
+            memory = unused.pop() if unused else self.e.reserve(kind, size)
+        self.memories.append((memory, kind, size))
+        return memory
+
+    def passes(self, statement: Statement) -> bool:
+        """Return whether a statement leaves numbers alone that are to be stored side by side."""
+        match statement:
+            case Let() | SineCosine():
+                return True
+            case Load(array=array):
+                return self.array(array).read
+            case Store(array=array, place=place):
+                before, last, _ = self.together[-1]
+                return array == before and number(self.values[place]) == last + 1
+        return False
+
+    def store_together(self) -> None:
+        """Store numbers side by side, four or two at a time."""
+        e, found = self.e, self.together
+        self.together = []
+        while found:
+            width = next(width for width in (4, 2, 1) if width <= len(found))
+            part, found = found[:width], found[width:]
+            total, kind = part[0][2] if width == 1 else "poison", type_of(REAL, width)
+            for lane, (_, _, value) in enumerate(part if width > 1 else ()):
+                total = e.value(f"insertelement {kind} {total}, double {value}, i64 {lane}")
+            e.store(total, e.address(self.values[part[0][0]], part[0][1]), kind)
 
     def statement(self, statement: Statement) -> None:
         """Print a statement."""
         match statement:
             case Let():
                 self.let(statement)
+            case SineCosine(sine=sine, cosine=cosine, angle=angle):
+                for ref, value in zip((sine, cosine), self.angle(angle), strict=True):
+                    self.define(ref, value, REAL, wide=self.lanes(angle) > 1)
             case Load() | Store() | Read() | Write():
                 self.memory(statement)
             case Declare() | Get() | Set():
                 self.variable(statement)
             case Reserve(ref=ref, array=array):
-                room = (array.size or 0) + (array.room if array.room > 1 else 0)
-                self.define(ref, self.e.reserve(KINDS[array.kind], room), array)
+                self.define(ref, self.reserve(array), array)
             case ReserveRecord() | Part():
                 self.place(statement)
             case Call():
@@ -214,9 +341,18 @@ class Printer:
         if let.op == CONSTANT:
             return self.define(let.ref, constant(let), let.kind)
         lanes = max(self.lanes(arg) for arg in let.args)
+        if let.op in ANGLES:
+            return self.define(let.ref, self.angle(*let.args)[ANGLES.index(let.op)], REAL, wide=lanes > 1)
         kinds = tuple(self.kinds[arg] for arg in let.args)
         made = spell(self.e, let.op, kinds, [self.operand(arg, lanes) for arg in let.args], lanes)
         return self.define(let.ref, made, let.kind, wide=lanes > 1)
+
+    def angle(self, ref: int) -> tuple[str, str]:
+        """Return the sine and the cosine of an angle: written out where there are few, else of a function."""
+        if self.angles is None:
+            self.angles = number_of_angles(self.procedure.body)
+        make = sine_and_cosine if self.angles <= INLINE_ANGLES else call_sine_and_cosine
+        return make(self.e, self.values[ref], self.lanes(ref))
 
     def memory(self, statement: Load | Store | Read | Write) -> None:
         """Print what is read or written."""
@@ -240,6 +376,12 @@ class Printer:
     def store(self, store: Store) -> None:
         """Store a number, or those of some iterations, but for what the array has behind the last of them."""
         e, lanes, array = self.e, self.lanes(store.place), self.array(store.array)
+        where = number(self.values[store.place]) if lanes == 1 and array.kind is REAL else None
+        if self.foreign and self.current is None and where is not None:
+            self.together.append((store.array, where, self.values[store.value]))
+            if len(self.together) == MOST_TOGETHER:
+                self.store_together()
+            return
         place = e.address(self.values[store.array], self.values[store.place], KINDS[array.kind])
         value, kind, current = self.operand(store.value, lanes), type_of(array.kind, lanes), self.current
         count = None if current is None else number(self.values[current.each.iterations])
@@ -268,7 +410,8 @@ class Printer:
         if isinstance(call.callee, Procedure):
             types = tuple(parameter.type for parameter in call.callee.parameters)
             given = [f"{argument_type(kind)} {self.values[arg]}" for kind, arg in zip(types, call.args, strict=True)]
-            self.called(call, f"@{call.callee.name}({', '.join(given)})", call.callee.results)
+            foreign = call.callee in self.outside
+            self.called(call, f"@{call.callee.name}({', '.join(given)})", call.callee.results, foreign=foreign)
             return
         held = self.types[call.callee]
         assert isinstance(held, Callee)
@@ -284,9 +427,9 @@ class Printer:
     def called(self, call: Call, what: str, results: tuple[Kind, ...], *, foreign: bool = False) -> None:
         """Print a call and name its results; flags of a `foreign` function are C's ints."""
         e = self.e
-        types = ["i32" if foreign and kind is FLAG else KINDS[kind] for kind in results]
+        types = [foreign_type(kind) if foreign else KINDS[kind] for kind in results]
         whole = together(types)
-        made = f"call {'swiftcc ' if foreign and len(results) > 1 else ''}{whole} {what}"
+        made = f"call {convention(results) if foreign else ''}{whole} {what}"
         if not results:
             e.do(made)
             return
@@ -296,7 +439,13 @@ class Printer:
 
     def leave(self, refs: Sequence[int]) -> None:
         """Print the end of the procedure."""
-        give(self.e, [KINDS[kind] for kind in self.procedure.results], [self.values[ref] for ref in refs])
+        self.release()
+        pairs = zip(refs, self.procedure.results, strict=True)
+        values = [
+            self.e.value(f"zext i1 {self.values[ref]} to i32") if self.foreign and kind is FLAG else self.values[ref]
+            for ref, kind in pairs
+        ]
+        give(self.e, self.result_types(), values)
         self.open = False
 
     # --- control

@@ -17,6 +17,9 @@ from __future__ import annotations
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.spelling import element, flag_type, number
 
+ANGLES = ("sin", "cos")
+"""The operations that are computed together, in the order of the results."""
+
 RANGE = 2.0**20
 TWO_OVER_PI = 0.6366197723675814
 HALF_PI = 1.5707963267948966
@@ -78,6 +81,10 @@ def angle_function(lanes: int) -> str:
     both = e.value(f"insertvalue {{ {kind}, {kind} }} {first}, {kind} {cosine}, 1")
     e.do(f"ret {{ {kind}, {kind} }} {both}")
     return e.function(f"define internal {{ {kind}, {kind} }} @{_name(lanes)}({kind} %x) #0")
+
+
+CALLED_FOR_ANGLES = "@sine_and_cosine("
+"""What the code of one lane has where it calls the function."""
 
 
 def _name(lanes: int) -> str:

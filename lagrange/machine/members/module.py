@@ -20,8 +20,7 @@ def members_module(procedure: Procedure, signature: Signature, lanes: int) -> st
     program = MemberProgram(lanes)
     made = [entry(program, procedure, signature), *program.functions()]
     angles = [angle_function(lanes), angle_function(1)]
-    library = "declare void @sincos(double, ptr, ptr)"
-    return "\n".join([all_declarations(), declarations(lanes), library, *angles, *made, METADATA, ATTRIBUTES])
+    return "\n".join([all_declarations(), declarations(lanes), *angles, *made, METADATA, ATTRIBUTES])
 
 
 def entry(program: MemberProgram, procedure: Procedure, signature: Signature) -> str:

@@ -8,17 +8,14 @@ from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import lanes as widest
 from lagrange.machine.llvm.engine import vector_routines
 from lagrange.machine.llvm.operations import LIBRARY, spell, splat, type_of
-from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine
+from lagrange.machine.llvm.sine_cosine import ANGLES, call_sine_and_cosine
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
-
-TRIGONOMETRIC = {"sin": 0, "cos": 1}
-"""What is found together, and which of the two it is."""
 
 
 def computed(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes: int) -> str:
     """Print an operation on vectors with one number for each member."""
-    if op in TRIGONOMETRIC:
-        return call_sine_and_cosine(e, args[0], lanes)[TRIGONOMETRIC[op]]
+    if op in ANGLES:
+        return call_sine_and_cosine(e, args[0], lanes)[ANGLES.index(op)]
     if op in LIBRARY:
         return _by_library(e, op, args, lanes)
     if op == "quotient":
@@ -67,6 +64,6 @@ def declarations(lanes: int) -> str:
     return "\n".join(lines)
 
 
-_ARITHMETIC = ("add", "sub", "mul", "neg", "abs", "min", "max", "fma", "copysign", "sign", "magnitude", "real")
+_ARITHMETIC = ("add", "sub", "mul", "neg", "abs", "min", "max", "fma", "fnma", "copysign", "sign", "magnitude", "real")
 CHEAP = frozenset((*_ARITHMETIC, "less", "less_equal", "equal", "and", "or", "not", "select"))
 """Operations that cost less than a branch around them; none has an effect."""

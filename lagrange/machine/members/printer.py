@@ -12,12 +12,14 @@ from collections.abc import Sequence
 from lagrange.errors import LagrangeError
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.operations import KINDS, constant, give, separated, spell, splat, together, type_of
+from lagrange.machine.llvm.sine_cosine import ANGLES, call_sine_and_cosine, sine_and_cosine
 from lagrange.machine.members.control import ALIVE, Control
 from lagrange.machine.members.memory import Held, MemberMemory
 from lagrange.machine.members.operations import computed
 from lagrange.procedure.form import (
     CONSTANT,
     FLAG,
+    REAL,
     WHOLE,
     Array,
     Block,
@@ -40,6 +42,7 @@ from lagrange.procedure.form import (
     Reserve,
     ReserveRecord,
     Set,
+    SineCosine,
     Statement,
     Store,
     Type,
@@ -54,11 +57,13 @@ MASK = "%mask"
 class MemberPrinter:
     """Prints one procedure for arguments that members share in one way."""
 
-    def __init__(self, program: MemberProgram, procedure: Procedure, signature: Signature) -> None:
+    def __init__(
+        self, program: MemberProgram, procedure: Procedure, signature: Signature, e: Emitter | None = None
+    ) -> None:
         self.program, self.procedure, self.signature = program, procedure, signature
         self.lanes = program.lanes
         self.spread = program.spreads.of(procedure, signature)
-        self.e = Emitter()
+        self.e = Emitter() if e is None else e
         self.memory = MemberMemory(self.e, self.lanes)
         self.values: dict[int, str] = {}
         self.kinds: dict[int, Kind] = {}
@@ -68,6 +73,8 @@ class MemberPrinter:
         self.levels: dict[int, int] = {}
         self.mask, self.level = MASK, 0
         self.control = Control(self)
+        self.angles_inline = False
+        """Whether sines and cosines are written out, and not of a function."""
         self.open = True
         """Whether the present block can be left behind its last statement."""
 
@@ -148,6 +155,8 @@ class MemberPrinter:
         match statement:
             case Let():
                 self.let(statement)
+            case SineCosine():
+                self.angle(statement)
             case Load() | Store():
                 self.entry(statement)
             case Read() | Write():
@@ -171,8 +180,18 @@ class MemberPrinter:
             return self.define(let.ref, constant(let), let.kind)
         kinds, lanes = tuple(self.kinds[arg] for arg in let.args), self.width(let.ref)
         args = [self.operand(arg, lanes) for arg in let.args]
+        if lanes > 1 and self.angles_inline and let.op in ANGLES:
+            return self.define(let.ref, sine_and_cosine(self.e, args[0], lanes)[ANGLES.index(let.op)], let.kind)
         make = computed if lanes > 1 else spell
         return self.define(let.ref, make(self.e, let.op, kinds, args, lanes), let.kind)
+
+    def angle(self, pair: SineCosine) -> None:
+        """Print a sine and a cosine."""
+        lanes = self.width(pair.sine)
+        make = sine_and_cosine if self.angles_inline else call_sine_and_cosine
+        found = make(self.e, self.operand(pair.angle, lanes), lanes)
+        for ref, value in zip((pair.sine, pair.cosine), found, strict=True):
+            self.define(ref, value, REAL)
 
     def entry(self, statement: Load | Store) -> None:
         """Print what is read or written in an array."""

@@ -20,12 +20,12 @@ from lagrange.machine.backend import BlockPolynomial, FloatArray, SingularMassMa
 from lagrange.machine.copies import Shared
 from lagrange.machine.dense.llvm_dense import LlvmDense, of_series
 from lagrange.machine.event_memory import EventMemory, idle
-from lagrange.machine.kernel.llvm_body import prepared_size, shares_angle_function
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
-from lagrange.machine.kernel.llvm_text import ATTRIBUTES, METADATA, QUICKLY, prepare_function, solves
+from lagrange.machine.kernel.llvm_module import KernelCode, solves
 from lagrange.machine.llvm.address import address, workspace
 from lagrange.machine.llvm.engine import Module, dense_solver, inversion, lanes, linear_solver
-from lagrange.machine.llvm.procedures import declaration
+from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, declaration
+from lagrange.machine.llvm.procedures import function as procedure_ir
 from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.llvm.spelling import intrinsics, library_functions
 from lagrange.machine.llvm.tiers import TieredModule
@@ -33,6 +33,7 @@ from lagrange.machine.series.constants import constants
 from lagrange.machine.series.llvm_jet import ANGLES_AT_ONCE, VectorConstants, shares_wide_angles
 from lagrange.machine.series.llvm_layout import Slots, looped_layout, unrolled_layout
 from lagrange.machine.series.llvm_looped import LoopedJet
+from lagrange.machine.series.llvm_start import shares_angle_function
 from lagrange.machine.series.llvm_steps import compiled_steps
 from lagrange.machine.series.llvm_unrolled import UnrolledJet
 from lagrange.machine.state import OUTCOMES, DriverState, Outcome
@@ -199,7 +200,7 @@ class CompiledJet:
         key, known = parameters.tobytes(), self._prepared
         if known is not None and known[0] == key:
             return known[1]
-        prepared = np.zeros(prepared_size(self.program.start) + 1)
+        prepared = np.zeros(KernelCode(self.program.start).prepared.size + 1)
         table, inverses = constants(self.program, parameters)
         given = np.concatenate([parameters, table])
         prepared[: len(given)] = given
@@ -241,8 +242,9 @@ def series_ir(program: SeriesProgram, jet: str, called: Iterable[Procedure]) -> 
     lines += [*library_functions(), *map(declaration, called), ""]
     functions = [angle_function(1)] if shares_angle_function(program.start) else []
     functions += [angle_function(ANGLES_AT_ONCE)] if shares_wide_angles(program.start) else []
-    functions += [prepare_function(program.start), jet]
-    return "\n".join([*lines, *functions, METADATA, ATTRIBUTES, QUICKLY, ""])
+    prepare = KernelCode(program.start).prepare
+    functions += [procedure_ir(prepare, outside=(prepare,), quickly=True), jet]
+    return "\n".join([*lines, *functions, METADATA, ATTRIBUTES])
 
 
 class LlvmTaylorDriver:

@@ -7,9 +7,8 @@ in their place, then the matrix and a right-hand side.
 from __future__ import annotations
 
 from lagrange.equations.solve_plan import SolvePlan
-from lagrange.machine.kernel import llvm_ldl
-from lagrange.machine.kernel.llvm_body import Body
 from lagrange.machine.llvm.emitter import literal
+from lagrange.machine.series.llvm_start import LlvmStart
 from lagrange.procedure.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
 from lagrange.program.elimination import Elimination, block_eliminations
 
@@ -27,7 +26,9 @@ def _size(block: Elimination) -> int:
 class FactoredStage:
     """The factors of a stage's matrix in memory from an address on."""
 
-    def __init__(self, body: Body, plan: SolvePlan, entries: list[dict[tuple[int, int], str]], memory: str) -> None:
+    def __init__(
+        self, body: LlvmStart, plan: SolvePlan, entries: list[dict[tuple[int, int], str]], memory: str
+    ) -> None:
         self.body, self.e, self.plan = body, body.e, plan
         self.blocks = []
         for block, elimination, lower in zip(plan.blocks, block_eliminations(plan), entries, strict=True):
@@ -45,7 +46,12 @@ class _FactoredBlock:
     """The factors of one block."""
 
     def __init__(
-        self, body: Body, unknowns: tuple[int, ...], plan: Elimination, lower: dict[tuple[int, int], str], memory: str
+        self,
+        body: LlvmStart,
+        unknowns: tuple[int, ...],
+        plan: Elimination,
+        lower: dict[tuple[int, int], str],
+        memory: str,
     ) -> None:
         self.body, self.e, self.unknowns, self.plan = body, body.e, unknowns, plan
         e, n, band = body.e, plan.order, plan.band
@@ -53,7 +59,7 @@ class _FactoredBlock:
         self.factors = e.address(memory, len(plan.places))
         matrix = e.address(self.factors, pivoted_size(n, band))
         self.right = e.address(matrix, band_size(n, band))
-        *found, self.trusted = llvm_ldl.factor(e, 1, plan, lower)
+        found, self.trusted = body.factor(plan, lower)
         for k, value in enumerate(found):
             e.put(value, memory, k)
         e.put(literal(0.0), self.right, 0)
@@ -78,7 +84,7 @@ class _FactoredBlock:
         e.do(f"br i1 {self.trusted}, label %{name}.ordered, label %{name}.pivoted, !prof !0")
         e.label(f"{name}.ordered")
         given = [e.get(right, unknown) for unknown in self.unknowns]
-        for unknown, value in zip(self.unknowns, llvm_ldl.solve(e, 1, self.plan, self.entry, given), strict=True):
+        for unknown, value in zip(self.unknowns, self.body.solve(self.plan, self.entry, given), strict=True):
             e.put(value, right, unknown)
         e.jump(f"{name}.end")
         e.label(f"{name}.pivoted")

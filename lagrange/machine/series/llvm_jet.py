@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 
 from lagrange.equations.solve_plan import SolvePlan
-from lagrange.machine.kernel.llvm_body import ANGLES, Body, angles
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
+from lagrange.machine.llvm.sine_cosine import ANGLES, call_sine_and_cosine, sine_and_cosine
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.series.llvm_rules import Orders, VectorName, vector_literal
+from lagrange.machine.series.llvm_start import LlvmStart, angles
 from lagrange.procedure.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.program.program import Instruction, Program
 
@@ -125,18 +125,16 @@ class OrderZero:
     def __init__(self, packing: Packing, padded: int) -> None:
         self.packing = packing
         program = packing.program
-        self.body = Body(program.start, 1, {})
+        self.body = LlvmStart(program.start)
         self.e: Emitter = self.body.e
         for i, (op, _, place, *_) in enumerate(program.start.instructions):
             if op == "state":
                 size = 2 * program.dimension
-                self.body.values[i] = self.e.get("%y", place if place < size else padded + place - size)
-            elif op == "time":
-                self.body.values[i] = "%t"
+                self.body.give(i, self.e.get("%y", place if place < size else padded + place - size))
         early = self.early()
         self.body.run(early)
         done = set(early)
-        there = done.union(self.body.values)
+        there = done.union(self.body.there)
         self.find_angles([ref for ref in angles(program.start) if ref in there])
         rest = range(program.start.hoisted, len(program.start.instructions))
         self.body.run([i for i in rest if i not in done])
@@ -176,7 +174,7 @@ class OrderZero:
                 for lane, ref in enumerate(taken):
                     place = self.body.by_code.get(Instruction(op, (ref,)))
                     if place is not None:
-                        self.body.values[place] = e.value(f"extractelement {element(width)} {found}, i64 {lane}")
+                        self.body.give(place, e.value(f"extractelement {element(width)} {found}, i64 {lane}"))
 
     def vector(self, operand: Operand) -> VectorName:
         """Return an operand at order 0."""

@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from lagrange.equations.solve_plan import SolvePlan
-from lagrange.machine.kernel import llvm_ldl
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.series.llvm_jet import (
@@ -283,9 +282,10 @@ class UnrolledJet:
         """Return the entries of the inverse of a symmetric matrix."""
         e, body = self.e, self.origin.body
         plan = elimination(n, frozenset(lower), negative)
-        *rows, trusted = llvm_ldl.factor(e, 1, plan, lower)
-        entry = llvm_ldl.by_place(plan, rows)
-        columns = [llvm_ldl.solve(e, 1, plan, entry, [literal(float(i == j)) for i in range(n)]) for j in range(n)]
+        rows, trusted = body.factor(plan, lower)
+        table = dict(zip(plan.places, rows, strict=True))
+        unit = [[literal(float(i == j)) for i in range(n)] for j in range(n)]
+        columns = [body.solve(plan, lambda i, j: table[i, j], right) for right in unit]
         places = [(i, j) for j in range(n) for i in range(j, n)]
         name, before = e.fresh("pivot"), e.block
         e.do(f"br i1 {trusted}, label %{name}.join, label %{name}.cold, !prof !0")

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.machine.backend import FloatArray
-from lagrange.machine.kernel import llvm_calling
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
+from lagrange.machine.kernel.llvm_module import BLOCK, fit
 from lagrange.machine.llvm.address import address, workspace
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.operations import declarations
@@ -160,8 +160,8 @@ def driver_ir(step: StepProgram, dimension: int, *, projected: bool = False) -> 
 
 def laid_out(step: StepProgram, dimension: int, *, projected: bool = False) -> Layout:
     """Return where the vectors of a step stand, in blocks."""
-    small = llvm_calling.fit(dimension) and not LAWS[step.law].through_memory
-    return Layout(step, dimension, block=llvm_calling.BLOCK, in_registers=small, projected=projected)
+    small = fit(dimension) and not LAWS[step.law].through_memory
+    return Layout(step, dimension, block=BLOCK, in_registers=small, projected=projected)
 
 
 def _drive(layout: Layout, loop: Procedure) -> str:

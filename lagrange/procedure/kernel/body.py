@@ -6,25 +6,49 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL
 from lagrange.procedure.kernel import elimination
-from lagrange.procedure.kernel.prepared import width_of, written_out
-from lagrange.procedure.linear.ldl import factor_dense, factor_size, solve_factored
+from lagrange.procedure.kernel.prepared import WRITTEN_OUT, width_of, written_out
+from lagrange.procedure.linear.ldl import COLUMNS_AT_ONCE, factor_dense, factor_size, solve_columns, solve_factored
+from lagrange.procedure.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
 from lagrange.procedure.operations import OPERATIONS
 from lagrange.procedure.values import Flag, Memory, Real, Variable
+from lagrange.program.elimination import Elimination
 from lagrange.program.program import Instruction, Program
 from lagrange.program.solve_groups import SolveGroup, scheduled
 
 CONDITIONS = frozenset(op for op, signatures in OPERATIONS.items() if signatures[0][1] is FLAG)
 """Operations that give true or false."""
 
-MOST_TOGETHER = 64
-"""So many systems with one matrix are solved together at most."""
+ANGLES = ("sin", "cos")
+
+MOSTLY_ZERO = 4
+"""A triangle with this many times as many places as entries is cleared in a loop."""
 
 
-MOST_SUBSTITUTED = 800
-"""Multiplications of substitutions with one matrix, side by side, up to which they are written out."""
+@dataclass(frozen=True)
+class Style:
+    """How linear systems are solved by those who run a procedure.
+
+    Eliminations up to the order `largest` are written out, with up to `substituted` multiplications of substitutions.
+    Up to `systems` with one matrix are solved together, with up to `entries` in solutions that are written out;
+    those in memory are solved `side_by_side` or one after the other. Without `pivoting` a system fails where a pivot in
+    its order cannot be trusted. Inputs are read `early`, before all else, or where they are used.
+    """
+
+    largest: int = WRITTEN_OUT
+    substituted: int = 800
+    systems: int = 64
+    entries: int = 1_000_000
+    side_by_side: bool = False
+    pivoting: bool = True
+    early: bool = True
+
+
+SOURCE = Style()
+"""Source text, for compilers that optimize."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +61,8 @@ class Inputs:
     state: Memory | None = None
     state_names: Sequence[str] = ()
     parameter_names: Sequence[str] = ()
+    largest: int = WRITTEN_OUT
+    """Largest matrix whose prepared factors are those of a written-out elimination; see `Prepared`."""
 
 
 @dataclass(frozen=True)
@@ -51,10 +77,14 @@ class Factored:
 class Body:
     """Adds a part of the instructions of a program to a procedure."""
 
-    def __init__(self, p: Builder, program: Program, inputs: Inputs) -> None:
-        self.p, self.program, self.inputs = p, program, inputs
+    def __init__(self, p: Builder, program: Program, inputs: Inputs, style: Style = SOURCE) -> None:
+        self.p, self.program, self.inputs, self.style = p, program, inputs, style
         self.values: dict[int, Any] = {}
+        self.places = {one: ref for ref, one in enumerate(program.instructions) if one.op in ANGLES}
+        """The sines and cosines of the program."""
         self.vectors: dict[int, list[Real]] = {}
+        self.later: dict[int, list[tuple[Memory, int]]] = {}
+        """Solutions in memory, of which each entry is read where it is used."""
         self.factors: dict[int, Factored] = {}
         self.singular: Variable | None = None
         """Whether a matrix was singular, if there is one."""
@@ -77,7 +107,10 @@ class Body:
     def loaded(self, ref: int) -> None:
         """Read an input or a prepared result, once."""
         one, inputs = self.program.instructions[ref], self.inputs
-        if one.op == "state" and ref not in self.values:
+        if one.op == "component" and one.args[0] in self.later:
+            memory, place = self.later[one.args[0]][one.place]
+            self.values[ref] = memory[place]
+        elif one.op == "state" and ref not in self.values:
             assert inputs.state is not None
             names = inputs.state_names
             self.values[ref] = self._named(inputs.state[one.place], names[one.place] if names else "")
@@ -89,7 +122,7 @@ class Body:
 
     def known(self, ref: int) -> bool:
         """Return whether a result has been read or computed."""
-        return ref in self.values or ref in self.vectors or ref in self.factors
+        return any(ref in known for known in (self.values, self.vectors, self.factors, self.later))
 
     @staticmethod
     def _named(value: Real, name: str) -> Real:
@@ -109,9 +142,9 @@ class Body:
 
     def restore(self, ref: int, one: Instruction, slot: int) -> None:
         """Read a result that was prepared."""
-        held = self.inputs.parameters
-        if one.op == "factor" and not written_out(self.program.eliminations[ref]):
-            self.factors[ref] = Factored({}, None, held.at(slot))
+        inputs, held = self.inputs, self.inputs.parameters
+        if one.op == "factor" and not written_out(self.program.eliminations[ref], inputs.largest):
+            self.factors[ref] = self.read_factors(self.program.eliminations[ref], held.at(slot))
         elif one.op == "factor":
             places = self.program.eliminations[ref].places
             entries = {place: held[slot + k] for k, place in enumerate(places)}
@@ -122,9 +155,17 @@ class Body:
             value = held[slot]
             self.values[ref] = ~value.equals(0.0) if one.op in CONDITIONS else value
 
+    def read_factors(self, plan: Elimination, memory: Memory) -> Factored:
+        """Return what `factor_dense` has made of a matrix, its entries where the elimination is written out here."""
+        if not written_out(plan, self.style.largest):
+            return Factored({}, None, memory)
+        n = plan.order
+        entries = {(i, j): memory[1 + j] if i == j else memory[2 * n + 1 + j * n + i] for i, j in plan.places}
+        return Factored(entries, memory[0].equals(0.0), None)
+
     def save(self, ref: int, out: Memory, slot: int) -> None:
         """Write a prepared result."""
-        one, width = self.program.instructions[ref], width_of(self.program, ref)
+        one, width = self.program.instructions[ref], width_of(self.program, ref, self.inputs.largest)
         if one.op == "factor":
             held = self.factors[ref]
             if held.memory is None:
@@ -138,7 +179,7 @@ class Body:
                 with self.p.loop(0, width) as i:
                     target[i] = source[i]
         elif one.op == "solve":
-            for k, value in enumerate(self.vectors[ref]):
+            for k, value in enumerate(self.vector(ref)):
                 out[slot + k] = value
         else:
             out[slot] = self.p.real(self.value(ref))
@@ -146,14 +187,21 @@ class Body:
     def run(self, refs: Iterable[int]) -> None:
         """Add instructions, each after those that it reads; systems with one matrix are solved together."""
         refs = list(refs)
-        self.load_inputs(refs)
-        steps = scheduled(self.program, refs, lambda _: MOST_TOGETHER)
+        if self.style.early:
+            self.load_inputs(refs)
+        steps = scheduled(self.program, refs, self.most_together)
         grouped = frozenset(ref for step in steps if isinstance(step, SolveGroup) for ref in step.solves)
         for step in steps:
             if isinstance(step, SolveGroup):
                 self.solve(step.factor, step.solves)
             elif step not in grouped:
                 self.instruction(step)
+
+    def most_together(self, factor: int) -> int:
+        """Return how many systems with one matrix are solved together at most."""
+        plan = self.program.eliminations[factor]
+        joined = self.style.entries // plan.order if written_out(plan, self.style.largest) else self.style.systems
+        return min(joined, self.style.systems)
 
     def instruction(self, ref: int) -> None:
         """Add one instruction."""
@@ -165,12 +213,22 @@ class Body:
         elif one.op == "solve":
             self.solve(one.args[0], (ref,))
         elif one.op == "component":
-            self.values[ref] = self.vector(one.args[0])[one.place]
+            if one.args[0] not in self.later:
+                self.values[ref] = self.vector(one.args[0])[one.place]
+        elif (other := self.partner(one)) is not None:
+            sine, cosine = self.p.sine_cosine(self.value(one.args[0]))
+            self.values[ref], self.values[other] = (sine, cosine) if one.op == "sin" else (cosine, sine)
         else:
             self.values[ref] = self.p.operation(one.op, *(self.value(arg) for arg in one.args))
 
+    def partner(self, one: Instruction) -> int | None:
+        """Return the cosine to a sine of the program, or the sine to a cosine; None where it has none."""
+        return self.places.get(one._replace(op="cos" if one.op == "sin" else "sin")) if one.op in ANGLES else None
+
     def vector(self, ref: int) -> list[Real]:
         """Return a solution."""
+        if ref in self.later:
+            return [memory[place] for memory, place in self.later[ref]]
         if ref not in self.vectors:
             self.loaded(ref)
         return self.vectors[ref]
@@ -190,70 +248,120 @@ class Body:
         """Write the lower triangle of a matrix to memory, by columns."""
         n, entries = one.order, self.entries(one)
         memory = self.p.reserve(n * n, name="matrix")
-        for j in range(n):
-            for i in range(j, n):
-                memory[j * n + i] = entries.get((i, j), 0.0)
+        places = [(i, j) for j in range(n) for i in range(j, n)]
+        if len(entries) * MOSTLY_ZERO < len(places):
+            with self.p.each(n * n, width=1) as k:
+                memory[k] = 0.0
+            places = list(entries)
+        for i, j in places:
+            memory[j * n + i] = entries.get((i, j), 0.0)
         return memory
 
     def factor(self, ref: int, one: Instruction) -> None:
         """Factor a matrix: written out where that is short, else in memory."""
         plan, p = self.program.eliminations[ref], self.p
-        if written_out(plan):
+        if written_out(plan, self.style.largest):
             entries, trusted = elimination.factored(p, plan, self.entries(one))
             self.factors[ref] = Factored(entries, trusted, None)
-            return
+        else:
+            self.factors[ref] = Factored({}, None, self.factored_in_memory(one))
+
+    def factored_in_memory(self, one: Instruction) -> Memory:
+        """Return what `factor_dense` makes of a matrix."""
         failed = self.fails()
-        factors = p.reserve(factor_size(one.order), name="factors")
-        bad = p.call(factor_dense(), one.order, self.matrix(one), factors)
-        failed.value = failed.value | bad
-        self.factors[ref] = Factored({}, None, factors)
+        factors = self.p.reserve(factor_size(one.order), name="factors")
+        failed.value = failed.value | self.p.call(factor_dense(), one.order, self.matrix(one), factors)
+        return factors
+
+    def right(self, ref: int) -> list[Real | None]:
+        """Return the right-hand side of a system, None for zero."""
+        args, code = self.program.instructions[ref].args[1:], self.program.instructions
+        return [None if code[arg].op == "constant" and code[arg].value == 0.0 else self.value(arg) for arg in args]
 
     def solve(self, factor: int, solves: Sequence[int]) -> None:
         """Solve systems with one factored matrix."""
         if factor not in self.factors:
             self.loaded(factor)
-        right = [[self.value(arg) for arg in self.program.instructions[ref].args[1:]] for ref in solves]
-        held, order = self.factors[factor], self.program.instructions[factor].order
-        if held.memory is None and len(solves) * order * order > MOST_SUBSTITUTED:
-            held = self.factors[factor] = self.kept_in_memory(factor, held)
-        found = self.in_memory(factor, held, right) if held.memory else self.written_out(factor, held, right)
-        for ref, x in zip(solves, found, strict=True):
-            self.vectors[ref] = x
+        one = self.program.instructions[factor]
+        held, right = self.factors[factor], [self.right(ref) for ref in solves]
+        if held.memory is None and len(solves) * one.order**2 > self.style.substituted:
+            held = self.factors[factor] = Factored(held.entries, held.trusted, self.factored_in_memory(one))
+        if held.memory is None:
+            for ref, x in zip(solves, self.written_out(factor, held, right), strict=True):
+                self.vectors[ref] = x
+        elif self.style.side_by_side and len(solves) > 1:
+            self.by_rows(held.memory, solves, right)
+        else:
+            for ref, x in zip(solves, self.in_memory(one.order, held.memory, right), strict=True):
+                self.vectors[ref] = x
 
-    def kept_in_memory(self, factor: int, held: Factored) -> Factored:
-        """Return a factorization for loops over right-hand sides, which are shorter than written-out operations."""
-        one, failed = self.program.instructions[factor], self.fails()
-        factors = self.p.reserve(factor_size(one.order), name="factors")
-        failed.value = failed.value | self.p.call(factor_dense(), one.order, self.matrix(one), factors)
-        return Factored(held.entries, held.trusted, factors)
-
-    def in_memory(self, factor: int, held: Factored, right: Sequence[Sequence[Real]]) -> list[list[Real]]:
+    def in_memory(self, n: int, factors: Memory, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
         """Return the solutions with factors in memory."""
-        p, n = self.p, self.program.instructions[factor].order
+        p = self.p
         vector = p.reserve(n * len(right), name="vector")
         for k, value in enumerate(entry for one in right for entry in one):
-            vector[k] = value
-        with p.loop(0, len(right)) as column:
-            p.call(solve_factored(), n, held.memory, vector.at(column * n))
+            vector[k] = 0.0 if value is None else value
+        if len(right) == 1:
+            p.call(solve_factored(), n, factors, vector)
+        else:
+            with p.loop(0, len(right)) as column:
+                p.call(solve_factored(), n, factors, vector.at(column * n))
         return [[vector[k * n + i] for i in range(n)] for k in range(len(right))]
 
-    def written_out(self, factor: int, held: Factored, right: Sequence[Sequence[Real]]) -> list[list[Real]]:
+    def by_rows(self, factors: Memory, solves: Sequence[int], right: Sequence[Sequence[Real | None]]) -> None:
+        """Solve systems side by side in memory; a solution is read entry by entry where it is used."""
+        p, n, count = self.p, self.program.instructions[solves[0]].order, len(solves)
+        width = whole_blocks(count, COLUMNS_AT_ONCE)
+        rows, spare = p.reserve(n * width, room=COLUMNS_AT_ONCE, name="rows"), p.reserve(n, name="spare")
+        for i in range(n):
+            for c in range(width):
+                value = right[c][i] if c < count else None
+                rows[i * width + c] = 0.0 if value is None else value
+        p.call(solve_columns(), n, width, factors, rows, spare)
+        for c, ref in enumerate(solves):
+            self.later[ref] = [(rows, i * width + c) for i in range(n)]
+
+    def written_out(self, factor: int, held: Factored, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
         """Return the solutions by the written-out factors where these can be trusted, else with pivoting."""
         p, one, plan = self.p, self.program.instructions[factor], self.program.eliminations[factor]
         failed = self.fails()
-        entries = self.entries(one)
+        entries = self.entries(one) if plan.negative else {}
         found = [elimination.solved(p, plan, held.entries, b) for b in right]
         assert held.trusted is not None
         good = held.trusted
         for x, b in zip(found, right, strict=True):
             for satisfied in elimination.satisfied(p, plan, entries, x, b):
                 good = good & satisfied
-        held_x = [[p.variable(value) for value in x] for x in found]
+        if not self.style.pivoting:
+            failed.value = failed.value | ~good
+            return found
+        kept = [[p.variable(value) for value in x] for x in found]
         with p.when(~good, likely=False):
-            factors = p.reserve(factor_size(one.order), name="factors")
-            failed.value = failed.value | p.call(factor_dense(), one.order, self.matrix(one), factors)
-            slow = self.in_memory(factor, Factored({}, None, factors), right)
-            for variables, values in zip(held_x, slow, strict=True):
+            before = dict(self.values)
+            solve = self.in_a_band if plan.negative else self.densely
+            for variables, values in zip(kept, solve(one, plan, right), strict=True):
                 for variable, value in zip(variables, values, strict=True):
                     variable.value = value
-        return [[variable.value for variable in x] for x in held_x]
+            self.values = before
+        return [[variable.value for variable in x] for x in kept]
+
+    def densely(self, one: Instruction, plan: Elimination, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
+        """Return solutions by `factor_dense`, which keeps a definite matrix whatever its units."""
+        return self.in_memory(plan.order, self.factored_in_memory(one), right)
+
+    def in_a_band(
+        self, one: Instruction, plan: Elimination, right: Sequence[Sequence[Real | None]]
+    ) -> list[list[Real]]:
+        """Return solutions with pivoting of a sparse matrix, its rows by `ranks` of the plan."""
+        p, n, failed = self.p, plan.order, self.fails()
+        matrix = p.reserve(band_size(n, plan.band), name="matrix")
+        elimination.write_band(p, plan, self.entries(one), matrix)
+        factors = p.reserve(pivoted_size(n, plan.band), name="factors")
+        failed.value = failed.value | p.call(factor_pivoted(), n, plan.band, matrix, factors)
+        vector, found = p.reserve(n, name="vector"), []
+        for b in right:
+            for rank, value in zip(plan.ranks, b, strict=True):
+                vector[rank] = 0.0 if value is None else value
+            p.call(solve_pivoted(), n, plan.band, factors, vector)
+            found.append([vector[rank] for rank in plan.ranks])
+        return found

@@ -66,26 +66,31 @@ def _trusted(
 def _reduced(value: Real | None, products: Sequence[tuple[Real, Real]]) -> Real | None:
     """Return value - sum of products, None for zero."""
     for left, right in products:
-        value = -(left * right) if value is None else value - left * right
+        value = -(left * right) if value is None else value.builder.fnma(left, right, value)
     return value
 
 
-def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real]) -> list[Real]:
-    """Return the solution of a factored system."""
-    x = [p.real(value) for value in right]
+def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real | None]) -> list[Real]:
+    """Return the solution of a factored system; what is None on its right-hand side is zero."""
+    x = list(right)
+
+    def less(value: Real | None, entry: Real | None, other: Real | None) -> Real | None:
+        return (
+            value if entry is None or other is None else p.real(p.fnma(entry, other, 0.0 if value is None else value))
+        )
+
     for i, row in enumerate(plan.rows):
         for k in row:
-            if (i, k) in lower:
-                x[i] = x[i] - lower[i, k] * x[k]
+            x[i] = less(x[i], lower.get((i, k)), x[k])
     for i in reversed(range(plan.order)):
-        x[i] = x[i] * lower[i, i]
+        value = x[i]
+        x[i] = None if value is None else value * lower[i, i]
         for k in plan.columns[i]:
-            if (k, i) in lower:
-                x[i] = x[i] - lower[k, i] * x[k]
-    return x
+            x[i] = less(x[i], lower.get((k, i)), x[k])
+    return [p.real(0.0) if value is None else value for value in x]
 
 
-def satisfied(p: Builder, plan: Elimination, a: Entries, x: Sequence[Real], right: Sequence[Real]) -> list[Flag]:
+def satisfied(p: Builder, plan: Elimination, a: Entries, x: Sequence[Real], right: Sequence[Real | None]) -> list[Flag]:
     """Return whether a solution satisfies the rows of the multipliers, one flag for each row.
 
     With inertias that differ by many digits pivots are large and the solution is still wrong: what is light gets the
@@ -93,7 +98,9 @@ def satisfied(p: Builder, plan: Elimination, a: Entries, x: Sequence[Real], righ
     """
     found = []
     for i in plan.negative:
-        left, size = p.real(right[i]), abs(p.real(right[i]))
+        value = right[i]
+        left = p.real(0.0) if value is None else value
+        size = abs(left)
         for j in range(plan.order):
             place = max(i, j), min(i, j)
             if place in a:

@@ -1,9 +1,11 @@
 """Programs as procedures that share one array of prepared numbers.
 
-    prepare(parameters, p)     p = the parameters, and behind them what depends on them alone
-    name(t, y, p, out)         the results of a program at a time and a state
+    prepare(parameters, p)             p = the parameters, and behind them what depends on them alone
+    prepare(p)                         the same where the parameters stand there
+    name(t, y, p, out)                 the results of a program at a time and a state
+    name_by_value(t, y0, ..., p)       the same as values, for those who keep a state in registers or in rows
 
-Each says whether a matrix is singular to round-off: `out` is then not to be used.
+Each says whether a matrix is singular to round-off: the results are then not to be used.
 """
 
 from __future__ import annotations
@@ -14,25 +16,40 @@ from operator import or_
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Procedure
-from lagrange.procedure.kernel.body import Body, Inputs
+from lagrange.procedure.kernel.body import SOURCE, Body, Inputs, Style
 from lagrange.procedure.kernel.prepared import Prepared
-from lagrange.program.program import Program
+from lagrange.program.program import Instruction, Program
+
+ZERO = Instruction("constant")
+
+MANY_ZEROS = 32
+"""From this many results that are always zero on they are cleared in a loop; compilers take long over many stores."""
 
 
 def prepare(
-    prepared: Prepared, about: str, *, parameter_names: Sequence[str] = (), divisors: Sequence[int] = ()
+    prepared: Prepared,
+    about: str,
+    *,
+    name: str = "prepare",
+    in_place: bool = False,
+    parameter_names: Sequence[str] = (),
+    divisors: Sequence[int] = (),
+    style: Style = SOURCE,
 ) -> Procedure:
-    """Return what writes the parameters and all hoisted results.
+    """Return what writes the parameters and all hoisted results, or these alone behind parameters `in_place`.
 
     `divisors` are places of results that are matrices of one unknown: one that is zero is singular.
     """
-    p = Builder("prepare", about)
+    p = Builder(name, about)
     program = prepared.program
-    parameters, out = p.array("parameters", size=program.parameters, read=True), p.array("p", size=prepared.size)
-    body = Body(p, program, Inputs(parameters, {}, parameter_names=parameter_names))
-    known = {one.place: ref for ref, one in enumerate(program.instructions) if one.op == "parameter"}
-    for k in range(program.parameters):
-        out[k] = body.value(known[k]) if k in known else parameters[k]
+    parameters = None if in_place else p.array("parameters", size=program.parameters, read=True)
+    out = p.array("p", size=prepared.size)
+    given = out if parameters is None else parameters
+    body = Body(p, program, Inputs(given, {}, parameter_names=parameter_names, largest=prepared.largest), style)
+    if parameters is not None:
+        known = {one.place: ref for ref, one in enumerate(program.instructions) if one.op == "parameter"}
+        for k in range(program.parameters):
+            out[k] = body.value(known[k]) if k in known else parameters[k]
     body.run(range(program.hoisted))
     for ref, slot in prepared.saved.items():
         body.save(ref, out, slot)
@@ -49,15 +66,57 @@ def kernel(
     *,
     state_names: Sequence[str] = (),
     parameter_names: Sequence[str] = (),
+    style: Style = SOURCE,
 ) -> Procedure:
     """Return what evaluates a program. `state_names` are those of its inputs, for people who read the code."""
     p = Builder(name, about)
     t, y = p.given("t", REAL), p.array("y", size=program.states, read=True)
     held, out = p.array("p", size=prepared.size, read=True), p.array("out", size=len(program.outputs))
     slots = prepared.of_program(program)
-    body = Body(p, program, Inputs(held, slots, t, y, state_names, parameter_names))
+    inputs = Inputs(held, slots, t, y, state_names, parameter_names, prepared.largest)
+    body = Body(p, program, inputs, style)
     body.run(range(program.hoisted, len(program.instructions)))
+    zeros = [place for place, ref in enumerate(program.outputs) if program.instructions[ref] == ZERO]
+    cleared = frozenset(zeros if len(zeros) >= MANY_ZEROS else ())
+    if cleared:
+        with p.each(len(program.outputs), width=1) as k:
+            out[k] = 0.0
     for place, ref in enumerate(program.outputs):
-        out[place] = p.real(body.value(ref))
+        if place not in cleared:
+            out[place] = p.real(body.value(ref))
     p.leave(p.false if body.singular is None else body.singular.value)
+    return p.finish(FLAG)
+
+
+def kernel_by_value(
+    program: Program, prepared: Prepared, outputs: Sequence[int], *, style: Style, suffix: str = "by_value"
+) -> Procedure:
+    """Return what takes a time and the entries of a state, and returns some results of a program, and the flag."""
+    p = Builder(f"{program.name}_{suffix}", f"Evaluate {program.name} by value.")
+    t, state = p.given("t", REAL), [p.given(f"y{i}", REAL) for i in range(program.states)]
+    held = p.array("p", size=prepared.size, read=True)
+    body = Body(p, program, Inputs(held, prepared.of_program(program), t, largest=prepared.largest), style)
+    for ref, one in enumerate(program.instructions):
+        if one.op == "state":
+            body.values[ref] = state[one.place]
+    body.run(range(program.hoisted, len(program.instructions)))
+    results = [p.real(body.value(ref)) for ref in outputs]
+    p.leave(*results, p.false if body.singular is None else body.singular.value)
+    return p.finish(*[REAL] * len(results), FLAG)
+
+
+def kernel_through_values(program: Program, prepared: Prepared, by_value: Procedure) -> Procedure:
+    """Return `kernel` as a call of a kernel by value that returns the parts of the results that are `returned`."""
+    p = Builder(program.name, f"Evaluate {program.name} in memory.")
+    t, y = p.given("t", REAL), p.array("y", size=program.states, read=True)
+    held, out = p.array("p", size=prepared.size, read=True), p.array("out", size=len(program.outputs))
+    state = [y[i] for i in range(program.states)]
+    *results, singular = p.call(by_value, t, *state, held)
+    found, place = iter(results), 0
+    for block in program.results:
+        for ref in program.part(block.name):
+            given = next(found) if block.name in program.returned else state[program.instructions[ref].place]
+            out[place] = given
+            place += 1
+    p.leave(singular)
     return p.finish(FLAG)

@@ -27,9 +27,11 @@ class Prepared:
     saved: Mapping[int, int]
     slots: tuple[Mapping[int, int], ...]
     size: int
+    largest: int = WRITTEN_OUT
+    """Largest matrix whose factors are kept as they are where their elimination is written out."""
 
     @classmethod
-    def of(cls, programs: Sequence[Program]) -> Prepared:
+    def of(cls, programs: Sequence[Program], largest: int = WRITTEN_OUT) -> Prepared:
         """Return the places for programs with the same parameters."""
         count = max((program.parameters for program in programs), default=0)
         merged: dict[Instruction, int] = {}
@@ -40,11 +42,11 @@ class Prepared:
             for ref in program.saved:
                 if table[ref] not in saved:
                     saved[table[ref]] = place
-                    place += width_of(whole, table[ref])
+                    place += width_of(whole, table[ref], largest)
         slots = [
             {ref: saved[table[ref]] for ref in program.saved} for program, table in zip(programs, moved, strict=True)
         ]
-        return cls(tuple(programs), whole, saved, tuple(slots), place)
+        return cls(tuple(programs), whole, saved, tuple(slots), place, largest)
 
     def of_program(self, program: Program) -> Mapping[int, int]:
         """Return the places of a program."""
@@ -60,15 +62,15 @@ def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
     return table
 
 
-def written_out(plan: Elimination) -> bool:
+def written_out(plan: Elimination, largest: int = WRITTEN_OUT) -> bool:
     """Return whether the operations of an elimination are written out one by one."""
-    return plan.order <= WRITTEN_OUT or plan.written_out
+    return plan.order <= largest or plan.written_out
 
 
-def width_of(program: Program, ref: int) -> int:
+def width_of(program: Program, ref: int, largest: int = WRITTEN_OUT) -> int:
     """Return how many reals a result takes."""
     one = program.instructions[ref]
     if one.op == "factor":
         plan = program.eliminations[ref]
-        return len(plan.places) + 1 if written_out(plan) else factor_size(one.order)
+        return len(plan.places) + 1 if written_out(plan, largest) else factor_size(one.order)
     return one.order if one.op == "solve" else 1

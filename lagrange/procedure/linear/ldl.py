@@ -18,7 +18,7 @@ from contextlib import AbstractContextManager
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, WHOLE, Procedure
-from lagrange.procedure.linear.pivoted import PIVOT, band_size, factor_pivoted, pivoted_size, solve_pivoted
+from lagrange.procedure.linear.pivoted import PIVOT, factor_pivoted, pivoted_size, solve_pivoted
 from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Memory, Whole
 
@@ -158,37 +158,6 @@ def solve_columns() -> Procedure:
                 total.value = p.fma(b.at(i * columns)[c], -column[i], total.value)
             target[c] = total.value
     return p.finish()
-
-
-@shared
-def solve_lanes(*, pivoted: bool) -> Procedure:
-    """Return the solution of many systems, entries side by side: of definite matrices, or `pivoted`."""
-    p = Builder(
-        "solve_lanes_pivoted" if pivoted else "solve_lanes",
-        "Solve `count` systems with one matrix per lane, entry k of lane l at k*lanes + l and the right-hand sides "
-        "behind each other, and say whether any is singular. `work` takes the matrix, a right-hand side (n), and the "
-        "factors of one lane.",
-    )
-    n, lanes, count = p.given("n", WHOLE), p.given("lanes", WHOLE), p.given("count", WHOLE)
-    sizes = (n, p.given("band", WHOLE)) if pivoted else (n,)
-    a, b, work = p.array("a", read=True), p.array("b"), p.array("work")
-    entries = (band_size(*sizes) if pivoted else n * n).called("entries")
-    right, factors = work.at(entries), work.at(entries + n)
-    singular = p.variable(p.false, "singular")
-    with p.loop(0, lanes) as lane:
-        with p.loop(0, entries) as k:
-            work[k] = a[k * lanes + lane]
-        factored = factor_pivoted() if pivoted else factor_dense()
-        singular.value = singular.value | p.call(factored, *sizes, work, factors)
-        with p.loop(0, count) as system:
-            mine = b.at(system * n * lanes)
-            with p.loop(0, n) as k:
-                right[k] = mine[k * lanes + lane]
-            p.call(solve_pivoted() if pivoted else solve_factored(), *sizes, factors, right)
-            with p.loop(0, n) as k:
-                mine[k * lanes + lane] = right[k]
-    p.leave(singular.value)
-    return p.finish(FLAG)
 
 
 @shared

@@ -1,0 +1,199 @@
+"""From a program to LLVM IR: `prepare` once per set of parameters, a scalar kernel, and a kernel over columns.
+
+Parameters live in one array: the k given values, then the saved results of the program's hoisted part.
+
+    i32 NAME_prepare(ptr parameters)                       fills in the saved results
+    i32 NAME(double t, ptr y, ptr parameters, ptr out)     1 if a matrix is singular, else 0
+    {double, ..., i32} NAME_registers(double t, double y0, ..., ptr parameters)
+    i64 NAME_columns(i64 count, ptr t, ptr INPUT ..., ptr parameters, ptr out)
+
+Kernels of small models have the third: a step passes a state on from one call to the next, and through memory each way
+costs some ten cycles, as long as the call; a block of coordinates and velocities waits there for the slowest of its
+entries. A right-hand side returns the accelerations alone, `Program.returned`.
+
+The last takes `count` columns, a multiple of the lanes, of C-ordered arrays: t[count], every input of the program as
+[size][count], out[size][count]; it returns the first column of a block with a singular matrix, or -1.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from lagrange.machine.llvm.emitter import Emitter
+from lagrange.machine.llvm.procedures import declaration, function, joined
+from lagrange.machine.llvm.sine_cosine import angle_function
+from lagrange.machine.members.operations import declarations
+from lagrange.machine.members.printer import MemberProgram
+from lagrange.machine.members.spliced import Spliced
+from lagrange.procedure.form import Procedure
+from lagrange.procedure.kernel.body import Style
+from lagrange.procedure.kernel.kernels import kernel, kernel_by_value, kernel_through_values, prepare
+from lagrange.procedure.kernel.prepared import Prepared
+from lagrange.program.elimination import WRITTEN_OUT
+from lagrange.program.program import SYSTEMS, Program
+
+BLOCK = 4
+"""Doubles that kernels and steps load and store at once."""
+
+MOST_IN_REGISTERS = 8
+"""Most numbers of a state, and most results, that are passed in registers."""
+
+SCALAR = Style(largest=WRITTEN_OUT, substituted=1_000_000, systems=32, entries=32, side_by_side=True, early=False)
+"""One state. Systems that are written out meet behind one test of pivots, where all their entries are live; those in
+memory are four vectors of eight reals for each row."""
+
+LANES = Style(substituted=4_000, systems=1, pivoting=False)
+"""A column in each lane, where loops over one matrix are no shorter than operations. What needs pivoting is computed
+again alone."""
+
+
+def fit(dimension: int) -> bool:
+    """Whether states of that dimension are passed in registers: by kernels, and by the steps that call them."""
+    return dimension <= MOST_IN_REGISTERS
+
+
+def in_registers(program: Program) -> bool:
+    """Whether a program is called by steps, and has few enough numbers."""
+    return bool(program.returned) and fit(program.states)
+
+
+def solves(program: Program) -> bool:
+    """Return whether a program calls the solver of dense systems: a small system does where a pivot is no good."""
+    return any(instruction.op in SYSTEMS for instruction in program.instructions)
+
+
+@dataclass(frozen=True, eq=False)
+class KernelCode:
+    """The procedures of a program, and their IR."""
+
+    program: Program
+
+    @cached_property
+    def prepared(self) -> Prepared:
+        """Where the saved results stand behind the parameters."""
+        return Prepared.of([self.program], WRITTEN_OUT)
+
+    @cached_property
+    def prepare(self) -> Procedure:
+        """What fills in the saved results."""
+        about = f"Prepare {self.program.name}."
+        return prepare(self.prepared, about, name=f"{self.program.name}_prepare", in_place=True, style=SCALAR)
+
+    @cached_property
+    def scalar(self) -> tuple[Procedure, ...]:
+        """The kernel of one state, behind the one in registers where there is one."""
+        program, prepared = self.program, self.prepared
+        if not in_registers(program):
+            return (kernel(program, prepared, program.name, f"Evaluate {program.name}.", style=SCALAR),)
+        outputs = [
+            ref for block in program.results if block.name in program.returned for ref in program.part(block.name)
+        ]
+        by_value = kernel_by_value(program, prepared, outputs, style=SCALAR, suffix="registers")
+        return by_value, kernel_through_values(program, prepared, by_value)
+
+    @property
+    def called(self) -> tuple[Procedure, ...]:
+        """What the scalar kernel calls of other modules."""
+        return tuple(
+            dict.fromkeys(one for made in (self.prepare, *self.scalar) for one in made.callees if self.elsewhere(one))
+        )
+
+    def elsewhere(self, procedure: Procedure) -> bool:
+        """Return whether a procedure stands in another module."""
+        return procedure not in self.scalar
+
+    def scalar_module(self) -> str:
+        """Return the IR of `prepare` and of the scalar kernel."""
+        made = [function(one, outside=self.scalar) for one in self.scalar]
+        first = function(self.prepare, outside=(self.prepare,), quickly=True)
+        return joined([first, *made], [declaration(one) for one in self.called])
+
+    def column_module(self, lanes: int) -> str:
+        """Return the IR of the kernel over columns."""
+        quickly = lanes > 1
+        alone = [function(one, hidden=True, outside=self.scalar, quickly=quickly) for one in self.scalar]
+        program = MemberProgram(lanes)
+        made = [*alone, self._alone(), self._columns(program), *program.functions()]
+        lines = [declarations(lanes), angle_function(lanes)] if lanes > 1 else []
+        return joined(made, [*lines, *(declaration(one) for one in self.called)])
+
+    @property
+    def _bases(self) -> list[str]:
+        """The addresses of what a kernel over columns is given: times and inputs."""
+        return ["%t", *(f"%{block.name}" for block in self.program.inputs)]
+
+    def _alone(self) -> str:
+        """Return the IR of a function that evaluates one column."""
+        e, name, program = Emitter(), self.program.name, self.program
+        state, out = e.reserve("double", program.states), e.reserve("double", len(program.outputs))
+        first = 0
+        for block in program.inputs:
+            with e.loop(0, block.size) as k:
+                e.put(e.get(f"%{block.name}", _at(e, k)), state, e.value(f"add nsw i64 {k}, {first}") if first else k)
+            first += block.size
+        t = e.get("%t", "%column")
+        status = e.value(f"call i32 @{name}(double {t}, ptr {state}, ptr %p, ptr {out})")
+        with e.loop(0, len(program.outputs)) as k:
+            e.put(e.get(out, k), "%out", _at(e, k))
+        e.do(f"ret i32 {status}")
+        given = ", ".join(f"ptr noalias {base}" for base in (*self._bases, "%p", "%out"))
+        return e.function(f"define internal i32 @{name}_alone(i64 %count, i64 %column, {given}) noinline #1")
+
+    def _columns(self, members: MemberProgram) -> str:
+        e, name, lanes = Emitter(), self.program.name, members.lanes
+        given = ", ".join(f"ptr {base}" for base in (*self._bases, "%p", "%out"))
+        with e.loop(0, "%count", lanes) as i:
+            if lanes == 1:
+                _leave_if(e, e.value(f"call i32 @{name}_alone(i64 %count, i64 {i}, {given})"), i)
+            else:
+                self._block(e, i, members, given)
+        e.do("ret i64 -1")
+        return e.function(f"define i64 @{name}_columns(i64 %count, {given.replace('ptr', 'ptr noalias')}) #0")
+
+    def _block(self, e: Emitter, i: str, members: MemberProgram, given: str) -> None:
+        """Emit the evaluation of a vector of columns from one on; what needs pivoting is computed again alone."""
+        program, lanes = self.program, members.lanes
+        by_value = kernel_by_value(program, self.prepared, program.outputs, style=LANES)
+        kind = f"<{lanes} x double>"
+        rows = [(f"%{block.name}", place) for block in program.inputs for place in range(block.size)]
+        times = e.load(e.address("%t", i), kind)
+        state = [e.load(e.address(base, _row(e, place, i)), kind) for base, place in rows]
+        *results, bad = Spliced(e, members, by_value).results([times, *state, "%p"])
+        for place, value in enumerate(results):
+            e.store(value, e.address("%out", _row(e, place, i)), kind)
+        if not bad.startswith("%"):
+            return
+        bits = e.value(f"bitcast <{lanes} x i1> {bad} to i{lanes}")
+        with e.when(e.value(f"icmp ne i{lanes} {bits}, 0")), e.loop(0, lanes) as lane:
+            picked = e.value(f"extractelement <{lanes} x i1> {bad}, i64 {lane}")
+            with e.when(picked):
+                column = e.value(f"add nsw i64 {i}, {lane}")
+                _leave_if(e, e.value(f"call i32 @{program.name}_alone(i64 %count, i64 {column}, {given})"), i)
+
+
+def _leave_if(e: Emitter, status: str, column: str) -> None:
+    """Emit the end of a kernel over columns where a status says that a matrix is singular."""
+    with e.when(e.value(f"icmp ne i32 {status}, 0")):
+        e.do(f"ret i64 {column}")
+        e.label(e.fresh("never"))
+
+
+def _row(e: Emitter, place: int, column: str) -> str:
+    """Return where an entry of a column stands."""
+    return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {place}')}, {column}") if place else column
+
+
+def _at(e: Emitter, k: str) -> str:
+    """Return where entry k of the column stands."""
+    return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {k}')}, %column")
+
+
+def scalar_module(program: Program) -> str:
+    """Return the IR of `prepare` and of the scalar kernel."""
+    return KernelCode(program).scalar_module()
+
+
+def column_module(program: Program, lanes: int) -> str:
+    """Return the IR of the kernel over columns."""
+    return KernelCode(program).column_module(lanes)

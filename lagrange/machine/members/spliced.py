@@ -1,0 +1,38 @@
+"""A procedure over lanes inside another function: its arguments and results are vectors there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from lagrange.machine.llvm.emitter import Emitter
+from lagrange.machine.llvm.operations import splat
+from lagrange.machine.llvm.procedures import INLINE_ANGLES, number_of_angles
+from lagrange.machine.members.memory import Held
+from lagrange.machine.members.printer import MemberPrinter, MemberProgram
+from lagrange.procedure.form import FLAG, Kind, Procedure
+from lagrange.procedure.spread import COMMON, OWN
+
+
+class Spliced(MemberPrinter):
+    """Prints a procedure whose numbers are each lane's own and whose arrays are common, for all lanes."""
+
+    def __init__(self, e: Emitter, program: MemberProgram, procedure: Procedure) -> None:
+        signature = tuple(OWN if isinstance(one.type, Kind) else COMMON for one in procedure.parameters)
+        super().__init__(program, procedure, signature, e)
+        self.mask = splat(e, "true", FLAG, self.lanes)
+        self.angles_inline = number_of_angles(procedure.body) <= INLINE_ANGLES
+        self.found: list[str] = []
+
+    def results(self, arguments: Sequence[str]) -> list[str]:
+        """Print the procedure on arguments, and return its results, each in every lane."""
+        for one, argument in zip(self.procedure.parameters, arguments, strict=True):
+            if isinstance(one.type, Kind):
+                self.define(one.ref, argument, one.type)
+            else:
+                self.types[one.ref], self.places[one.ref] = one.type, Held(argument, own=False)
+        self.block(self.procedure.body)
+        return self.found
+
+    def leave(self, refs: Sequence[int]) -> None:
+        """Keep the results."""
+        self.found = [self.operand(ref, self.lanes) for ref in refs]
