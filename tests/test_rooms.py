@@ -27,8 +27,8 @@ stand before all rooms of their stage, the entries behind all."""
 MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     "machine records": (),
     "machine/llvm": ("machine records",),
-    "machine/kernel": ("machine records", "machine/llvm"),
     "machine/members": ("machine/llvm",),
+    "machine/kernel": ("machine records", "machine/llvm", "machine/members"),
     "machine/dense": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/events": ("machine records", "machine/llvm", "machine/kernel"),
     "machine/steps": ("machine records", "machine/llvm", "machine/kernel"),

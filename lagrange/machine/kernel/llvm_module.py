@@ -95,13 +95,8 @@ class KernelCode:
     @property
     def called(self) -> tuple[Procedure, ...]:
         """What the scalar kernel calls of other modules."""
-        return tuple(
-            dict.fromkeys(one for made in (self.prepare, *self.scalar) for one in made.callees if self.elsewhere(one))
-        )
-
-    def elsewhere(self, procedure: Procedure) -> bool:
-        """Return whether a procedure stands in another module."""
-        return procedure not in self.scalar
+        every = (one for made in (self.prepare, *self.scalar) for one in made.callees)
+        return tuple(dict.fromkeys(one for one in every if one not in self.scalar))
 
     def scalar_module(self) -> str:
         """Return the IR of `prepare` and of the scalar kernel."""

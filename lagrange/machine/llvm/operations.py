@@ -193,7 +193,7 @@ def foreign_type(kind: Kind) -> str:
 
 
 def convention(results: Sequence[Kind]) -> str:
-    """Return how a function with some results is called from outside: several are returned in registers."""
+    """Return the calling convention of a function called from outside: several results are returned in registers."""
     return "swiftcc " if len(results) > 1 else ""
 
 

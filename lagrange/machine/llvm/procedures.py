@@ -84,7 +84,7 @@ LARGEST_ON_STACK = 50_000
 """Most numbers of a local array on the stack, 400 kB: larger ones are taken from the heap."""
 
 MOST_TOGETHER = 4
-"""Most results that are stored at once by what is called from outside.
+"""Largest number of results that a function called from outside stores at once.
 
 A step loads them four at a time, and a processor forwards a value from a store to a load only if one store has all of
 it: that would double the time of a small step.
@@ -121,7 +121,7 @@ def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
 
 
 def number_of_angles(block: Block) -> int:
-    """Return how many sines and cosines a block computes, those of one angle together."""
+    """Return the number of sines and cosines in a block; a pair counts once."""
     here = sum(isinstance(one, SineCosine) or (isinstance(one, Let) and one.op in ANGLES) for one in block)
     return here + sum(number_of_angles(body) for one in block for body in inner(one))
 
@@ -182,7 +182,7 @@ class Printer:
         self.spread: dict[int, str] = {}
         self.current: IterationBlock | None = None
         self.angles = angles
-        """How many angles the procedure has, once that was asked for."""
+        """Number of angles of the procedure, counted at the first one."""
         self.open = True
         """Whether the present block can be left behind its last statement."""
         self.memories: list[tuple[str, str, int]] = []
@@ -247,7 +247,7 @@ class Printer:
     # --- statements
 
     def block(self, block: Block) -> None:
-        """Print statements; local arrays are free behind them."""
+        """Print statements, and release their local arrays at the end."""
         before = len(self.memories)
         for statement in block:
             if self.together and not self.passes(statement):

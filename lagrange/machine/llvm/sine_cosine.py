@@ -84,7 +84,7 @@ def angle_function(lanes: int) -> str:
 
 
 CALLED_FOR_ANGLES = "@sine_and_cosine("
-"""What the code of one lane has where it calls the function."""
+"""Text by which a module of one lane shows that it calls the function."""
 
 
 def _name(lanes: int) -> str:

@@ -74,7 +74,7 @@ class MemberPrinter:
         self.mask, self.level = MASK, 0
         self.control = Control(self)
         self.angles_inline = False
-        """Whether sines and cosines are written out, and not of a function."""
+        """True if sines and cosines are written out, False if a function computes them."""
         self.open = True
         """Whether the present block can be left behind its last statement."""
 

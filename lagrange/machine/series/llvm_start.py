@@ -54,7 +54,7 @@ class LlvmStart:
         self.reserved: dict[tuple[str, str, int], str] = {}
 
     def known(self, operand: str, kind: Type) -> int:
-        """Return the number of an operand, which stands behind all that was added before."""
+        """Print what was added before, and return a new number for an operand."""
         self.print()
         ref = self.p.unused()
         self.printer.define(ref, operand, kind)

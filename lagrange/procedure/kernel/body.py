@@ -30,7 +30,7 @@ MOSTLY_ZERO = 4
 
 @dataclass(frozen=True)
 class Style:
-    """How linear systems are solved by those who run a procedure.
+    """Treatment of linear systems in a procedure.
 
     Eliminations up to the order `largest` are written out, with up to `substituted` multiplications of substitutions.
     Up to `systems` with one matrix are solved together, with up to `entries` in solutions that are written out;
@@ -156,7 +156,7 @@ class Body:
             self.values[ref] = ~value.equals(0.0) if one.op in CONDITIONS else value
 
     def read_factors(self, plan: Elimination, memory: Memory) -> Factored:
-        """Return what `factor_dense` has made of a matrix, its entries where the elimination is written out here."""
+        """Return prepared factors of `factor_dense`: as entries for a written-out elimination, else in memory."""
         if not written_out(plan, self.style.largest):
             return Factored({}, None, memory)
         n = plan.order
@@ -198,7 +198,7 @@ class Body:
                 self.instruction(step)
 
     def most_together(self, factor: int) -> int:
-        """Return how many systems with one matrix are solved together at most."""
+        """Return the largest number of systems with one matrix that are solved together."""
         plan = self.program.eliminations[factor]
         joined = self.style.entries // plan.order if written_out(plan, self.style.largest) else self.style.systems
         return min(joined, self.style.systems)
@@ -267,7 +267,7 @@ class Body:
             self.factors[ref] = Factored({}, None, self.factored_in_memory(one))
 
     def factored_in_memory(self, one: Instruction) -> Memory:
-        """Return what `factor_dense` makes of a matrix."""
+        """Factor a matrix in memory, and return its factors."""
         failed = self.fails()
         factors = self.p.reserve(factor_size(one.order), name="factors")
         failed.value = failed.value | self.p.call(factor_dense(), one.order, self.matrix(one), factors)

@@ -1,7 +1,7 @@
 """Programs as procedures that share one array of prepared numbers.
 
     prepare(parameters, p)             p = the parameters, and behind them what depends on them alone
-    prepare(p)                         the same where the parameters stand there
+    prepare(p)                         the same for an array that begins with the parameters
     name(t, y, p, out)                 the results of a program at a time and a state
     name_by_value(t, y0, ..., p)       the same as values, for those who keep a state in registers or in rows
 
@@ -36,7 +36,7 @@ def prepare(
     divisors: Sequence[int] = (),
     style: Style = SOURCE,
 ) -> Procedure:
-    """Return what writes the parameters and all hoisted results, or these alone behind parameters `in_place`.
+    """Return the procedure that writes parameters and hoisted results; `in_place` the parameters are there already.
 
     `divisors` are places of results that are matrices of one unknown: one that is zero is singular.
     """
@@ -91,7 +91,7 @@ def kernel(
 def kernel_by_value(
     program: Program, prepared: Prepared, outputs: Sequence[int], *, style: Style, suffix: str = "by_value"
 ) -> Procedure:
-    """Return what takes a time and the entries of a state, and returns some results of a program, and the flag."""
+    """Return a kernel from time and entries of a state to some results of a program and the flag."""
     p = Builder(f"{program.name}_{suffix}", f"Evaluate {program.name} by value.")
     t, state = p.given("t", REAL), [p.given(f"y{i}", REAL) for i in range(program.states)]
     held = p.array("p", size=prepared.size, read=True)
