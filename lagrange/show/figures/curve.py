@@ -35,14 +35,23 @@ def less(label: str, base: float) -> str:
     return f"{label} {'−' if base > 0 else '+'} {abs(base):.15g}"
 
 
-def level(values: FloatArray) -> tuple[float, float] | None:
-    """Return limits that show values with only rounding noise as a level line; None for other values."""
-    size = float(np.max(np.abs(values), initial=0.0, where=np.isfinite(values)))
-    if not len(values) or np.ptp(values) > LEVEL * size:
-        return None
-    middle, half = float(values[0]), 0.5 * size or 1.0
-    return middle - half, middle + half
+def around(values: FloatArray, scale: float = 0.0) -> tuple[float, float]:
+    """Return the limits of an axis around the finite values, with some room.
 
+    A change that is rounding noise of the values, or of `scale`, is a level line in the middle.
+    """
+    finite = values[np.isfinite(values)]
+    low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 0.0)
+    size = max(abs(low), abs(high), scale)
+    if high - low <= LEVEL * size:
+        middle, half = (low + high) / 2, 0.5 * size or 1.0
+        return middle - half, middle + half
+    room = MARGIN * (high - low)
+    return low - room, high + room
+
+
+MARGIN = 0.06
+"""Room beside the values of an axis, as a part of their range."""
 
 BLOWN_UP = (Status.NON_FINITE, Status.STEP_TOO_SMALL, Status.SINGULAR, Status.DIVERGED)
 """Statuses of runs whose values may have grown without bound; any other run is drawn whole."""

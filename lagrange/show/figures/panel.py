@@ -18,13 +18,13 @@ from lagrange.show.figures.curve import (
     MOST_ROUNDS,
     Pixels,
     Window,
+    around,
     base_of,
     clipped,
     cut,
     first_times,
     in_plane,
     less,
-    level,
     limits_of,
     notes_of,
     outputs_alone,
@@ -387,9 +387,12 @@ class TimePanel:
         axis.set_xlabel(with_unit(less("t", start), unit_of(statement, "t")), labelpad=2.0)
         axis.margins(x=0.0)
         few_ticks(axis)
-        _widen(axis, values - base, _ROUND_OFF if quantity.drift else 0.0)
-        if limits := limits_of([run.window for run in runs], [_values(run) for run in runs]):
+        if quantity.drift and _largest(values) < _ROUND_OFF:
+            axis.set_ylim(-2 * _ROUND_OFF, 2 * _ROUND_OFF)
+        elif limits := limits_of([run.window for run in runs], [_values(run) for run in runs]):
             axis.set_ylim(limits[0] - base, limits[1] - base)
+        elif len(values):
+            axis.set_ylim(*around(values - base))
         axis.locator_params(axis="y", nbins=4 if self.wide else 3)
         self._name(axis, base, "; ".join(dict.fromkeys(run.note for run in runs if run.note)), style)
 
@@ -472,15 +475,6 @@ def _largest(rows: FloatArray) -> float:
     return float(np.max(np.abs(rows), initial=0.0, where=np.isfinite(rows)))
 
 
-def _widen(axis: Axes, values: FloatArray, least: float) -> None:
-    """Set limits in which rounding noise does not fill the panel: a change below `least` is a level line."""
-    size = _largest(values)
-    if size < least:
-        axis.set_ylim(-2 * least, 2 * least)
-    elif limits := level(values):
-        axis.set_ylim(*limits)
-
-
 @dataclass(frozen=True, eq=False)
 class PhasePanel:
     """The phase plane of one coordinate, by its name, of some runs."""
@@ -510,11 +504,9 @@ class PhasePanel:
         )
         axis.set_xlabel(x, labelpad=2.0)
         axis.set_ylabel(y, labelpad=6.0)
-        axis.margins(0.06)
         for k, side in enumerate("xy"):
-            seen = limits_of([shown[k] for shown in windows], [line[k] for line in lines]) or level(values[k])
-            if seen:
-                axis.set(**{f"{side}lim": (seen[0] - origin[k], seen[1] - origin[k])})
+            seen = limits_of([shown[k] for shown in windows], [line[k] for line in lines]) or around(values[k])
+            axis.set(**{f"{side}lim": (seen[0] - origin[k], seen[1] - origin[k])})
         few_ticks(axis)
         notes = [notes_of(shown[k] for shown in windows) for k in range(2)]
         said = "".join(f"\n{name}: {note}" for name, note in zip(("right", "up"), notes, strict=True) if note)

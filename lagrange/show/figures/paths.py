@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lagrange.show.figures.curve import (
+    MARGIN,
     Pixels,
     Window,
+    around,
     base_of,
     clipped,
     cut,
@@ -20,14 +22,24 @@ from lagrange.show.figures.curve import (
     in_plane,
     lengths,
     less,
-    level,
     notes_of,
     outputs_alone,
     row_of,
     window_of,
 )
 from lagrange.show.figures.space import View, spring, view_of
-from lagrange.show.figures.style import LINES, Style, colours, dress, few_ticks, legend, mixed, number_labels, parts_of
+from lagrange.show.figures.style import (
+    LINES,
+    Style,
+    colours,
+    dress,
+    few_ticks,
+    legend,
+    mixed,
+    number_labels,
+    parts_of,
+    point_look,
+)
 from lagrange.show.units import length_unit, with_unit
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.statement import SPRING, Link
@@ -42,7 +54,6 @@ if TYPE_CHECKING:
 _LEAST_SIDE = 0.25
 """Least side of the box relative to its largest: a thinner floor would be invisible."""
 
-_MARGIN = 0.06
 _TICKS = 4
 _STEPS = [1, 2, 2.5, 5, 10]
 
@@ -66,7 +77,7 @@ class Box:
         good = points[:, np.isfinite(points).all(axis=0)]
         low, high = (good.min(axis=1), good.max(axis=1)) if good.shape[1] else (np.zeros(3), np.zeros(3))
         largest = float((high - low).max()) or 1.0
-        grown = np.maximum(high - low, _LEAST_SIDE * largest) / 2 + _MARGIN * largest
+        grown = np.maximum(high - low, _LEAST_SIDE * largest) / 2 + MARGIN * largest
         middle = (low + high) / 2
         middle[2] = low[2] + grown[2]
         return cls(middle - grown, middle + grown)
@@ -76,6 +87,12 @@ class Box:
         """All corners, (3, 8)."""
         ends = np.array([self.low, self.high])
         return np.array([ends[list(np.unravel_index(k, (2, 2, 2))), range(3)] for k in range(8)]).T
+
+    @property
+    def drawn(self) -> FloatArray:
+        """Corners of the floor and the top of the z axis, (3, 5)."""
+        (x0, y0, z0), (x1, y1, z1) = self.low, self.high
+        return np.array([(x0, y0, z0), (x1, y0, z0), (x0, y1, z0), (x1, y1, z0), (x0, y0, z1)]).T
 
     def ticks(self, axis: int) -> FloatArray:
         """Return round numbers between the ends of an axis, (k,)."""
@@ -140,6 +157,13 @@ def _numbers(axis: Axes, view: View, box: Box, k: int, foot: tuple[float | None,
 SLENDER = 12
 """Ratio of length to width above which paths are not drawn to scale: they would be a narrow strip."""
 
+
+def is_slender(extents: FloatArray) -> bool:
+    """Return whether paths with these extents to the right and up, (2,), would be a narrow strip to scale."""
+    low, high = sorted(extents.tolist())
+    return bool(1e-9 * high < low <= high / SLENDER)
+
+
 _LONGEST = 80.0
 """Longest path, in sides of its panel: three times as much would cover half of it."""
 
@@ -193,8 +217,7 @@ class Paths:
     @property
     def to_scale(self) -> bool:
         """True if lengths are equal in both directions; false for paths that would be a narrow strip."""
-        low, high = sorted(self.extents.tolist())
-        return bool(low > high / SLENDER or low <= 1e-9 * high)
+        return not is_slender(self.extents)
 
 
 def limits(points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -356,11 +379,11 @@ class PathPanel:
         moving = [name for name, fixed in zip(run.names, run.fixed, strict=True) if not fixed]
         if len(moving) == 1 and len(self.solutions) > 1:
             return {moving[0]: colours(len(self.solutions), style.colours)[place]}
-        return dict(zip(moving, colours(len(moving), style.colours), strict=True))
+        return dict(zip(moving, point_look(len(moving), style.colours)[0], strict=True))
 
     def _frame(self, axis: Axes, runs: list[Paths], bounds: FloatArray) -> None:
         """Set limits with room around all points; rounding noise does not fill the panel."""
-        axis.margins(0.06)
+        axis.margins(MARGIN)
         if self.shape == "square":
             if self.view.spatial:
                 axis.set_aspect("equal", adjustable="box")  # without a frame, so that the title is close to it
@@ -374,8 +397,8 @@ class PathPanel:
             axis.spines["bottom"].set_visible(False)
         if not self.view.spatial:
             for side, ends, moves in zip("xy", bounds.T, self.view.extended, strict=True):
-                if moves and (wide := level(ends)):
-                    axis.set(**{f"{side}lim": wide})
+                if moves:
+                    axis.set(**{f"{side}lim": around(ends)})
         if not self.view.spatial and self.shape != "column":
             axis.apply_aspect()
             few_ticks(axis)

@@ -37,6 +37,18 @@ def colours(count: int, few: tuple[str, ...] = COLOURS) -> tuple[str, ...]:
     return tuple("#" + "".join(f"{round(255 * part):02x}" for part in share) for share in shares)
 
 
+MOST_NAMED = 10
+"""Most moving points with a colour and a name each; more are alike and small."""
+
+_SMALL = 0.4
+"""Size of such points relative to a few."""
+
+
+def point_look(count: int, few: tuple[str, ...] = COLOURS) -> tuple[tuple[str, ...], float]:
+    """Return the colour of each of `count` moving points, and the factor of their size."""
+    return (colours(count, few), 1.0) if count <= MOST_NAMED else ((few[0],) * count, _SMALL)
+
+
 _MOST_NUMBERS = 7
 _POINTS_OF_A_LETTER = 5.0
 """Average width of a letter of 10 points, in points."""
