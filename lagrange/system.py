@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -371,15 +371,15 @@ class System:
         """Return sliders for parameters and initial values in a notebook, with a picture that follows them.
 
         `explore(l=(0.1, 2), theta=(0, 3))` has a slider for the parameter l and one for the value of theta at t = 0.
-        `ranges` gives bounds by symbol, {theta.dot: (-1, 1)}. The picture shows the named positions, or the coordinates
-        if there are none, beside the energy, from t = 0 to `t_end`; `play` adds a button that moves through time. A
-        message below the picture reports a run that fails or takes longer than a second. Needs ipywidgets (the extra
-        `notebook`). Raises StatementError without it, and for a name that is not a parameter, coordinate or velocity.
+        `ranges` gives bounds by symbol, {theta.dot: (-1, 1)}. A notebook shows the page of `to_page` in a frame, with
+        these sliders first. Where no page can be made, for a function that JavaScript lacks or another method, a
+        sentence says why, and sliders run in Python, with ipywidgets (the extra `notebook`). Raises StatementError
+        without it, and for a name that is not a parameter, coordinate or velocity.
         """
-        from lagrange.show.notebook.explore import explore, explored_sliders
+        from lagrange.page.explore import explore, explored_sliders
 
-        chosen = explored_sliders(self.statement, ranges, sliders)
-        return explore(self.statement, chosen, self.run, t_end=t_end, method=method, play=play, style=style)
+        model, given = partial(self.compile, "numpy", check=False), explored_sliders(self.statement, ranges, sliders)
+        return explore(self.statement, given, model, self.run, t_end=t_end, method=method, play=play, style=style)
 
     def eliminate(self, *coordinates: Any) -> System:
         """Return a smaller System: holonomic constraints solved for coordinates, and both left out.

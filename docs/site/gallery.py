@@ -12,8 +12,8 @@ from stage import HERE, ROOT, write_changed
 from tutorials import STORED
 
 import lagrange as lg
-from lagrange.show.animation.animation import Animation
-from lagrange.show.animation.player import CONTROLS
+from lagrange.page.animation import Animation
+from lagrange.page.player import frame_size
 from lagrange.statement.scene import LibraryScene, library
 
 SCENES = ROOT / "lagrange" / "scenes"
@@ -21,7 +21,7 @@ NOTE = 34
 """Pixels in height of a note under a player."""
 PLAYER = """\
 <div class="player" style="max-width: {width}px">
-<iframe style="height: calc(100cqw * {height} / {width} + {below}px)" src="{name}-player.html" title="{name} in motion"
+<iframe style="height: {height}px" src="{name}-player.html" title="{name} in motion"
 loading="lazy"></iframe>
 </div>"""
 
@@ -51,10 +51,9 @@ def kind(system: lg.System) -> str:
 
 
 def frame(name: str, animation: Animation) -> str:
-    """Return the window in a page in which the player of a scene stands, as high as it is at any width."""
-    width, height = animation.sheet.size
-    below = CONTROLS + NOTE * len(animation.notes)
-    return PLAYER.format(name=name, width=width, height=height, below=below)
+    """Return the window in a page in which the player of a scene stands."""
+    width, height = frame_size(animation.film)
+    return PLAYER.format(name=name, width=width, height=height + NOTE * len(animation.notes))
 
 
 def page(scene: LibraryScene, system: lg.System, animation: Animation) -> str:

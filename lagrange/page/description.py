@@ -1,4 +1,4 @@
-"""Data for the scripts of a page, besides the functions: names, positions, bounds and initial values."""
+"""Data of a system for the scripts of a page, whether its motion is computed or recorded."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.equations.structure import Structure
-from lagrange.page.motion import MOST_STEPS, TOLERANCE, MotionSource
 from lagrange.show.figures.space import AZIMUTH, ELEVATION, spring
+from lagrange.show.figures.style import MOST_NAMED, point_look
 from lagrange.show.notation.names import plain_text
 from lagrange.show.notation.text import UnicodeNotation
-from lagrange.show.sliders import Slider
-from lagrange.show.units import length_unit, unit_of
+from lagrange.show.units import energy_unit, length_unit, unit_of
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.measures.points import fixed_points
@@ -24,60 +22,62 @@ LONGEST_RUN, SHORTEST_RUN = 60.0, 1.0
 SHOWN = 20.0
 
 
-def description(
-    statement: Statement,
-    structure: Structure,
-    motion: MotionSource,
-    initial: Sequence[float],
-    sliders: Sequence[Slider],
-) -> dict[str, Any]:
-    """Return the data of a page as a dict for JSON; the view of space and the shape of springs are those of figures."""
-    begin, end = statement.span
+ENERGIES = ("E", "T", "V")
+"""Energies in the order of the scripts: the conserved one, and the stated ones unless a Lagrangian is stated alone."""
+
+
+def description(statement: Statement, rate: float, energies: Sequence[str]) -> dict[str, Any]:
+    """Return what the scripts know of a system, as a dict for JSON: names, points, links, units, what is drawn.
+
+    The view of space and the shape of springs are those of figures. `rate` is time of the run per second.
+    """
     return {
         "name": plain_text(statement.name),
         "states": _states(statement),
-        "parameters": list(motion.parameters),
-        "initial": list(initial),
-        "sliders": [
-            {"kind": slider.kind, "place": slider.place, "value": slider.value, "angle": slider.angle}
-            for slider in sliders
-        ],
         **_points(statement),
         "view": [math.radians(AZIMUTH), math.radians(ELEVATION)],
         "spring": spring(np.zeros(2), np.array([1.0, 0.0]), 1.0).T.round(4).tolist(),
-        "tolerance": TOLERANCE,
-        "most_steps": MOST_STEPS,
-        "t_end": statement.run.t_end,
-        "rate": rate(statement.run.t_end),
-        "span": [begin if math.isfinite(begin) else None, end if math.isfinite(end) else None],
-        "kept": structure.energy_kept is True,
-        "unit": {"t": unit_of(statement, "t"), "length": length_unit(statement)},
+        "rate": rate,
+        "decimals": 4 if abs(rate) < 1 else 2,
+        "energies": list(energies),
+        "energySize": 0.0,
+        "zero": 0.0,
+        "play": True,
+        "unit": {"t": unit_of(statement, "t"), "length": length_unit(statement), "energy": energy_unit(statement)},
     }
 
 
 def _states(statement: Statement) -> list[dict[str, str]]:
-    """Return for each entry of the state its ASCII name, its name with Greek letters and dots, and its unit."""
+    """Return for each entry of the state its ASCII name, its name with Greek letters, and its unit."""
     notation = UnicodeNotation([*statement.names, *(symbol.name for symbol in statement.parameters)])
     entries = [(name, f"{name}{'_dot' * dots}", dots) for dots in (0, 1) for name in statement.names]
     return [
-        {"name": typed, "letter": notation.letter(name, dots), "unit": unit_of(statement, typed)}
+        {"name": typed, "letter": _letter(notation.letter(name, 0), dots), "unit": unit_of(statement, typed)}
         for name, typed, dots in entries
     ]
+
+
+def _letter(letter: str, dots: int) -> str:
+    """Return the symbol of a coordinate or its velocity, without a dot, which is too small on a screen."""
+    return f"d{letter}/dt" if dots else letter
 
 
 def _points(statement: Statement) -> dict[str, Any]:
     """Return the named points, their dimension, and the links by the indices of their ends; the last is the origin.
 
-    `colours` has the index of the colour of each point, null for fixed points.
+    `colours` has the index of the colour of each point, null for fixed points; `size` is the factor of their size.
     """
     names = list(statement.positions)
     dimension = max(map(len, statement.positions.values()), default=0)
     places = {name: place for place, name in enumerate([*names, ORIGIN])}
     links = [[places[link.start], places[link.end], link.kind] for link in statement.links]
-    numbers = {name: number for number, name in enumerate(moving_points(statement))}
+    moving = moving_points(statement)
+    several = len(moving) <= MOST_NAMED
+    numbers = {name: number if several else 0 for number, name in enumerate(moving)}
     return {
         "points": names,
         "colours": [numbers.get(name) for name in names],
+        "size": point_look(len(moving))[1],
         "dimension": dimension,
         "links": links,
     }
@@ -89,7 +89,7 @@ def moving_points(statement: Statement) -> list[str]:
     return [name for name in statement.positions if not fixed[name]]
 
 
-def rate(t_end: float) -> float:
+def rate_of(t_end: float) -> float:
     """Return the units of time that play in a second: 1, or for very short or long runs `t_end` / `SHOWN`, rounded."""
     length = abs(t_end)
     shown = 1.0 if SHORTEST_RUN <= length <= LONGEST_RUN else float(f"{length / SHOWN:.1g}")

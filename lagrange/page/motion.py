@@ -14,7 +14,15 @@ from lagrange.statement.statement import Statement
 
 TARGET = "javascript"
 
-ALWAYS = ("rhs", "energy", "dop853")
+METHOD = "dop853"
+"""Method of the motion of a page."""
+
+
+class NoPage(StatementError):
+    """A system whose motion a page cannot compute."""
+
+
+ALWAYS = ("rhs", "energy", METHOD)
 """Quantities that every page exports; some systems add others."""
 
 TOLERANCE = 1e-13
@@ -53,13 +61,13 @@ def contents(statement: Statement) -> tuple[str, ...]:
 
 
 def motion_source(model: Model, parameters: Mapping[Any, Any] | None) -> MotionSource:
-    """Return the module of a model. Raises StatementError for functions that JavaScript lacks."""
+    """Return the module of a model. Raises NoPage for functions that JavaScript lacks."""
     target, asked = find(TARGET), contents(model.statement)
     module = module_of(model, wanted(target, model, asked, (), parameters), (), parameters)
     missing = missing_operation(target, module)
     if missing is not None:
         quantity, function = missing
-        raise StatementError(
+        raise NoPage(
             f"a page of {model.statement.name} cannot be made: its {quantity} contains {function}, which JavaScript "
             "has no function for."
         )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Mapping
 from html import escape
@@ -10,27 +11,26 @@ from typing import Any
 
 from lagrange.equations.derivation import Derivation
 from lagrange.machine.model import Model
-from lagrange.page.description import description
+from lagrange.page.description import ENERGIES, description, rate_of
 from lagrange.page.document import (
-    Document,
-    FoldedFormulas,
+    COMPUTED,
+    PICTURES,
     colour_rules,
-    formulas,
     hint,
+    html,
+    in_script,
+    joined,
     legend,
-    note,
     phase_choices,
-    slider_groups,
+    template,
 )
-from lagrange.page.motion import motion_source
+from lagrange.page.formulas import FoldedFormulas, formulas, note, slider_groups
+from lagrange.page.motion import MOST_STEPS, TOLERANCE, motion_source
 from lagrange.page.sliders import sliders
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.template import as_json
 from lagrange.show.notation.names import plain_text
 from lagrange.statement.declare import initial_state
-
-LEAST_COLOURS = 3
-"""Least number of colours: the lines of the plot of energies."""
 
 
 def write_page(
@@ -49,18 +49,37 @@ def write_page(
 
 def page_of(
     model: Model,
-    derivation: Derivation,
+    derivation: Derivation | None,
     parameters: Mapping[Any, Any] | None,
     initial: Mapping[Any, Any] | None,
     asked: Mapping[Any, Any] | None,
+    *,
+    t_end: float | None = None,
+    play: bool = True,
+    style: str = "",
 ) -> str:
-    """Return the page of a model."""
+    """Return the page of a model, without formulas if it has no derivation.
+
+    `t_end` sets the speed and the size of the picture, `style` is light or dark, or empty for that of the browser.
+    """
     statement = model.statement
+    end = statement.run.t_end if t_end is None else t_end
     start = initial_state({} if initial is None else initial, statement.coordinates, statement.initial)
     values = tuple(float(value) for value in model.parameter_array(parameters))
     found = sliders(model, values, start, asked)
     motion = motion_source(model, parameters)
-    data = description(statement, model.equations.structure, motion, start, found)
+    data = description(statement, rate_of(end), ENERGIES[: 1 if statement.lagrangian_alone else 3])
+    data |= {
+        "parameters": list(motion.parameters),
+        "initial": list(start),
+        "sliders": [{key: getattr(slider, key) for key in ("kind", "place", "value", "angle")} for slider in found],
+        "tolerance": TOLERANCE,
+        "most_steps": MOST_STEPS,
+        "t_end": end,
+        "play": play,
+        "span": [bound if math.isfinite(bound) else None for bound in statement.span],
+        "kept": model.equations.structure.energy_kept is True,
+    }
     title = escape(plain_text(statement.name))
     parts = {
         "title": title,
@@ -70,7 +89,9 @@ def page_of(
         "hint": hint(statement),
         "sliders": slider_groups(found, FoldedFormulas(statement)),
         "choices": phase_choices(statement),
-        "formulas": formulas(derivation),
+        "formulas": "" if derivation is None else formulas(derivation),
+        "look": f' data-style="{style}"' if style else "",
     }
-    count = max(len(statement.positions), len(statement.names), LEAST_COLOURS)
-    return Document(parts, motion.script, as_json(data), colour_rules(count)).html()
+    parts |= {"data": as_json(data), "style": colour_rules(statement) + template("page.css") + template("system.css")}
+    scripts = {"shared": joined(*PICTURES, *COMPUTED), "module": in_script(motion.script)}
+    return html("page.html", parts, scripts, trusted=True)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import xarray
     from matplotlib.figure import Figure
 
-    from lagrange.show.animation.animation import Animation
+    from lagrange.page.animation import Animation
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -357,7 +357,7 @@ class Solution:
         `.notes` lists deviations from the request. Raises StatementError for a run that cannot be drawn and a path
         that cannot be written, RunError if the disk is full.
         """
-        from lagrange.show.animation.animation import animate
+        from lagrange.page.animation import animate
 
         return animate(self, path, fps=fps, speed=speed, size=size, style=style, trail=trail, progress=progress)
 

@@ -15,8 +15,9 @@ from sympy import cos, erf, sin
 
 import lagrange as lg
 from lagrange.cli.program import main
-from lagrange.page.description import rate
-from lagrange.page.document import SCRIPTS, TEMPLATE, FoldedFormulas, in_script
+from lagrange.page.description import rate_of
+from lagrange.page.document import COMPUTED, PICTURES, RECORDED, TEMPLATE, in_script
+from lagrange.page.formulas import FoldedFormulas
 from lagrange.page.motion import contents
 from lagrange.page.sliders import nice, parameter_bounds
 from lagrange.show.figures.space import AZIMUTH, ELEVATION, from_side, spring
@@ -37,7 +38,12 @@ def parts(page: Path) -> tuple[list[str], list[str]]:
 
 def data(page: Path) -> dict[str, Any]:
     """Return what the scripts know of the system."""
-    found: dict[str, Any] = json.loads(parts(page)[0][0])
+    return data_of(page.read_text("utf-8"))
+
+
+def data_of(text: str) -> dict[str, Any]:
+    """Return what the scripts of a page know of the system, from its text."""
+    found: dict[str, Any] = json.loads(text.partition('id="data">')[2].partition("</script>")[0])
     return found
 
 
@@ -89,7 +95,8 @@ def test_the_same_statement_gives_the_same_page(tmp_path: Path) -> None:
 
 def test_every_file_of_the_template_is_used() -> None:
     names = {path.name for path in TEMPLATE.iterdir()}
-    assert names == {"page.html", "page.css", *(f"{name}.js" for name in SCRIPTS)}
+    pages = {"page.html", "player.html", "page.css", "system.css", "player.css", "loader.js"}
+    assert names == {*pages, *(f"{name}.js" for name in (*PICTURES, *COMPUTED, *RECORDED))}
     assert all(path.read_text("utf-8").count("\n") <= 400 for path in TEMPLATE.iterdir())
 
 
@@ -149,7 +156,7 @@ def test_what_can_be_turned_says_so(tmp_path: Path) -> None:
 
 
 def test_formulas_that_are_too_long_are_left_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lagrange.page.document.LONGEST", 400)
+    monkeypatch.setattr("lagrange.page.formulas.LONGEST", 400)
     text = pendulum().to_page(tmp_path / "page.html").read_text("utf-8")
     assert text.count("These formulas are too long to be read here: `lagrange derive` prints them.") > 1
     assert "<summary>Equations of motion</summary>" in text
@@ -253,7 +260,7 @@ def test_a_page_that_is_there_stays_where_the_new_one_fails(tmp_path: Path, monk
     ("t_end", "shown"), [(10.0, 1.0), (60.0, 1.0), (1.0, 1.0), (0.03, 0.002), (365.0, 20.0), (-5.0, -1.0)]
 )
 def test_how_fast_time_passes(t_end: float, shown: float) -> None:
-    assert rate(t_end) == shown
+    assert rate_of(t_end) == shown
 
 
 # --- the command

@@ -6,17 +6,17 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import Float
+from sympy import Float, erf
 
 import lagrange as lg
 from lagrange.errors import StatementError
+from lagrange.page.player import LEVELS
 from lagrange.show.animation.timing import MOST_FRAMES
-from lagrange.show.figures.space import spring
 from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
-from tests.show.animations import double_pendulum, in_page, in_pixels
+from tests.show.animations import bouncing, double_pendulum, in_page, in_pixels, scripts_of, texts
 from tests.show.examples import free, oscillator, solved
 
 NO_POSITIONS = "No positions are stated: the coordinates are drawn over time. positions={...} states points to draw."
@@ -44,9 +44,9 @@ def test_the_motion_lasts_its_time_over_the_speed(times: Any, speed: Any, fps: f
     animation = oscillator(times).animate(speed=speed, fps=fps)
     assert animation.seconds == pytest.approx(abs(times[1] - times[0]) / animation.speed, rel=1e-12)
     assert len(animation.t) == frames and animation.fps == pytest.approx(fps, rel=0.05)
-    page = in_page(animation.to_html())
-    assert page["interval"] * (page["frames"] - 1) == pytest.approx(animation.seconds, rel=1e-12)
-    assert page["span"] == [times[0], times[1]]
+    record = in_page(animation.to_html())["record"]
+    assert (record["count"] - 1) / record["detail"] / record["fps"] == pytest.approx(animation.seconds, rel=1e-12)
+    assert [record["begin"], record["end"]] == [times[0], times[1]]
 
 
 @pytest.mark.parametrize(
@@ -82,78 +82,93 @@ def test_points_are_drawn_where_they_are_to_scale() -> None:
     places = np.stack([animation.points[name] for name in names])
     places[:, 1] *= -1  # y grows downwards in pixels
     np.testing.assert_allclose(seen - seen[2], (places - places[2]) * lengths[0], atol=1e-9)
-    width, height = animation.sheet.size
+    width, height = animation.film.size
     assert seen.min() > 0 and (seen.max(axis=(0, 2)) < (width, height)).all()
-    assert [joint.kind for joint in animation.sheet.joints] == ["rod", "spring"]
+    frame = animation.frame(12)
+    for (x, y), colour in zip(seen[:2, :, 12].astype(int), animation.film.scene.colours, strict=True):
+        assert "#" + "".join(f"{part:02x}" for part in frame[y, x, :3]) == colour
 
 
-def test_the_page_has_the_same_pixels_and_the_shape_of_a_spring() -> None:
-    animation = double_pendulum().animate()
-    page = in_page(animation.to_html())
-    tracks = animation.sheet.tracks.reshape(6, -1)
-    np.testing.assert_allclose(page["rows"][:6], tracks, atol=0.6 * page["grain"])
-    assert page["grain"] < 0.03, "a thirtieth of a pixel"
-    assert page["joints"] == [[2, 0, False], [0, 1, True]]
-    corners = np.array(page["spring"]).reshape(-1, 2).T
-    np.testing.assert_allclose(corners, spring(np.zeros(2), np.array([1.0, 0.0]), 1.0), atol=1e-4)
+def test_a_recording_has_the_states_of_the_run_and_no_model() -> None:
+    animation = lg.scene("double-pendulum").run(3.0).animate()
+    page = animation.to_html()
+    data, detail = in_page(page), in_page(page)["record"]["detail"]
+    rows = data["rows"][:, ::detail]
+    expected = [*animation.points["bob1"], *animation.points["bob2"], *animation.states]
+    for row, exact in zip(rows, expected, strict=False):
+        np.testing.assert_allclose(row, exact, atol=0.51 * np.ptp(exact) / LEVELS, rtol=1e-6)
+    energies = dict(zip(data["energies"], rows[8:], strict=False))
+    np.testing.assert_allclose(energies["T"] + energies["V"], energies["E"], atol=1e-3 * np.ptp(energies["T"]))
+    assert rows[8:].min() > -1e-9, "V and E are drawn from the least V"
+    assert data["links"] == [[2, 0, "rod"], [0, 1, "rod"]] and data["kept"]
+    scripts = scripts_of(page)
+    assert "class Recording" in scripts and "class Motion" not in scripts and "<math" not in page
+
+
+def test_curves_are_exact_between_the_frames() -> None:
+    data = in_page(oscillator((0.0, 60.0)).animate(speed=10.0).to_html())
+    row, fine = data["rows"][0], np.linspace(0, 60, 50_000)
+    assert data["record"]["detail"] > 1
+    t = np.linspace(0, 60, len(row))
+    middle, height = (row.max() + row.min()) / 2, np.ptp(row) / 2
+    assert np.abs(np.interp(fine, t, row) - (middle + height * np.cos(2 * fine))).max() < 2e-3 * height
+
+
+def test_a_recording_says_between_which_samples_a_state_was_reset() -> None:
+    run = bouncing()
+    recording = run.animate().recording
+    bounces = run.t_events[0]
+    assert len(recording.jumps) == len(bounces) > 1, "the highest places, which are events too, are no jumps"
+    for jump, bounce in zip(recording.jumps, bounces, strict=True):
+        assert recording.t[jump] < bounce <= recording.t[jump + 1]
+        assert recording.states[1, jump] < 0 < recording.states[1, jump + 1]
+    record = in_page(run.animate().to_html())["record"]
+    t = np.linspace(0.0, 2.0, record["count"])
+    assert all(t[k] < bounce <= t[k + 1] for k, bounce in zip(record["jumps"], bounces, strict=True))
+
+
+@pytest.mark.parametrize("name", ["erf", "stiff"])
+def test_every_run_has_a_player(name: str) -> None:
+    x = lg.coordinate("x")
+    potential = erf(x) if name == "erf" else 1e6 * x**2 / 2
+    system = lg.System(kinetic=x.dot**2 / 2, potential=potential, dissipation=1e6 * x.dot**2 / 2, initial={x: 1.0})
+    animation = system.run(1.0, method="radau5").animate()
+    rows = in_page(animation.to_html())["rows"]
+    assert len(rows) == 6 and np.isfinite(rows).all()
 
 
 def test_energies_are_drawn_over_time() -> None:
     animation = double_pendulum(np.linspace(0, 1, 5)).animate()
-    (chart,) = animation.sheet.charts
-    words = [text.text for text in animation.sheet.words]
-    assert {"energy:", "kinetic", "potential"} <= {*words}
-    kinetic, potential, total = -chart.rows
-    t = np.linspace(0, 1, len(kinetic))
-    unit = (potential[-1] - potential[0]) / (3 - 3 * np.cos(1) + 1 - np.cos(2))
-    np.testing.assert_allclose(potential, potential[0] + unit * (4 - 3 * np.cos(t) - np.cos(2 * t)), atol=1e-6)
-    np.testing.assert_allclose(np.ptp(kinetic), 0.0, atol=1e-9)
-    np.testing.assert_allclose(total - potential, kinetic[0] - (potential[0] + unit * 4), atol=1e-6)
+    (panel,) = animation.film.panels
+    t = animation.recording.t
+    kinetic, potential, total = panel.rows
+    np.testing.assert_allclose(kinetic, 5.0)
+    np.testing.assert_allclose(potential, -3 * np.cos(t) - np.cos(2 * t))
+    np.testing.assert_allclose(total, kinetic + potential)
+    assert {"energies", "$T$", "$V$", "$E$"} <= texts(animation)
 
 
 def test_energies_far_apart_are_drawn_above_the_least_potential() -> None:
-    sheet = lg.scene("double-pendulum").run(3.0).animate().sheet
-    assert "energy above the least potential:" in [text.text for text in sheet.words]
-    kinetic, potential, total = sheet.charts[0].rows
-    bottom = kinetic.max()  # where the kinetic energy is 0, in pixels from above
-    assert potential.max() == pytest.approx(bottom, abs=0.2)
-    np.testing.assert_allclose(bottom - total, (bottom - kinetic) + (bottom - potential), atol=0.2)
+    film = lg.scene("double-pendulum").run(3.0).animate().film
+    kinetic, potential, total = film.panels[0].rows
+    assert film.panels[0].title == "energies, V and E above the least V" and potential.min() == 0.0
+    np.testing.assert_allclose(total, kinetic + potential, atol=1e-12)
 
 
 def test_round_off_of_an_energy_is_a_level_line() -> None:
-    rows = lg.scene("two-point-vortices").run(2.0).animate().sheet.charts[0].rows
-    assert np.ptp(rows) < 1e-6, "its energy is 0, and the terms of it are not"
-
-
-def test_a_heading_without_room_leaves_the_names() -> None:
-    words = [text.text for text in lg.scene("elastic-pendulum").run(2.0).animate().sheet.words]
-    assert {"kinetic", "potential", "total"} <= {*words} and not [word for word in words if "energy" in word]
-
-
-def test_an_energy_that_is_not_the_sum_is_not_called_total() -> None:
-    words = [text.text for text in lg.scene("bead-on-hoop").run(1.0).animate().sheet.words]
-    assert "v·p − L, which is not their sum" in words and "total" not in words
+    animation = lg.scene("two-point-vortices").run(2.0).animate()
+    animation.frame(0)
+    low, high = animation.film._drawn.figure.axes[-1].get_ylim()
+    assert np.ptp(animation.film.panels[0].rows) < 1e-6 * (high - low), "its energy is 0, and its terms are not"
 
 
 def test_without_positions_the_coordinates_move_and_that_is_said() -> None:
     animation = oscillator(np.linspace(0, 3, 7)).animate()
     assert animation.notes == (NO_POSITIONS,) and NO_POSITIONS in animation._repr_html_()
-    coordinate, energies = animation.sheet.charts
-    t = np.linspace(0, 3, coordinate.rows.shape[1])
-    height = np.ptp(coordinate.rows) / 2
-    np.testing.assert_allclose(coordinate.rows[0] - coordinate.rows[0, 0], height * (1 - np.cos(2 * t)), atol=0.05)
-    assert len(energies.rows) == 3 and len(animation.sheet.tracks) == 0
-    assert animation.frame(20).shape == (*animation.sheet.size[::-1], 4)
-
-
-def test_curves_are_off_by_less_than_a_pixel_between_their_samples() -> None:
-    fast = oscillator((0.0, 60.0)).animate(speed=10.0)
-    assert fast.sheet.detail > 1
-    row = fast.sheet.charts[0].rows[0]
-    t = np.linspace(0, 60, len(row))
-    fine = np.linspace(0, 60, 50_000)
-    middle, height = (row.max() + row.min()) / 2, np.ptp(row) / 2
-    assert np.abs(np.interp(fine, t, row) - (middle - height * np.cos(2 * fine))).max() < 1.0
+    coordinate, energies = animation.film.panels
+    np.testing.assert_allclose(coordinate.rows, animation.recording.states[:1])
+    assert len(energies.rows) == 3 and animation.film.scene is None
+    assert animation.frame(20).shape == (*animation.film.size[::-1], 4)
 
 
 def moving(*parts: Any, **more: Any) -> Solution:
@@ -165,44 +180,52 @@ def moving(*parts: Any, **more: Any) -> Solution:
 
 def test_space_is_seen_as_in_figures_with_a_shadow_on_the_floor() -> None:
     animation = moving(lambda a, b: a, lambda a, b: b, lambda a, b: a * b).animate()
-    point, shadow = in_pixels(animation)
-    assert animation.sheet.shadows == ((0, 1),)
-    words = {text.text for text in animation.sheet.words}
-    assert {"x", "y", "z", "7.5"} <= words, "the floor and the upright axis have numbers"
-    t = animation.t
+    (point,) = in_pixels(animation)
+    scene, t = animation.film.scene, animation.t
+    assert scene is not None and scene.shadows is not None
+    assert {"x", "y", "z", "7.5"} <= texts(animation), "the floor and the upright axis have numbers"
     azimuth, elevation = np.radians((-60.0, 25.0))
     across = t * -np.sin(azimuth) + t**2 * np.cos(azimuth)
     scale = np.ptp(point[0]) / np.ptp(across)
     np.testing.assert_allclose(point[0] - point[0, 0], scale * (across - across[0]), atol=1e-6)
-    np.testing.assert_allclose(shadow[1] - point[1], scale * t**3 * np.cos(elevation), atol=1e-6)
-    np.testing.assert_allclose(shadow[0], point[0])
+    above = scene.seen[0, 1] - scene.shadows[0, 1]
+    np.testing.assert_allclose(above, np.cos(elevation) * animation.recording.t**3, atol=1e-12)
 
 
 def test_a_plane_in_space_is_seen_from_above() -> None:
     animation = moving(lambda a, b: a, 0.0, lambda a, b: b).animate()
-    assert {"x", "z"} <= {text.text for text in animation.sheet.words} and animation.sheet.shadows == ()
+    assert {"x", "z"} <= texts(animation) and animation.film.scene.shadows is None
 
 
-def test_trails_follow_curves_and_not_straight_lines() -> None:
-    assert len(double_pendulum().animate().sheet.trails) == 2
-    assert double_pendulum().animate(trail=0).sheet.trails == ()
-    assert moving(lambda a, b: a, 0.0).animate().sheet.trails == ()
-    sheet = double_pendulum((0.0, 5.0)).animate(trail=1.0).sheet
-    assert sheet.tail == 30 * sheet.detail
+def test_trails_last_their_time() -> None:
+    assert double_pendulum().animate(trail=0).film.scene.tail == 0
+    animation = double_pendulum((0.0, 5.0)).animate(trail=1.0)
+    assert animation.film.scene.tail == 30 * animation.recording.detail
+    assert '<option value="1" selected>' in animation.to_html()
+
+
+def test_many_points_are_alike_and_have_no_legend() -> None:
+    xs = lg.coordinates(" ".join(f"x{k}" for k in range(12)))
+    places = {f"p{k}": (k, x) for k, x in enumerate(xs)}
+    many = lg.System(kinetic=sum(x.dot**2 for x in xs) / 2, positions=places, initial={xs[0].dot: 1.0}).run(1.0)
+    animation = many.animate()
+    assert len({*animation.film.scene.colours}) == 1 and not {*places} & texts(animation)
+    data = in_page(animation.to_html())
+    assert {*data["colours"]} == {0} and data["size"] < 0.5 and '<ul class="legend">' not in animation.to_html()
+    assert {"first", "second"} <= texts(double_pendulum().animate())
 
 
 @pytest.mark.parametrize("count", [7, 60])
 def test_many_coordinates_share_panels(count: int) -> None:
-    sheet = free(count).animate().sheet
-    assert len(sheet.charts) <= 7 and sum(len(chart.rows) for chart in sheet.charts[:-1]) == count
-    assert max(colour for chart in sheet.charts for colour in chart.colours) < 7 + sheet.lines
+    panels = free(count).animate().film.panels
+    assert len(panels) <= 7 and sum(len(panel.rows) for panel in panels[:-1]) == count
 
 
 @pytest.mark.parametrize("times", [[2.0], [3.0, 3.0]])
 def test_one_state_is_one_frame(times: Any) -> None:
     animation = oscillator(times).animate()
     assert len(animation.t) == 1 and animation.seconds == 0.0
-    assert animation.frame(0).any() and in_page(animation.to_html())["frames"] == 1
+    assert animation.frame(0).any() and in_page(animation.to_html())["record"]["count"] == 1
 
 
 @pytest.mark.parametrize(
@@ -215,7 +238,7 @@ def test_one_state_is_one_frame(times: Any) -> None:
         ({"speed": 1e300}, "speed = 1e+300 shows the run in 1e-300 s, which is less than a frame: give 30 or less."),
         ({"size": 640}, "size = 640: give width and height in pixels, such as size=(640, 480)."),
         ({"size": (640, 90_000)}, "a side of size = 90000: give a whole number from 160 to 2160."),
-        ({"size": (2000, 200)}, "size = (2000, 200) leaves no room for the motion: give a height of 719 or more."),
+        ({"size": (2000, 200)}, "size = (2000, 200) leaves no room for the motion: give a height of 832 or more."),
         ({"trail": -1}, "trail = -1: give the time that trails go back, or 0 for none."),
         ({"style": "drak"}, "style = 'drak': give one of auto, light and dark. Did you mean 'dark'?"),
         ({"path": 3}, "the path is 3 (int): give the path of a file."),

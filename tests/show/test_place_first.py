@@ -12,8 +12,8 @@ import pytest
 import lagrange as lg
 from lagrange.cli.program import main
 from lagrange.export import write as export_write
+from lagrange.page import animation
 from lagrange.page import write as page_write
-from lagrange.show.animation import animation
 from lagrange.trajectory.solution import Solution
 from tests.systems import unit_pendulum
 
@@ -29,7 +29,7 @@ def lazy(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let everything that takes long fail."""
     for name in ("plot", "card"):
         monkeypatch.setattr(Solution, name, never)
-    monkeypatch.setattr(animation, "motion_of", never)
+    monkeypatch.setattr(animation, "recording_of", never)
     monkeypatch.setattr(page_write, "page_of", never)
     monkeypatch.setattr(export_write, "module_of", never)
 

@@ -4,32 +4,63 @@
 const TURN = 5;
 
 /** Elements that handle keys themselves. */
-const OWN_KEYS = "input, select, textarea, summary";
+const OWN_KEYS = "input:not(#seek), select, textarea, summary";
 
 class Controls {
     constructor(player) {
         this.player = player;
-        const on = (id, act) => document.getElementById(id).addEventListener("click", act);
+        const { motion } = player;
+        const on = (id, act) => document.getElementById(id)?.addEventListener("click", act);
         on("play", () => player.play(!player.playing));
-        on("step", () => player.step());
+        on("step", () => player.step(1));
+        on("back", () => player.step(-1));
         on("reset", () => player.reset());
         on("defaults", () => player.sliders.restore());
         on("style", () => this.style());
+        on("loop", () => this.setLoop(!motion.loops));
         this.speed = document.getElementById("speed");
         this.speed.addEventListener("input", () => this.setSpeed());
         const trail = document.getElementById("trail");
-        trail.addEventListener("change", () => {
+        const setTrail = () => {
             player.picture.trail = Number(trail.value);
             player.redraw();
-        });
+        };
+        trail.addEventListener("change", setTrail);
         document.addEventListener("keydown", (event) => this.key(event));
         this.dark = window.matchMedia("(prefers-color-scheme: dark)");
         this.dark.addEventListener("change", () => this.named());
+        setTrail();
         this.setSpeed();
         this.named();
-        if (player.motion.data.dimension === 3) {
-            this.turning(player.picture.canvas);
+        if (motion.frames) {
+            this.seek = document.getElementById("seek");
+            this.seek.max = String(motion.frames - 1);
+            this.seek.addEventListener("input", () => this.goTo(Number(this.seek.value)));
         }
+        if (motion.data.dimension === 3) {
+            this.turning(player.picture.canvas);
+        } else {
+            player.picture.canvas.addEventListener("click", () => player.play(!player.playing));
+        }
+    }
+
+    /** Pause at a frame. */
+    goTo(frame) {
+        this.player.play(false);
+        this.player.seek(frame);
+    }
+
+    /** Show the present frame and its time. */
+    tell(clock) {
+        if (this.seek) {
+            this.seek.value = String(Math.floor(this.player.motion.place / this.player.motion.detail));
+            this.seek.setAttribute("aria-valuetext", clock);
+        }
+    }
+
+    setLoop(wanted) {
+        this.player.motion.loops = wanted;
+        document.getElementById("loop").setAttribute("aria-pressed", String(wanted));
     }
 
     setSpeed() {
@@ -53,28 +84,42 @@ class Controls {
     }
 
     named() {
-        document.getElementById("style").textContent = this.isDark() ? "Light" : "Dark";
+        write("style", this.isDark() ? "Light" : "Dark");
         this.player.look.read();
         this.player.redraw();
     }
 
     key(event) {
-        if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest(OWN_KEYS)) {
+        if (event.ctrlKey || event.altKey || event.metaKey || event.target.closest?.(OWN_KEYS)) {
             return;
         }
         const { player } = this;
+        const { motion } = player;
         const faster = (by) => {
             this.speed.value = String(Number(this.speed.value) + by);
             this.setSpeed();
         };
         const keys = {
-            ArrowRight: () => player.step(),
+            ArrowRight: () => player.step(1),
             r: () => player.reset(),
+            k: () => player.play(!player.playing),
             "+": () => faster(1),
             "=": () => faster(1),
             "-": () => faster(-1),
         };
-        if (!event.target.closest("button")) {
+        if (motion.frames) {
+            const second = Math.round(motion.perSecond / motion.detail);
+            const frame = Math.floor(motion.place / motion.detail);
+            Object.assign(keys, {
+                ArrowLeft: () => player.step(-1),
+                Home: () => player.seek(0),
+                End: () => this.goTo(motion.frames - 1),
+                PageUp: () => player.seek(frame - second),
+                PageDown: () => player.seek(frame + second),
+                l: () => this.setLoop(!motion.loops),
+            });
+        }
+        if (!event.target.closest?.("button")) {
             keys[" "] = () => player.play(!player.playing);
         }
         const act = keys[event.key.length === 1 ? event.key.toLowerCase() : event.key];
@@ -93,7 +138,7 @@ class Controls {
         };
         canvas.classList.add("turns");
         canvas.tabIndex = 0;
-        document.getElementById("turn-keys").hidden = false;
+        document.getElementById("turn-keys")?.removeAttribute("hidden");
         canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
         canvas.addEventListener("pointermove", (event) => {
             if (canvas.hasPointerCapture(event.pointerId)) {

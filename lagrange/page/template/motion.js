@@ -1,7 +1,14 @@
-// The motion: states at equal intervals, computed by the exported functions, and the quantities recorded for them.
+// A motion that is computed: states at equal intervals, by the exported functions, the last of which are kept.
+// Its cursor is the newest state. The other scripts know of it what they know of a `Recording`.
 
 /** Intervals per second at speed 1. */
 const PER_SECOND = 240;
+
+/** Computing time in a frame, in ms: if it is exceeded, the picture runs slower than real time. */
+const BUDGET = 10;
+
+/** Recorded states in a step: a thirtieth of a second at speed 1. */
+const STEP = 8;
 
 /** Number of states that are kept: a minute of them. */
 const KEPT = 14400;
@@ -11,6 +18,9 @@ const SURVEYED = 400;
 
 /** Largest violation of a constraint at the start, relative to its terms; the first steps correct it. */
 const ON_CONSTRAINTS = 9.5367431640625e-7;
+
+/** A value beyond the bounds of its axis moves them further by this part of their distance, so that they move rarely. */
+const FURTHER = 0.25;
 
 /** Number of parts in which a value is changed if constraints restrict the start. */
 const CHANGES = 16;
@@ -32,6 +42,8 @@ class Motion {
         this.parameters = Float64Array.from(data.parameters);
         this.initial = Float64Array.from(data.initial);
         this.p = new Float64Array(Math.max(model.PREPARED, 1));
+        this.size = model.STATE;
+        this.perSecond = PER_SECOND;
         this.interval = data.rate / PER_SECOND;
         this.from = data.span[0] === null ? 0 : Math.max(0, data.span[0]);
         this.width = data.points.length * data.dimension;
@@ -40,6 +52,7 @@ class Motion {
         this.times = new Float64Array(KEPT);
         this.states = new Float64Array(KEPT * model.STATE);
         this.energies = new Float64Array(KEPT * 3);
+        this.drifts = new Float64Array(KEPT);
         this.places = new Float64Array(KEPT * this.width);
         this.between = { t: new Float64Array(1), y: new Float64Array(model.STATE), places: new Float64Array(this.width) };
         this.restart();
@@ -48,10 +61,12 @@ class Motion {
     /** Return to the start, with the present values of the sliders. */
     restart() {
         this.count = 0;
+        this.due = 0;
         this.said = "";
         this.drift = 0;
-        this.low = new Float64Array(this.model.STATE + 3).fill(Infinity);
-        this.high = new Float64Array(this.model.STATE + 3).fill(-Infinity);
+        this.surveyed = false;
+        this.low = new Float64Array(this.size + 4).fill(Infinity);
+        this.high = new Float64Array(this.size + 4).fill(-Infinity);
         this.t[0] = this.from;
         this.y.set(this.initial);
         if (this.model.prepare(this.parameters, this.p)) {
@@ -65,6 +80,61 @@ class Motion {
             this.said = "The accelerations have no finite value at the start. Choose other values.";
         }
         this.record();
+    }
+
+    get ended() {
+        return Boolean(this.said);
+    }
+
+    get cursor() {
+        return this.count - 1;
+    }
+
+    /** First and last index of the states that are kept. */
+    get known() {
+        return [Math.max(0, this.count - KEPT), this.count - 1];
+    }
+
+    /** Limits of an axis of time: the last ten seconds at speed 1. */
+    get span() {
+        const begin = this.times[this.slot(Math.max(0, this.count - WINDOW))];
+        const end = begin + WINDOW * this.interval;
+        return begin < end ? [begin, end] : [end, begin];
+    }
+
+    /** Index of the first state in a plot over time. */
+    get first() {
+        return Math.max(0, this.count - WINDOW);
+    }
+
+    /** Place of state k in the arrays. */
+    slot(k) {
+        return k % KEPT;
+    }
+
+    /** True if the state jumps after state k: never here. */
+    jumps() {
+        return false;
+    }
+
+    /** Advance by all intervals of some seconds on the screen, within the budget of a frame; return false at an end. */
+    go(seconds) {
+        this.due += seconds * PER_SECOND;
+        const began = performance.now();
+        while (this.due >= 1 && this.advance()) {
+            this.due -= 1;
+            if (performance.now() - began > BUDGET) {
+                this.due = Math.min(this.due, 1);
+            }
+        }
+        this.due = this.said ? 0 : this.due;
+        return !this.said;
+    }
+
+    /** Advance by a step. */
+    step(sign, speed) {
+        for (let k = Math.max(1, Math.round(STEP * speed)); k > 0 && this.advance(); k--);
+        this.due = 0;
     }
 
     /** Advance by one interval; return true if its end was reached. */
@@ -108,22 +178,34 @@ class Motion {
         this.times[at] = this.t[0];
         this.states.set(this.y, at * STATE);
         this.places.set(places, at * this.width);
-        this.energies.set(this.energy(), at * 3);
-        for (let k = 0; k < STATE + 3; k++) {
-            const value = k < STATE ? this.y[k] : this.energies[at * 3 + k - STATE];
-            this.low[k] = Math.min(this.low[k], value);
-            this.high[k] = Math.max(this.high[k], value);
-        }
+        const energies = this.energy(this.t[0], this.y);
+        this.energies.set(energies, at * 3);
+        this.include(this.y, energies);
         this.count += 1;
         this.measure(at);
     }
 
-    /** Return E, T and V of the state. */
-    energy() {
+    /** Extend the bounds of the axes to a state and its energies. */
+    include(y, energies) {
+        [...y, ...energies].forEach((value, k) => this.extend(k, value));
+    }
+
+    extend(k, value) {
+        const further = this.surveyed ? FURTHER * (this.high[k] - this.low[k]) : 0;
+        if (value < this.low[k]) {
+            this.low[k] = value - further;
+        }
+        if (value > this.high[k]) {
+            this.high[k] = value + further;
+        }
+    }
+
+    /** Return E, T and V of a state. */
+    energy(t, y) {
         const found = [NaN, NaN, NaN];
         const out = new Float64Array(2);
-        found[0] = this.model.energy(this.t[0], this.y, this.p, out) ? NaN : out[0];
-        if (this.model.energies && !this.model.energies(this.t[0], this.y, this.p, out)) {
+        found[0] = this.model.energy(t, y, this.p, out) ? NaN : out[0];
+        if (this.model.energies && !this.model.energies(t, y, this.p, out)) {
             found.splice(1, 2, out[0], out[1]);
         }
         return found;
@@ -132,12 +214,14 @@ class Motion {
     /** Keep the largest drift, relative to the first energy, or to the largest kinetic energy if the first is small. */
     measure(at) {
         const energy = this.energies[at * 3];
-        const largest = this.high[this.model.STATE + 1];
-        this.first = this.count === 1 ? energy : this.first;
-        const small = Number.isFinite(largest) && Math.abs(this.first) < 1e-3 * Math.abs(largest);
-        this.scale = (small ? Math.abs(largest) : Math.abs(this.first)) || 1;
-        this.largest = this.count === 1 ? 0 : Math.max(this.largest, Math.abs(energy - this.first));
+        const largest = this.high[this.size + 1];
+        this.begun = this.count === 1 ? energy : this.begun;
+        const small = Number.isFinite(largest) && Math.abs(this.begun) < 1e-3 * Math.abs(largest);
+        this.scale = (small ? Math.abs(largest) : Math.abs(this.begun)) || 1;
+        this.largest = this.count === 1 ? 0 : Math.max(this.largest, Math.abs(energy - this.begun));
         this.drift = this.largest / this.scale;
+        this.drifts[at] = (energy - this.begun) / this.scale;
+        this.extend(this.size + 3, this.drifts[at]);
     }
 
     /** Write the positions of the points at a state; return true if a matrix is singular. */
@@ -145,9 +229,10 @@ class Motion {
         return this.width > 0 && this.model.positions(t, y, this.p, places);
     }
 
-    /** Return the positions at a part of an interval after the last recorded state. */
-    now(share) {
+    /** Return time, state and positions at this moment, a part of an interval after the last recorded state. */
+    now() {
         const { t, y, places } = this.between;
+        const share = this.due;
         t[0] = this.t[0];
         y.set(this.y);
         // If the run does not reach this time, the next whole interval reports the reason.
@@ -162,17 +247,21 @@ class Motion {
         return this.between;
     }
 
-    /** Prepare to compute positions of the run of the scene ahead: `until` fills `found` and returns true at the end. */
+    /**
+     * Prepare to compute the run of the scene ahead, for the axes and the size of the picture: `until` fills `found` with
+     * positions and returns true at the end.
+     */
     survey() {
         const t = Float64Array.of(this.from);
         const y = this.initial.slice();
         const found = [];
-        let done = this.width === 0 || Boolean(this.said);
+        let done = Boolean(this.said);
         const add = () => {
             const places = new Float64Array(this.width);
             done = this.located(t[0], y, places) || !places.every(Number.isFinite);
             if (!done) {
                 found.push(places);
+                this.include(y, this.energy(t[0], y));
                 const until = this.from + (this.data.t_end * found.length) / SURVEYED;
                 done = found.length > SURVEYED || !this.reaches(t, until, y);
             }
@@ -181,6 +270,7 @@ class Motion {
             while (!done && performance.now() < deadline) {
                 add();
             }
+            this.surveyed = done;
             return done;
         };
         return { found, until };
@@ -287,7 +377,15 @@ class Motion {
     }
 }
 
-/** Interpolate between two numbers; a share of 1 gives the second one exactly. */
-function part(from, to, share) {
-    return share === 1 ? to : from + share * (to - from);
+/** Start the page with the functions of the exported module. */
+function startPage(model) {
+    const data = JSON.parse(document.getElementById("data").textContent);
+    const player = new Player(new Motion(model, data), data);
+    player.sliders = new Sliders(player.motion, () => player.changed());
+    window.lagrange = Object.freeze({
+        trajectory: (times) => player.motion.trajectory(Array.from(times)),
+        state: () => ({ t: player.motion.t[0], y: Array.from(player.motion.y) }),
+        values: () => ({ parameters: Array.from(player.motion.parameters), initial: Array.from(player.motion.initial) }),
+        frames: () => player.frames,
+    });
 }

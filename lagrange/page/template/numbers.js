@@ -46,12 +46,25 @@ function marks(low, high, most) {
     return { places: found, texts, factor: scale ? `10${raised(scale)}` : "" };
 }
 
-/** Return bounds with room around values; a constant gets bounds relative to its size. */
-function roomy(low, high) {
+/** Return bounds with room around values; a change that is rounding noise of the values, or of `scale`, is level. */
+function around(low, high, scale = 0) {
     if (!(low <= high)) {
         return [-1, 1];
     }
-    const size = Math.max(Math.abs(low), Math.abs(high));
+    const size = Math.max(Math.abs(low), Math.abs(high), scale);
     const half = high - low > 1e-9 * size ? 0.56 * (high - low) : 0.5 * size || 1;
     return [(low + high) / 2 - half, (low + high) / 2 + half];
+}
+
+/** Return bounds of a drift, symmetric about zero: a power of ten, or half of it. */
+function aboutZero(low, high) {
+    const largest = Math.max(Math.abs(low), Math.abs(high)) || 1e-16;
+    const power = 10 ** Math.ceil(Math.log10(largest));
+    const end = largest < power / 2 ? power / 2 : power;
+    return [-end, end];
+}
+
+/** Interpolate between two numbers; a share of 1 gives the second one exactly. */
+function part(from, to, share) {
+    return share === 1 ? to : from + share * (to - from);
 }

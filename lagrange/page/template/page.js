@@ -1,16 +1,13 @@
-// The page: time advances, states are computed, and everything is drawn.
-
-/** Computing time in a frame, in ms: if it is exceeded, the picture runs slower than real time. */
-const BUDGET = 10;
+// The page: time advances, and everything is drawn.
 
 /** A motion that has grown beyond this multiple of its first size is paused: it leaves the picture. */
 const GROWTH = 3;
 
+/** Most curves with names. */
+const MOST_NAMED = 10;
+
 /** Frames between two updates of the numbers, so that they can be read. */
 const READ = 5;
-
-/** Recorded states in a step: a thirtieth of a second at speed 1. */
-const STEP = 8;
 
 /** Colours and font from the style sheet, read once for each style. */
 class Look {
@@ -29,41 +26,42 @@ class Look {
 }
 
 class Player {
-    constructor(model, data) {
+    constructor(motion, data) {
         this.data = data;
-        this.motion = new Motion(model, data);
+        this.motion = motion;
         this.look = new Look(Math.max(data.points.length, data.states.length / 2, 3));
         this.picture = new Picture(document.getElementById("picture"), this.motion, this.look);
         this.timePlot = new Plot(document.getElementById("time-plot"), this.look);
         this.phasePlot = new Plot(document.getElementById("phase-plot"), this.look);
         this.coordinatePlot = new Plot(document.getElementById("picture"), this.look);
-        this.due = 0;
         this.limit = GROWTH;
         this.frames = 0;
+        this.inSight = true;
         this.choices();
         this.describe();
         this.picture.survey(true);
-        this.sliders = new Sliders(this.motion, () => this.changed());
-        this.playing = !window.matchMedia("(prefers-reduced-motion: reduce)").matches;
+        this.playing = data.play && !window.matchMedia("(prefers-reduced-motion: reduce)").matches;
         this.controls = new Controls(this);
         this.play(this.playing);
         new ResizeObserver(() => this.redraw()).observe(document.body);
+        new IntersectionObserver((entries) => (this.inSight = entries[entries.length - 1].isIntersecting)).observe(document.querySelector("main"));
         requestAnimationFrame((now) => this.frame(now));
     }
 
     /** Fill the list of quantities for the plot over time. */
     choices() {
-        const { energies } = this.motion.model;
+        const { energies, kept } = this.data;
+        const zero = this.data.zero ? ", V and E from the least V" : "";
         const named = [
-            ["energies", energies ? "energies over time" : "energy over time"],
-            ["drift", this.data.kept ? "energy drift over time" : "change of the energy over time"],
+            ["energies", energies.length > 1 ? `energies over time${zero}` : "energy over time"],
+            ["drift", kept ? "energy drift over time" : "change of the energy over time"],
             ["coordinates", "coordinates over time"],
         ];
         const select = document.getElementById("over-time");
-        named.forEach(([value, text]) => select.append(new Option(text, value)));
+        named.slice(energies.length ? 0 : 2).forEach(([value, text]) => select.append(new Option(text, value)));
         select.addEventListener("change", () => this.redraw());
         document.getElementById("phase").addEventListener("change", () => this.redraw());
-        document.getElementById("drift-name").textContent = this.data.kept ? "energy drift" : "energy change";
+        write("drift-name", kept ? "energy drift" : "energy change");
     }
 
     /** Describe the pictures in words, for screen readers. */
@@ -76,11 +74,10 @@ class Player {
         say("phase-plot", `Phase plane of ${name}: a coordinate and its velocity`);
     }
 
-    /** Play or pause; a motion that has stopped begins again. */
+    /** Play or pause; a motion that has ended begins again. */
     play(wanted) {
-        if (wanted && this.motion.said) {
+        if (wanted && this.motion.ended) {
             this.motion.restart();
-            this.due = 0;
         }
         if (wanted && this.picture.left(this.limit)) {
             this.limit = GROWTH * this.picture.view.growth();
@@ -92,14 +89,18 @@ class Player {
     /** Advance time if the page is playing and the motion has not stopped. */
     goOn() {
         this.playing = this.wanted && !this.motion.said;
-        document.getElementById("play").textContent = this.playing ? "Pause" : "Play";
+        write("play", this.playing ? "Pause" : "Play");
         this.redraw();
     }
 
-    step() {
+    step(sign) {
         this.play(false);
-        for (let k = Math.max(1, Math.round(STEP * this.speed)); k > 0 && this.motion.advance(); k--);
-        this.due = 0;
+        this.motion.step(sign, this.speed);
+        this.redraw();
+    }
+
+    seek(frame) {
+        this.motion.seek(frame);
         this.redraw();
     }
 
@@ -110,7 +111,6 @@ class Player {
 
     /** Begin again with the present values of the sliders. */
     changed() {
-        this.due = 0;
         this.limit = GROWTH;
         this.picture.survey(false);
         this.goOn();
@@ -120,18 +120,10 @@ class Player {
         this.stale = true;
     }
 
-    /** Advance time by all intervals that are due, within the budget of a frame. */
+    /** Advance time; the motion says whether it goes on. */
     pass(seconds) {
-        this.due += seconds * this.speed * PER_SECOND;
-        const began = performance.now();
-        while (this.due >= 1 && this.motion.advance()) {
-            this.due -= 1;
-            if (performance.now() - began > BUDGET) {
-                this.due = Math.min(this.due, 1);
-            }
-        }
-        if (this.motion.said) {
-            this.due = 0;
+        if (!this.motion.go(seconds * this.speed)) {
+            this.wanted = this.wanted && Boolean(this.motion.said);
             this.goOn();
         }
         if (this.picture.left(this.limit)) {
@@ -143,11 +135,11 @@ class Player {
         const seconds = Math.min(0.1, Math.max(0, (now - (this.last ?? now)) / 1000));
         this.last = now;
         this.picture.lookAhead(LOOK_ON);
-        if (this.playing) {
+        if (this.playing && this.inSight) {
             this.pass(seconds);
             this.stale = true;
         }
-        if (this.stale) {
+        if (this.stale && this.inSight) {
             this.stale = false;
             this.draw();
         }
@@ -161,10 +153,10 @@ class Player {
         if (!this.playing || this.frames % READ === 0) {
             this.tell();
         }
-        if (motion.count === 0) {
+        if (motion.cursor < 0) {
             return;
         }
-        const now = motion.now(this.due);
+        const now = motion.now();
         if (this.data.dimension) {
             this.picture.draw(now.places, this.playing ? 0.08 : 1);
         } else {
@@ -181,32 +173,30 @@ class Player {
 
     /** Draw the chosen quantity over time. */
     overTime(plot, what) {
-        const { motion, look } = this;
-        const { STATE } = motion.model;
-        const time = this.data.unit.t ? `t (${this.data.unit.t})` : "t";
-        const bounds = (from, to) => [Math.min(...motion.low.subarray(from, to)), Math.max(...motion.high.subarray(from, to))];
+        const { motion, look, data } = this;
+        const { size } = motion;
+        const time = data.unit.t ? `t (${data.unit.t})` : "t";
+        const bounds = (from, to) =>
+            around(Math.min(...motion.low.slice(from, to)), Math.max(...motion.high.slice(from, to)), from === size ? data.energySize : 0);
+        let [rows, limits, unit] = [[], [], ""];
         if (what === "coordinates") {
-            const rows = this.data.states.slice(0, STATE / 2).map(({ letter }, k) => ({
-                name: letter,
+            rows = data.states.slice(0, size / 2).map((state, k) => ({
+                name: withUnit(state),
                 colour: look.colours[k],
-                value: (at) => motion.states[at * STATE + k],
+                value: (at) => motion.states[at * size + k],
             }));
-            plot.overTime(motion, rows, bounds(0, STATE / 2), [time, ""]);
-            plot.names(rows);
+            limits = bounds(0, size / 2);
         } else if (what === "drift") {
-            const value = (at) => (motion.energies[at * 3] - motion.first) / motion.scale;
-            const row = { name: "(E − E₀) relative", colour: look.ink, value };
-            const change = [motion.low[STATE], motion.high[STATE]].map((energy) => (energy - motion.first) / motion.scale);
-            plot.overTime(motion, [row], change[0] === change[1] ? [-1e-15, 1e-15] : change, [time, ""]);
-            plot.names([row]);
+            rows = [{ name: data.kept ? "(E − E₀) relative" : "change of E", colour: look.ink, value: (at) => motion.drifts[at] }];
+            limits = (data.kept ? aboutZero : around)(motion.low[size + 3], motion.high[size + 3]);
         } else {
-            const value = (k) => (at) => motion.energies[at * 3 + k];
-            const names = motion.model.energies ? ["E", "T", "V"] : ["E"];
             const colours = [look.ink, look.colours[0], look.colours[1]];
-            const rows = names.map((name, k) => ({ name, colour: colours[k], value: value(k) }));
-            plot.overTime(motion, rows, bounds(STATE, STATE + names.length), [time, ""]);
-            plot.names(rows);
+            rows = data.energies.map((name, k) => ({ name, colour: colours[k], value: (at) => motion.energies[at * 3 + k] }));
+            limits = bounds(size, size + rows.length);
+            unit = data.unit.energy && `in ${data.unit.energy}`;
         }
+        plot.overTime(motion, rows, limits, [time, unit]);
+        plot.names(rows.length <= MOST_NAMED ? rows : []);
     }
 
     /** Report in a sentence why the motion stopped, or that it leaves the picture. */
@@ -219,11 +209,13 @@ class Player {
     /** Write the numbers. */
     tell() {
         const { motion, data } = this;
-        const time = motion.t[0] + this.due * motion.interval;
-        write("time", `${steady(time, Math.abs(data.rate) < 1 ? 4 : 2)} ${data.unit.t}`.trim());
-        const energy = motion.count ? motion.energies[((motion.count - 1) % KEPT) * 3] : NaN;
+        const clock = `${steady(motion.now().t[0], data.decimals)} ${data.unit.t}`.trim();
+        write("time", clock);
+        this.controls.tell(clock);
+        const at = motion.slot(Math.max(0, motion.cursor));
+        const energy = motion.cursor < 0 ? NaN : motion.energies[at * 3];
         write("energy", Number.isFinite(energy) ? shown(energy, 6) : "no value");
-        const drift = data.kept ? motion.drift : energy - motion.first;
+        const drift = data.kept ? motion.drift : energy - motion.begun;
         write("drift", Number.isFinite(drift) ? shown(drift, data.kept ? 2 : 4) : "no value");
     }
 }
@@ -231,19 +223,7 @@ class Player {
 /** Set the text of an element only if it changes, so that screen readers do not announce it again. */
 function write(id, text) {
     const element = document.getElementById(id);
-    if (element.textContent !== text) {
+    if (element && element.textContent !== text) {
         element.textContent = text;
     }
-}
-
-/** Start the page with the functions of the exported module. */
-function startPage(model) {
-    const data = JSON.parse(document.getElementById("data").textContent);
-    const player = new Player(model, data);
-    window.lagrange = Object.freeze({
-        trajectory: (times) => player.motion.trajectory(Array.from(times)),
-        state: () => ({ t: player.motion.t[0], y: Array.from(player.motion.y) }),
-        values: () => ({ parameters: Array.from(player.motion.parameters), initial: Array.from(player.motion.initial) }),
-        frames: () => player.frames,
-    });
 }

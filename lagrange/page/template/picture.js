@@ -21,7 +21,7 @@ class Picture {
         this.look = look;
         this.data = motion.data;
         this.view = new View(motion.data.dimension || 2, motion.data.view);
-        this.trail = 2400;
+        this.trail = 0;
     }
 
     /** Restart for new values: compute the positions of the points ahead. */
@@ -172,22 +172,23 @@ class Picture {
     drawTrails(context, places) {
         const { motion, view, look } = this;
         const { dimension } = this.data;
-        const length = Math.min(this.trail, motion.count, KEPT);
+        const last = motion.cursor;
+        const length = Math.min(Math.round(this.trail * motion.perSecond), last + 1 - motion.known[0]);
         if (length < 1) {
             return;
         }
         const stride = Math.max(1, Math.ceil(length / PARTS));
-        const first = Math.ceil((motion.count - length) / stride) * stride;
+        const first = Math.ceil((last + 1 - length) / stride) * stride;
         context.lineWidth = 1.6;
         this.data.points.forEach((_, point) => {
             if (this.fixed(point)) {
                 return;
             }
             context.strokeStyle = look.colours[this.data.colours[point]];
-            const pixel = (k) => view.at(motion.places, (k % KEPT) * motion.width + point * dimension);
+            const pixel = (k) => view.at(motion.places, motion.slot(k) * motion.width + point * dimension);
             const band = Math.max(stride, Math.ceil(length / BANDS / stride) * stride);
-            for (let begin = first; begin < motion.count; begin += band) {
-                const end = Math.min(begin + band, motion.count - 1);
+            for (let begin = first; begin <= last; begin += band) {
+                const end = Math.min(begin + band, last);
                 context.globalAlpha = 0.08 + 0.72 * ((begin - first) / length) ** 1.5;
                 context.beginPath();
                 context.moveTo(...pixel(begin));
@@ -195,7 +196,7 @@ class Picture {
                     context.lineTo(...pixel(k));
                 }
                 context.lineTo(...pixel(end));
-                if (end === motion.count - 1) {
+                if (end === last) {
                     context.lineTo(...view.at(places, point * dimension));
                 }
                 context.stroke();
@@ -223,7 +224,7 @@ class Picture {
 
     drawPoints(context, end, size) {
         const { look } = this;
-        const radius = Math.min(11, Math.max(6, size / 48));
+        const radius = this.data.size * Math.min(11, Math.max(6, size / 48));
         const origin = this.data.points.length;
         if (this.data.dimension > 0) {
             const [x, y] = end(origin);

@@ -7,7 +7,11 @@ const WINDOW = 2400;
 const PHASE = 7200;
 const PHASE_PARTS = 1800;
 
-const PAD = { left: 58, right: 10, top: 8, bottom: 34 };
+/** Opacity of what is still to come. */
+const FAINT = 0.3;
+
+/** Room around the curves in pixels; names are above them. */
+const PAD = { left: 52, right: 10, top: 22, bottom: 32 };
 
 class Plot {
     constructor(canvas, look) {
@@ -43,7 +47,7 @@ class Plot {
         context.fillText([names[0], across.factor].filter(Boolean).join(" in "), PAD.left + w, height - 1);
         context.textAlign = "left";
         context.textBaseline = "top";
-        context.fillText([names[1], up.factor].filter(Boolean).join(" in "), PAD.left + 6, PAD.top + 2);
+        context.fillText([names[1], up.factor].filter(Boolean).join(" in "), 2, 2);
         context.save();
         context.beginPath();
         context.rect(PAD.left, PAD.top, w, h);
@@ -51,23 +55,48 @@ class Plot {
         return { context, w };
     }
 
-    /** Draw rows of recorded numbers over time; each of `rows` has a function of the index of a state, and a colour. */
+    /** Draw rows of numbers over time: pale as far as they are known, clear up to the cursor. */
     overTime(motion, rows, bounds, names) {
-        const last = motion.count - 1;
-        const first = Math.max(0, motion.count - Math.min(WINDOW, KEPT));
-        const time = (k) => motion.times[k % KEPT];
-        const span = WINDOW * motion.interval;
-        const begin = time(first);
-        const { context, w } = this.axes(span > 0 ? [begin, begin + span] : [begin + span, begin], roomy(...bounds), names);
-        const stride = Math.max(1, Math.floor((2 * WINDOW) / w));
+        const { cursor, first, known } = motion;
+        const time = (k) => motion.times[motion.slot(k)];
+        const { context, w } = this.axes(motion.span, bounds, names);
+        const draw = (value, last) => {
+            const stride = Math.max(1, Math.floor((2 * (known[1] - first + 1)) / w));
+            context.beginPath();
+            let before = first;
+            this.extremes(first, last, stride, (k) => value(motion.slot(k)), (k) => {
+                const to = motion.jumps(before) && k > before ? "moveTo" : "lineTo";
+                context[to](this.x(time(k)), this.y(value(motion.slot(k))));
+                before = k;
+            });
+            context.stroke();
+        };
         context.lineWidth = 1.6;
         for (const { value, colour } of rows) {
-            context.strokeStyle = colour;
+            context.strokeStyle = context.fillStyle = colour;
+            if (cursor < known[1]) {
+                context.globalAlpha = FAINT;
+                draw(value, known[1]);
+                context.globalAlpha = 1;
+            }
+            draw(value, cursor);
+        }
+        if (known[1] > cursor || motion.frames) {
+            context.strokeStyle = this.look.quiet;
+            context.lineWidth = 1;
             context.beginPath();
-            this.extremes(first, last, stride, (k) => value(k % KEPT), (k) => context.lineTo(this.x(time(k)), this.y(value(k % KEPT))));
+            segment(context, this.x(time(cursor)), PAD.top, this.x(time(cursor)), this.canvas.clientHeight - PAD.bottom);
             context.stroke();
+            rows.forEach(({ value, colour }) => this.dot(context, time(cursor), value(motion.slot(cursor)), colour, 3.5));
         }
         context.restore();
+    }
+
+    dot(context, x, y, colour, radius) {
+        context.fillStyle = colour;
+        context.beginPath();
+        context.arc(this.x(x), this.y(y), radius, 0, 2 * Math.PI);
+        context.fill();
     }
 
     /** Call `draw` with the smallest and the largest value of each group of states, in their order in time. */
@@ -90,52 +119,50 @@ class Plot {
         draw(last);
     }
 
-    /** Draw the recorded states in the plane of a coordinate and its velocity, and mark the present one. */
+    /** Draw states in the plane of a coordinate and its velocity, and mark the present one. */
     phase(motion, place, now) {
-        const { STATE } = motion.model;
-        const n = STATE / 2;
+        const { size, known, cursor } = motion;
+        const n = size / 2;
         const { states } = motion.data;
-        const bounds = [place, place + n].map((k) => roomy(motion.low[k], motion.high[k]));
+        const bounds = [place, place + n].map((k) => around(motion.low[k], motion.high[k]));
         const { context } = this.axes(...bounds, [place, place + n].map((k) => withUnit(states[k])));
-        const length = Math.min(PHASE, motion.count, KEPT);
-        const stride = Math.max(1, Math.ceil(length / PHASE_PARTS));
-        const first = Math.ceil((motion.count - length) / stride) * stride;
+        const from = Math.max(known[0], motion.frames ? 0 : cursor + 1 - PHASE);
+        const stride = Math.max(1, Math.ceil((known[1] - from) / PHASE_PARTS));
         const colour = this.look.colours[0];
+        const at = (k) => motion.slot(k) * size + place;
+        const draw = (last, opacity) => {
+            context.globalAlpha = opacity;
+            context.beginPath();
+            for (let k = Math.ceil(from / stride) * stride; k <= last; k += stride) {
+                const broken = stride === 1 && motion.jumps(k - 1);
+                context[broken ? "moveTo" : "lineTo"](this.x(motion.states[at(k)]), this.y(motion.states[at(k) + n]));
+            }
+        };
         context.strokeStyle = colour;
         context.lineWidth = 1.3;
-        context.globalAlpha = 0.7;
-        context.beginPath();
-        for (let k = first; k < motion.count; k += stride) {
-            const at = (k % KEPT) * STATE + place;
-            context.lineTo(this.x(motion.states[at]), this.y(motion.states[at + n]));
+        if (cursor < known[1]) {
+            draw(known[1], FAINT);
+            context.stroke();
         }
+        draw(cursor, 0.7);
         context.lineTo(this.x(now[place]), this.y(now[place + n]));
         context.stroke();
         context.globalAlpha = 1;
-        context.fillStyle = colour;
-        context.beginPath();
-        context.arc(this.x(now[place]), this.y(now[place + n]), 5, 0, 2 * Math.PI);
-        context.fill();
+        this.dot(context, now[place], now[place + n], colour, 5);
         context.restore();
     }
 
-    /** Write names in their colours at the top of a plot. */
+    /** Write names in their colours above a plot. */
     names(rows) {
-        const { look } = this;
         const context = this.canvas.getContext("2d");
-        context.font = look.font;
+        context.font = this.look.font;
         context.textAlign = "right";
         context.textBaseline = "top";
-        let x = this.canvas.clientWidth - PAD.right - 4;
+        let x = this.canvas.clientWidth - PAD.right;
         for (const { name, colour } of [...rows].reverse()) {
-            context.fillStyle = look.paper;
-            const wide = context.measureText(name).width;
-            context.globalAlpha = 0.75;
-            context.fillRect(x - wide - 4, PAD.top + 1, wide + 8, 16);
-            context.globalAlpha = 1;
             context.fillStyle = colour;
-            context.fillText(name, x, PAD.top + 3);
-            x -= wide + 12;
+            context.fillText(name, x, 2);
+            x -= context.measureText(name).width + 12;
         }
     }
 }

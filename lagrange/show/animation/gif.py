@@ -9,9 +9,8 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.show.animation.canvas import Canvas, Pixels
-from lagrange.show.animation.sheet import palette
-from lagrange.show.figures.style import Style, parts_of
+from lagrange.show.animation.film import Film, Pixels
+from lagrange.show.figures.style import parts_of
 
 SHORTEST = 2
 """Least duration of a frame, in hundredths of a second: browsers show shorter ones for a tenth of a second."""
@@ -28,7 +27,7 @@ _FOREVER = b"\x21\xff\x0bNETSCAPE2.0\x03\x01\x00\x00\x00"
 _AT_ONCE = 2048
 
 
-def write_gif(file: BinaryIO, canvas: Canvas, style: Style, interval: float, tell: Callable[[int], None]) -> None:
+def write_gif(file: BinaryIO, film: Film, interval: float, tell: Callable[[int], None]) -> None:
     """Write all frames; `tell` is called with the number of each drawn frame.
 
     A frame is the rectangle of the changed pixels; unchanged pixels in it are transparent, which compresses well.
@@ -37,15 +36,15 @@ def write_gif(file: BinaryIO, canvas: Canvas, style: Style, interval: float, tel
     from PIL.Image import fromarray
 
     every = max(1, int(np.ceil(SHORTEST / 100 / interval - 1e-9)))
-    numbers = range(0, canvas.sheet.frames, every)
+    numbers = range(0, film.frames, every)
     # Times are rounded as a whole, so that the duration of the motion is right.
     ends = np.rint(100 * interval * every * np.arange(len(numbers) + 1)).astype(int)
-    colours = _Colours(palette(style, canvas.sheet.lines))
-    width, height = canvas.sheet.size
+    colours = _Colours(film.palette)
+    width, height = film.size
     file.write(b"GIF89a" + struct.pack("<HHBBB", width, height, 0xF7, 0, 0) + colours.table.tobytes() + _FOREVER)
     before: NDArray[np.uint32] = np.zeros((height, width), dtype=np.uint32)
     for number, duration in zip(numbers, np.diff(ends).tolist(), strict=True):
-        frame = canvas.frame(number)
+        frame = film.frame(number)
         whole = frame.view(np.uint32)[:, :, 0]
         changed = whole != before
         top, bottom = _ends(changed.any(axis=1))
@@ -71,7 +70,7 @@ def _ends(changed: NDArray[np.bool_]) -> tuple[int, int]:
 
 
 class _Colours:
-    """Maps each pixel to the nearest of 255 colours: those of a sheet in shades towards the background."""
+    """Maps each pixel to the nearest of 255 colours: those of a film in shades towards the background."""
 
     def __init__(self, own: tuple[str, ...]) -> None:
         base = np.rint(255.0 * np.array([parts_of(colour) for colour in own]))

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from typing import BinaryIO
 
 from lagrange.errors import RunError
-from lagrange.show.animation.canvas import Canvas
+from lagrange.show.animation.film import Film
 
 PROGRAM = "ffmpeg"
 
@@ -19,12 +19,12 @@ def has_ffmpeg() -> bool:
     return shutil.which(PROGRAM) is not None
 
 
-def write_mp4(file: BinaryIO, canvas: Canvas, interval: float, tell: Callable[[int], None]) -> None:
+def write_mp4(file: BinaryIO, film: Film, interval: float, tell: Callable[[int], None]) -> None:
     """Write all frames to a named file; `tell` is called with the number of each drawn frame.
 
     Raises RunError with the last line of the output of ffmpeg if it fails.
     """
-    width, height = canvas.sheet.size
+    width, height = film.size
     command = [
         *(PROGRAM, "-v", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgba", "-s", f"{width}x{height}"),
         *("-framerate", f"{1 / interval:.9g}", "-i", "-", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2"),
@@ -34,7 +34,7 @@ def write_mp4(file: BinaryIO, canvas: Canvas, interval: float, tell: Callable[[i
         # ffmpeg gets a new session: Ctrl-C reaches only this process, which ends ffmpeg.
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=said, stderr=said, start_new_session=True)
         try:
-            _feed(process, canvas, tell)
+            _feed(process, film, tell)
             process.wait()
         finally:
             if process.poll() is None:
@@ -49,14 +49,14 @@ def write_mp4(file: BinaryIO, canvas: Canvas, interval: float, tell: Callable[[i
             )
 
 
-def _feed(process: subprocess.Popen[bytes], canvas: Canvas, tell: Callable[[int], None]) -> None:
+def _feed(process: subprocess.Popen[bytes], film: Film, tell: Callable[[int], None]) -> None:
     pipe = process.stdin
     if pipe is None:
         return
     try:
         with pipe:
-            for number in range(canvas.sheet.frames):
-                pipe.write(canvas.frame(number).tobytes())
+            for number in range(film.frames):
+                pipe.write(film.frame(number).tobytes())
                 tell(number)
     except BrokenPipeError:
         process.wait()  # it has ended; its exit code and its output give the reason

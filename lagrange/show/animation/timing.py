@@ -14,6 +14,9 @@ from lagrange.trajectory.trajectory import FloatArray
 MOST_FRAMES = 3000
 """Most frames of an animation: 100 s at 30 frames a second. As a GIF they take some 20 MB."""
 
+DEFAULT_FPS = 30.0
+"""Frames per second unless others are requested."""
+
 LEAST_FPS, MOST_FPS = 1.0, 60.0
 """Least and largest number of frames per second: below, motion is invisible; above, no common screen shows them."""
 
@@ -53,7 +56,7 @@ class Timing:
         return self.interval * (len(self.t) - 1)
 
 
-def timing(span: tuple[float, float], fps: float = 30.0, speed: float | None = None) -> Timing:
+def timing(span: tuple[float, float], fps: float = DEFAULT_FPS, speed: float | None = None) -> Timing:
     """Return the frames of a run from span[0] to span[1]; times may decrease.
 
     Without `speed` the run is shown in real time, one unit of time per second, if it takes at least 1 s and at most the

@@ -37,7 +37,8 @@ CELLS: dict[str, tuple[str, str]] = {
     "methods": ("lg.methods.table()", "text/markdown"),
     "targets": ("lg.targets()", "text/html"),
     "modules": ("import sys\nprint([name for name in ('ipywidgets', 'rich') if name in sys.modules])", ""),
-    "explore": ("pendulum.explore(l=(0.5, 2.0), theta=(0, 3))", WIDGET),
+    "explore": ("pendulum.explore(l=(0.5, 2.0), theta=(0, 3))", "text/html"),
+    "widgets": ("pendulum.explore(l=(0.5, 2.0), method='taylor')", WIDGET),
     "after pyplot": ("import matplotlib.pyplot as plt\nsolution.plot()", "image/png"),
 }
 """Cells, each with the type of what it shows in the first place."""

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
+import base64
 import html
+import io
 import os
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from lagrange.errors import StatementError, counted
-from lagrange.show.animation import player
-from lagrange.show.animation.canvas import Canvas, Pixels
+from lagrange.page.player import frame_size, in_frame, player_page
 from lagrange.show.animation.file_kinds import named_kind
+from lagrange.show.animation.film import Film, Pixels, film_options
 from lagrange.show.animation.gif import write_gif
-from lagrange.show.animation.layout import frame_options, sheet_of
-from lagrange.show.animation.motion import motion_of
 from lagrange.show.animation.mp4 import has_ffmpeg, write_mp4
-from lagrange.show.animation.sheet import Sheet
-from lagrange.show.animation.timing import Timing, timing
+from lagrange.show.animation.recording import Recording, recording_of
+from lagrange.show.animation.timing import DEFAULT_FPS, Timing, timing
 from lagrange.show.between import known_alone
 from lagrange.show.figures.style import DARK, LIGHT
 from lagrange.show.files.atomic_file import check_place, write_atomically
@@ -47,13 +47,26 @@ class Animation:
     """
 
     name: str
-    timing: Timing
-    states: FloatArray
-    points: Mapping[str, FloatArray]
-    sheet: Sheet
+    recording: Recording
+    film: Film
     style: str = "auto"
     notes: tuple[str, ...] = ()
     path: Path | None = field(default=None)
+
+    @property
+    def timing(self) -> Timing:
+        """Times of the frames, and how fast they are shown."""
+        return self.film.timing
+
+    @property
+    def states(self) -> FloatArray:
+        """States at the frames, (2n, K)."""
+        return self.recording.states[:, self.recording.frames]
+
+    @property
+    def points(self) -> dict[str, FloatArray]:
+        """Named points at the frames, (2, K) or (3, K) each."""
+        return {name: point[:, self.recording.frames] for name, point in self.recording.points.items()}
 
     @property
     def t(self) -> FloatArray:
@@ -77,13 +90,11 @@ class Animation:
 
     def frame(self, number: int) -> Pixels:
         """Return a frame by its number as pixels, (height, width, 4): red, green, blue and 255."""
-        return self._canvas.frame(whole_number(number, "the number of the frame", 0, len(self.t) - 1)).copy()
+        return self.film.frame(whole_number(number, "the number of the frame", 0, len(self.t) - 1)).copy()
 
     def to_html(self) -> str:
         """Return one HTML page with the player. It needs no network and no installation."""
-        return player.page(
-            self.sheet, style=self.style, interval=self.timing.interval, title=self.name, notes=self.notes
-        )
+        return player_page(self.recording, self.film, self.style, self.notes)
 
     def save(self, path: str | os.PathLike[str], *, progress: bool = False) -> Animation:
         """Write the file of the kind that its suffix states: .html, .gif, .mp4, or .png for the first frame.
@@ -112,23 +123,21 @@ class Animation:
         if suffix == ".html":
             file.write(self.to_html().encode())
         elif suffix == ".gif":
-            write_gif(file, self._canvas, DARK if self.style == "dark" else LIGHT, interval, tell)
+            write_gif(file, self.film, interval, tell)
         elif suffix == ".mp4":
-            write_mp4(file, self._canvas, interval, tell)
+            write_mp4(file, self.film, interval, tell)
         else:
-            file.write(player.png(self._canvas.frame(0)))
-
-    @cached_property
-    def _canvas(self) -> Canvas:
-        return Canvas(self.sheet, DARK if self.style == "dark" else LIGHT)
+            file.write(png(self.film.frame(0)))
 
     def _repr_html_(self) -> str:
-        page = replace(self, notes=()).to_html()
+        page = player_page(self.recording, self.film, self.style, ())
         notes = "".join(f"<p>{html.escape(note)}</p>" for note in self.notes)
         if len(page) <= LARGEST_SHOWN:
-            return player.frame(page, self.sheet) + notes
+            return in_frame(page, "animation", *frame_size(self.film)) + notes
         said = f"The player has {len(page) // 1000:,} kB, too much for a notebook: .save('{self.name}.html') writes it."
-        return f"{player.still(self.frame(0), self.name)}<p>{html.escape(said)}</p>{notes}"
+        data = base64.b64encode(png(self.frame(0))).decode()
+        still = f'<img alt="{html.escape(self.name)}" src="data:image/png;base64,{data}">'
+        return f"{still}<p>{html.escape(said)}</p>{notes}"
 
     def __repr__(self) -> str:
         speed = "in real time" if self.speed == 1 else f"at {self.speed:g} times real time"
@@ -145,7 +154,7 @@ def animate(
     solution: Solution,
     path: str | os.PathLike[str] | None = None,
     *,
-    fps: float = 30.0,
+    fps: float = DEFAULT_FPS,
     speed: float | None = None,
     size: Any = None,
     style: str = "auto",
@@ -154,23 +163,30 @@ def animate(
 ) -> Animation:
     """Return the animation of a run, written to `path` if it is given; see `Solution.animate`."""
     one_of(style, STYLES, "style = {given}: give one of {known}.")
-    wanted = frame_options(size, trail)
+    options = film_options(size, trail)
     if path is not None:
         _writable(path)
     if not len(solution.t):
         raise StatementError("there is nothing to animate: the run ended before the first of its output times.")
     chosen = timing((float(solution.t[0]), float(solution.t[-1])), fps, speed)
     with np.errstate(all="ignore"):
-        motion = motion_of(solution, chosen)
-    statement = solution.model.statement
-    sheet = sheet_of(statement, motion, chosen, wanted)
+        recording = recording_of(solution, chosen)
+    film = Film(recording, chosen, options, DARK if style == "dark" else LIGHT)
     missing = "No positions are stated: the coordinates are drawn over time. positions={...} states points to draw."
-    notes = chosen.notes if motion.points else (missing, *chosen.notes)
+    notes = chosen.notes if recording.points else (missing, *chosen.notes)
     if known_alone(solution.trajectory) is not None:
         notes = ("The run is from a file: between the states that this has, the motion is interpolated.", *notes)
-    points = {name: point[:, motion.frames] for name, point in motion.points.items()}
-    made = Animation(plain_text(statement.name), chosen, motion.states[:, motion.frames], points, sheet, style, notes)
+    made = Animation(plain_text(recording.statement.name), recording, film, style, notes)
     return made if path is None else made.save(path, progress=progress)
+
+
+def png(pixels: Pixels) -> bytes:
+    """Return pixels as a PNG."""
+    from PIL.Image import fromarray
+
+    file = io.BytesIO()
+    fromarray(pixels).save(file, format="PNG")
+    return file.getvalue()
 
 
 def _writable(path: str | os.PathLike[str]) -> tuple[Path, tuple[str, ...]]:

@@ -1,0 +1,137 @@
+"""The player of a recording: one HTML page with recorded numbers and the scripts of every page, without a model."""
+
+from __future__ import annotations
+
+import base64
+import zlib
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+
+from lagrange.page.description import ENERGIES, description
+from lagrange.page.document import (
+    PICTURES,
+    RECORDED,
+    colour_rules,
+    hint,
+    html,
+    joined,
+    legend,
+    phase_choices,
+    short,
+    template,
+)
+from lagrange.show.animation.film import Film
+from lagrange.show.animation.recording import Recording, thinned
+from lagrange.show.files.template import as_json
+from lagrange.show.notation.names import plain_text
+from lagrange.trajectory.trajectory import FloatArray
+
+BESIDES = 250
+"""Height in pixels of what is around the picture of a player: its name, the controls and the plots."""
+
+LEVELS = 2**13
+"""Whole numbers between the least and the largest value of a row: an eighth of a pixel of a picture."""
+
+LONG = 10.0
+"""Seconds on the screen of a long trail."""
+
+
+def player_page(recording: Recording, film: Film, style: str, notes: Sequence[str]) -> str:
+    """Return the page; `style` is light, dark, or auto, which follows the setting of the browser."""
+    statement = recording.statement
+    record = thinned(recording)
+    rows = _rows(record)
+    order = [name for name in ENERGIES if name in record.energies]
+    data = description(statement, film.timing.speed, order)
+    data |= {
+        "energySize": record.energy_size,
+        "zero": record.zero,
+        "kept": record.kept,
+        "decimals": film.decimals,
+        "record": {
+            "count": len(record.t),
+            "detail": record.detail,
+            "fps": film.timing.fps,
+            "begin": float(record.t[0]),
+            "end": float(record.t[-1]),
+            "jumps": record.jumps.tolist(),
+            "rows": [_scale(row) for row in rows],
+        },
+    }
+    scripts = short(joined(*PICTURES, *RECORDED))
+    width = f":root{{--width:{max(film.size[0], 640)}px}}\n"
+    parts = {
+        "look": "" if style == "auto" else f' data-style="{style}"',
+        "style": short(colour_rules(statement) + width + template("page.css") + template("player.css")),
+        "title": escape(plain_text(statement.name)),
+        "hint": hint(statement),
+        "legend": legend(statement),
+        "choices": phase_choices(statement),
+        "trails": _trails(film.trail_seconds),
+        "notes": "".join(f'<p class="note">{escape(note)}</p>\n' for note in notes),
+        "data": as_json(data),
+        "packed": f"{_text(scripts.encode())} {_text(packed(rows))}",
+    }
+    return html("player.html", parts, {"loader": short(template("loader.js"))}, scripts, trusted=False)
+
+
+def frame_size(film: Film) -> tuple[int, int]:
+    """Return the width and the height in pixels of the frame of a player in a notebook."""
+    width, height = film.size
+    return max(width, 480), round(film.scene_share * height) + BESIDES
+
+
+def in_frame(page: str, title: str, width: int, height: int) -> str:
+    """Return a page inside an iframe for a notebook, so that neither affects the other."""
+    style = f"width:100%;max-width:{width}px;height:{height}px;border:0;display:block"
+    inside = page.replace("&", "&amp;").replace('"', "&quot;")
+    return f'<iframe title="{title}" sandbox="allow-scripts" style="{style}" srcdoc="{inside}"></iframe>'
+
+
+def _trails(seconds: float) -> str:
+    """Return the options of the trail: none, the requested seconds on the screen, long, and all."""
+    trails = {"none": 0.0, "short": seconds or 2.5, "long": LONG, "all": 1e9}
+    chosen = "short" if seconds else "none"
+    return "".join(
+        f'<option value="{value:g}"{" selected" if name == chosen else ""}>{name}</option>'
+        for name, value in trails.items()
+    )
+
+
+def _rows(record: Recording) -> list[FloatArray]:
+    """Return the rows of numbers, (S,) each: entries of all points, of the state, E, T and V, and the drift."""
+    names = [*record.statement.positions]
+    dimension = max((len(record.points[name]) for name in names), default=0)
+    zero = np.zeros(len(record.t))
+    points = [[*record.points[name], zero][:dimension] for name in names]
+    energies = [record.energies[name] - (name != "T") * record.zero for name in ENERGIES if name in record.energies]
+    return [
+        *(row for point in points for row in point),
+        *record.states,
+        *energies,
+        *([record.change] if energies else []),
+    ]
+
+
+def _scale(row: FloatArray) -> tuple[float, float]:
+    """Return the least value of a row, and the distance of the whole numbers that stand for its values."""
+    low, high = float(row.min()), float(row.max())
+    return low, float(f"{(high - low) / LEVELS:.6e}")
+
+
+def packed(rows: Sequence[FloatArray]) -> bytes:
+    """Return rows as whole numbers: second differences of 16 bits, all low bytes before all high bytes."""
+    whole = np.zeros((len(rows), len(rows[0])), dtype=np.int64)
+    for k, row in enumerate(rows):
+        base, grain = _scale(row)
+        whole[k] = np.rint((row - base) / grain) if grain > 0 else 0
+    for _ in range(2):
+        whole = np.diff(whole, axis=1, prepend=0)
+    words = (whole & 0xFFFF).astype("<u2")
+    return bytes((words & 0xFF).astype(np.uint8).tobytes() + (words >> 8).astype(np.uint8).tobytes())
+
+
+def _text(data: bytes) -> str:
+    return base64.b64encode(zlib.compress(data, 9)).decode()

@@ -1,0 +1,456 @@
+"""Frames of a recording on Matplotlib's axes: fixed parts are drawn once, moving parts over a copy of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from math import ceil, log10
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.errors import StatementError, shown
+from lagrange.show.animation.recording import Recording
+from lagrange.show.animation.timing import Timing
+from lagrange.show.figures.curve import around
+from lagrange.show.figures.new_figure import new_figure
+from lagrange.show.figures.panel import label_of_entry
+from lagrange.show.figures.paths import Box, draw_floor, is_slender
+from lagrange.show.figures.space import spring, view_of
+from lagrange.show.figures.style import MOST_NAMED, Style, colours, dress, few_ticks, legend, of_figure, point_look
+from lagrange.show.notation.names import plain_text
+from lagrange.show.units import energy_unit, length_unit, unit_of, with_unit
+from lagrange.statement.number import real_number, whole_number
+from lagrange.statement.statement import SPRING
+from lagrange.trajectory.measures.points import fixed_points
+from lagrange.trajectory.trajectory import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Pixels = NDArray[np.uint8]
+"""A frame, (height, width, 4): red, green, blue, and 255."""
+
+WIDTH, TALLEST = 640, 400
+"""Default width of a picture, and greatest default height of its scene, in pixels."""
+
+LEAST_SIZE, MOST_SIZE = 160, 2160
+"""Least and largest side on request, in pixels: below, nothing is readable; above, a frame takes over 18 MB."""
+
+SMALLEST = 0.85
+"""Least scale factor of all sizes: letters below 8.5 pixels are hard to read."""
+
+TAIL = 2.5
+"""Default duration of a trail, in seconds on the screen."""
+
+FADES = 12
+"""Parts of a trail with different opacities."""
+
+FAINT, CLEAR = 0.3, 0.85
+"""Opacity of curves in the future, and of the newest part of a trail."""
+
+_DOT, _COIL = 14.0, 14.0
+"""Width in points of a moving point, and of a spring."""
+
+MOST_PANELS = 6
+"""Most panels of coordinates; more coordinates share them, as a frame has no room for more."""
+
+_HEADER, _NAMES, _CHART, _TITLE, _TIME = 32.0, 18.0, 88.0, 20.0, 32.0
+"""Heights in points of the header, the names of points, a panel over time, its title, and the labels of time."""
+
+_LEFT, _RIGHT, _UNDER = 56.0, 16.0, 36.0
+"""Room in points on both sides of a panel, and under a scene for its numbers."""
+
+_TALL, _LEAST = 1.7, 60.0
+"""Ratio of height to width from which on a scene is beside the panels, and the least height of a scene."""
+
+
+@dataclass(frozen=True)
+class FilmOptions:
+    """Requested size in pixels, None for one that fits the motion, and requested duration of trails."""
+
+    size: tuple[int, int] | None
+    trail: float | None
+
+
+def film_options(size: Any, trail: Any) -> FilmOptions:
+    """Return the requested options. Raises StatementError for invalid ones."""
+    if size is not None:
+        if not isinstance(size, (tuple, list)) or len(size) != 2:
+            raise StatementError(f"size = {shown(size)}: give width and height in pixels, such as size=(640, 480).")
+        width, height = (whole_number(side, "a side of size", LEAST_SIZE, MOST_SIZE) for side in size)
+        size = width, height
+    if trail is not None and (trail := real_number(trail, "trail")) < 0:
+        raise StatementError(f"trail = {trail:g}: give the time that trails go back, or 0 for none.")
+    return FilmOptions(size, trail)
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Rows (R, S) over time in one panel, their labels and colours, and the title with its unit."""
+
+    title: str
+    rows: FloatArray
+    labels: tuple[str, ...]
+    colours: tuple[str, ...]
+    size: float = 0.0
+
+
+def panels_of(recording: Recording, style: Style) -> list[Rows]:
+    """Return the panels over time: the coordinates if no points are named, and the energies."""
+    panels = [] if recording.points else _coordinates(recording, style)
+    if recording.energies:
+        names, zero = tuple(recording.energies), recording.zero
+        shades = (style.ink,) if len(names) == 1 else (*colours(2, style.colours), style.ink)
+        title = "energy" if len(names) == 1 else "energies, V and E above the least V" if zero else "energies"
+        rows = np.array([row if name == "T" else row - zero for name, row in recording.energies.items()])
+        labels = tuple(f"${name}$" for name in names)
+        title = with_unit(title, energy_unit(recording.statement))
+        panels.append(Rows(title, rows, labels, shades, recording.energy_size))
+    return panels
+
+
+def _coordinates(recording: Recording, style: Style) -> list[Rows]:
+    statement = recording.statement
+    names = statement.names
+    each = ceil(len(names) / MOST_PANELS)
+    panels = []
+    for begin in range(0, len(names), each):
+        some = names[begin : begin + each]
+        labels = tuple(label_of_entry(statement, name) for name in some)
+        title = labels[0] if len(some) == 1 else f"{labels[0]} to {labels[-1]}"
+        shades = colours(len(names), style.colours)[begin : begin + each]
+        panels.append(Rows(title, recording.states[begin : begin + len(some)], labels, shades))
+    return panels
+
+
+class Film:
+    """Frames of a recording by their numbers, as pixels. The first frame also draws the fixed parts."""
+
+    def __init__(self, recording: Recording, timing: Timing, options: FilmOptions, style: Style) -> None:
+        self.recording, self.timing, self.style = recording, timing, style
+        self.panels = panels_of(recording, style)
+        self.trail_seconds = TAIL if options.trail is None else options.trail / timing.speed
+        self.scene = MovingScene(recording, self.trail_seconds * timing.speed, style) if recording.points else None
+        self.plan = _plan(self.scene, len(self.panels), options.size)
+        step = abs(float(timing.t[-1] - timing.t[0])) / max(1, len(timing.t) - 1)
+        self.decimals = min(12, max(0, ceil(-log10(step)))) if step > 0 else 3
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the picture in pixels."""
+        return self.plan.size
+
+    @property
+    def scene_share(self) -> float:
+        """Height of the scene, or of the coordinates without one, as a part of the picture."""
+        return self.plan.scene[3] if self.scene is not None else 0.7
+
+    @cached_property
+    def _drawn(self) -> _Drawn:
+        return _Drawn(self)
+
+    @property
+    def frames(self) -> int:
+        """Number of frames."""
+        return len(self.timing.t)
+
+    def frame(self, number: int) -> Pixels:
+        """Return a frame by its number. The next frame is drawn in the same memory."""
+        t = float(self.timing.t[number])
+        return self._drawn.at(number * self.recording.detail, self.clock_text(t))
+
+    @property
+    def palette(self) -> tuple[str, ...]:
+        """Colours of all parts, the background first."""
+        style, shades = self.style, [colour for part in (self.scene, *self.panels) if part for colour in part.colours]
+        return (*dict.fromkeys((style.paper, style.ink, style.quiet, style.grid, *shades)),)
+
+    def clock_text(self, t: float) -> str:
+        """Return the text of the clock."""
+        text = f"{t:.{self.decimals}f}"
+        text = text if float(text) else text.replace("-", "")
+        unit = unit_of(self.recording.statement, "t")
+        return f"t = {text.replace('-', '−')} {unit}".rstrip()
+
+
+class _Drawn:
+    """The figure of a film, its fixed parts as pixels, and its moving parts."""
+
+    def __init__(self, film: Film) -> None:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+        plan, recording, style = film.plan, film.recording, film.style
+        dots = 72 * plan.scale
+        self.figure = new_figure(figsize=[side / dots for side in plan.size], dpi=dots, facecolor=style.paper)
+        canvas: Any = FigureCanvasAgg(self.figure)
+        self.header(film)
+        moving: list[tuple[MovingScene | MovingChart, Axes]] = []
+        if film.scene is not None:
+            axis = self.figure.add_axes(plan.scene)
+            film.scene.place(axis)
+            moving.append((film.scene, axis))
+        for place, (rows, box) in enumerate(zip(film.panels, plan.charts, strict=True)):
+            axis = self.figure.add_axes(box)
+            moving.append((MovingChart(axis, recording, rows, style, named=place == len(film.panels) - 1), axis))
+        canvas.draw()
+        self.renderer = canvas.get_renderer()
+        self.moving = [(part, Pen(self.renderer, axis, style.paper)) for part, axis in moving]
+        self.pixels: Pixels = np.asarray(canvas.buffer_rgba())
+        self.still = self.pixels.copy()
+        self.charts = [part for part, _ in moving if isinstance(part, MovingChart)]
+        for chart in self.charts:
+            for line in chart.clear:
+                line.draw(self.renderer)
+        self.clear = self.pixels.copy()
+
+    def header(self, film: Film) -> None:
+        """Write the name, the speed if it is not real time, and make the clock."""
+        style, (width, height) = film.style, film.size
+        across, top = width / film.plan.scale, height / film.plan.scale - 20
+
+        def write(x: float, y: float, text: str, colour: str, **more: Any) -> Any:
+            more |= {"transform": self.figure.dpi_scale_trans, "parse_math": False}
+            return self.figure.text(x / 72, y / 72, text, color=colour, **more)
+
+        write(14, top, plain_text(film.recording.statement.name), style.ink, fontsize=13, fontweight="bold")
+        right: dict[str, Any] = {"ha": "right", "fontsize": 13}
+        self.clock = write(across - _RIGHT, top, "", style.ink, animated=True, **right)
+        if film.timing.speed != 1.0:
+            write(across - _RIGHT, top - 15, f"speed {film.timing.speed:g}×", style.quiet, ha="right", fontsize=10)
+        if film.scene is None:
+            write(14, top - 15, "coordinates; no positions are stated", style.quiet, fontsize=10)
+
+    def at(self, k: int, clock: str) -> Pixels:
+        """Draw sample k and the text of the clock, and return the pixels."""
+        self.pixels[...] = self.still
+        for chart in self.charts:
+            part = chart.past(k, len(self.pixels))
+            self.pixels[part] = self.clear[part]
+        for moving, pen in self.moving:
+            moving.draw(k, pen)
+        self.clock.set_text(clock)
+        self.clock.draw(self.renderer)
+        return self.pixels
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """Size of the picture, scale of all sizes, and places of the panels as parts of it: left, bottom, width, height."""
+
+    size: tuple[int, int]
+    scale: float
+    scene: tuple[float, float, float, float]
+    charts: list[tuple[float, float, float, float]]
+
+
+def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -> _Plan:
+    """Return the places of the scene and of `count` panels: above one another, or side by side for a tall scene."""
+    width = size[0] if size else WIDTH
+    scale = max(SMALLEST, width / WIDTH)
+    across = width / scale
+    top = _HEADER + (_NAMES if scene is not None and scene.named else 0.0) + (14.0 if scene is None else 0.0)
+    strip = count * _CHART + _TIME if count else 8.0
+    beside = scene is not None and count > 0 and scene.ratio > _TALL
+    under = 0.0 if scene is None else _UNDER if scene.box is None else 4.0
+    below = (0.0 if beside else strip) + under
+    free = 0.0
+    if scene is not None:
+        free = max(110.0, min(TALLEST, scene.ratio * (across - _LEFT - _RIGHT)))
+    height = size[1] if size else 2 * ceil(scale * (top + free + below) / 2)
+    down = height / scale
+    if scene is not None:
+        free = down - top - below
+    if down < top + below + (_LEAST if scene is not None else 0.0):
+        least = ceil(scale * (top + below + _LEAST))
+        raise StatementError(
+            f"size = ({width}, {height}) leaves no room for the motion: give a height of {least} or more."
+        )
+    border = across
+    if scene is not None and beside:
+        border = max(0.34 * across, min(0.6 * across, free / scene.ratio + _LEFT + _RIGHT))
+    left = _LEFT if scene is None or scene.box is None else _RIGHT
+
+    def part(x: float, y: float, wide: float, high: float) -> tuple[float, float, float, float]:
+        """Return a place from its distances in points from the left and the top."""
+        return x / across, 1 - (y + high) / down, wide / across, high / down
+
+    start, first = (border, top) if beside else (0.0, top + free + under)
+    each = (down - first - _TIME) / max(count, 1)
+    charts = [
+        part(start + _LEFT, first + k * each + _TITLE, across - start - _LEFT - _RIGHT, each - _TITLE - 4)
+        for k in range(count)
+    ]
+    return _Plan((width, height), scale, part(left, top, border - left - _RIGHT, max(free, 1.0)), charts)
+
+
+class MovingScene:
+    """Named points with their links and trails, as moving artists of one panel."""
+
+    def __init__(self, recording: Recording, trail: float, style: Style) -> None:
+        self.recording, self.style = recording, style
+        statement, points = recording.statement, recording.points
+        self.view = view_of(points)
+        self.names = [*points]
+        self.seen = np.stack([self.view.of(point) for point in points.values()])
+        fixed = fixed_points(statement)
+        self.fixed = [k for k, name in enumerate(self.names) if fixed[name]]
+        self.moving = [k for k, name in enumerate(self.names) if not fixed[name]]
+        self.colours, self.part = point_look(len(self.moving), style.colours)
+        self.named = 1 < len(self.moving) <= MOST_NAMED
+        self.box = self.shadows = None
+        if self.view.spatial:
+            space = [np.vstack([point, np.zeros((3 - len(point), point.shape[1]))]) for point in points.values()]
+            self.box = Box.around(np.concatenate(space, axis=1))
+            flat = [np.vstack([space[k][:2], np.full((1, self.seen.shape[2]), self.box.low[2])]) for k in self.moving]
+            self.shadows = np.stack([self.view.of(point) for point in flat]) if flat else None
+        together = np.concatenate([*self.seen], axis=1)
+        if self.box is not None:
+            together = np.concatenate([together, self.view.of(self.box.drawn)], axis=1)
+        sides = np.ptp(together, axis=1)
+        # With rods or springs the scene is to scale, even if the path is slender.
+        self.to_scale = bool(statement.links) or not is_slender(sides)
+        room = 0.07 * float(sides.max()) or 1.0
+        self.limits = np.array(
+            [(row.min() - room, row.max() + room) if self.to_scale else around(row) for row in together]
+        )
+        step = abs(float(recording.t[-1] - recording.t[0])) / max(1, len(recording.t) - 1)
+        self.tail = round(min(trail / step, len(recording.t))) if step > 0 else 0
+
+    @property
+    def ratio(self) -> float:
+        """Best ratio of height to width."""
+        width, height = np.ptp(self.limits, axis=1)
+        return float(height / width) if self.to_scale else 0.6
+
+    def place(self, axis: Axes) -> None:
+        """Draw the fixed parts into a panel, and make the moving artists."""
+        style, unit = self.style, length_unit(self.recording.statement)
+        dress(axis, style)
+        window = axis.get_window_extent()
+        limits = self.limits
+        if self.to_scale:
+            sides = np.array([window.width, window.height])
+            half = sides * float((np.ptp(limits, axis=1) / sides).max()) / 2
+            limits = limits.mean(axis=1)[:, None] + np.outer(half, (-1.0, 1.0))
+        if self.box is None:
+            axis.set_xlabel(with_unit(self.view.labels[0], unit), labelpad=1.0)
+            axis.set_ylabel(with_unit(self.view.labels[1], unit), labelpad=4.0)
+        else:
+            draw_floor(axis, self.view, self.box, unit, style)
+        axis.set(xlim=tuple(limits[0]), ylim=tuple(limits[1]))
+        if self.box is None:
+            few_ticks(axis)
+            axis.locator_params(axis="y", nbins=6)
+        self.spring_width = _COIL * float(np.ptp(limits[0])) / (window.width * 72 / of_figure(axis).dpi)
+        if self.named:
+            for k, colour in zip(self.moving, self.colours, strict=True):
+                axis.plot([], [], "o", color=colour, markersize=7, label=plain_text(self.names[k]))
+            legend(axis, style)
+
+    def draw(self, k: int, pen: Pen) -> None:
+        """Draw the moving parts at sample k."""
+        now, style = self.seen[:, :, k], self.style
+        if self.shadows is not None:
+            below = self.shadows[:, :, k]
+            for ends in zip(now[self.moving], below, strict=True):
+                pen.line(np.array(ends).T, style.grid, 1.0)
+            pen.marks(below.T, style.quiet, 5.0)
+        if self.tail:
+            cuts = np.linspace(k - self.tail, k, FADES + 1).round().astype(int).clip(0)
+            for point, colour in zip(self.moving, self.colours, strict=True):
+                for part, (a, b) in enumerate(pairwise(cuts.tolist())):
+                    if b > a:
+                        pen.line(self.seen[point][:, a : b + 1], colour, 2.0, (part + 1) / FADES * CLEAR, cap="butt")
+        place = {name: now[k] for k, name in enumerate(self.names)}
+        for start, end, kind in self.recording.statement.links:
+            if kind == SPRING:
+                pen.line(spring(place[start], place[end], self.spring_width), style.quiet, 1.4)
+            else:
+                pen.line(np.array([place[start], place[end]]).T, style.quiet, 2.4)
+        pen.marks(now[self.fixed].T, style.ink, 8.5, "s")
+        if self.named:
+            for point, colour in zip(self.moving, self.colours, strict=True):
+                pen.marks(now[[point]].T, colour, _DOT)
+        elif self.moving:
+            pen.marks(now[self.moving].T, self.colours[0], _DOT * self.part)
+
+
+class Pen:
+    """Draws lines and marks in a panel with Matplotlib's renderer, in a tenth of the time that its artists take."""
+
+    def __init__(self, renderer: Any, axis: Axes, paper: str) -> None:
+        from matplotlib.colors import to_rgb
+        from matplotlib.path import Path
+        from matplotlib.transforms import Affine2D
+
+        self._renderer, self._place, self._paper = renderer, axis.transData.frozen(), paper
+        self._path, self._affine, self._rgb = Path, Affine2D, to_rgb
+        corners = [(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5)]
+        self._shapes = {"o": Path.circle(radius=0.5), "s": Path(corners, closed=True)}
+        self._point = renderer.points_to_pixels(1.0)
+
+    def _context(self, colour: str, width: float) -> Any:
+        context = self._renderer.new_gc()
+        context.set_foreground(self._rgb(colour), isRGBA=False)
+        context.set_linewidth(width * self._point)
+        context.set_joinstyle("round")
+        return context
+
+    def line(self, points: FloatArray, colour: str, width: float, opacity: float = 1.0, cap: str = "round") -> None:
+        """Draw a line through points (2, K), `width` points wide."""
+        context = self._context(colour, width)
+        context.set_alpha(opacity)
+        context.set_capstyle(cap)
+        self._renderer.draw_path(context, self._path(points.T), self._place)
+
+    def marks(self, points: FloatArray, colour: str, size: float, shape: str = "o") -> None:
+        """Draw circles or squares ("s") at points (2, K), `size` points wide, with an edge of the background."""
+        if points.shape[1]:
+            size *= self._point
+            context, mark, where = self._context(self._paper, 1.0), self._shapes[shape], self._path(points.T)
+            self._renderer.draw_markers(
+                context, mark, self._affine().scale(size), where, self._place, self._rgb(colour)
+            )
+
+
+class MovingChart:
+    """Curves over time in a panel: pale as a whole, clear up to now, with a dot at now."""
+
+    def __init__(self, axis: Axes, recording: Recording, rows: Rows, style: Style, *, named: bool) -> None:
+        self.axis, self.t, self.rows, self.style = axis, recording.t, rows, style
+        dress(axis, style)
+        first, last = float(self.t[0]), float(self.t[-1])
+        axis.set_xlim(*((min(first, last), max(first, last)) if first != last else (first - 0.5, first + 0.5)))
+        axis.set_ylim(*around(rows.rows, rows.size))
+        few_ticks(axis)
+        axis.locator_params(axis="y", nbins=3)
+        self.clear: list[Any] = []
+        several = 1 < len(rows.rows) <= MOST_NAMED
+        for row, label, colour in zip(rows.rows, rows.labels, rows.colours, strict=True):
+            axis.plot(self.t, row, color=colour, linewidth=1.2, alpha=FAINT)
+            name = label if several else "_nolegend_"
+            self.clear += axis.plot(self.t, row, color=colour, linewidth=1.5, animated=True, label=name)
+        if several:
+            legend(axis, style, rows.title)
+        else:
+            axis.set_title(rows.title, loc="left", fontsize=9, color=style.ink)
+        if named:
+            axis.set_xlabel(with_unit("t", unit_of(recording.statement, "t")), labelpad=1.0)
+        else:
+            axis.tick_params(labelbottom=False)
+
+    def past(self, k: int, height: int) -> tuple[slice, slice]:
+        """Return the part of the pixels, rows and columns, in which the curves up to sample k are."""
+        box, place = self.axis.get_window_extent(), self.axis.transData.transform
+        left, right = sorted(round(float(place((float(self.t[n]), 0.0))[0])) for n in (0, k))
+        return slice(height - ceil(box.y1) - 2, height - int(box.y0) + 2), slice(left, right)
+
+    def draw(self, k: int, pen: Pen) -> None:
+        """Draw a line at sample k, and a dot on each curve."""
+        t = float(self.t[k])
+        pen.line(np.array([[t, t], self.axis.get_ylim()]), self.style.quiet, 1.0)
+        for row, colour in zip(self.rows.rows, self.rows.colours, strict=True):
+            pen.marks(np.array([[t], [row[k]]]), colour, 6.4)
