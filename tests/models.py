@@ -7,6 +7,7 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any
 
+import pytest
 import sympy as sp
 from sympy import cos, exp, sin, sqrt
 
@@ -20,6 +21,8 @@ from lagrange.statement.statement import Statement
 from lagrange.system import System, scene
 
 TARGETS = ("numpy", "llvm")
+LLVM_FIRST = (pytest.param("numpy", marks=pytest.mark.slow), "llvm")
+"""The same where an interpreted run takes long: a default run takes the compiled one."""
 x, y, z, theta, phi, r = coordinates("x y z theta phi r")
 m, M, g, l, k, c, omega, B = parameters("m M g l k c omega B")
 VALUES = {m: 1.3, M: 2.1, g: 9.81, l: 0.7, k: 3.2, c: 0.15, omega: 1.9, B: 0.8}

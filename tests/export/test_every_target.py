@@ -118,7 +118,14 @@ def systems(at_once: int) -> Iterator[lg.System]:
         yield named(some[:COORDINATES], some[COORDINATES:], next(titles))
 
 
-@pytest.mark.parametrize("target", [name for name in lg.targets() if name not in (*LANGUAGES, "jax")])
+@pytest.mark.parametrize(
+    "target",
+    [
+        pytest.param(name, marks=[pytest.mark.slow] * (name == "fmu"))
+        for name in lg.targets()
+        if name not in (*LANGUAGES, "jax")
+    ],
+)
 def test_awkward_names(target: str, tmp_path: Path) -> None:
     passes(target, next(systems(60)), tmp_path)
 

@@ -29,6 +29,13 @@ HEADERS = Path(fmpy.__file__).parent / "c-code"
 CONTENTS = ("energy", "jacobian", "mass_matrix", "momenta", "accelerations")
 
 
+@pytest.fixture(autouse=True)
+def _without_optimization(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Compile quickly: `test_inputs.py` compiles as a user does."""
+    quick = ["-O0" if option == "-O2" else option for option in target.COMPILER]
+    monkeypatch.setattr(target, "COMPILER", tuple(quick))
+
+
 def written(system: lg.System, folder: Path, *contents: str, **given: Any) -> dict[int, Path]:
     """Write both FMUs, check them, and return their paths by version."""
     made = system.export("fmu", folder, contents or None, **given)

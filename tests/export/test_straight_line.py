@@ -91,10 +91,10 @@ def test_every_operation_is_that_of_numpy(package: str) -> None:
 
 
 @pytest.mark.parametrize("package", SOURCES)
-def test_every_regular_matrix_is_solved(package: str) -> None:
+def test_every_regular_matrix_is_solved(package: str, everything: bool) -> None:
     """Check indefinite matrices of each size, some with a zero diagonal: rows must be exchanged."""
     draw = np.random.default_rng(4)
-    for n in (1, 2, 3, 4, 6):
+    for n in (1, 2, 3, 4, 6) if everything else (1, 4):
         count = n * (n + 1) // 2
         code = [Instruction("state", place=i) for i in range(count + n)]
         code.append(Instruction("factor", tuple(range(count)), order=n))

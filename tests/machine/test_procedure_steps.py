@@ -162,7 +162,7 @@ def test_machine_code_takes_the_steps_of_the_interpreter(name: str, n: int) -> N
     for share in (0.0, 1e-3) if name not in FIXED else (0.0,):
         beside = Compiled(name, compiled, 0.07, share)
         ours = Interpreted(beside, compiled)
-        for _ in range(9 if n < 5 else 5):
+        for _ in range(9 if n < 5 else 3):
             outcome = beside.take()
             assert outcome is ours.take()
             ours.assert_same()

@@ -309,7 +309,9 @@ def test_fingers(browser: Browser, tmp_path: Path) -> None:
 
 
 @pytest.mark.few
-@pytest.mark.parametrize("scene", ["double-pendulum", "pleiades", "seven-body-mechanism", "four-bar"])
+@pytest.mark.parametrize(
+    "scene", ["double-pendulum", pytest.param("pleiades", marks=pytest.mark.slow), "seven-body-mechanism", "four-bar"]
+)
 def test_a_phone_shows_everything_in_its_width(scene: str, browser: Browser, tmp_path: Path) -> None:
     with browser.open(shared_scene(scene).to_page(tmp_path / "page.html"), *PHONE) as tab:
         assert tab.value("document.documentElement.scrollWidth") == PHONE[0]

@@ -245,6 +245,7 @@ def test_the_path_is_smooth_to_first_order(target: str) -> None:
             assert sign * (moved - found.y[:, i]) / h == pytest.approx(slope, abs=1e-5)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", NAMES)
 def test_times_in_any_order_and_number(name: str) -> None:
     found = run(model("Henon-Heiles"), 2.0, name, **({"step": 0.1} if name in FIXED else {}))

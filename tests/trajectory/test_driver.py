@@ -17,7 +17,7 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.models import SYSTEMS, TARGETS, build, k, m, model, springs, x
+from tests.models import LLVM_FIRST, SYSTEMS, TARGETS, build, k, m, model, springs, x
 from tests.trajectory.runs import ADAPTIVE, CONTROLLED, FIXED, NAMES, STEPPED, implicit, planned, run
 
 SPLITTABLE = ("oscillator", "pendulum", "Henon-Heiles", "coupled masses", "8 carried masses", "saddle")
@@ -261,7 +261,7 @@ def test_every_system_runs(system: str) -> None:
 # --- time-dependent forces -------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", LLVM_FIRST)
 @pytest.mark.parametrize("name", ADAPTIVE)
 def test_a_brief_force_is_not_stepped_over(name: str, target: str) -> None:
     """A push of 0.1 s within 100 s on a mass at rest: with a step of ten seconds nobody would notice."""

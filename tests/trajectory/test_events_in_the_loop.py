@@ -25,10 +25,13 @@ from lagrange.trajectory.events.planned_step import PlannedStep
 from lagrange.trajectory.events.series_watch import Watch
 from lagrange.trajectory.events.shared_watch import SharedWatch
 from lagrange.trajectory.trajectory import Status, Trajectory
-from tests.models import TARGETS, build, x, y
+from tests.models import LLVM_FIRST, TARGETS, build, x, y
 from tests.trajectory.runs import run
 
-ON_MACHINES = [(seed, "llvm") for seed in range(40)] + [(seed, "numpy") for seed in range(12)]
+ON_MACHINES = [
+    *((seed, "llvm") for seed in range(40)),
+    *(pytest.param(seed, "numpy", marks=pytest.mark.slow) for seed in range(12)),
+]
 """Seeds and targets: an interpreted run takes many times as long, and finds what the first seeds find on llvm."""
 
 
@@ -116,7 +119,9 @@ STEEP = (
 
 
 @pytest.mark.parametrize("events", STEEP, ids=str)
-@pytest.mark.parametrize(("target", "end"), [("llvm", 5.0), ("llvm", -5.0), ("numpy", 1.5)])
+@pytest.mark.parametrize(
+    ("target", "end"), [("llvm", 5.0), ("llvm", -5.0), pytest.param("numpy", 1.5, marks=pytest.mark.slow)]
+)
 def test_powers_above_the_order(events: list[Any], target: str, end: float, monkeypatch: pytest.MonkeyPatch) -> None:
     """The loop finds them as the watch does; it asks for a start at zero and for little else."""
     compiled, asked = random_model(np.random.default_rng(7), target), []
@@ -310,7 +315,7 @@ def test_a_reset_that_is_due_at_the_start_is_left_to_the_watch(monkeypatch: pyte
 
 
 @pytest.mark.parametrize("change", [{}, {"reset": {x.dot: -x.dot}}, {"terminal": 1}])
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", LLVM_FIRST)
 def test_events_on_a_step_that_its_defect_refuses_have_not_happened(
     change: dict[str, Any], target: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:

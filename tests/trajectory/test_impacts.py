@@ -14,7 +14,7 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import FloatArray, Status
-from tests.models import TARGETS, build, x, y
+from tests.models import LLVM_FIRST, TARGETS, build, x, y
 from tests.trajectory.runs import run
 from tests.trajectory.watched import FALL, G, ball, floor, free, go
 
@@ -24,7 +24,7 @@ def bounces(restitution: float, count: int) -> FloatArray:
     return np.asarray(FALL + np.concatenate([[0.0], np.cumsum(flights)]))
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", LLVM_FIRST)
 @pytest.mark.parametrize("level", [0.0, 3.0, 6.4e6])
 @pytest.mark.parametrize("restitution", [0.5, 0.9])
 def test_a_ball_comes_to_rest_after_infinitely_many_bounces(restitution: float, level: float, target: str) -> None:

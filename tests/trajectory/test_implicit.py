@@ -165,6 +165,7 @@ def test_what_claims_to_conserve_energy_does_and_the_rest_does_not(name: str, sy
         assert error > 1e-6
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in EQUAL if find(name).claims.symplectic])
 def test_energy_stays_bounded_without_drift(name: str) -> None:
     compiled = model("double pendulum" if name in MOMENTA else "Henon-Heiles")

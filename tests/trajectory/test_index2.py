@@ -16,7 +16,7 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.index2 import STAGES, radau5_index2
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status
-from tests.models import TARGETS, build
+from tests.models import LLVM_FIRST, TARGETS, build
 from tests.trajectory.constrained_systems import SYSTEMS, held, system, truth, x
 from tests.trajectory.runs import CONSTRAINED, CONTROLLED, run
 
@@ -60,7 +60,7 @@ def test_the_multipliers_of_radaus_step_are_of_order_3(name: str) -> None:
     assert -np.polyfit(np.log(counts), np.log(errors), 1)[0] == pytest.approx(3, abs=0.3), errors
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", LLVM_FIRST)
 @pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
 @pytest.mark.parametrize("method", [name for name in CONSTRAINED if name in CONTROLLED])
 def test_errors_follow_the_tolerance(method: str, name: str, target: str) -> None:

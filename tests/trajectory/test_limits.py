@@ -32,6 +32,7 @@ def model() -> Model:
     return unit_pendulum().compile()
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [name for name in names() if isinstance(find(name), Planned)])
 def test_memory_has_a_bound(name: str, model: Model) -> None:
     step: dict[str, Any] = {} if find(name).claims.adaptive else {"step": 0.01}

@@ -128,7 +128,7 @@ def test_what_a_watched_run_found_stays_as_it_is(name: str) -> None:
 @pytest.mark.parametrize("name", ["taylor", "dop853", "radau5"])
 def test_threads_share_a_model_with_events(name: str, events: str) -> None:
     shared, alone = watched("switching"), watched("switching")
-    calls = [({x: 1.0 + i / 7, x.dot: 0.3}, 20.0 * (-1) ** i, {k: 1.0 + i % 3}) for i in range(16)]
+    calls = [({x: 1.0 + i / 7, x.dot: 0.3}, 20.0 * (-1) ** i, {k: 1.0 + i % 3}) for i in range(8)]
     given: dict[str, Any] = {"events": WATCHED[events]}
     expected = [run(alone, end, name, initial=start, parameters=values, **given) for start, end, values in calls]
     before = sys.getswitchinterval()

@@ -140,10 +140,10 @@ def test_every_root_of_a_random_polynomial_is_found_once(seed: int, share: Share
 
 @pytest.mark.few
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
-def test_the_count_is_that_of_sturm(seed: int) -> None:
+def test_the_count_is_that_of_sturm(seed: int, share: Share) -> None:
     """Of the polynomial with the rounded coefficients, in exact arithmetic."""
     rng = np.random.default_rng(100 + seed)
-    for _ in range(50):
+    for _ in range(share(50)):
         case = random_case(rng)
         found, _ = roots(case[0], 1.0)
         if resolved(case):
@@ -158,10 +158,10 @@ def test_sturm_counts_for_itself() -> None:
 
 @pytest.mark.few
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
-def test_any_coefficients_keep_the_order_and_the_signs(seed: int) -> None:
+def test_any_coefficients_keep_the_order_and_the_signs(seed: int, share: Share) -> None:
     """Also beyond what they resolve: times in order, crossings in turn, and the side at the end that of g there."""
     rng = np.random.default_rng(200 + seed)
-    for _ in range(500):
+    for _ in range(share(500)):
         m = int(rng.integers(1, 42))
         c = rng.standard_normal(m) * rng.choice((0.1, 0.6, 1.0, 1.5)) ** np.arange(m)
         if rng.random() < 0.3:
@@ -179,10 +179,10 @@ def test_any_coefficients_keep_the_order_and_the_signs(seed: int) -> None:
 
 
 @pytest.mark.parametrize("sign", [1, -1])
-def test_roots_of_higher_order(sign: int) -> None:
+def test_roots_of_higher_order(sign: int, share: Share) -> None:
     """The double one is a touch, found as the extremum is; the triple one a crossing, as sharp as a cube root is."""
     rng = np.random.default_rng(5)
-    for _ in range(300):
+    for _ in range(share(300)):
         s = snapped(rng.uniform(0.01, 0.99))
         outside = [complex(snapped(z)) for z in (*rng.uniform(1.5, 4, 6), *rng.uniform(-3, -0.5, 5))]
         for order in (2, 3, 4):
@@ -219,10 +219,10 @@ def wave(t: float, turns: int) -> FloatArray:
 
 @pytest.mark.few
 @pytest.mark.parametrize("digits", range(1, 13))
-def test_grazing(digits: int) -> None:
+def test_grazing(digits: int, share: Share) -> None:
     """cos t - (1 - e): two crossings for e > 0, none for e < 0, one touch for 0, wherever the series stands."""
     rng, e = np.random.default_rng(digits), 10.0**-digits
-    for _ in range(50):
+    for _ in range(share(50)):
         t, end = rng.uniform(-1.2, -0.6), rng.uniform(0.6, 0.9)
         for depth, expected in ((e, [1, -1]), (-e, []), (0.0, [0])):
             c = wave(t, 0)
@@ -333,11 +333,11 @@ def edges_about(rng: np.random.Generator, places: Sequence[float], low: float, h
 
 @pytest.mark.parametrize("grid", [True, False])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_run_reports_each_root_of_the_sine_once(seed: int, grid: bool) -> None:
+def test_a_run_reports_each_root_of_the_sine_once(seed: int, grid: bool, share: Share) -> None:
     """On a grid the joints are exact; elsewhere the two steps differ by the round-off of the time, which is noise."""
     rng = np.random.default_rng(300 + seed)
     places = [k * math.pi for k in range(1, 12)]
-    for _ in range(60):
+    for _ in range(share(60)):
         edges = edges_about(rng, places, 0.375, 36.0, grid)
         for path in (edges, edges[::-1]):
             events = followed(lambda t: wave(t, 3), path, noise=0.0 if grid else 2e-14)
@@ -348,10 +348,10 @@ def test_a_run_reports_each_root_of_the_sine_once(seed: int, grid: bool) -> None
 
 @pytest.mark.parametrize("noise", [0.0, 1e-12])
 @pytest.mark.parametrize("seed", range(3))
-def test_a_run_reports_each_touch_once(seed: int, noise: float) -> None:
+def test_a_run_reports_each_touch_once(seed: int, noise: float, share: Share) -> None:
     rng = np.random.default_rng(400 + seed)
     places = [2 * k * math.pi for k in range(1, 6)]
-    for _ in range(60):
+    for _ in range(share(60)):
         edges = edges_about(rng, places, 0.375, 36.0, grid=False)
         for path in (edges, edges[::-1]):
             events = followed(versine, path, noise=noise)

@@ -324,6 +324,7 @@ def test_a_fast_event_along_a_slow_motion() -> None:
     assert times == pytest.approx(np.arange(1, 955) * math.pi / 1000, abs=1e-11)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", [*STEPPED, *IMPLICIT, *OUTSIDE])
 def test_backwards_through_resets(name: str) -> None:
     """A ball falls in a run back in time, too: it bounces at the mirrored times."""

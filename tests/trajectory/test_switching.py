@@ -15,7 +15,7 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
-from tests.models import TARGETS, build, x, y
+from tests.models import LLVM_FIRST, TARGETS, build, x, y
 from tests.trajectory.runs import run
 from tests.trajectory.watched import go
 
@@ -97,7 +97,7 @@ def test_an_unstable_rest_on_a_surface_stays() -> None:
     assert go(particle(-Abs(x)), 3.0).y[:, -1].tolist() == [0.0, 0.0]
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", LLVM_FIRST)
 @pytest.mark.parametrize("width", [sp.Rational(1, 10), sp.Rational(1, 1000)])
 def test_a_short_push_in_a_long_rest_is_not_missed(width: Any, target: str) -> None:
     found = go(particle(force=Piecewise((10, (t > 50) & (t < 50 + width)), (0, True)), target=target), 100.0)

@@ -18,7 +18,7 @@ from lagrange.evidence.precise_run import precise_run
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
-from tests.models import SYSTEMS, TARGETS, build, g, k, l, laws, m, model, x, y
+from tests.models import LLVM_FIRST, SYSTEMS, TARGETS, build, g, k, l, laws, m, model, x, y
 from tests.series_systems import relative
 from tests.trajectory.runs import exact, run
 
@@ -248,7 +248,7 @@ def test_two_bodies_fall_into_each_other(target: str) -> None:
     assert "x_dot is" in found.message or "y_dot is" in found.message
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", LLVM_FIRST)
 def test_a_configuration_without_a_mass_matrix_is_approached(target: str) -> None:
     """A spherical pendulum without angular momentum, which falls through the pole of its coordinates."""
     compiled = model("spherical pendulum", target)
@@ -275,7 +275,7 @@ def test_coefficients_that_overflow(start: float, after: float, target: str) -> 
 # --- flows ----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("target", LLVM_FIRST)
 def test_a_flow_gives_the_same_bits_whatever_it_did_before(target: str) -> None:
     compiled = model("double pendulum", target)
     start = np.array(compiled.statement.initial)
