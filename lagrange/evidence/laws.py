@@ -205,6 +205,20 @@ def solve(matrix: Sequence[Numbers], right: Sequence[Numbers], threshold: Any) -
     return solutions
 
 
+def balance(matrix: Sequence[Numbers], n: int) -> Numbers:
+    """Return factors d, for which the numbers d_i A_ij d_j of [[M, G^T], [G, 0]] do not depend on units.
+
+    The diagonal of M becomes 1, and so does the largest entry in each row of G. A coordinate without inertia is scaled
+    as the one with the largest.
+    """
+    diagonal = [abs(matrix[i][i]) for i in range(n)]
+    largest = max(diagonal) or 1
+    scales = [(x or largest) ** -0.5 for x in diagonal]
+    for row in matrix[n:]:
+        scales.append(1 / (max(abs(x * d) for x, d in zip(row[:n], scales[:n], strict=True)) or 1))
+    return scales
+
+
 def factorization_sizes(matrix: Sequence[Numbers], negative: int = 0) -> list[Numbers]:
     """Return the magnitudes of the numbers in a factorization of a symmetric matrix, n rows of n.
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import random
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, product
+from itertools import chain
 from typing import Any
 
 from lagrange.evidence import laws
@@ -269,16 +269,16 @@ class Reference:
         bias = [nudge("force", i) * x - nudge("rate", i) * y for i, (x, y) in enumerate(zip(f, rate, strict=True))]
         slopes = gradient(held, q, v, t, steps) if self.holonomic else []
         held_bias = acceleration_level(held, q, v, still, t, steps) if self.holonomic else []
-        matrix, right = bordered(mass, slopes), [*bias, *(-x for x in held_bias)]
+        energy = abs(lagrangian) + sum(abs(x * y) for x, y in zip(p, v, strict=True))
+        inertia = self._without_noise(mass, energy, steps)
+        matrix, right = bordered(inertia, slopes), [*bias, *(-x for x in held_bias)]
         relations = self._relations(source, steps)
         if self.first_order:
             rates = acceleration_level(relations, q, v, still, t, steps)
             for i, row, rate in zip(self.first_order, gradient(relations, q, v, t, steps), rates, strict=True):
                 matrix[i], right[i] = [*row, *(zero for _ in slopes)], -rate
-        plain = nudge is laws.exactly or self.first_order
-        energy = abs(lagrangian) + sum(abs(x * y) for x, y in zip(p, v, strict=True))
-        solver = matrix if plain else self._as_factored(self._without_noise(matrix, energy, steps), nudge)
-        solved = laws.solve(solver, [right], SINGULAR)[0]
+        solve = self._solver(matrix, nudge)
+        solved = solve([right])[0]
         a, multipliers = solved[:n], [-x for x in solved[n:]]
 
         def residual(q: Numbers, v: Numbers, j: int) -> Numbers:
@@ -294,7 +294,7 @@ class Reference:
             return [*balance, *acceleration_level(held, q, v, a, t, steps)]
 
         changes = laws.residual_slopes(residual, q, v, steps, columns)
-        jacobian = laws.solve(solver, changes, SINGULAR) if changes else []
+        jacobian = solve(changes) if changes else []
         found = {
             "lagrangian": [lagrangian],
             "momenta": p,
@@ -326,17 +326,31 @@ class Reference:
 
         return StatedConstraints(values, values, (False,) * len(self.first_order), source.nudge)
 
-    def _without_noise(self, matrix: Sequence[Numbers], energy: Any, steps: DifferenceSteps) -> list[Numbers]:
-        """Return a copy of the matrix of the motion with entries of M that are only rounding of L set to zero.
+    def _solver(self, matrix: Sequence[Numbers], nudge: laws.Nudge) -> Callable[[Sequence[Numbers]], list[Numbers]]:
+        """Return a function from right-hand sides to the solutions with the matrix of the motion, in balanced units."""
+        scales = laws.balance(matrix, len(matrix) - len(self.holonomic))
+        balanced = [
+            [x * a * b for x, b in zip(row, scales, strict=True)] for row, a in zip(matrix, scales, strict=True)
+        ]
+        factored = balanced if nudge is laws.exactly or self.first_order else self._as_factored(balanced, nudge)
+
+        def solve(right: Sequence[Numbers]) -> list[Numbers]:
+            scaled = [[x * a for x, a in zip(column, scales, strict=True)] for column in right]
+            solutions = laws.solve(factored, scaled, SINGULAR)
+            return [[x * a for x, a in zip(solution, scales, strict=True)] for solution in solutions]
+
+        return solve
+
+    def _without_noise(self, mass: Sequence[Numbers], energy: Any, steps: DifferenceSteps) -> list[Numbers]:
+        """Return a copy of M with entries that are only rounding of L set to zero.
 
         Otherwise the pivot of a coordinate without inertia would be accepted although it has no correct digit.
         """
-        noise, n = self.number(MASS_NOISE) * energy, len(steps.v)
-        rows = [list(row) for row in matrix]
-        for i, j in product(range(n), repeat=2):
-            if rows[i][j] and abs(rows[i][j]) * steps.v[i] * steps.v[j] <= noise:
-                rows[i][j] = self.number(0)
-        return rows
+        noise, zero = self.number(MASS_NOISE) * energy, self.number(0)
+        return [
+            [zero if x and abs(x) * a * b <= noise else x for x, b in zip(row, steps.v, strict=True)]
+            for row, a in zip(mass, steps.v, strict=True)
+        ]
 
     def _as_factored(self, matrix: Sequence[Numbers], nudge: laws.Nudge) -> list[Numbers]:
         """Return the matrix of the motion, perturbed as the rounding of its factorization perturbs it."""

@@ -14,7 +14,8 @@ import sympy
 import lagrange as lg
 from lagrange.errors import RunError
 from lagrange.evidence.quick import quick_check
-from lagrange.evidence.sample import SAMPLE_KINDS, Sampler, Scales
+from lagrange.evidence.reference import Reference
+from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler, Scales
 from lagrange.machine.model import Model
 from lagrange.statement.declare import declare
 from tests.evidence.stand_in import StandIn
@@ -107,3 +108,32 @@ def test_a_fault_is_found_in_any_units(unit: float, fault: str) -> None:
     model = StandIn(declare(kinetic=saturated(unit), potential=sympy.cos(x / unit)), {"bias": FAULTS[fault]})
     with pytest.raises(RunError, match="fault of lagrange, please report"):
         quick_check(cast("Model", model))
+
+
+HELD: dict[str, Any] = {
+    "a rod": [x**2 + y**2 - l**2],
+    "a wheel on a ramp": [x.dot - l * theta.dot, y - x / 3],
+    "a knife edge": [x.dot * sympy.sin(theta) - y.dot * sympy.cos(theta)],
+    "a rolling rod": [x**2 + y**2 - l**2, x.dot - l * theta.dot],
+}
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("held", HELD)
+def test_the_reference_of_held_systems_does_not_depend_on_units(held: str, seed: int) -> None:
+    """In one of six random units the pivots of constraints were taken for zero: "the mass matrix is singular"."""
+    energy = m * (x.dot**2 + y.dot**2) / 2 + m * l**2 * theta.dot**2 / 3
+    statement = declare(kinetic=energy, potential=m * g * y, coordinates=[x, y, theta], constraints=HELD[held])
+    reference, draw = Reference(statement), random.Random(seed)
+    length, mass, time = (10.0 ** draw.uniform(-12, 12) for _ in range(3))
+
+    def accelerations(length: float, mass: float, time: float) -> list[float]:
+        parameters = {m: 1.3 * mass, l: 1.1 * length, g: 0.7 * length / time**2}
+        q, v = (0.4 * length, 1.0 * length, 0.9), (0.5 * length / time, -0.2 * length / time, 0.6 / time)
+        parameters = {symbol: parameters[symbol] for symbol in statement.parameters}
+        entries = reference.at(Point(q, v, 0.1, parameters, "stated"), [0])
+        return [float(a) for a in entries["accelerations"].value]
+
+    scaled = accelerations(length, mass, time)
+    units = (length / time**2, length / time**2, 1 / time**2)
+    assert [a / unit for a, unit in zip(scaled, units, strict=True)] == pytest.approx(accelerations(1.0, 1.0, 1.0))
