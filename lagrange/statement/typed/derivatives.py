@@ -13,7 +13,14 @@ OPENING = {"(": ")", "[": "]", "{": "}"}
 
 _TOP = re.compile(r"d([0-9]?)(.*)", re.DOTALL)
 _BOTTOM = re.compile(r"dt([0-9]?)")
+LONGEST_CALL = 300
+"""Most tokens of a call such as diff(x, t, 2)."""
+
 _CALLS = ("diff", "Diff", "Derivative")
+
+
+NESTED = 5
+"""Most levels of nested dots and of derivatives inside diff(...); the readers of both are recursive."""
 
 
 def with_derivatives(tokens: Sequence[Token]) -> list[Token]:
@@ -22,7 +29,7 @@ def with_derivatives(tokens: Sequence[Token]) -> list[Token]:
     Dots and primes of a word become its `order` and `primes`. Any other derivative becomes a token of kind "rate" whose
     text is the order, followed by the operand. A subscript after a mark moves to its word.
     """
-    return _leibniz(_marked(tokens))
+    return _leibniz(_marked(tokens, NESTED), NESTED)
 
 
 def closing(tokens: Sequence[Token], place: int) -> int:
@@ -38,16 +45,19 @@ def closing(tokens: Sequence[Token], place: int) -> int:
     return len(tokens)
 
 
-def _marked(tokens: Sequence[Token]) -> list[Token]:
-    """Return the tokens with dots, primes and the subscripts after these joined to their words."""
+def _marked(tokens: Sequence[Token], levels: int) -> list[Token]:
+    """Return the tokens with dots, primes and the subscripts after these joined to their words.
+
+    `levels` is the number of levels of nested dots that are read.
+    """
     joined: list[Token] = []
     i = 0
     while i < len(tokens):
         token = tokens[i]
         i += 1
-        if token.kind == "dots" and i < len(tokens):
+        if token.kind == "dots" and i < len(tokens) and levels:
             group = list(tokens[i : closing(tokens, i) + 1]) if tokens[i].is_sign("{", "(") else [tokens[i]]
-            inside = _marked(group[1:-1] if len(group) > 1 else group)
+            inside = _marked(group[1:-1] if len(group) > 1 else group, levels - 1)
             i += len(group)
             if len(inside) == 1 and inside[0].kind == "word":
                 word = replace(inside[0], begin=token.begin, spaced=token.spaced)
@@ -86,8 +96,11 @@ def _with_marks(word: Token, tokens: Sequence[Token], i: int) -> tuple[Token, li
     return word, power, i
 
 
-def _leibniz(tokens: Sequence[Token]) -> list[Token]:
-    """Return the tokens with d^2x/dt^2, d/dt(...), also as LaTeX fractions, and diff(x, t, 2) replaced by rates."""
+def _leibniz(tokens: Sequence[Token], levels: int) -> list[Token]:
+    """Return the tokens with d^2x/dt^2, d/dt(...), also as LaTeX fractions, and diff(x, t, 2) replaced by rates.
+
+    `levels` is the number of levels of nested diff(...) that are read.
+    """
     replaced: list[Token] = []
     i = 0
     while i < len(tokens):
@@ -98,7 +111,7 @@ def _leibniz(tokens: Sequence[Token]) -> list[Token]:
             continue
         order, operand, after = match
         replaced.append(Token("rate", str(order), tokens[i].begin, tokens[after - 1].end, spaced=tokens[i].spaced))
-        replaced += operand
+        replaced += _leibniz(operand, levels - 1) if levels and len(operand) > 1 else operand
         i = after
     return replaced
 
@@ -136,8 +149,10 @@ def _call(tokens: Sequence[Token], i: int) -> _Rate | None:
     """Return the derivative diff(x, t, 2), Derivative(x, (t, 2)) or D[x, {t, 2}] that begins at index i, or None."""
     opened = i + 1 < len(tokens) and tokens[i + 1].is_sign(*OPENING)
     named = tokens[i].text in _CALLS or (tokens[i].text == "D" and opened and tokens[i + 1].text == "[")
-    end = closing(tokens, i + 1) if opened and named and tokens[i].kind == "word" else len(tokens)
-    if end == len(tokens):
+    if not (opened and named and tokens[i].kind == "word"):
+        return None
+    end = closing(tokens[: i + LONGEST_CALL], i + 1)
+    if end >= min(len(tokens), i + LONGEST_CALL):
         return None
     inside = list(tokens[i + 2 : end])
     depth, comma = 0, 0

@@ -17,7 +17,7 @@ from lagrange.statement.typed.names import Names, Piece
 from lagrange.statement.typed.tokens import Token
 
 DEEPEST = 40
-"""Most levels of nested brackets; the parser is recursive."""
+"""Most levels of nested brackets, functions, fractions and exponents; the parser is recursive."""
 
 MOST_READINGS = 12
 """Most readings of one text that are tried."""
@@ -148,9 +148,6 @@ class _Parser:
 
     def sum(self) -> Part:
         """Read terms with + and - between them."""
-        self.depth += 1
-        if self.depth > DEEPEST:
-            raise self.fault(f"more than {DEEPEST} brackets stand inside each other")
         text, count, moves = "", 0, False
         while True:
             sign = "+"
@@ -163,7 +160,6 @@ class _Parser:
             count += 1
             if not self.next_is("+", "-"):
                 break
-        self.depth -= 1
         negative = text.startswith("-")
         return replace(part, text=text) if count == 1 and not negative else Part(text, SUM, moves=moves)
 
@@ -247,6 +243,15 @@ class _Parser:
 
     def value(self) -> Part:
         """Read a number, a symbol, a function call, or an expression in brackets."""
+        self.depth += 1
+        if self.depth > DEEPEST:
+            raise self.fault(f"more than {DEEPEST} brackets, functions or exponents stand inside each other")
+        part = self.opened()
+        self.depth -= 1
+        return part
+
+    def opened(self) -> Part:
+        """Read a value, one level deeper."""
         token = self.peek()
         if token is None:
             raise self.fault("a value is missing at the end")

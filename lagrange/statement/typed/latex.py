@@ -53,7 +53,7 @@ FUNCTION_COMMANDS = {
 }
 """LaTeX commands that are functions, and the name of each in the strict notation."""
 
-LINE_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?|\$+\s+\$+|\\\]\s*\\\[|\\\)\s*\\\(")
+LINE_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?|\$\s+\$|\\\]\s*\\\[|\\\)\s*\\\(")
 """A new line of LaTeX, or the end of one formula and the beginning of the next."""
 
 FRAME = re.compile(r"\\(?:begin|end|label|tag)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\[\[\]()]|\\item\b|\$+")

@@ -17,9 +17,9 @@ _LABEL = re.compile(
 )
 _BULLET = re.compile(r"\s*[-*](?=\s+[-(A-Za-z\\])")
 _HEADING = re.compile(r"[^=\n]*:(?!=)")
-_TRAILING_LABEL = re.compile(r"\s+\(\s*[0-9]{1,2}[a-z]?\s*\)\s*$")
-_END = re.compile(r"[\s;,.!✓✔☑∎□■]+$")
-_GOES_ON = re.compile(rf"(?:[-+*/=^({{\[,\u2212·⋅×]|{OPERATOR})\s*[&\s]*$")
+_TRAILING_LABEL = re.compile(r"(?<=\s)\(\s?[0-9]{1,2}[a-z]?\s?\)$")
+_END = " \t\r\f\v\u00a0;,.!✓✔☑∎□■"
+_GOES_ON = re.compile(rf"(?:[-+*/=^({{\[,\u2212·⋅×]|{OPERATOR})[&\s]*$")
 _CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:right|quad|qquad)\b)")
 _EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")
 _SEPARATOR = re.compile(r"[;,&]|\band\b|\bund\b|\\q?quad\b")
@@ -86,11 +86,11 @@ def _without_label(line: str) -> str:
         rest = line[match.end() :] if match else ""
         if match and (rest.strip() or pattern is _HEADING):
             line = " " * match.end() + rest
-    for pattern in (_END, _TRAILING_LABEL, _END):
-        match = pattern.search(line)
-        if match and line[: match.start()].strip():
-            line = line[: match.start()] + " " * (len(line) - match.start())
-    return line
+    stripped = line.rstrip(_END)
+    label = _TRAILING_LABEL.search(line.rstrip())
+    if label and line[: label.start()].strip():
+        stripped = line[: label.start()].rstrip(_END)
+    return stripped.ljust(len(line)) if stripped else line
 
 
 def _separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:

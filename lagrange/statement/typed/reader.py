@@ -27,8 +27,11 @@ from lagrange.statement.typed.names import Names
 from lagrange.statement.typed.remarks import Clause, Line, Word, clauses_of
 from lagrange.statement.typed.tokens import Token, tokens_of
 
-LONGEST_TEXT = 20_000
-"""Most characters of one equation; no person writes a longer one."""
+LONGEST_TEXT = 6_000
+"""Most characters of one equation: the longest that the package prints for its scenes has 2,517."""
+
+LONGEST_ANSWER = 60_000
+"""Most characters of a text with equations."""
 
 _CONSTANT = (["const"], ["constant"], ["konst"])
 """Right sides that state that a quantity is constant."""
@@ -38,6 +41,9 @@ _ABBREVIATION = re.compile(r"\s*([A-Za-z][A-Za-z0-9_]{0,30})\s*(\^2|\*\*2|²)?\s
 
 MOST_EQUATIONS = 1_000
 """Most equations of one text."""
+
+MOST_TOLD = 20
+"""Most faults that are written as sentences; fewer fit into a message."""
 
 LONGEST_REFUSAL = 360
 """Most characters of the faults listed in a message; with the count of the others it stays below 400."""
@@ -88,6 +94,10 @@ class TypedReader:
 
         `what` begins a refusal, such as "equation 2"; places are columns, and lines where the text has several.
         """
+        if len(text) > LONGEST_ANSWER:
+            raise StatementError(
+                f"the text has {len(text)} characters, and {LONGEST_ANSWER} are the most of an answer."
+            )
         clean, spans = equation_spans(text)
         if len(spans) > MOST_EQUATIONS:
             raise StatementError(f"the text has {len(spans)} equations, and {MOST_EQUATIONS} are the most.")
@@ -321,12 +331,12 @@ class TypedReader:
                 f"{what or 'the text'} {shown!r} has no symbol of this system. An answer is an equation such as "
                 f"{self._example()}."
             )
-        sentences = [self._told(text, fault, what) for fault in faults]
+        sentences = [self._told(text, fault, what) for fault in faults[:MOST_TOLD]]
         end = f" The symbols are {self._symbols()}."
         kept = next(
             k for k in range(len(sentences), 0, -1) if k == 1 or len(" ".join(sentences[:k]) + end) <= LONGEST_REFUSAL
         )
-        left = len(sentences) - kept
+        left = len(faults) - kept
         more = f" {left} more {'fault follows' if left == 1 else 'faults follow'}." if left else ""
         return " ".join(sentences[:kept]) + more + end
 

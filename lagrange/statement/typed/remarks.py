@@ -23,8 +23,9 @@ _LINKS = (
 )
 _ARROW = re.compile(rf"=>|->|[⇒→⟹⟶∴]|{ARROW}")
 _ASIDE = re.compile(rf"\b(?:{'|'.join(_ASIDES)})\b", re.IGNORECASE)
-_UNIT = r"(?:rad|deg|degrees|kg|cm|mm|km|sec|Nm|Hz|m|s|N|J|W|g|°)"
-_UNITS = rf"{_UNIT}(?:\s?[*/·.]?\s?(?:{_UNIT}|[\^²³⁻¹\-0-9]+))*"
+_UNIT = r"(?:rad|degrees|deg|kg|cm|mm|km|sec|Nm|Hz|m|s|N|J|W|g|°)"
+# Without the possessive *+ the time is exponential in the length of a text such as "3 g- 3 g- 3 g- ...".
+_UNITS = rf"{_UNIT}(?:\s?[*/·.]?\s?(?:{_UNIT}|[\^²³⁻¹\-0-9]))*+"
 _UNITS_AT_END = re.compile(rf"\s(?:\[\s*{_UNITS}\s*\]|\(\s*{_UNITS}\s*\)|{_UNITS})[\s.]*$")
 _NUMBER_AT_END = re.compile(rf"=\s*[-+]?[0-9][0-9.,]*(?:\s*[*·×]\s*10\s*\^?\s*[-0-9]+)?\s*(?:{_UNITS})?[\s.]*$")
 _OPERATOR_AT_END = re.compile(r"[-+*/^=(\[{,\u2212·]\s*$")
@@ -77,10 +78,13 @@ def clauses_of(text: str, begin: int, end: int, known: Callable[[str], bool]) ->
 
 def _trimmed(text: str, begin: int, end: int, aside: bool) -> Clause:
     """Return a clause without punctuation at its ends and without brackets whose other ends are in other clauses."""
-    while end > begin and (text[end - 1] in " \t\r\n,;" or (text[end - 1] in _OPEN and _depth(text[begin:end]) > 0)):
+    depth = _depth(text[begin:end])
+    while end > begin and (text[end - 1] in " \t\r\n,;" or (text[end - 1] in _OPEN and depth > 0)):
         end -= 1
-    while aside and end > begin and text[end - 1] in ")] ." and (_depth(text[begin:end]) < 0 or text[end - 1] in " ."):
+        depth -= text[end] in _OPEN
+    while aside and end > begin and text[end - 1] in ")] ." and (depth < 0 or text[end - 1] in " ."):
         end -= 1
+        depth += text[end] in _CLOSE
     while begin < end and text[begin] in " \t\r\n,;":
         begin += 1
     if text[begin : begin + 1] == "(" and text[end - 1] == ")" and "=" in text[begin:end]:

@@ -264,5 +264,27 @@ def refused(typed: TypedReader, text: str) -> str:
 
 
 def test_a_long_text_is_refused_before_it_is_read() -> None:
-    with pytest.raises(StatementError, match=r"^line 1 has 30000 characters, and 20000 are the most of an equation."):
+    with pytest.raises(StatementError, match=r"^line 1 has 30000 characters, and 6000 are the most of an equation."):
         reader().equations("x" * 30_000)
+    with pytest.raises(StatementError, match=r"^the text has 70000 characters, and 60000 are the most."):
+        reader().equations("x'' = 0\n" * 8_750)
+
+
+ENDLESS = {
+    "units": ("theta'' = 0 " + "3 g- " * 60 + "!", "the number 3 follows a number without a sign"),
+    "fractions": ("x = " + r"\frac" * 900, "more than 40 brackets, functions or exponents"),
+    "functions": ("theta'' = " + "sin " * 900 + "x", "more than 40 brackets, functions or exponents"),
+    "exponents": ("x = " + "e^" * 900, "more than 40 brackets, functions or exponents"),
+    "dots": (r"\dot{" * 900 + "x" + "}" * 900, "a mark follows no symbol"),
+    "derivatives": ("diff(" * 600 + "x" + ", t)" * 600, "'diff' is not a symbol"),
+    "blanks": ("x" + " " * 50_000 + "x", "are the most of an equation"),
+}
+"""Texts on which a reader without bounds does not end, or recurses too deeply, and a part of each refusal."""
+
+
+@pytest.mark.parametrize("name", ENDLESS)
+def test_long_and_deep_texts_are_refused(name: str) -> None:
+    text, said = ENDLESS[name]
+    with pytest.raises(StatementError) as refusal:
+        reader().equations(text)
+    assert said in str(refusal.value) and len(str(refusal.value)) <= 400
