@@ -23,8 +23,7 @@ from functools import partial
 from importlib import import_module
 from typing import Any
 
-from lagrange.equations.euler_lagrange import Equations
-from lagrange.equations.inputs import with_needed_inputs
+from lagrange.equations.euler_lagrange import Equations, with_needed_inputs
 from lagrange.equations.multiplier_forces import with_solved_multipliers
 from lagrange.equations.regularity import allowed_equations
 from lagrange.errors import StatementError

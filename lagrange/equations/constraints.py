@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.equations.solve import value_somewhere
+from lagrange.equations.solve_plan import value_somewhere
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node

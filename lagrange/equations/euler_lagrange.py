@@ -1,16 +1,18 @@
-"""The equations of motion as graph nodes: p = dL/dv, f = dL/dq + Q - dD/dv, M a = h + G^T lambda, G a + gamma = 0."""
+"""The equations of motion as graph nodes: p = dL/dv, f = dL/dq + Q - dD/dv, M a = h + G^T lambda, G a + gamma = 0.
+
+Beside them: the layout of a state, a user's expressions as nodes of the equations, and inputs that they contain.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 from lagrange.equations.constraints import ConstraintEquations, check_rows, constraint_equations
 from lagrange.equations.decisions import StatedLaws
 from lagrange.equations.solve_plan import SolvePlan, plan_of
-from lagrange.equations.state_layout import StateLayout
 from lagrange.equations.structure import Structure, find_structure
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient, tangents
@@ -22,8 +24,47 @@ from lagrange.graph.share import share_sums
 from lagrange.graph.to_sympy import to_sympy
 from lagrange.statement.coordinate import acceleration_of, t
 from lagrange.statement.energy import first_order_remedy
-from lagrange.statement.multiplier import multiplier
+from lagrange.statement.expression import expression as expression_of
+from lagrange.statement.multiplier import check_multipliers, multiplier
+from lagrange.statement.parameters import in_own_parameters
 from lagrange.statement.statement import Statement
+from lagrange.statement.survey import Survey
+
+
+@dataclass(frozen=True)
+class StateLayout:
+    """Layout of the state y = [q, v].
+
+    `coordinates` are the names of q. `rates` are the names of the quantities whose derivatives are v: the same names if
+    dq/dt is v.
+    """
+
+    coordinates: tuple[str, ...]
+    rates: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """The number of entries."""
+        return len(self.coordinates) + len(self.rates)
+
+    @cached_property
+    def q(self) -> slice:
+        """The rows of the coordinates."""
+        return slice(0, len(self.coordinates))
+
+    @cached_property
+    def v(self) -> slice:
+        """The rows of the velocities."""
+        return slice(len(self.coordinates), self.size)
+
+    def split(self, y: Any) -> tuple[Any, Any]:
+        """Return the coordinates and the velocities of a state, or of the columns of many."""
+        return y[self.q], y[self.v]
+
+    def names(self, ending: str = "_dot") -> tuple[str, ...]:
+        """Return the name of each entry: theta of a coordinate, theta_dot of a velocity; `ending` is the suffix."""
+        return (*self.coordinates, *(f"{name}{ending}" for name in self.rates))
+
 
 Matrix = Sequence[Sequence[Node]]
 
@@ -423,3 +464,62 @@ def _symbols(graph: Graph, statement: Statement) -> tuple[tuple[Node, ...], tupl
     q = tuple(graph.symbol(name, Binding.CONFIGURATION) for name in statement.names)
     v = tuple(graph.symbol(f"{name}.dot", Binding.VELOCITY) for name in statement.names)
     return q, v, time, parameters
+
+
+def node_of(expression: Any, statement: Statement, equations: Equations) -> Node:
+    """Return a SymPy expression in q, v, accelerations, multipliers, parameters and t as a node of the equations.
+
+    Raises StatementError for an expression with anything else in it.
+    """
+    stated = expression_of(expression, "the expression")
+    expression = in_own_parameters(stated, statement.parameters)
+    survey = Survey()
+    survey.add(expression, "the expression", accelerations=True, multipliers=True)
+    check_multipliers(
+        survey.multipliers, "the expression", [constraint.name for constraint in statement.constraints], statement.name
+    )
+    for leaf in (*survey.coordinates, *survey.given, *survey.unknown, *survey.parameters):
+        if leaf not in equations.leaves:
+            raise StatementError(f"the expression contains {leaf}, which this system does not have.")
+    return equations.translate(expression)
+
+
+def with_needed_inputs(statement: Statement, equations: Equations) -> tuple[Statement, Equations]:
+    """Return a statement and its equations without the inputs that neither contains.
+
+    Equations are formed with more rates of each input than most of them contain.
+    """
+    e = equations
+    nodes = [e.lagrangian, e.energy, *e.momenta, *e.forces, *e.bias, *e.accelerations, *e.multipliers, *e.impulses]
+    nodes += [*e.motion.momenta, *e.motion.forces, *e.motion.bias, *(entry for row in e.matrix for entry in row)]
+    for held in (e.constraints, e.stated):
+        nodes += [*(phi for phi in held.positions if phi is not None), *held.velocities, *held.bias]
+    depends = 0
+    for node in nodes:
+        depends |= node.depends
+    drawn = {s for point in statement.positions.values() for entry in point for s in entry.free_symbols}
+    pairs = zip(statement.parameters, e.parameters, strict=True)
+    rates = dict(statement.inputs)
+    dropped = {
+        symbol for symbol, node in pairs if symbol in rates and symbol not in drawn and not node.depends & depends
+    }
+
+    def has(expression: Any) -> bool:
+        return bool(expression.free_symbols & dropped)
+
+    known = dict(statement.prescribed)
+    lost = {leaf for leaf in e.leaves if leaf in dropped or (leaf in known and has(known[leaf]))}
+    kept = [place for place, symbol in enumerate(statement.parameters) if symbol not in dropped]
+    return (
+        replace(
+            statement,
+            parameters=tuple(statement.parameters[place] for place in kept),
+            inputs=tuple((s, rate if rate not in dropped else None) for s, rate in rates.items() if s not in dropped),
+            prescribed=tuple((leaf, value) for leaf, value in statement.prescribed if not has(value)),
+        ),
+        replace(
+            e,
+            parameters=tuple(e.parameters[place] for place in kept),
+            leaves={leaf: node for leaf, node in e.leaves.items() if leaf not in lost},
+        ),
+    )

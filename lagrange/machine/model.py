@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from lagrange.equations.derivation import Derivation
-from lagrange.equations.euler_lagrange import Equations
-from lagrange.equations.expressions import node_of
+from lagrange.equations.euler_lagrange import Equations, node_of
 from lagrange.equations.singular import singular_sentence
 from lagrange.errors import RunError, StatementError, abridged, counted, listing, shown
 from lagrange.graph.branches import square_roots

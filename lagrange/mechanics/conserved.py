@@ -11,9 +11,8 @@ import numpy as np
 import sympy
 from sympy import Abs, Float, Matrix, Rational, S, sqrt
 
-from lagrange.equations.identities import canonical
 from lagrange.equations.terms import MonomialSum, TooLargeError, differentiable, printable
-from lagrange.equations.textbook_algebra import StatedAlgebra, TextbookAlgebra
+from lagrange.equations.textbook_algebra import StatedAlgebra, TextbookAlgebra, canonical
 from lagrange.errors import FAULT, RunError, StatementError, formula, listing, shown, suggestion
 from lagrange.evidence.agreement import random_points, usable
 from lagrange.evidence.sample import Point

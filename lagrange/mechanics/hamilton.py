@@ -10,7 +10,7 @@ from typing import Any
 
 import sympy
 
-from lagrange.equations.solve import coupled_blocks
+from lagrange.equations.solve_plan import coupled_blocks
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.agreement import LARGEST_ERROR, compared, holds, random_points
 from lagrange.evidence.sample import Point

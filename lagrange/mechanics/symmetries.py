@@ -11,9 +11,8 @@ from typing import Any
 import sympy
 from sympy import Matrix, S, cos, diff, expand, sin
 
-from lagrange.equations.identities import canonical, is_identity
 from lagrange.equations.terms import MonomialSum, printable
-from lagrange.equations.textbook_algebra import StatedAlgebra
+from lagrange.equations.textbook_algebra import StatedAlgebra, canonical, is_identity
 from lagrange.errors import listing
 from lagrange.mechanics.plain_form import vanishes_in_symbols
 

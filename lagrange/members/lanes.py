@@ -10,7 +10,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.equations.expressions import node_of
+from lagrange.equations.euler_lagrange import node_of
 from lagrange.graph.node import Node
 from lagrange.machine.backend import MemberRuns
 from lagrange.machine.event_memory import EventMemory, Reaction

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.equations.state_layout import StateLayout
+from lagrange.equations.euler_lagrange import StateLayout
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.calls import one_state
 from lagrange.machine.kernel.rounding_noise import UNIT, rounding_noise

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import lagrange
-from lagrange.equations.state_layout import StateLayout
+from lagrange.equations.euler_lagrange import StateLayout
 from lagrange.program.catalogue import program_of
 from tests.models import laws
 

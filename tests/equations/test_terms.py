@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from sympy import Abs, Max, Min, Rational, Symbol, cos, exp, sign, sin, sqrt
 
 from lagrange.equations.collect import Collector
-from lagrange.equations.solve import NestedCofactors, coupled_blocks, vanishes
+from lagrange.equations.solve_plan import NestedCofactors, coupled_blocks, vanishes
 from lagrange.equations.terms import Algebra, TooLargeError, common_factor, differentiable, printable
 
 x, y, z, v = (Symbol(name, real=True) for name in "xyzv")

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from sympy import Integer
 
-from lagrange.equations.state_layout import StateLayout
+from lagrange.equations.euler_lagrange import StateLayout
 from lagrange.graph.node import Graph
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.trajectory.integrator import Problem

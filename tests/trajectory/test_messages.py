@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.equations.state_layout import StateLayout
+from lagrange.equations.euler_lagrange import StateLayout
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import coarse, message, unsolved
 from lagrange.trajectory.options import Tolerances

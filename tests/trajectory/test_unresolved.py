@@ -8,7 +8,7 @@ import pytest
 from sympy import cos
 
 import lagrange as lg
-from lagrange.equations.state_layout import StateLayout
+from lagrange.equations.euler_lagrange import StateLayout
 from lagrange.trajectory.endings import _is_rough
 
 theta = lg.coordinate("theta")
