@@ -32,9 +32,9 @@ if TYPE_CHECKING:
     from lagrange.equations.euler_lagrange import Equations
     from lagrange.evidence.report import Report
     from lagrange.export.write import Exported
-    from lagrange.mechanics.comparison import EquationsComparison
     from lagrange.mechanics.conserved import Conserved
     from lagrange.mechanics.equilibria import Equilibrium
+    from lagrange.mechanics.grading.comparison import EquationsComparison
     from lagrange.mechanics.hamilton import Hamiltonian
     from lagrange.mechanics.linearization import Linearization
     from lagrange.mechanics.stability import EigenvaluePath
@@ -279,7 +279,7 @@ class System:
         prints as a table and is truthy if all comparisons pass. `points` is the number of random states; `seed`
         determines them. Raises StatementError for invalid numbers and for an unknown target.
         """
-        from lagrange.evidence.stated_check import check_stated
+        from lagrange.evidence.check import check_stated
 
         require_values(self.statement)
         return check_stated(self, target, points, seed)
@@ -413,7 +413,7 @@ class System:
         StatementError where no expansion exists: at corners and poles, off the constraints, and where a coordinate
         loses its inertia.
         """
-        from lagrange.mechanics.small import small
+        from lagrange.mechanics.expansion import small
 
         return self.from_statement(small(self._known, about, order))
 
@@ -541,8 +541,8 @@ class System:
         Frequencies are in radians per unit of time. Raises StatementError away from equilibrium. Goldstein, Poole,
         Safko, 3rd ed., section 6.2.
         """
+        from lagrange.mechanics.expansion import stated_point
         from lagrange.mechanics.modes import modes
-        from lagrange.mechanics.point import stated_point
         from lagrange.show.dynamics import ShownModes, shown_as
 
         return shown_as(ShownModes, modes(self.linearize(at), stated_point(self._known, at)))

@@ -11,12 +11,10 @@ import numpy as np
 
 from lagrange.dynamics.angles import angles, wrapped
 from lagrange.dynamics.axes import Axis, Plane, plane_of, row_of
-from lagrange.dynamics.driving import depends_on_time
 from lagrange.dynamics.fixed_points import FixedPoint, fixed_points
 from lagrange.dynamics.nullclines import zero_lines
-from lagrange.dynamics.orbits import PERIODS, Orbit, Window, orbit, sampled
-from lagrange.dynamics.runs import Report, Runs, initial_of, starts_of, time_scale
-from lagrange.dynamics.separatrices import Separatrix, separatrices_of
+from lagrange.dynamics.orbits import PERIODS, Orbit, Separatrix, Window, orbit, sampled, separatrices_of
+from lagrange.dynamics.runs import Report, Runs, depends_on_time, initial_of, starts_of, time_scale
 from lagrange.errors import RunError, StatementError, counted, listing, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.evidence import laws
-from lagrange.evidence.central_differences import Numbers, central
-from lagrange.evidence.laws import DifferenceSteps, Nudge, StateFunction, along, exactly, moved
+from lagrange.evidence.laws import DifferenceSteps, Nudge, Numbers, StateFunction, along, central, exactly, moved
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.statement.statement import Statement
 

@@ -4,17 +4,139 @@ With L, the forces Q and the dissipation D as functions of (q, v, t) [1, chapter
 
     p = dL/dv    f = dL/dq + Q - dD/dv    M = d2L/dv2    energy = v.p - L    h = f - (dp/dq v + dp/dt)    M a = h
 
+Functions map mpmath numbers (displacements from the point) to lists of mpmath numbers. Central differences have an
+error series in even powers of the step [2], so two steps, h and h/2, remove its first term. The change that the
+extrapolation makes estimates the error before it, and is a safe bound of the error after it. A derivative needs only
+the terms of a sum with its variable. So the cost of a check is proportional to the non-zero entries of the Jacobian.
+
 [1] H. Goldstein, C. Poole, J. Safko, Classical Mechanics, 3rd edition, 2002.
+[2] L. F. Richardson, Phil. Trans. R. Soc. A 210 (1911) 307-357.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
-from lagrange.evidence.central_differences import Numbers, central, central_mixed
-from lagrange.evidence.precise import OutsideDomain
+import sympy
+
+from lagrange.evidence.precise import OutsideDomain, Precise, children
+from lagrange.statement.statement import Statement
+
+Numbers = list[Any]
+
+
+class Estimate(NamedTuple):
+    """Extrapolated values, a practical bound on the error of each, and the result of the longer step (`coarse`)."""
+
+    value: Numbers
+    error: Numbers
+    coarse: Numbers
+
+
+def central(function: Callable[[Any], Sequence[Any]], step: Any) -> Numbers:
+    """Return df/dx at 0, from two evaluations."""
+    ahead, behind = function(step), function(-step)
+    return [(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
+
+
+def central_mixed(function: Callable[[Any, Any], Sequence[Any]], step_x: Any, step_y: Any) -> Numbers:
+    """Return d2f/dx dy at (0, 0), from four evaluations."""
+
+    def slope(x: Any) -> Numbers:
+        return central(lambda y: function(x, y), step_y)
+
+    return central(slope, step_x)
+
+
+def extrapolate(rule: Callable[[Any], Sequence[Any]], scale: Any = 1) -> Estimate:
+    """Return the limit at 0 of a rule whose error is a series in even powers of its argument.
+
+    The rule is called with `scale` and with half of it. The argument may scale several steps at once. Then nested
+    differences, and results computed from them such as solutions of linear systems, extrapolate together.
+    """
+    coarse, fine = rule(scale), rule(scale / 2)
+    value = [(4 * f - c) / 3 for f, c in zip(fine, coarse, strict=True)]
+    return Estimate(value, [abs(x - f) for x, f in zip(value, fine, strict=True)], list(coarse))
+
+
+LOCAL_FROM = 13
+"""Smallest number of coordinates for which terms are separated. For fewer, one program for all terms is as fast."""
+
+
+@dataclass(frozen=True)
+class LocalTerms:
+    """Programs for the terms of L and D that contain one variable.
+
+    `by_velocity` and `by_place` have a program of L for each velocity and for each coordinate; `dissipation` has one of
+    D for each velocity. `touched` is described in `local_terms`.
+    """
+
+    by_velocity: Sequence[Precise]
+    by_place: Sequence[Precise]
+    dissipation: Sequence[Precise]
+    touched: Sequence[Sequence[int]]
+
+
+def local_terms(statement: Statement, digits: int) -> LocalTerms | None:
+    """Return programs for the separated terms of a statement, or None if it has few coordinates.
+
+    `touched` has 2n lists: for each coordinate, then for each velocity, the rows of the equations of motion that
+    contain it.
+    """
+    n = len(statement.coordinates)
+    if n < LOCAL_FROM:
+        return None
+    lagrangian = _terms(statement.lagrangian, statement)
+    by_velocity = [Precise([part], statement, digits) for part in _by(statement.velocities, lagrangian)]
+    by_place = [Precise([part], statement, digits) for part in _by(statement.coordinates, lagrangian)]
+    drag = _by(statement.velocities, _terms(statement.dissipation, statement))
+    dissipation = [Precise([part], statement, digits) for part in drag]
+    touched: list[list[int]] = [[] for _ in range(2 * n)]
+    for i, force in enumerate(statement.forces):
+        parts = (by_velocity[i], by_place[i], dissipation[i], Precise([force], statement, digits))
+        # If p_i contains a coordinate, dp_i/dt contains its velocity.
+        rates = {k + n for k in by_velocity[i].entries if k < n}
+        for k in sorted(rates.union(*(part.entries for part in parts))):
+            touched[k].append(i)
+    return LocalTerms(by_velocity, by_place, dissipation, touched)
+
+
+def _terms(expression: Any, statement: Statement) -> list[tuple[Any, frozenset[Any]]]:
+    """Return pairs (term, its coordinates and velocities) of an expression; c (a + b) counts as two terms."""
+    moving = frozenset((*statement.coordinates, *statement.velocities))
+    found = []
+    stack = list(sympy.Add.make_args(expression))
+    while stack:
+        term = stack.pop()
+        factors = [part for part in sympy.Mul.make_args(term) if leaves(part) & moving]
+        if term.is_Mul and len(factors) == 1 and factors[0].is_Add:
+            rest = term / factors[0]
+            stack.extend(rest * part for part in factors[0].args)
+        else:
+            found.append((term, leaves(term) & moving))
+    return found
+
+
+def _by(variables: Sequence[Any], terms: Sequence[tuple[Any, frozenset[Any]]]) -> list[Any]:
+    """Return for each variable the sum of the terms that contain it."""
+    parts: dict[Any, list[Any]] = {variable: [] for variable in variables}
+    for term, moving in terms:
+        for variable in moving & parts.keys():
+            parts[variable].append(term)
+    return [sympy.Add(*parts[variable]) for variable in variables]
+
+
+def leaves(expression: Any) -> frozenset[Any]:
+    """Return the leaves of an expression: coordinates, velocities, symbols and numbers."""
+    seen, stack = {expression}, [expression]
+    while stack:
+        fresh = [child for child in children(stack.pop()) if child not in seen]
+        seen.update(fresh)
+        stack.extend(fresh)
+    return frozenset(node for node in seen if not children(node))
+
 
 StateFunction = Callable[[Sequence[Any], Sequence[Any], Any], Any]
 Nudge = Callable[[str, int], Any]

@@ -25,11 +25,11 @@ import numpy as np
 
 from lagrange.errors import FAULT, RunError
 from lagrange.evidence.agreement import holds, random_points
-from lagrange.evidence.compare import LIMIT, TINY, relative_error
 from lagrange.evidence.constraint_laws import StatedConstraints, acceleration_level
 from lagrange.evidence.laws import DifferenceSteps, along
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
+from lagrange.evidence.report import LIMIT, TINY, relative_error
 from lagrange.evidence.sample import Point, Sampler, sampled_statement
 from lagrange.machine.model import Model
 from lagrange.statement.statement import Statement

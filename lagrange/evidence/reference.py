@@ -15,8 +15,6 @@ from itertools import chain
 from typing import Any
 
 from lagrange.evidence import laws
-from lagrange.evidence.central_differences import Numbers, extrapolate
-from lagrange.evidence.compare import ReferenceEntries
 from lagrange.evidence.constraint_laws import (
     StatedConstraints,
     acceleration_level,
@@ -26,9 +24,9 @@ from lagrange.evidence.constraint_laws import (
     reactions,
     velocity_level,
 )
-from lagrange.evidence.laws import DifferenceSteps, Sources
-from lagrange.evidence.local_terms import local_terms
+from lagrange.evidence.laws import DifferenceSteps, Numbers, Sources, extrapolate, local_terms
 from lagrange.evidence.precise import BeyondDoubles, Precise
+from lagrange.evidence.report import ReferenceEntries
 from lagrange.evidence.sample import Point
 from lagrange.statement.statement import Statement
 

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown
-from lagrange.evidence.reference_solution import ReferenceSolution, digits_of, reference_solution
-from lagrange.evidence.trust import Sensitivity, sensitivity
+from lagrange.evidence.trust import ReferenceSolution, Sensitivity, digits_of, reference_solution, sensitivity
 from lagrange.machine.model import Model
 from lagrange.statement.expression import entries
 from lagrange.statement.number import flag, real_number, whole_number

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.precise_program import NoValue, evaluate
+from lagrange.evidence.precise_run import NoValue, evaluate
 from lagrange.evidence.sample import SampleKind, Sampler
 from lagrange.export.module import Check, Integrator, StepCheck
 from lagrange.machine.python_source import loaded

@@ -15,11 +15,11 @@ import sympy
 from lagrange.errors import FAULT, RunError, StatementError, listing, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.mechanics.branches import solved
+from lagrange.mechanics.expansion import StatedPoint, stated_point
 from lagrange.mechanics.linearization import Linearization, linearized_at
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, number, simplest, size_of_terms
-from lagrange.mechanics.point import StatedPoint, stated_point
 from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
+from lagrange.mechanics.symbolic_roots import solved
 from lagrange.statement.coordinate import t
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement

@@ -15,9 +15,9 @@ import numpy as np
 import sympy
 
 from lagrange.errors import FAULT, RunError, StatementError, listing
+from lagrange.mechanics.expansion import StatedPoint
 from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.plain_form import is_zero, number, numeric, rational_below, root_of_square, simplest, size
-from lagrange.mechanics.point import StatedPoint
 from lagrange.mechanics.stability import REAL_PART, first_order_matrix, has_inertia, matrix_values, stability_of
 from lagrange.statement.coordinate import t
 from lagrange.statement.notebook_page import ShownAsPage

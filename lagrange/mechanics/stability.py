@@ -15,6 +15,7 @@ from lagrange.equations.terms import differentiable
 from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
+from lagrange.mechanics.expansion import StatedPoint, stated_point
 from lagrange.mechanics.linearization import Linearization, linearized_at
 from lagrange.mechanics.plain_form import (
     PlainForm,
@@ -26,7 +27,6 @@ from lagrange.mechanics.plain_form import (
     vanishes,
     vanishes_in_symbols,
 )
-from lagrange.mechanics.point import StatedPoint, stated_point
 from lagrange.statement.coordinate import t
 from lagrange.statement.number import real_array
 from lagrange.statement.parameters import label_of

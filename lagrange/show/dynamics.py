@@ -13,12 +13,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from lagrange.dynamics.branches import BranchesData, equilibrium_branches
-from lagrange.dynamics.driving import depends_on_time
+from lagrange.dynamics.equilibrium_branches import BranchesData, equilibrium_branches
 from lagrange.dynamics.mode_shapes import ModeShapes, mode_shapes
 from lagrange.dynamics.portrait import CELLS as CELLS_OF_PLANE
 from lagrange.dynamics.portrait import PortraitData, portrait
-from lagrange.dynamics.runs import Runs
+from lagrange.dynamics.runs import Runs, depends_on_time
 from lagrange.dynamics.section import SectionData, point_counts, surface
 from lagrange.dynamics.section import section as section_of
 from lagrange.dynamics.sweep import SweepData, parameter_of, sweep, values_of, with_value

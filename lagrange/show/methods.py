@@ -6,7 +6,7 @@ carry its name: `lg.methods.ScipyRadau(max_step=0.1)`. `lg.methods.CVODE()` need
 
 from typing import TYPE_CHECKING
 
-from lagrange.evidence.stability import Stability, growth, stability
+from lagrange.evidence.method_stability import Stability, growth, stability
 from lagrange.show.figures.modes_figure import plot_stability
 from lagrange.trajectory.foreign import scipy_solvers
 from lagrange.trajectory.foreign.sundials import CVODE

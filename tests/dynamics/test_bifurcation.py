@@ -10,8 +10,7 @@ from sympy import cos, sin, sinh
 
 import lagrange as lg
 from lagrange.dynamics import crossings
-from lagrange.dynamics.driving import depends_on_time, driving_period
-from lagrange.dynamics.runs import Runs
+from lagrange.dynamics.runs import Runs, depends_on_time, driving_period
 from lagrange.errors import StatementError
 from lagrange.show.dynamics import Bifurcation, EquilibriumBranches
 from tests.dynamics.planar import F, double_well, driven_linear, duffing, hoop, interrupting, mu, pendulum, w, x

@@ -14,9 +14,8 @@ from sympy import Eq, cos
 import lagrange as lg
 from lagrange.dynamics import portrait
 from lagrange.dynamics.axes import Axis
-from lagrange.dynamics.orbits import CLOSED
+from lagrange.dynamics.orbits import CLOSED, LINEAR_ERROR
 from lagrange.dynamics.runs import Runs
-from lagrange.dynamics.separatrices import LINEAR_ERROR
 from lagrange.errors import StatementError
 from tests.dynamics.planar import (
     damped_pendulum,

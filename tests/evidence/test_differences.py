@@ -7,7 +7,7 @@ import mpmath
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lagrange.evidence.central_differences import Estimate, central, central_mixed, extrapolate
+from lagrange.evidence.laws import Estimate, central, central_mixed, extrapolate
 
 MP = mpmath.MPContext()
 MP.dps = 90

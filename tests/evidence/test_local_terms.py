@@ -8,8 +8,8 @@ import pytest
 import sympy as sp
 
 import lagrange as lg
-from lagrange.evidence import local_terms as module
-from lagrange.evidence.local_terms import LOCAL_FROM, local_terms
+from lagrange.evidence import laws as module
+from lagrange.evidence.laws import LOCAL_FROM, local_terms
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.sample import SAMPLE_KINDS, Sampler
 from lagrange.statement.declare import declare

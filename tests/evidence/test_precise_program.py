@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from lagrange.evidence.precise_program import NoValue, evaluate
+from lagrange.evidence.precise_run import NoValue, evaluate
 from lagrange.program.program import Instruction, Program, ProgramBlock
 
 

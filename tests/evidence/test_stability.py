@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.evidence.stability import growth, stability, step_of
+from lagrange.evidence.method_stability import growth, stability, step_of
 from lagrange.show.figures import modes_figure
 from lagrange.trajectory.methods.registry import BUILT_IN, find
 from lagrange.trajectory.methods.splitting import Splitting

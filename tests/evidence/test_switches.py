@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import sympy as sp
 
-from lagrange.evidence.switches import all_ways, describe_way
+from lagrange.evidence.precise import all_ways, describe_way
 from lagrange.statement.coordinate import coordinate
 from lagrange.statement.declare import declare
 

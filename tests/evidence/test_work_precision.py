@@ -12,7 +12,8 @@ from sympy import exp, sign
 
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
-from lagrange.evidence import reference_solution, work_precision
+from lagrange.evidence import trust as reference_solution
+from lagrange.evidence import work_precision
 from lagrange.evidence.trust import sensitivity
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.registry import find

@@ -13,7 +13,7 @@ import sympy as sp
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.mechanics.student_equations import spelled
+from lagrange.mechanics.grading.student_equations import spelled
 from tests.models import shared_scene
 
 RIGHT = re.compile(r"The equations are right: they are equivalent to those of the system, at the \d+ states tried\.")

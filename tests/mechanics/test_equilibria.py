@@ -13,7 +13,7 @@ from sympy import acos, cos, cosh, exp, pi, sin, sqrt
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import equilibria as equilibria_module
-from lagrange.mechanics.branches import Branch, solved
+from lagrange.mechanics.symbolic_roots import Branch, solved
 from tests.models import shared_scene
 
 m, g, l, k, c, w, R, a = lg.parameters("m g l k c w R a")

@@ -9,7 +9,7 @@ import pytest
 import sympy as sp
 
 import lagrange as lg
-from lagrange.mechanics.student_equations import read_equations
+from lagrange.mechanics.grading.student_equations import read_equations
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.latex import LatexNotation
 from lagrange.show.notation.text import AsciiNotation, UnicodeNotation

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from lagrange.errors import StatementError
-from lagrange.evidence.reference_solution import ReferenceSolution
-from lagrange.evidence.trust import Sensitivity
+from lagrange.evidence.trust import ReferenceSolution, Sensitivity
 from lagrange.evidence.work_precision import Entry, Result
 from lagrange.show.race import COLUMNS, Race
 

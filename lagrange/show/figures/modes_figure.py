@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lagrange.dynamics.mode_shapes import ModeShapes
 from lagrange.errors import StatementError, counted
-from lagrange.evidence.stability import GROWTH_TOLERANCE, growth, step_of
+from lagrange.evidence.method_stability import GROWTH_TOLERANCE, growth, step_of
 from lagrange.mechanics.stability import EigenvaluePath
 from lagrange.show.figures.new_figure import new_figure
 from lagrange.show.figures.panel import panel_on, say_below

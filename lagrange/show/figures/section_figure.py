@@ -8,7 +8,7 @@ import numpy as np
 
 from lagrange.dynamics.angles import is_angle, wrapped
 from lagrange.dynamics.axes import row_of
-from lagrange.dynamics.branches import BranchesData
+from lagrange.dynamics.equilibrium_branches import BranchesData
 from lagrange.dynamics.section import SectionData, surface
 from lagrange.dynamics.sweep import SweepData
 from lagrange.errors import StatementError

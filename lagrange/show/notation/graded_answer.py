@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from lagrange.equations.derivation import Derivation
-from lagrange.mechanics.comparison import EquationsComparison, compare_equations
+from lagrange.mechanics.grading.comparison import EquationsComparison, compare_equations
+from lagrange.mechanics.grading.student_equations import MULTIPLIER, read_equations
 from lagrange.mechanics.plain_form import names_of
-from lagrange.mechanics.student_equations import MULTIPLIER, read_equations
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.text import AsciiNotation
 from lagrange.statement.statement import Statement

@@ -9,9 +9,9 @@ import sympy
 
 from lagrange.errors import counted
 from lagrange.evidence.report import HEADINGS, Report
-from lagrange.mechanics.comparison import EquationsComparison
 from lagrange.mechanics.conserved import Conserved
 from lagrange.mechanics.equilibria import Equilibrium
+from lagrange.mechanics.grading.comparison import EquationsComparison
 from lagrange.mechanics.hamilton import Hamiltonian
 from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.modes import Modes

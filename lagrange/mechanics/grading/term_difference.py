@@ -11,7 +11,7 @@ from typing import Any
 
 import sympy
 
-from lagrange.mechanics.student_equations import HELD
+from lagrange.mechanics.grading.student_equations import HELD
 
 Numbers = list[Any]
 """Values of an expression at the samples."""

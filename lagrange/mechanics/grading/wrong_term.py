@@ -16,11 +16,17 @@ from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve
 from lagrange.evidence.precise import OutsideDomain
-from lagrange.mechanics.motion_samples import MotionSample, motion_samples
-from lagrange.mechanics.plain_form import simplest
-from lagrange.mechanics.small import small
-from lagrange.mechanics.student_equations import EquationRow, StudentEquation, row_of, tape, unknowns_of, values_at
-from lagrange.mechanics.term_difference import (
+from lagrange.mechanics.expansion import small
+from lagrange.mechanics.grading.motion_samples import MotionSample, motion_samples
+from lagrange.mechanics.grading.student_equations import (
+    EquationRow,
+    StudentEquation,
+    row_of,
+    tape,
+    unknowns_of,
+    values_at,
+)
+from lagrange.mechanics.grading.term_difference import (
     MISSING,
     WRONG,
     Difference,
@@ -33,7 +39,8 @@ from lagrange.mechanics.term_difference import (
     spread,
     summands,
 )
-from lagrange.mechanics.wrong_side import place_of, wrong_part
+from lagrange.mechanics.grading.wrong_side import place_of, wrong_part
+from lagrange.mechanics.plain_form import simplest
 from lagrange.statement.multiplier import constraint_of
 from lagrange.statement.statement import Statement
 

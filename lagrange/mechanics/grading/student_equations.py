@@ -13,7 +13,7 @@ import sympy
 from lagrange.errors import StatementError, listing, suggestion
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.sample import Point
-from lagrange.mechanics.motion_samples import MotionSample
+from lagrange.mechanics.grading.motion_samples import MotionSample
 from lagrange.mechanics.plain_form import vanishes_in_symbols as vanishes
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import TEXTS, entries, expression

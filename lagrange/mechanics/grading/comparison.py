@@ -17,13 +17,12 @@ import sympy
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve
-from lagrange.evidence.precise import OutsideDomain
+from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.evidence.sample import Point, Sampler
-from lagrange.evidence.switches import all_ways, describe_way
-from lagrange.mechanics.motion_samples import MotionSample, MotionStates, motion_samples
-from lagrange.mechanics.student_equations import HELD, EquationRow, StudentEquation, row_of
-from lagrange.mechanics.term_difference import LARGEST_FACTOR, Write
-from lagrange.mechanics.wrong_term import SINGULAR, slip_of, wrong_term
+from lagrange.mechanics.grading.motion_samples import MotionSample, MotionStates, motion_samples
+from lagrange.mechanics.grading.student_equations import HELD, EquationRow, StudentEquation, row_of
+from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, Write
+from lagrange.mechanics.grading.wrong_term import SINGULAR, slip_of, wrong_term
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 

@@ -10,10 +10,10 @@ import sympy
 
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError
-from lagrange.mechanics.motion_samples import MotionSample
+from lagrange.mechanics.grading.motion_samples import MotionSample
+from lagrange.mechanics.grading.student_equations import EquationRow, StudentEquation, along_motion, row_of
+from lagrange.mechanics.grading.term_difference import Write, summands
 from lagrange.mechanics.plain_form import simplest
-from lagrange.mechanics.student_equations import EquationRow, StudentEquation, along_motion, row_of
-from lagrange.mechanics.term_difference import Write, summands
 from lagrange.statement.coordinate import t
 
 

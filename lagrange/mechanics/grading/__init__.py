@@ -1,0 +1,1 @@
+"""Equations of motion that somebody derived, compared with those of the system."""
