@@ -90,6 +90,18 @@ def test_columns_of_mixed_kinds(target: str, where: str) -> None:
                 assert max(errors) < 1e-11 * n, (n, width)
 
 
+def test_a_column_has_the_bits_of_its_state_alone() -> None:
+    """Whatever stands beside it: a column whose pivots cannot be trusted leaves the others as they are."""
+    rng = np.random.default_rng(11)
+    for n in (*FEW, 30):
+        width = 11
+        b = rng.normal(size=(n, width))
+        matrices = [REGULAR[k % len(REGULAR)](rng, n) for k in range(width)]
+        many = solve("llvm", np.array(matrices).transpose(1, 2, 0), b)
+        for k, a in enumerate(matrices):
+            assert (many[:, k] == solve("llvm", a, b[:, k])).all(), (n, k)
+
+
 @pytest.mark.parametrize("where", ["state", "parameters"])
 @pytest.mark.parametrize("kind", SINGULAR, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("target", TARGETS)
