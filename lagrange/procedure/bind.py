@@ -13,15 +13,12 @@ from lagrange.procedure.form import (
     Block,
     Call,
     Callee,
-    Each,
-    Loop,
     Procedure,
-    Repeat,
     Statement,
-    When,
+    rebuilt,
 )
-from lagrange.procedure.uses import reads
 from lagrange.procedure.verify import verify
+from lagrange.procedure.visit import reads
 
 Functions = Mapping[str, Procedure]
 
@@ -69,17 +66,9 @@ class _Binder:
         return tuple(self._statement(one, given) for one in block)
 
     def _statement(self, statement: Statement, given: Mapping[int, Procedure]) -> Statement:
-        match statement:
-            case Call():
-                return self._call(statement, given)
-            case When(then=then, otherwise=otherwise):
-                return statement._replace(then=self._block(then, given), otherwise=self._block(otherwise, given))
-            case Loop(body=body) | Each(body=body):
-                return statement._replace(body=self._block(body, given))
-            case Repeat(test=test, body=body):
-                return statement._replace(test=self._block(test, given), body=self._block(body, given))
-            case _:
-                return statement
+        if isinstance(statement, Call):
+            return self._call(statement, given)
+        return rebuilt(statement, lambda block: self._block(block, given))
 
     def _call(self, call: Call, given: Mapping[int, Procedure]) -> Call:
         if not isinstance(call.callee, Procedure):

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import ctypes
 import enum
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -338,39 +338,40 @@ class Procedure:
         return tuple(found)
 
 
-_OUTER = (When, Repeat, Loop, Each)
+_BLOCKS: Mapping[type, tuple[str, ...]] = {
+    When: ("then", "otherwise"),
+    Repeat: ("test", "body"),
+    Loop: ("body",),
+    Each: ("body",),
+}
+"""The statements with blocks inside, in the order in which they run."""
 
 
 def inner(statement: Statement) -> tuple[Block, ...]:
     """Return the blocks inside a statement."""
-    if not isinstance(statement, _OUTER):
-        return ()
-    match statement:
-        case When(then=then, otherwise=otherwise):
-            return (then, otherwise)
-        case Repeat(test=test, body=body):
-            return (test, body)
-        case Loop(body=body) | Each(body=body):
-            return (body,)
+    return tuple(getattr(statement, name) for name in _BLOCKS.get(type(statement), ()))
+
+
+def rebuilt(statement: Statement, change: Callable[[Block], Block]) -> Statement:
+    """Return a statement with its blocks changed, the last one first."""
+    names = _BLOCKS.get(type(statement), ())
+    changes: dict[str, Any] = {name: change(getattr(statement, name)) for name in reversed(names)}
+    return statement._replace(**changes)
+
+
+def walk(block: Block) -> Iterator[Statement]:
+    """Yield every statement of a block, each before those inside it."""
+    for statement in block:
+        yield statement
+        for body in inner(statement):
+            yield from walk(body)
 
 
 def calls(block: Block) -> list[Call]:
     """Return every call in a block, in order."""
-    found: list[Call] = []
-    for statement in block:
-        if isinstance(statement, Call):
-            found.append(statement)
-        for one in inner(statement):
-            found += calls(one)
-    return found
+    return [statement for statement in walk(block) if isinstance(statement, Call)]
 
 
 def assigned(block: Block) -> tuple[int, ...]:
     """Return the variables that a block sets, in order."""
-    found: dict[int, None] = {}
-    for statement in block:
-        if isinstance(statement, Set):
-            found[statement.variable] = None
-        for one in inner(statement):
-            found |= dict.fromkeys(assigned(one))
-    return tuple(found)
+    return tuple(dict.fromkeys(statement.variable for statement in walk(block) if isinstance(statement, Set)))

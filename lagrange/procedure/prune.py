@@ -8,26 +8,24 @@ from lagrange.procedure.form import (
     Block,
     Call,
     Declare,
-    Each,
     Get,
     Let,
     Load,
-    Loop,
     Part,
     Procedure,
     Read,
-    Repeat,
     Reserve,
     ReserveRecord,
     Set,
     SineCosine,
     Statement,
     When,
-    inner,
+    rebuilt,
+    walk,
 )
-from lagrange.procedure.uses import operands
+from lagrange.procedure.visit import defined, operands
 
-MADE = (Let, Load, Read, Part, Reserve, ReserveRecord, Get)
+MADE = (Let, SineCosine, Load, Read, Part, Reserve, ReserveRecord, Get)
 """Statements that make a value or memory, and do nothing else."""
 
 
@@ -68,18 +66,9 @@ class _Pass:
     def statement(self, statement: Statement) -> Statement:
         """Return a statement with pruned blocks and callees, and note what it reads."""
         self.needed.update(operands(statement))
-        match statement:
-            case Call(callee=Procedure() as callee):
-                return statement._replace(callee=self.pruner.pruned(callee))
-            case When(then=then, otherwise=otherwise):
-                return statement._replace(then=self.block(then), otherwise=self.block(otherwise))
-            case Loop(body=body) | Each(body=body):
-                return statement._replace(body=self.block(body))
-            case Repeat(test=test, body=body):
-                body = self.block(body)
-                return statement._replace(test=self.block(test), body=body)
-            case _:
-                return statement
+        if isinstance(statement, Call) and isinstance(statement.callee, Procedure):
+            return statement._replace(callee=self.pruner.pruned(statement.callee))
+        return rebuilt(statement, self.block)
 
     def idle(self, statement: Statement) -> bool:
         """Whether nobody would miss a statement."""
@@ -88,20 +77,12 @@ class _Pass:
                 return ref not in self.got
             case Set(variable=variable):
                 return variable not in self.got
-            case SineCosine(sine=sine, cosine=cosine):
-                return sine not in self.needed and cosine not in self.needed
             case When(then=(), otherwise=()):
                 return True
             case _:
-                return isinstance(statement, MADE) and statement.ref not in self.needed
+                return isinstance(statement, MADE) and self.needed.isdisjoint(defined(statement))
 
 
 def _variables_read(block: Block) -> frozenset[int]:
     """Return the variables that a block reads."""
-    found: set[int] = set()
-    for one in block:
-        if isinstance(one, Get):
-            found.add(one.variable)
-        for body in inner(one):
-            found |= _variables_read(body)
-    return frozenset(found)
+    return frozenset(one.variable for one in walk(block) if isinstance(one, Get))

@@ -40,7 +40,6 @@ from lagrange.procedure.form import (
     ReserveRecord,
     Set,
     SineCosine,
-    Statement,
     Store,
     Type,
     When,
@@ -48,7 +47,7 @@ from lagrange.procedure.form import (
 )
 from lagrange.procedure.spelling import ATOM
 from lagrange.procedure.syntax import Syntax
-from lagrange.procedure.uses import loop_depth, reads, uses_of
+from lagrange.procedure.visit import Visitor, loop_depth, reads, uses_of, visits
 
 INDICES = ("i", "j", "k", "l", "i5", "i6", "i7", "i8")
 """Names of loop indices, from the outermost on."""
@@ -57,7 +56,7 @@ LONGEST_VALUE = 60
 """A value of this many characters gets a name."""
 
 
-class SourcePrinter(Syntax):
+class SourcePrinter(Visitor, Syntax):
     """Prints one procedure in a language; a subclass says how its statements look.
 
     `taken` are words that no value is named by, but for parameters that have such a name.
@@ -173,28 +172,34 @@ class SourcePrinter(Syntax):
         self.block(block)
         self.depth -= 1
 
-    def statement(self, statement: Statement) -> None:
-        """Print a statement."""
+    @visits(SineCosine)
+    def pair(self, pair: SineCosine) -> None:
+        """Print a sine and a cosine."""
+        self.let(Let(pair.sine, REAL, "sin", (pair.angle,)))
+        self.let(Let(pair.cosine, REAL, "cos", (pair.angle,)))
+
+    @visits(Reserve, ReserveRecord)
+    def local_memory(self, one: Reserve | ReserveRecord) -> None:
+        """Print a local array or record."""
+        self.settle()
+        if isinstance(one, Reserve):
+            self.types[one.ref] = one.array
+            self.reserve(one.ref, one.array)
+        else:
+            self.types[one.ref] = one.record
+            self.reserve_record(one.ref, one.record)
+
+    @visits(Part)
+    def part_of(self, part: Part) -> None:
+        """Print the part of an array."""
+        held = self.array(part.array)
+        self.types[part.ref] = Array(held.kind, None, held.read, held.room)
+        self.part(part)
+
+    @visits(Declare, Get, Set)
+    def variable(self, statement: Declare | Get | Set) -> None:
+        """Print what is done with a variable."""
         match statement:
-            case Let():
-                self.let(statement)
-            case SineCosine(sine=sine, cosine=cosine, angle=angle):
-                self.let(Let(sine, REAL, "sin", (angle,)))
-                self.let(Let(cosine, REAL, "cos", (angle,)))
-            case Reserve(ref=ref, array=held):
-                self.types[ref] = held
-                self.settle()
-                self.reserve(ref, held)
-            case ReserveRecord(ref=ref, record=record):
-                self.types[ref] = record
-                self.settle()
-                self.reserve_record(ref, record)
-            case Part(ref=ref, array=array):
-                held = self.array(array)
-                self.types[ref] = Array(held.kind, None, held.read, held.room)
-                self.part(statement)
-            case Load() | Store() | Read() | Write():
-                self.memory(statement)
             case Declare(ref=ref, kind=kind, value=value):
                 self.types[ref] = kind
                 text = self.text(value)
@@ -204,16 +209,24 @@ class SourcePrinter(Syntax):
                 self.made(ref, kind, ATOM, self.text(variable))
             case Set(variable=variable, value=value):
                 self.write(self.assign(self.text(variable), self.text(value)))
-            case Call():
-                self.call(statement)
-            case Leave(values=values):
-                self.leave(values)
-            case Note(text=text):
-                self.settle()
-                self.put(self.comment(text))
-            case When() | Loop() | Repeat() | Each():
-                self.control(statement)
 
+    @visits(Call)
+    def called(self, call: Call) -> None:
+        """Print a call."""
+        self.call(call)
+
+    @visits(Leave)
+    def left(self, leave: Leave) -> None:
+        """Print the end of the procedure."""
+        self.leave(leave.values)
+
+    @visits(Note)
+    def note(self, note: Note) -> None:
+        """Print a comment."""
+        self.settle()
+        self.put(self.comment(note.text))
+
+    @visits(Let)
     def let(self, let: Let) -> None:
         """Print or keep an operation."""
         if let.op == CONSTANT:
@@ -240,6 +253,7 @@ class SourcePrinter(Syntax):
         elif ref in self.uses:
             self.put(self.define(self.name(ref), kind, text))
 
+    @visits(Load, Store, Read, Write)
     def memory(self, statement: Load | Store | Read | Write) -> None:
         """Print what is read or written."""
         match statement:
@@ -252,6 +266,7 @@ class SourcePrinter(Syntax):
             case Write(record=record, field=field, value=value):
                 self.write(self.assign(self.member(record, field), self.text(value)))
 
+    @visits(When, Loop, Repeat, Each)
     def control(self, statement: When | Loop | Repeat | Each) -> None:
         """Print a branch or a loop."""
         match statement:

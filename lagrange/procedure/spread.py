@@ -23,6 +23,7 @@ from lagrange.procedure.form import (
     Let,
     Load,
     Loop,
+    Note,
     Part,
     Procedure,
     Read,
@@ -31,9 +32,12 @@ from lagrange.procedure.form import (
     ReserveRecord,
     Set,
     SineCosine,
-    Statement,
+    Store,
     When,
+    Write,
+    inner,
 )
+from lagrange.procedure.visit import Visitor, defined, operands, visits
 
 
 class Share(NamedTuple):
@@ -85,7 +89,7 @@ class Spreads:
         return self.known[key]
 
 
-class _Search:
+class _Search(Visitor):
     """Walks a procedure until nothing more is found to differ: a variable set in a loop may differ where it begins."""
 
     def __init__(self, spreads: Spreads, procedure: Procedure, signature: Signature) -> None:
@@ -94,7 +98,7 @@ class _Search:
         self.apart: dict[int, None] = {}
         self.written: dict[int, None] = {}
         """Arrays that are not only read."""
-        self.parting = False
+        self.parted = self.parting = False
         self.results = [False] * len(procedure.results)
         for parameter, share in zip(procedure.parameters, signature, strict=True):
             self.mark(parameter.ref, own=share.own, apart=share.apart)
@@ -126,61 +130,73 @@ class _Search:
 
     def block(self, block: Block, *, parted: bool) -> None:
         """Go through statements that all members reach, or only some of them once they have `parted`."""
+        before, self.parted = self.parted, parted
         for statement in block:
-            self.statement(statement, parted=parted)
+            self.statement(statement)
+        self.parted = before
 
-    def statement(self, statement: Statement, *, parted: bool) -> None:
-        """Note what a statement defines."""
+    @visits(Note, Store, Write)
+    def defines_nothing(self, statement: Note | Store | Write) -> None:
+        """Pass over a statement that defines nothing."""
+
+    @visits(Let, SineCosine, Read)
+    def operation(self, statement: Let | SineCosine | Read) -> None:
+        """Note results of an operation: they differ if an operand does."""
+        for ref in defined(statement):
+            self.mark(ref, own=self.differs(operands(statement)))
+
+    @visits(Load)
+    def load(self, load: Load) -> None:
+        """Note an element of an array."""
+        array = load.array
+        common = array not in self.own and array not in self.apart and array not in self.written
+        self.mark(load.ref, own=not common or load.place in self.own)
+
+    @visits(Reserve, ReserveRecord)
+    def local(self, one: Reserve | ReserveRecord) -> None:
+        """Note local memory."""
+        self.mark(one.ref, own=True)
+
+    @visits(Part)
+    def part(self, part: Part) -> None:
+        """Note the part of an array."""
+        self.mark(part.ref, own=part.array in self.own, apart=part.array in self.apart or part.start in self.own)
+        if part.array in self.written:
+            self.written[part.ref] = None
+
+    @visits(Declare, Get, Set)
+    def variable(self, statement: Declare | Get | Set) -> None:
+        """Note a variable, or its value."""
         match statement:
-            case Let(ref=ref, args=args):
-                self.mark(ref, own=self.differs(args))
-            case SineCosine(sine=sine, cosine=cosine, angle=angle):
-                self.mark(sine, own=angle in self.own)
-                self.mark(cosine, own=angle in self.own)
-            case Load(ref=ref, array=array, place=place):
-                common = array not in self.own and array not in self.apart and array not in self.written
-                self.mark(ref, own=not common or place in self.own)
-            case Reserve(ref=ref) | ReserveRecord(ref=ref):
-                self.mark(ref, own=True)
-            case Part(ref=ref, array=array, start=start):
-                self.mark(ref, own=array in self.own, apart=array in self.apart or start in self.own)
-                if array in self.written:
-                    self.written[ref] = None
-            case Read(ref=ref, record=record):
-                self.mark(ref, own=record in self.own)
             case Declare(ref=ref, value=value) | Get(ref=ref, variable=value):
                 self.mark(ref, own=value in self.own)
             case Set(variable=variable, value=value):
-                self.mark(variable, own=parted or value in self.own)
-            case Call():
-                self.call(statement)
-            case Leave(values=values):
-                self.parting |= parted
-                self.results = [own or ref in self.own for own, ref in zip(self.results, values, strict=True)]
-            case When() | Loop() | Repeat() | Each():
-                self.control(statement, parted=parted)
+                self.mark(variable, own=self.parted or value in self.own)
 
-    def control(self, statement: When | Loop | Repeat | Each, *, parted: bool) -> None:
+    @visits(Leave)
+    def leave(self, leave: Leave) -> None:
+        """Note the results."""
+        self.parting |= self.parted
+        self.results = [own or ref in self.own for own, ref in zip(self.results, leave.values, strict=True)]
+
+    @visits(When, Loop, Repeat, Each)
+    def control(self, statement: When | Loop | Repeat | Each) -> None:
         """Go into a branch or a loop."""
+        parted = self.parted
         match statement:
-            case When(condition=condition, then=then, otherwise=otherwise):
-                inside = parted or condition in self.own
-                self.block(then, parted=inside)
-                self.block(otherwise, parted=inside)
+            case When(condition=condition) | Repeat(condition=condition):
+                for body in inner(statement):
+                    self.block(body, parted=parted or condition in self.own)
             case Loop(place=place, start=start, stop=stop, body=body):
                 self.mark(place, own=start in self.own)
                 self.block(body, parted=parted or self.differs((start, stop)))
-            case Repeat(test=test, condition=condition, body=body):
-                inside = parted or condition in self.own
-                self.block(test, parted=inside)
-                self.block(body, parted=inside)
             case Each(iterations=count, body=body, folds=folds):
-                inside = parted or count in self.own
-                self.block(body, parted=inside)
+                self.block(body, parted=parted or count in self.own)
                 for fold in folds:
                     values = (fold.value,) if fold.factor is None else (fold.value, fold.factor)
                     self.mark(fold.ref, own=count in self.own or self.differs(values))
 
+    @visits(Call)
     def call(self, call: Call) -> None:
         """Note which results of a call differ."""
         callee = call.callee

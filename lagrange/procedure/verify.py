@@ -37,13 +37,13 @@ from lagrange.procedure.form import (
     ReserveRecord,
     Set,
     SineCosine,
-    Statement,
     Store,
     Type,
     When,
     Write,
 )
 from lagrange.procedure.operations import result_kind
+from lagrange.procedure.visit import Visitor, visits
 
 IN_ITERATIONS = (Let, Load, Store, Part, Declare, Get, Set, Loop, Note)
 """Statements that an iteration of an `each` may have. Its loops have the same count in every iteration."""
@@ -54,8 +54,8 @@ def verify(procedure: Procedure) -> None:
     _Check(procedure).run()
 
 
-class _Check:
-    """Walks a procedure with the types of what is known at each place."""
+class _Check(Visitor):
+    """Walks a procedure with the types of what is known at each place; a method says whether the procedure ends."""
 
     def __init__(self, procedure: Procedure) -> None:
         self.procedure = procedure
@@ -130,23 +130,22 @@ class _Check:
                 raise self.error("a statement stands behind the end")
             if self.each is not None and not isinstance(statement, IN_ITERATIONS):
                 raise self.error(f"an iteration of an `each` has a {type(statement).__name__}")
-            ended = self.statement(statement)
+            ended = self.statement(statement) is True
         return ended
 
-    def statement(self, statement: Statement) -> bool:
-        """Check a statement; return whether it ends the procedure."""
-        if isinstance(statement, Let):
-            self.let(statement)
-            return False
-        match statement:
-            case SineCosine(sine=sine, cosine=cosine, angle=angle):
-                self.kind(angle, REAL)
-                self.define(sine, REAL)
-                self.define(cosine, REAL)
-            case Load() | Store() | Read() | Write():
-                self.memory(statement)
-            case Declare() | Get() | Set():
-                self.variable(statement)
+    @visits(Note)
+    def note(self, note: Note) -> None:
+        pass
+
+    @visits(SineCosine)
+    def pair(self, pair: SineCosine) -> None:
+        self.kind(pair.angle, REAL)
+        self.define(pair.sine, REAL)
+        self.define(pair.cosine, REAL)
+
+    @visits(Reserve, ReserveRecord, Part)
+    def local(self, one: Reserve | ReserveRecord | Part) -> None:
+        match one:
             case Reserve(ref=ref, array=array):
                 if array.size is None:
                     raise self.error(f"the array %{ref} of its own has no size")
@@ -157,15 +156,13 @@ class _Check:
                 held = self.array(array)
                 self.kind(start, WHOLE)
                 self.define(ref, Array(held.kind, None, held.read, held.room))
-            case Call():
-                self.call(statement)
-            case Leave(values=values):
-                self.kinds(values, self.procedure.results, "the end")
-                return True
-            case When() | Loop() | Repeat() | Each():
-                return self.control(statement)
-        return False
 
+    @visits(Leave)
+    def leave(self, leave: Leave) -> bool:
+        self.kinds(leave.values, self.procedure.results, "the end")
+        return True
+
+    @visits(Let)
     def let(self, let: Let) -> None:
         if self.each is not None and any(arg == self.each or arg in self.places for arg in let.args):
             self.places.add(let.ref)
@@ -181,6 +178,7 @@ class _Check:
         if let.op == CONSTANT:
             self.constants.add(let.ref)
 
+    @visits(Load, Store, Read, Write)
     def memory(self, statement: Load | Store | Read | Write) -> None:
         match statement:
             case Load(ref=ref, kind=kind, array=array, place=index):
@@ -207,6 +205,7 @@ class _Check:
         if self.array(array).kind is not kind:
             raise self.error(f"%{array} holds no {kind}")
 
+    @visits(Declare, Get, Set)
     def variable(self, statement: Declare | Get | Set) -> None:
         match statement:
             case Declare(ref=ref, kind=kind, value=value):
@@ -228,6 +227,7 @@ class _Check:
         if variable not in self.variables or self.variables[variable] is not kind:
             raise self.error(f"%{variable} is no variable that holds a {kind}")
 
+    @visits(Call)
     def call(self, call: Call) -> None:
         if isinstance(call.callee, Procedure):
             types = tuple(parameter.type for parameter in call.callee.parameters)
@@ -250,6 +250,7 @@ class _Check:
             if not _fits(self.type(ref), wanted):
                 raise self.error(f"{where} has %{ref} in the place of another type")
 
+    @visits(When, Loop, Repeat, Each)
     def control(self, statement: When | Loop | Repeat | Each) -> bool:
         match statement:
             case When(condition=condition, then=then, otherwise=otherwise):

@@ -23,7 +23,7 @@ from lagrange.procedure.form import (
     Part,
     Set,
     Store,
-    inner,
+    walk,
 )
 
 if TYPE_CHECKING:
@@ -80,9 +80,11 @@ class Lanes:
         if self.lanes == 1:
             return []
         wanted: dict[int, None] = {}
-        for one in operands(self.each.body):
-            if one in self.printer.values and one in self.printer.kinds:
-                wanted[one] = None
+        for statement in walk(self.each.body):
+            stored = (statement.value,) if isinstance(statement, (Store, Declare, Set)) else ()
+            for ref in statement.args if isinstance(statement, Let) else stored:
+                if ref in self.printer.values and ref in self.printer.kinds:
+                    wanted[ref] = None
         return list(wanted)
 
     def rest(self, sums: list[list[str]], begin: int, count: int) -> None:
@@ -180,43 +182,21 @@ def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
 
 def accesses(block: Block) -> Iterator[Load | Store]:
     """Yield the reads and writes of arrays in a block."""
-    for statement in block:
-        if isinstance(statement, (Load, Store)):
-            yield statement
-        for one in inner(statement):
-            yield from accesses(one)
+    return (statement for statement in walk(block) if isinstance(statement, (Load, Store)))
 
 
 def eaches(block: Block) -> Iterator[Each]:
     """Yield every `each` in a block."""
-    for statement in block:
-        if isinstance(statement, Each):
-            yield statement
-        for one in inner(statement):
-            yield from eaches(one)
+    return (statement for statement in walk(block) if isinstance(statement, Each))
 
 
 def base_arrays(block: Block) -> dict[int, int]:
     """Return the array of each part that is made in a block, by the number of the part."""
     found: dict[int, int] = {}
-    for statement in block:
+    for statement in walk(block):
         if isinstance(statement, Part):
             found[statement.ref] = found.get(statement.array, statement.array)
-        for one in inner(statement):
-            found |= {ref: found.get(array, array) for ref, array in base_arrays(one).items()}
     return found
-
-
-def operands(block: Block) -> Iterator[int]:
-    """Yield the numbers of what is computed with, stored, held or added up in a block."""
-    for statement in block:
-        match statement:
-            case Let(args=args):
-                yield from args
-            case Store(value=value) | Declare(value=value) | Set(value=value):
-                yield value
-        for one in inner(statement):
-            yield from operands(one)
 
 
 def number(value: str) -> int | None:

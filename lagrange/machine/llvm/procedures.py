@@ -71,8 +71,9 @@ from lagrange.procedure.form import (
     When,
     Write,
     assigned,
-    inner,
+    walk,
 )
+from lagrange.procedure.visit import Visitor, visits
 
 INLINE_ANGLES = 8
 """Up to this many different angles, sine and cosine are written out for each.
@@ -122,8 +123,7 @@ def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
 
 def number_of_angles(block: Block) -> int:
     """Return the number of sines and cosines in a block; a pair counts once."""
-    here = sum(isinstance(one, SineCosine) or (isinstance(one, Let) and one.op in ANGLES) for one in block)
-    return here + sum(number_of_angles(body) for one in block for body in inner(one))
+    return sum(isinstance(one, SineCosine) or (isinstance(one, Let) and one.op in ANGLES) for one in walk(block))
 
 
 def hidden_by(elsewhere: Sequence[Procedure]) -> dict[Procedure, None]:
@@ -156,7 +156,7 @@ def function(
     return printer.function("internal " if hidden else "", "alwaysinline " if merged else "", quickly=quickly)
 
 
-class Printer:
+class Printer(Visitor):
     """Prints one procedure.
 
     `values` are the operands by number, and `held` the present ones of variables; `wide` are the numbers of both that
@@ -302,31 +302,23 @@ class Printer:
                 total = e.value(f"insertelement {kind} {total}, double {value}, i64 {lane}")
             e.store(total, e.address(self.values[part[0][0]], part[0][1]), kind)
 
-    def statement(self, statement: Statement) -> None:
-        """Print a statement."""
-        match statement:
-            case Let():
-                self.let(statement)
-            case SineCosine(sine=sine, cosine=cosine, angle=angle):
-                for ref, value in zip((sine, cosine), self.angle(angle), strict=True):
-                    self.define(ref, value, REAL, wide=self.lanes(angle) > 1)
-            case Load() | Store() | Read() | Write():
-                self.memory(statement)
-            case Declare() | Get() | Set():
-                self.variable(statement)
-            case Reserve(ref=ref, array=array):
-                self.define(ref, self.reserve(array), array)
-            case ReserveRecord() | Part():
-                self.place(statement)
-            case Call():
-                self.call(statement)
-            case Leave(values=values):
-                self.leave(values)
-            case Note():
-                self.e.lines += [f"  ; {line}" for line in statement.text.splitlines()]
-            case When() | Loop() | Repeat() | Each():
-                self.control(statement)
+    @visits(Note)
+    def note(self, note: Note) -> None:
+        """Print a comment."""
+        self.e.lines += [f"  ; {line}" for line in note.text.splitlines()]
 
+    @visits(Reserve)
+    def array_of(self, reserve: Reserve) -> None:
+        """Name the memory of a local array."""
+        self.define(reserve.ref, self.reserve(reserve.array), reserve.array)
+
+    @visits(SineCosine)
+    def pair(self, pair: SineCosine) -> None:
+        """Print a sine and a cosine."""
+        for ref, value in zip((pair.sine, pair.cosine), self.angle(pair.angle), strict=True):
+            self.define(ref, value, REAL, wide=self.lanes(pair.angle) > 1)
+
+    @visits(ReserveRecord, Part)
     def place(self, one: ReserveRecord | Part) -> None:
         """Print the address of a record of zeros, or of a part of an array."""
         if isinstance(one, ReserveRecord):
@@ -336,6 +328,7 @@ class Printer:
         place = self.e.address(self.values[one.array], self.values[one.start], KINDS[held.kind])
         return self.define(one.ref, place, replace(held, size=None))
 
+    @visits(Let)
     def let(self, let: Let) -> None:
         """Print an operation, on vectors where an operand is one."""
         if let.op == CONSTANT:
@@ -354,6 +347,7 @@ class Printer:
         make = sine_and_cosine if self.angles <= INLINE_ANGLES else call_sine_and_cosine
         return make(self.e, self.values[ref], self.lanes(ref))
 
+    @visits(Load, Store, Read, Write)
     def memory(self, statement: Load | Store | Read | Write) -> None:
         """Print what is read or written."""
         e = self.e
@@ -393,6 +387,7 @@ class Printer:
             f"<{lanes} x i1> {current.mask})"
         )
 
+    @visits(Declare, Get, Set)
     def variable(self, statement: Declare | Get | Set) -> None:
         """Print what is done with a variable: one that is declared in an `each` differs from iteration to iteration."""
         lanes = 1 if self.current is None else self.current.lanes
@@ -405,6 +400,7 @@ class Printer:
             case Set(variable=variable, value=value):
                 self.held[variable] = self.operand(value, lanes)
 
+    @visits(Call)
     def call(self, call: Call) -> None:
         """Print a call and name its results."""
         if isinstance(call.callee, Procedure):
@@ -437,10 +433,11 @@ class Printer:
         for ref, kind, one, found in zip(call.refs, results, types, separated(e, types, value), strict=True):
             self.define(ref, e.value(f"icmp ne i32 {found}, 0") if one == "i32" else found, kind)
 
-    def leave(self, refs: Sequence[int]) -> None:
+    @visits(Leave)
+    def leave(self, leave: Leave) -> None:
         """Print the end of the procedure."""
         self.release()
-        pairs = zip(refs, self.procedure.results, strict=True)
+        pairs = zip(leave.values, self.procedure.results, strict=True)
         values = [
             self.e.value(f"zext i1 {self.values[ref]} to i32") if self.foreign and kind is FLAG else self.values[ref]
             for ref, kind in pairs
@@ -450,6 +447,7 @@ class Printer:
 
     # --- control
 
+    @visits(When, Loop, Repeat, Each)
     def control(self, statement: When | Loop | Repeat | Each) -> None:
         """Print a branch or a loop."""
         match statement:

@@ -7,8 +7,6 @@ member is left in it. What a member gives depends on nothing but its own numbers
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from lagrange.errors import LagrangeError
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.operations import KINDS, constant, give, separated, spell, splat, together, type_of
@@ -43,18 +41,18 @@ from lagrange.procedure.form import (
     ReserveRecord,
     Set,
     SineCosine,
-    Statement,
     Store,
     Type,
     When,
     Write,
 )
 from lagrange.procedure.spread import Share, Signature, Spreads, signature_of
+from lagrange.procedure.visit import Visitor, visits
 
 MASK = "%mask"
 
 
-class MemberPrinter:
+class MemberPrinter(Visitor):
     """Prints one procedure for arguments that members share in one way."""
 
     def __init__(
@@ -150,30 +148,17 @@ class MemberPrinter:
         for statement in block:
             self.statement(statement)
 
-    def statement(self, statement: Statement) -> None:
-        """Print a statement."""
-        match statement:
-            case Let():
-                self.let(statement)
-            case SineCosine():
-                self.angle(statement)
-            case Load() | Store():
-                self.entry(statement)
-            case Read() | Write():
-                self.field(statement)
-            case Declare() | Get() | Set():
-                self.variable(statement)
-            case Reserve() | ReserveRecord() | Part():
-                self.place(statement)
-            case Call():
-                self.call(statement)
-            case Leave(values=values):
-                self.leave(values)
-            case Note():
-                self.e.lines += [f"  ; {line}" for line in statement.text.splitlines()]
-            case When() | Loop() | Repeat() | Each():
-                self.control.statement(statement)
+    @visits(Note)
+    def note(self, note: Note) -> None:
+        """Print a comment."""
+        self.e.lines += [f"  ; {line}" for line in note.text.splitlines()]
 
+    @visits(When, Loop, Repeat, Each)
+    def branch(self, statement: When | Loop | Repeat | Each) -> None:
+        """Print a branch or a loop."""
+        self.control.statement(statement)
+
+    @visits(Let)
     def let(self, let: Let) -> None:
         """Print an operation."""
         if let.op == CONSTANT:
@@ -185,6 +170,7 @@ class MemberPrinter:
         make = computed if lanes > 1 else spell
         return self.define(let.ref, make(self.e, let.op, kinds, args, lanes), let.kind)
 
+    @visits(SineCosine)
     def angle(self, pair: SineCosine) -> None:
         """Print a sine and a cosine."""
         lanes = self.width(pair.sine)
@@ -193,6 +179,7 @@ class MemberPrinter:
         for ref, value in zip((pair.sine, pair.cosine), found, strict=True):
             self.define(ref, value, REAL)
 
+    @visits(Load, Store)
     def entry(self, statement: Load | Store) -> None:
         """Print what is read or written in an array."""
         held, kind = self.places[statement.array], self.array(statement.array).kind
@@ -213,6 +200,7 @@ class MemberPrinter:
             raise LagrangeError(f"procedure {self.procedure.name}: all members write at one place.")
         return self.memory.store(held, where, value, kind, self.mask_of(held.level))
 
+    @visits(Read, Write)
     def field(self, statement: Read | Write) -> None:
         """Print what is read or written in a record."""
         held, record = self.places[statement.record], self.types[statement.record]
@@ -227,6 +215,7 @@ class MemberPrinter:
         """Return which members may write what was reserved at a level; None for all, whose memory is then unused."""
         return None if level == self.level else self.mask
 
+    @visits(Reserve, ReserveRecord, Part)
     def place(self, one: Reserve | ReserveRecord | Part) -> None:
         """Print the address of memory."""
         match one:
@@ -245,6 +234,7 @@ class MemberPrinter:
                 memory = self.e.reserve(KINDS[array.kind], room)
                 self.types[ref], self.places[ref] = array, Held(memory, own=True, level=self.level)
 
+    @visits(Declare, Get, Set)
     def variable(self, statement: Declare | Get | Set) -> None:
         """Print what is done with a variable."""
         match statement:
@@ -269,6 +259,7 @@ class MemberPrinter:
 
     # --- calls, and the end
 
+    @visits(Call)
     def call(self, call: Call) -> None:
         """Print a call and name its results."""
         callee = call.callee
@@ -294,11 +285,13 @@ class MemberPrinter:
         held = self.places[arg]
         return f"ptr {held.base}" + (f", {type_of(WHOLE, self.lanes)} {held.apart}" if held.apart else "")
 
-    def leave(self, refs: Sequence[int]) -> None:
+    @visits(Leave)
+    def leave(self, leave: Leave) -> None:
         """Print the end of the procedure for the members at work: it returns where these are all that are left."""
         parting = self.spread.parting
         values = [
-            self.operand(ref, self.lanes if own else 1) for ref, own in zip(refs, self.spread.results, strict=True)
+            self.operand(ref, self.lanes if own else 1)
+            for ref, own in zip(leave.values, self.spread.results, strict=True)
         ]
         if parting:
             pairs = zip(values, self.procedure.results, strict=True)

@@ -9,8 +9,9 @@ from lagrange.machine.llvm.operations import splat
 from lagrange.machine.llvm.procedures import INLINE_ANGLES, number_of_angles
 from lagrange.machine.members.memory import Held
 from lagrange.machine.members.printer import MemberPrinter, MemberProgram
-from lagrange.procedure.form import FLAG, Kind, Procedure
+from lagrange.procedure.form import FLAG, Kind, Leave, Procedure
 from lagrange.procedure.spread import COMMON, OWN
+from lagrange.procedure.visit import visits
 
 
 class Spliced(MemberPrinter):
@@ -33,6 +34,7 @@ class Spliced(MemberPrinter):
         self.block(self.procedure.body)
         return self.found
 
-    def leave(self, refs: Sequence[int]) -> None:
+    @visits(Leave)
+    def leave(self, leave: Leave) -> None:
         """Keep the results."""
-        self.found = [self.operand(ref, self.lanes) for ref in refs]
+        self.found = [self.operand(ref, self.lanes) for ref in leave.values]

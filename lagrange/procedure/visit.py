@@ -1,0 +1,163 @@
+"""One visitor over the statements of procedures, and what each statement reads and defines.
+
+Printers, the verifier and all passes go by this page: who adds a statement adds it to `form`, to the table here, and as
+a method to each visitor. A visitor that has no method for a statement is refused when its class is defined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any, ClassVar, NamedTuple, TypeVar, get_args
+
+from lagrange.procedure.form import (
+    Block,
+    Call,
+    Declare,
+    Each,
+    Fold,
+    Get,
+    Leave,
+    Let,
+    Load,
+    Loop,
+    Note,
+    Part,
+    Procedure,
+    Read,
+    Repeat,
+    Reserve,
+    ReserveRecord,
+    Set,
+    SineCosine,
+    Statement,
+    Store,
+    When,
+    Write,
+    inner,
+    walk,
+)
+
+
+class Fields(NamedTuple):
+    """The fields of a statement that have the numbers which it reads, and those of values or memory that it defines."""
+
+    read: tuple[str, ...] = ()
+    defined: tuple[str, ...] = ()
+
+
+FIELDS: Mapping[type, Fields] = {
+    Let: Fields(("args",), ("ref",)),
+    SineCosine: Fields(("angle", "angle"), ("sine", "cosine")),
+    Reserve: Fields((), ("ref",)),
+    ReserveRecord: Fields((), ("ref",)),
+    Part: Fields(("array", "start"), ("ref",)),
+    Load: Fields(("array", "place"), ("ref",)),
+    Store: Fields(("array", "place", "value")),
+    Read: Fields(("record",), ("ref",)),
+    Write: Fields(("record", "value")),
+    Declare: Fields(("value",)),
+    Get: Fields((), ("ref",)),
+    Set: Fields(("value",)),
+    When: Fields(("condition",)),
+    Loop: Fields(("start", "stop"), ("place",)),
+    Repeat: Fields(("condition",)),
+    Each: Fields(("iterations", "folds"), ("place", "folds")),
+    Call: Fields(("callee", "args"), ("refs",)),
+    Leave: Fields(("values",)),
+    Note: Fields(),
+}
+"""Every statement. Variables are read and set by name alone. An angle is read for its sine and for its cosine."""
+
+
+def operands(statement: Statement) -> tuple[int, ...]:
+    """Return the numbers of all that a statement reads itself, without its blocks.
+
+    Parts of arrays and records to which it writes are among them, variables are not.
+    """
+    return tuple(ref for name in FIELDS[type(statement)].read for ref in _numbers(getattr(statement, name)))
+
+
+def defined(statement: Statement) -> tuple[int, ...]:
+    """Return the numbers of all that a statement defines itself, without its blocks."""
+    found: list[int] = []
+    for name in FIELDS[type(statement)].defined:
+        value = getattr(statement, name)
+        found += [fold.ref for fold in value] if name == "folds" else _numbers(value)
+    return tuple(found)
+
+
+def _numbers(value: Any) -> Iterator[int]:
+    """Yield the numbers in a field; a procedure that is called is none."""
+    match value:
+        case int():
+            yield value
+        case Fold(value=first, factor=second):
+            yield first
+            if second is not None:
+                yield second
+        case tuple():
+            for part in value:
+                yield from _numbers(part)
+        case Procedure():
+            return
+
+
+def reads(block: Block) -> frozenset[int]:
+    """Return the numbers of all that a block reads."""
+    return frozenset(ref for statement in walk(block) for ref in operands(statement))
+
+
+def uses_of(block: Block) -> dict[int, int]:
+    """Count how often each value is used; what is used inside of a loop that does not make it counts as often."""
+    found: dict[int, int] = {}
+    for statement in block:
+        for ref in operands(statement):
+            found[ref] = found.get(ref, 0) + 1
+        loops = isinstance(statement, (Loop, Repeat, Each))
+        for body in inner(statement):
+            made = frozenset(ref for one in walk(body) for ref in defined(one))
+            for ref, count in uses_of(body).items():
+                found[ref] = found.get(ref, 0) + (count if ref in made or not loops else 2 * count)
+    return found
+
+
+def loop_depth(block: Block) -> int:
+    """Return the largest number of loops inside one another."""
+    depths = (loop_depth(body) + isinstance(one, (Loop, Each)) for one in block for body in inner(one))
+    return max(depths, default=0)
+
+
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+def visits(*kinds: type) -> Callable[[Method], Method]:
+    """Mark a method as that of some kinds of statements."""
+
+    def marked(method: Method) -> Method:
+        method.__dict__["visits"] = kinds
+        return method
+
+    return marked
+
+
+class Visitor:
+    """Goes to the method of a statement; a subclass has one for each kind, marked by `visits`."""
+
+    _methods: ClassVar[Mapping[type, str]] = {}
+
+    def __init_subclass__(cls) -> None:
+        """Collect the methods. Raises TypeError where a kind of statement has none."""
+        found = {
+            kind: name
+            for base in reversed(cls.__mro__)
+            for name, method in vars(base).items()
+            for kind in getattr(method, "visits", ())
+        }
+        missing = [kind.__name__ for kind in get_args(Statement) if kind not in found]
+        if missing:
+            raise TypeError(f"{cls.__name__} has no method for {', '.join(missing)}")
+        cls._methods = found
+
+    def statement(self, statement: Statement) -> Any:
+        """Return what the method of a statement returns."""
+        return getattr(self, self._methods[type(statement)])(statement)
