@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import sympy as sp
 from scipy.optimize import brentq
-from sympy import Abs, Max, Piecewise, cos, exp, log, sin, sqrt, tan
+from sympy import Abs, Max, Piecewise, cos, exp, log, sqrt, tan
 
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
@@ -126,12 +126,6 @@ def test_time_velocity_and_parameters() -> None:
         pytest.approx([1.0, 2.0]),
         pytest.approx([2.0]),
     ]
-
-
-def test_a_fast_event_of_time_along_a_slow_motion() -> None:
-    """The series of sin(1000 t) ends long before that of the motion, which has one step."""
-    times = go(free(), 3.0, [sin(1000 * t)]).t_events[0]
-    assert times == pytest.approx(np.arange(1, 955) * math.pi / 1000, abs=1e-11)
 
 
 def test_a_pole_on_the_way_of_a_step_without_length() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -39,6 +40,57 @@ def silence(capfd: Any) -> Any:
     """SUNDIALS prints from C and scikit-sundae from Python: a run leaves both streams empty."""
     yield
     assert tuple(capfd.readouterr()) == ("", "")
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("t1", [7.0, -7.0])
+def test_reaches_the_end_with_a_path_between_the_steps(method: Any, t1: float) -> None:
+    run = method.integrate(problem(oscillator, t1))
+    assert run.status is Status.SUCCESS and run.method == method.name
+    assert run.message == f"{method.name} reached t = {t1:g}." + " Time ran backwards." * (t1 < 0)
+    assert run.t[0] == 0 and run.t[-1] == t1 and run.y.shape == (2, len(run.t)) and run.steps == len(run.t) - 1
+    assert (np.diff(run.t) * t1 > 0).all() and run.evaluations > run.steps > 5 and run.wall > 0
+    times = np.linspace(t1, 0, 500)
+    # rtol = 1e-8 over 7 s leaves errors of 1e-5 at most; between the steps they are no larger than twice that.
+    np.testing.assert_allclose(run.y[0], np.cos(run.t), atol=1e-5)
+    np.testing.assert_allclose(run.dense(times), [np.cos(times), -np.sin(times)], atol=2e-5)
+    np.testing.assert_allclose(run.dense(run.t), run.y, atol=1e-12)
+
+
+def test_step_and_time_limits_keep_what_was_computed(method: Any) -> None:
+    run = method.integrate(problem(oscillator, 1e6, max_steps=5))
+    assert run.status is Status.MAX_STEPS and run.steps + run.rejected >= 5 >= run.steps == len(run.t) - 1
+    assert "used up max_steps = 5 at t = " in run.message and "Raise max_steps" in run.message
+
+    def slow(t: float, x: float, v: float) -> float:
+        time.sleep(1e-3)
+        return -x
+
+    run = method.integrate(problem(slow, 1e6, max_wall=0.1))
+    assert run.status is Status.MAX_WALL and run.wall < 1 and run.steps > 0
+    assert "used up max_wall = 0.1 s at t = " in run.message and "Raise max_wall" in run.message
+    times = np.linspace(0.0, 1e6, 11)
+    run = method.integrate(problem(oscillator, 1e6, t_eval=times, max_steps=5))
+    assert run.t.tolist() == [0.0], "no output beyond the last accepted step"
+
+
+def test_a_stiff_oscillator_ends_in_time_where_the_method_is_for_it(method: Any) -> None:
+    def van_der_pol(t: float, x: float, v: float) -> float:
+        return 1e5 * (1 - x * x) * v - x
+
+    run = method.integrate(problem(van_der_pol, 1e3, (2.0, 0.0), rtol=1e-5, atol=1e-8, max_steps=3000))
+    stiff = method.name in ("scipy-radau", "scipy-bdf", "scipy-lsoda") or getattr(method, "method", "") == "BDF"
+    assert run.status is (Status.SUCCESS if stiff else Status.MAX_STEPS)
+    if stiff:
+        assert run.y[0, -1] == pytest.approx(1.9933, abs=1e-3)
+
+
+def test_threads_do_not_disturb_each_other(method: Any) -> None:
+    expected = method.integrate(problem(oscillator)).y[:, -1]
+    with ThreadPoolExecutor(4) as pool:
+        found = list(pool.map(lambda _: method.integrate(problem(oscillator)), range(4)))
+    assert [run.status for run in found] == [Status.SUCCESS] * 4
+    assert all((run.y[:, -1] == expected).all() for run in found)
 
 
 def test_output_times_are_met_and_do_not_change_the_steps(method: Any) -> None:

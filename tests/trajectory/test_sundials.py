@@ -40,19 +40,16 @@ def silence(capfd: Any) -> Any:
     assert tuple(capfd.readouterr()) == ("", "")
 
 
-@pytest.mark.parametrize("t1", [7.0, -7.0])
-def test_reaches_the_end_with_a_path_between_the_steps(method: CVODE, t1: float) -> None:
-    run = method.integrate(problem(oscillator, t1))
-    assert run.status is Status.SUCCESS
-    assert run.message == f"cvode reached t = {t1:g}." + " Time ran backwards." * (t1 < 0)
-    assert run.t[0] == 0 and run.t[-1] == t1 and run.y.shape == (2, len(run.t)) and run.steps == len(run.t) - 1
-    assert (np.diff(run.t) * t1 > 0).all() and run.evaluations > run.steps > 5 and run.wall > 0
-    assert 0 < run.rejected < run.steps / 5  # of trials whose times CVODE does not tell, seen in its calls
-    times = np.linspace(t1, 0, 500)
-    # rtol = 1e-8 over 7 s left errors of 2e-7 (BDF); between the steps they are no larger.
-    for states, at in ((run.y, run.t), (run.dense(times), times)):
-        np.testing.assert_allclose(states, [np.cos(at), -np.sin(at)], atol=1e-6)
+def test_trials_that_failed_are_counted(method: CVODE) -> None:
+    """CVODE does not tell their times, which are seen in its calls."""
+    run = method.integrate(problem(oscillator, 7.0))
+    assert 0 < run.rejected < run.steps / 5
     np.testing.assert_array_equal(run.dense(run.t), run.y)
+
+
+def test_its_own_limit_of_500_steps_does_not_hold(method: CVODE) -> None:
+    many = method.integrate(problem(oscillator, 200.0))
+    assert many.status is Status.SUCCESS and many.steps > 500
 
 
 def test_the_path_is_of_the_order_of_the_steps(method: CVODE) -> None:
@@ -138,21 +135,6 @@ def test_nothing_is_asked_for_beyond_the_end(method: CVODE, t0: float, span: flo
     assert run.status is Status.SUCCESS and run.t[-1] == end and (np.diff(run.t) * span > 0).all()
 
 
-def test_step_and_time_limits_keep_what_was_computed(method: CVODE) -> None:
-    run = method.integrate(problem(oscillator, 1e6, max_steps=5))
-    assert run.status is Status.MAX_STEPS and run.steps + run.rejected == 5 and len(run.t) == run.steps + 1
-    many = method.integrate(problem(oscillator, 200.0))
-    assert many.status is Status.SUCCESS and many.steps > 500, "CVODE's own limit of 500 steps does not hold"
-
-    def slow(t: float, x: float, v: float) -> float:
-        time.sleep(1e-3)
-        return -x
-
-    run = method.integrate(problem(slow, 1e6, max_wall=0.1))
-    assert run.status is Status.MAX_WALL and run.wall < 1 and run.steps > 0
-    assert "used up max_wall = 0.1 s at t = " in run.message
-
-
 @pytest.mark.parametrize("t1", [2.0, -2.0])
 def test_options_bound_the_steps(method: CVODE, t1: float) -> None:
     bounded = replace(method, max_step=0.01).integrate(problem(oscillator, t1))
@@ -164,10 +146,8 @@ def test_options_bound_the_steps(method: CVODE, t1: float) -> None:
     assert replace(method, first_step=1e9).integrate(problem(oscillator, t1)).status is Status.SUCCESS
 
 
-def test_threads_do_not_disturb_each_other(method: CVODE, capfd: Any) -> None:
-    expected = method.integrate(problem(oscillator)).y[:, -1]
-    found: list[Any] = []
-    threads = [threading.Thread(target=lambda: found.append(method.integrate(problem(oscillator)))) for _ in range(4)]
+def test_what_others_print_while_threads_run_is_let_through(method: CVODE, capfd: Any) -> None:
+    threads = [threading.Thread(target=lambda: method.integrate(problem(oscillator))) for _ in range(4)]
     before = sys.stdout
     for thread in threads:
         thread.start()
@@ -176,17 +156,7 @@ def test_threads_do_not_disturb_each_other(method: CVODE, capfd: Any) -> None:
         sys.stdout.write("x")
     for thread in threads:
         thread.join()
-    assert sys.stdout is before and set(capfd.readouterr().out) == {"x"}, "what others print is let through"
-    assert [run.status for run in found] == [Status.SUCCESS] * 4
-    assert all((run.y[:, -1] == expected).all() for run in found)
-
-
-def test_van_der_pol_is_for_it() -> None:
-    def van_der_pol(t: float, x: float, v: float) -> float:
-        return 1e5 * (1 - x * x) * v - x
-
-    run = CVODE().integrate(problem(van_der_pol, 1e3, (2.0, 0.0), rtol=1e-5, atol=1e-8, max_steps=3000))
-    assert run.status is Status.SUCCESS and run.y[0, -1] == pytest.approx(1.9933, abs=1e-3)
+    assert sys.stdout is before and set(capfd.readouterr().out) == {"x"}
 
 
 @pytest.mark.parametrize("rtol", [1e-5, 1e-8])
