@@ -4,10 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import pairwise
+from typing import Any
 
+import pytest
 from sympy import cos
 
 import lagrange as lg
+
+
+def every_scene(*few: str) -> list[Any]:
+    """Return the names of all scenes as parameters, of which a run without --conformance takes few."""
+    return [pytest.param(name, marks=[pytest.mark.conformance] * (name not in few)) for name in lg.scenes()]
 
 
 def held(system: lg.System) -> list[str]:

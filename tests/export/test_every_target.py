@@ -29,6 +29,7 @@ from lagrange.export.languages import (
 from lagrange.export.module import Check
 from lagrange.export.registry import find
 from lagrange.program.program import Program
+from tests.covering import Share
 from tests.export.callers import LANGUAGES, run, write
 from tests.export.graphs import as_module, graph, points, wrong
 from tests.export.systems import named
@@ -212,27 +213,17 @@ def usual_graph(target: str, seed: int) -> Program:
     return replace(program, instructions=tuple(code))
 
 
-def check_graphs(target: str, count: int, folder: Path) -> None:
-    why = missing(target)
-    if why:
-        pytest.skip(why)
-    programs = [usual_graph(target, seed) for seed in range(count)]
-    complaints = [
-        line
-        for one, y, values in printed(target, programs, folder)
-        for line in wrong(one, y, values, LEAST.get(target, 0.0))
-    ]
-    assert not complaints, "\n".join(complaints[:20])
-
-
 @pytest.mark.parametrize(
     "target", [pytest.param(target, marks=[pytest.mark.slow] * (target == "jax")) for target in PRINTED]
 )
-def test_random_graphs(target: str, tmp_path: Path) -> None:
-    check_graphs(target, 6, tmp_path)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("target", PRINTED)
-def test_many_random_graphs(target: str, tmp_path: Path) -> None:
-    check_graphs(target, 60, tmp_path)
+def test_random_graphs(target: str, tmp_path: Path, share: Share) -> None:
+    why = missing(target)
+    if why:
+        pytest.skip(why)
+    programs = [usual_graph(target, seed) for seed in range(share(36))]
+    complaints = [
+        line
+        for one, y, values in printed(target, programs, tmp_path)
+        for line in wrong(one, y, values, LEAST.get(target, 0.0))
+    ]
+    assert not complaints, "\n".join(complaints[:20])

@@ -12,9 +12,10 @@ from lagrange.export.contents import module_of, wanted
 from lagrange.export.languages.julia import source
 from lagrange.export.module import SourceModule
 from lagrange.export.registry import find
+from tests.covering import Share
 from tests.export.graphs import as_module, graph, points, rarer, rarer_results, wrong
 from tests.export.julia_reader import check, loaded, reals
-from tests.export.systems import held, named
+from tests.export.systems import every_scene, held, named
 from tests.export.test_modules import AWKWARD, coupled
 
 QUANTITIES_OF_ALL = ["rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations"]
@@ -85,20 +86,10 @@ def right(made: SourceModule) -> None:
                 assert (np.abs(np.subtract(out.values, expected)) <= allowed).all(), one.name
 
 
-def conforms(scene: str) -> None:
+@pytest.mark.parametrize("scene", every_scene("double-pendulum", "cartesian-double-pendulum"))
+def test_a_scene_conforms(scene: str) -> None:
     system = lg.scene(scene)
     right(module(system, [*QUANTITIES_OF_ALL, *held(system)]))
-
-
-@pytest.mark.parametrize("scene", ["double-pendulum", "cartesian-double-pendulum"])
-def test_a_scene_conforms(scene: str) -> None:
-    conforms(scene)
-
-
-@pytest.mark.conformance
-@pytest.mark.parametrize("scene", lg.scenes())
-def test_every_scene_conforms(scene: str) -> None:
-    conforms(scene)
 
 
 @pytest.mark.parametrize(
@@ -118,8 +109,8 @@ def test_what_is_broken_is_found(text: str, broken: str) -> None:
         check(made.replace(text, broken, 1))
 
 
-def check_graphs(count: int) -> None:
-    programs = [graph(seed, without=["erf"]) for seed in range(count)]
+def test_random_graphs(share: Share) -> None:
+    programs = [graph(seed, without=["erf"]) for seed in range(share(60))]
     text = source(as_module(programs, [rarer()]))
     check(text)
     known = loaded(text)
@@ -135,15 +126,6 @@ def check_graphs(count: int) -> None:
             out = reals([0.0] * 8)
             known["rarer_changes"](out, 0.0, reals([a, b, 0.0, 0.0]), reals([0.0]))
             np.testing.assert_array_equal(out.values, rarer_results(a, b))
-
-
-def test_random_graphs() -> None:
-    check_graphs(12)
-
-
-@pytest.mark.slow
-def test_many_random_graphs() -> None:
-    check_graphs(60)
 
 
 def test_awkward_names() -> None:

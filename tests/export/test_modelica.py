@@ -11,9 +11,10 @@ import pytest
 
 import lagrange as lg
 from lagrange.export.languages.modelica import Hoisted, functions
+from tests.covering import Share
 from tests.export.graphs import as_module, graph, points, wrong
 from tests.export.modelica_reader import Failed, Machine
-from tests.export.systems import held, named
+from tests.export.systems import every_scene, held, named
 from tests.export.test_modules import coupled, on_a_sphere
 
 CONTENTS = ("rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations")
@@ -28,11 +29,12 @@ def exported(system: lg.System, folder: Path, *contents: str) -> Machine:
     return Machine(text)
 
 
-def conforms(scene: str, folder: Path) -> None:
+@pytest.mark.parametrize("scene", every_scene("double-pendulum", "cartesian-pendulum"))
+def test_a_scene_conforms(scene: str, tmp_path: Path) -> None:
     """Run the test in the file, and ten steps with its right-hand side; its model has the initial state."""
     system = lg.scene(scene)
     statement = system.statement
-    machine = exported(system, folder, *CONTENTS, *held(system))
+    machine = exported(system, tmp_path, *CONTENTS, *held(system))
     tests = [name for name in machine.reader.functions if name.startswith("test_")]
     assert len(tests) == len(CONTENTS) + len(held(system))
     assert [machine.call(name) for name in tests] == [0] * len(tests), machine.warnings[:5]
@@ -56,17 +58,6 @@ def conforms(scene: str, folder: Path) -> None:
     assert y == pytest.approx(ours, rel=1e-9, abs=1e-9)
 
 
-@pytest.mark.parametrize("scene", ["double-pendulum", "cartesian-pendulum"])
-def test_a_scene_conforms(scene: str, tmp_path: Path) -> None:
-    conforms(scene, tmp_path)
-
-
-@pytest.mark.conformance
-@pytest.mark.parametrize("scene", lg.scenes())
-def test_every_scene_conforms(scene: str, tmp_path: Path) -> None:
-    conforms(scene, tmp_path)
-
-
 def test_a_wrong_number_fails_the_self_test(tmp_path: Path) -> None:
     lg.scene("pendulum").export("modelica", tmp_path)
     text = (tmp_path / "pendulum.mo").read_text()
@@ -79,8 +70,8 @@ def test_a_wrong_number_fails_the_self_test(tmp_path: Path) -> None:
     assert off.warnings[0].startswith("rhs, state 1, result 2: ") and len(off.warnings) == 6
 
 
-def check_graphs(count: int) -> None:
-    programs = [graph(seed) for seed in range(count)]
+def test_random_graphs(share: Share) -> None:
+    programs = [graph(seed) for seed in range(share(60))]
     module = as_module(programs)
     lines = functions(module, Hoisted(programs, 0))
     machine = Machine("\n".join(["package graphs", *lines, "end graphs;"]))
@@ -89,15 +80,6 @@ def check_graphs(count: int) -> None:
         for y in points(k, 6):
             found = [float(value) for value in machine.call(f"Functions.{one.name}", 0.0, np.array(y), p)]
             assert list(wrong(one, y, found)) == []
-
-
-def test_random_graphs() -> None:
-    check_graphs(12)
-
-
-@pytest.mark.slow
-def test_many_random_graphs() -> None:
-    check_graphs(60)
 
 
 AWKWARD = (

@@ -17,9 +17,10 @@ from lagrange.export.registry import find
 from lagrange.export.target import QUANTITIES
 from lagrange.procedure.outcome import Outcome
 from lagrange.program.program import Instruction, Program, ProgramBlock
+from tests.covering import Share
 from tests.export.callers import LANGUAGES, Call, called, main_command, missing, run, tried, write
 from tests.export.graphs import SPECIAL, as_module, edges, graph, points, rarer, rarer_results, wrong
-from tests.export.systems import held, named
+from tests.export.systems import every_scene, held, named
 from tests.export.test_c import CONTENTS
 
 TARGETS = [
@@ -45,23 +46,25 @@ def every_second(first: int) -> pytest.MarkDecorator:
     ])  # fmt: skip
 
 
-def conforms(target: str, scene: str, folder: Path) -> None:
+@every_target
+@pytest.mark.parametrize("scene", every_scene("double-pendulum", "cartesian-double-pendulum"))
+def test_a_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
     """Compile all contents of a scene, run the self-test, and compare the table of main with our trajectory."""
     system = lg.scene(scene)
     contents = [one for one in CONTENTS if one in QUANTITIES or stepping(target)]
-    made = system.export(target, folder, [*contents, *held(system)])
+    made = system.export(target, tmp_path, [*contents, *held(system)])
     for text in (file.read_text() for file in made.files):
         assert text.isascii() and text.endswith("\n") and not text.endswith("\n\n")
     for command in LANGUAGES[target].strict:
-        run(command.format(module=scene.replace("-", "_")), folder)
-    assert [run(command, folder) for command in made.commands][-1].endswith("results are right\n")
+        run(command.format(module=scene.replace("-", "_")), tmp_path)
+    assert [run(command, tmp_path) for command in made.commands][-1].endswith("results are right\n")
     if not stepping(target):
         return
     end = min(1.0, system.statement.run.t_end)
     *build, start = made.run_commands
     for command in build:
-        run(command, folder)
-    head, *rows = run(main_command(start, end, 4), folder).splitlines()
+        run(command, tmp_path)
+    head, *rows = run(main_command(start, end, 4), tmp_path).splitlines()
     assert head.split(",") == ["t", *find_names(system)]
     found = np.array([row.split(",") for row in rows], dtype=float)
     # Both take the tolerance of main. Ours is interpolated where main stops, so the steps are not the same.
@@ -74,19 +77,6 @@ def conforms(target: str, scene: str, folder: Path) -> None:
 def find_names(system: lg.System) -> list[str]:
     names = system.statement.names
     return [*names, *(f"{name}_dot" for name in names)]
-
-
-@every_target
-@pytest.mark.parametrize("scene", ["double-pendulum", "cartesian-double-pendulum"])
-def test_a_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
-    conforms(target, scene, tmp_path)
-
-
-@every_target
-@pytest.mark.conformance
-@pytest.mark.parametrize("scene", lg.scenes())
-def test_every_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
-    conforms(target, scene, tmp_path)
 
 
 WRONG: dict[str, tuple[str, str]] = {
@@ -113,10 +103,11 @@ def test_a_wrong_number_fails_the_self_test(target: str, tmp_path: Path) -> None
         run(start, tmp_path)
 
 
-def check_graphs(target: str, count: int, folder: Path) -> None:
+@every_second(0)
+def test_random_graphs(target: str, tmp_path: Path, share: Share) -> None:
     without = sorted(find(target).inexpressible)
-    programs = [*(graph(seed, without) for seed in range(count)), edges(without)]
-    file = write(target, as_module(programs, [rarer()]), folder)
+    programs = [*(graph(seed, without) for seed in range(share(60))), edges(without)]
+    file = write(target, as_module(programs, [rarer()]), tmp_path)
     states = {program.name: points(k, 6) for k, program in enumerate(programs)}
     states["edges"] = [[a, b, 0.0, 0.0] for a in SPECIAL for b in (*SPECIAL, 0.5, -2.5)]
     calls = [Call(one.name, 0.0, y, len(one.outputs)) for one in programs for y in states[one.name]]
@@ -130,17 +121,6 @@ def check_graphs(target: str, count: int, folder: Path) -> None:
     for (a, b), one in zip(pairs, found[len(calls) :], strict=True):
         rest = slice(0, 8) if math.isfinite(a) and abs(a) >= 2.3e-308 else [0, 1, 2, 4, 5, 6, 7]  # else no mantissa
         np.testing.assert_array_equal(np.array(one.values)[rest], np.array(rarer_results(a, b))[rest])
-
-
-@every_second(0)
-def test_random_graphs(target: str, tmp_path: Path) -> None:
-    check_graphs(target, 12, tmp_path)
-
-
-@every_target
-@pytest.mark.slow
-def test_many_random_graphs(target: str, tmp_path: Path) -> None:
-    check_graphs(target, 60, tmp_path)
 
 
 AWKWARD = (

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -209,16 +208,6 @@ def test_a_hermite_path_of_a_stiff_step_stays_the_cubic() -> None:
     times = np.linspace(0.0, 1.0, 101)
     for order in (3, 5, 8):
         assert hermite(compiled, grid, states, order)(times)[0] == pytest.approx(np.exp(-1e-8 * times), abs=1e-7)
-
-
-def test_a_thousand_times_are_no_burden() -> None:
-    """Measured: 4 ms at order 8 on a quiet machine, for a thousand steps; a loop in Python would take seconds."""
-    compiled, grid = model("Henon-Heiles"), np.linspace(0.0, 3.0, 1001)
-    path = hermite(compiled, grid, exact(compiled, 3.0, t_eval=grid).y.T, 8)
-    path(grid)
-    began = time.process_time()
-    path(np.linspace(0.0, 3.0, 1000))
-    assert time.process_time() - began < 1.5
 
 
 @pytest.mark.parametrize("target", TARGETS)

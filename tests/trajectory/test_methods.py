@@ -197,10 +197,6 @@ def test_steps_follow_the_formula(name: str, target: str) -> None:
 # --- claims ---------------------------------------------------------------------------------------------------
 
 
-def general() -> Model:
-    return model("cart and pole")
-
-
 SEPARABLE = {"Henon-Heiles": 3.0, "pendulum": 1.0}
 GENERAL = {"cart and pole": 1.2, "double pendulum": 0.5}
 COUNTS = tuple(round(4 * 2 ** (i / 2)) for i in range(18))
