@@ -42,7 +42,7 @@ end
 
 def module(system: lg.System, contents: list[str]) -> SourceModule:
     model = system.compile("numpy")
-    return module_of(model, wanted(find("julia"), model, contents, ()), ())
+    return module_of(model, wanted(find("julia"), model, contents, (), None), ())
 
 
 @pytest.mark.parametrize("name", ["test", "random", "dict", "base", "sin"])
