@@ -221,8 +221,20 @@ def _without(statement: Statement, name: str, given: Any) -> Statement:
         constraint, solved = _solved(held, name, statement)
     else:
         constraint, solved = _checked(held, name, given, statement)
+    _check_multiplier(constraint, name, statement)
     _check_initial(statement, name, solved)
     return _substituted(statement, name, constraint, solved)
+
+
+def _check_multiplier(constraint: Constraint, name: str, statement: Statement) -> None:
+    """Raise StatementError if a force contains the multiplier of a constraint that is to be left out."""
+    for q, force in zip(statement.names, statement.forces, strict=True):
+        if force.has(constraint.multiplier):
+            raise StatementError(
+                f"{name} is determined by {constraint.name}, and the force on {q} contains the multiplier of "
+                f"{constraint.name}, which has no value without it: keep {name} and {constraint.name}, or state the "
+                "force in coordinates and velocities."
+            )
 
 
 def _check_initial(statement: Statement, name: str, solved: Any) -> None:

@@ -242,3 +242,16 @@ def test_what_cannot_be_eliminated_is_refused(constraints: Any, wanted: Any, wor
 def test_a_branch_of_another_sign_is_one_too(root: Any) -> None:
     upper = pair(rod=ROD).eliminate({y: root})
     assert upper.statement.names == ("x", "theta")
+
+
+@pytest.mark.parametrize("wanted", [y, "floor", {y: 0}])
+def test_a_multiplier_in_a_force_keeps_its_constraint(wanted: Any) -> None:
+    """The message was "a force contains lambda[floor], but system has no constraints"."""
+    block = lg.System(
+        kinetic=m * (x.dot**2 + y.dot**2) / 2,
+        potential=m * g * y,
+        constraints={"floor": y},
+        forces={x: -c * lg.multiplier("floor") * sympy.sign(x.dot)},
+    )
+    with pytest.raises(StatementError, match="the force on x contains the multiplier of floor, which has no value"):
+        block.eliminate(wanted)
