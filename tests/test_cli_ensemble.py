@@ -101,6 +101,10 @@ def test_failures_are_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
         (["--vary", "thet=0:1:3"], "Did you mean 'theta'?"),
         (["--vary", "theta=1:-1:3"], "--vary theta=1:-1:3: it goes from 1 down to -1. Write the lower"),
         (["--vary", "theta=0:1:0"], "the number of values of theta = 0: give a whole number from 1"),
+        (
+            ["--vary", "theta=0:1:20000", "--vary", "l=1:2:20000"],
+            "--vary gives 4e+08 members, which run for minutes to",
+        ),
         (["--vary", "theta=0:1:3", "--keep", "ende"], "Did you mean 'end'?"),
         (["--vary", "theta=0:1:3", "--keep", "max:thet"], "these are theta and theta_dot. Did you mean 'theta'?"),
         (["--vary", "theta=0:1:3", "--out", "a.foo"], "--out a.foo: name a picture, .png, .svg or .pdf, a table, .csv"),

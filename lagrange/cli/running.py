@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 from collections import Counter
 from pathlib import Path
@@ -159,6 +160,7 @@ def ensemble(request: argparse.Namespace) -> Answer:
     """Run a scene many times, and report how the runs ended."""
     begun, how = start(request), method(request)
     axes, out = _axes(request.vary), _target(request)
+    _check_members(axes, out)
     points = count("--points", request.points)
     system = load_scene(request.scene)
     varied = _varied(axes, {**begun["initial"], **begun["parameters"]})
@@ -202,6 +204,20 @@ def _target(request: argparse.Namespace) -> Path | None:
     if ending != STORE:
         check_place(out)
     return out
+
+
+MOST_WITHOUT_STORE = 10_000_000
+"""Most members of an ensemble that is not written to a folder, from which it could go on: the quickest take minutes."""
+
+
+def _check_members(axes: dict[str, tuple[float, float, int]], out: Path | None) -> None:
+    """Raise StatementError for more members than run without a folder that stores them."""
+    members = math.prod(count for _, _, count in axes.values())
+    if members > MOST_WITHOUT_STORE and (out is None or out.suffix.lower() != STORE):
+        raise StatementError(
+            f"--vary gives {members:.3g} members, which run for minutes to days: give --out runs{STORE}, a folder from "
+            f"which the same command goes on when it is interrupted, or at most {MOST_WITHOUT_STORE:,} members."
+        )
 
 
 def _written(runs: Ensemble, out: Path, what: str | None, style: str, *, stopped: bool) -> str:
