@@ -36,7 +36,7 @@ def _is_periodic(form: PlainForm, q: sympy.Symbol, parts: list[sympy.Expr]) -> b
 
 
 def is_angle(statement: Statement, row: int) -> bool:
-    """Return whether an entry of the state, by its row, is an angle; false for velocities."""
+    """Return True if the entry of the state in a row is an angle; False for velocities."""
     return row < len(statement.names) and angles(statement)[row]
 
 

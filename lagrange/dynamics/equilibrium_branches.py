@@ -1,7 +1,7 @@
 """Branches of equilibria: each is followed along a parameter, with its eigenvalues and its stability.
 
-Where equilibria are known as formulas, these are evaluated. Others are searched for at three values, the first, a
-middle one and the last, and followed from there.
+Formulas of equilibria are evaluated at every value. Equilibria without formulas are searched numerically at three
+values, the first, a middle one and the last, and followed from there.
 """
 
 from __future__ import annotations
@@ -147,10 +147,9 @@ def _add(
 
 
 def _with_ends(place: Equilibrium, statement: Statement, parameter: str, values: FloatArray) -> FloatArray:
-    """Return the values of a parameter, with more values beside those at which a formula begins or ceases to be real.
+    """Return the values of a parameter, with more values where a formula begins or ceases to be real.
 
-    A branch may begin with an infinite slope, as a square root does. So the squares of the distances from that value
-    are equally spaced.
+    A branch may begin with an infinite slope, as a square root does. So distances from that value grow as squares.
     """
     known = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
     chosen = next(p for p in statement.parameters if p.name == parameter)

@@ -84,7 +84,7 @@ class Window:
         ]
 
     def holds(self, state: FloatArray) -> bool:
-        """Return whether a state is inside the window."""
+        """Return True if a state is inside the window."""
         return all(
             axis.low <= state[axis.row] <= axis.high or (axis.row < len(self.periodic) and self.periodic[axis.row])
             for axis in self.plane

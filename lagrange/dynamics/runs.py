@@ -175,7 +175,7 @@ MOST_MULTIPLE = 64
 
 
 def depends_on_time(statement: Statement) -> bool:
-    """Return whether the Lagrangian, a force, the dissipation or a constraint contains time."""
+    """Return True if the Lagrangian, a force, the dissipation or a constraint contains time."""
     return any(part.has(t) for part in _parts(statement))
 
 

@@ -35,12 +35,15 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class SweepData:
-    """The settled motion on a section at values (k,) of a parameter, from each of m starts.
+    """Points of a bifurcation diagram: k values of a parameter, m orbits at each value, s points on each orbit.
 
-    `states` (k, m, s, 2n) are the last s points of each orbit, NaN where there are fewer. `cycles` (k, m) are the
-    lengths p of cycles: the least p after which every point repeats, or 0 if no p up to s/2 does. `statuses` has a
-    list for each value. `event` is that of the section, None for points at `periods` (k,) of the driving. With
-    `followed` each orbit begins where that of the previous value ended.
+    - `values` (k,) are the values of the parameter.
+    - `states` (k, m, s, 2n) are the last s states of each orbit on the section; missing ones are NaN.
+    - `cycles` (k, m) is the period of each orbit: the least number of points after which all points repeat. It is 0 if
+      they do not repeat within s/2 points.
+    - `statuses` has for each value how each orbit ended.
+    - `event` defines the section. Without one, points are taken once in a period of the driving, `periods` (k,).
+    - `followed` is true if each orbit began where the orbit at the previous value ended.
     """
 
     statement: Statement

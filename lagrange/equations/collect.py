@@ -63,14 +63,17 @@ def shortened(algebra: Algebra, terms: MonomialSum) -> MonomialSum:
 
 
 def _worthwhile(algebra: Algebra, terms: MonomialSum, k: int) -> bool:
-    """Return True if a factor has several powers or a whole one, or occurs in enough terms to divide them."""
+    """Return True if merging terms by factor k may shorten the sum.
+
+    The factor is a sum with the exponents found in `terms`: they differ, one is whole, or there are enough such terms.
+    """
     exponents = [powers[k] for powers in map(dict, terms) if k in powers]
     several = len(set(exponents)) > 1 or any(isinstance(exponent, int) for exponent in exponents)
     return several or len(exponents) >= len(algebra.read(algebra.factors[k]))
 
 
 def _put_together(algebra: Algebra, terms: MonomialSum, k: int) -> MonomialSum:
-    """Return the sum, where shorter with terms merged that differ only in powers of factor k and of its symbols."""
+    """Merge terms that differ only in the power of factor k, or of its symbols, where the sum becomes shorter."""
     inside = algebra.free(k)
     groups: dict[Any, MonomialSum] = {}
     for monomial, number in terms.items():

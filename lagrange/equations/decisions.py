@@ -33,7 +33,7 @@ MOST_TURNING = 4
 
 DIGITS = 30
 ZERO = sympy.Float("1e-15", DIGITS)
-"""Differences of numbers of 30 digits below this fraction of them are taken for rounding."""
+"""Differences below this fraction of the numbers, which have 30 digits, count as rounding."""
 
 
 def visibly_homogeneous(statement: Statement) -> bool:
@@ -65,7 +65,7 @@ def proven_homogeneous(stated: StatedAlgebra) -> bool:
 
 
 def seen_mixed(statement: Statement) -> bool:
-    """Return True if a number shows that T has terms of other degrees than 1 and 2 in the velocities.
+    """Return True if values of T show terms of other degrees than 1 and 2 in the velocities.
 
     The sum T(v) + T(-v) has no terms of first degree, which are allowed: a charge in a field has them. Terms of second
     degree become four times as large at doubled velocities; any other factor shows other terms. False if T contains

@@ -148,7 +148,7 @@ def first_order_coordinates(
 
 
 def without(chosen: Sequence[int], motion: MotionForm) -> MotionForm:
-    """Return the equations with those of the chosen coordinates set to zero; relations replace them."""
+    """Return p, f and h with zeros for the chosen coordinates, whose equations are stated as relations instead."""
 
     def cleared(entries: Sequence[Node]) -> tuple[Node, ...]:
         return tuple(entry.graph.zero if i in chosen else entry for i, entry in enumerate(entries))

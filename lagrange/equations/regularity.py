@@ -39,8 +39,10 @@ ROUND_OFF = 1e-12
 """A value counts as zero if it is below this fraction of its terms."""
 
 Reach = Callable[[Statement, Equations, FloatArray, FloatArray], list[FloatArray]]
-"""A function of statement, equations, states (2n, k) and parameters. Returns the states that it could project onto the
-constraints."""
+"""Projection onto the constraints: takes statement, equations, states (2n, k) and parameters.
+
+It returns the projected states, without those whose projection failed.
+"""
 
 
 def equations_of(statement: Statement, reach: Reach) -> Equations:
@@ -236,7 +238,10 @@ def _check_empty(
 
 
 def _common_singular(mass: FloatArray, gradient: FloatArray) -> Singular | None:
-    """Return the singularity at the first state with finite numbers, if all such states have one; else None."""
+    """Return the singularity if M and G are singular at every state, else None; states without numbers are skipped.
+
+    `mass` is (n, n, states), `gradient` (m, n, states). The result describes the first singular state.
+    """
     first = None
     for k in range(mass.shape[2]):
         singular = least_regular(mass[:, :, k], gradient[:, :, k])

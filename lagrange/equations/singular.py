@@ -31,8 +31,10 @@ NEARLY_SINGULAR = 1e-6
 """If the smallest relative singular value is above this, the message blames the mass matrix, not the constraints."""
 
 DEPENDENT = 1e-8
-"""Rows of G are dependent if their least singular value is below this fraction of the largest. States satisfy the
-constraints to 1e-12, and rows that are dependent on the constraints differ off them by as much."""
+"""Rows of G count as dependent if their least singular value is below this fraction of the largest.
+
+States satisfy the constraints only to 1e-12, so rows that are dependent on the constraints differ by that much.
+"""
 
 NAMED_SHARE = 1e-6
 """Entries of a null vector below this fraction of the largest are rounding noise."""

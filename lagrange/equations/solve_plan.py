@@ -86,7 +86,7 @@ def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
 
 
 def value_somewhere(expression: Any) -> float:
-    """Return the value of an expression at a generic point."""
+    """Return the value of an expression where its symbols have distinct arbitrary values."""
     leaves = sorted(expression.atoms(AppliedUndef, Derivative), key=str)
     plain = expression.xreplace({leaf: sympy.Dummy(str(leaf)) for leaf in leaves})
     return float(sympy.N(plain.xreplace(_point(plain.free_symbols)), 30))

@@ -472,7 +472,10 @@ class _PreciseRun:
         return inverses, [[self.laws.number(float(x)) for x in row] for row in multipliers]
 
     def _check_tail(self, a: Sequence[Numbers], sizes: FloatArray) -> None:
-        """Raise _TooLong if the series of the accelerations stops decreasing, as across a kink."""
+        """Raise _TooLong if the interval is too long for its polynomial: its last coefficients have not become small.
+
+        `a` are the accelerations at the s points. A kink of the forces within the interval has this effect.
+        """
         columns, dot = list(zip(*a, strict=True)), self.laws.context.fdot
         middle, tail = (
             np.array([max(abs(float(dot(row, column))) for row in rows) for column in columns])

@@ -33,7 +33,7 @@ def edges(given: Any) -> Sequence[Any]:
 
 
 def on_side(given: Any, edge: Any, sign: int) -> Any:
-    """Return an expression as it is where an edge has a sign, 1 or -1."""
+    """Return the formula of an expression on one side of a corner: where `edge` has the sign 1 or -1."""
     table = {Magnitude(edge): sign * edge, Direction(edge): sympy.Integer(sign), Step(edge): sympy.Integer(sign > 0)}
     for one in sorted(given.atoms(_COMPARED), key=str):
         if one.lhs - one.rhs == edge:
@@ -42,7 +42,7 @@ def on_side(given: Any, edge: Any, sign: int) -> Any:
 
 
 def _compared(one: Any, sign: int) -> Any:
-    """Return whether a comparison holds where its left side, less its right one, has a sign."""
+    """Return the truth of a comparison where left side minus right side has the sign 1 or -1."""
     above: Mapping[str, bool] = {">": sign > 0, ">=": sign > 0, "<": sign < 0, "<=": sign < 0, "!=": True}
     return sympy.true if above.get(one.rel_op, False) else sympy.false
 
@@ -224,12 +224,12 @@ _SIZE = sympy.Dummy("size", real=True)
 
 
 def small(statement: Statement, about: Any, order: Any) -> Statement:
-    """Return the statement expanded to an order in changes of coordinates and velocities; see `Analysis.small`."""
+    """Return the statement expanded to an order in changes of coordinates and velocities; see `System.small`."""
     return _Expansion(stated_point(statement, about), whole_number(order, "order", 2, HIGHEST)).statement()
 
 
 class _Expansion:
-    """L, D and the constraints to one order, forces to one less: then the equations of motion have that order."""
+    """Expansion of a statement. L, D and the constraints have `order`, forces one less, as equations of motion do."""
 
     def __init__(self, point: StatedPoint, order: int) -> None:
         self.point, self.form, self.order = point, point.form, order

@@ -150,7 +150,7 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
 def linearized_at(point: StatedPoint) -> Linearization:
     """Return the linearization about a point. Raises StatementError if the forces or their slopes have no value there.
 
-    `Analysis.linearize` describes the arguments.
+    `System.linearize` describes the arguments.
     """
     if point.form.statement.constraints:
         return _constrained(point)

@@ -265,11 +265,11 @@ class PlainForm:
 
     @cached_property
     def stated(self) -> Mapping[Any, Any]:
-        """Replacement of the symbols by coordinates, velocities and accelerations."""
+        """The inverse of `plain`: {symbol: coordinate, velocity or acceleration of the statement}."""
         return {symbol: leaf for leaf, symbol in self.plain.items()}
 
     def at(self, point: Point) -> dict[Any, Any]:
-        """Return the exact numbers of a point by symbol: coordinates, velocities, parameters and t."""
+        """Return a point as exact fractions, {symbol of a coordinate, velocity, parameter or t: fraction}."""
         numbers = [*zip(self.q, point.q, strict=True), *zip(self.v, point.v, strict=True)]
         numbers += [*point.parameters.items(), (t, point.t)]
         return {symbol: sympy.Rational(x) for symbol, x in numbers}

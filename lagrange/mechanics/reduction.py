@@ -34,11 +34,12 @@ def rewritten(
     parameters: Mapping[Any, Any] | None = None,
     initial: Mapping[Any, float] | None = None,
 ) -> Statement:
-    """Return the statement with `put` applied to every expression, checked again.
+    """Return the statement with the function `put` applied to every expression; the result is checked as a new one.
 
-    `coordinates` are those of the new statement. `forces` are finished; where they are not given, `put` makes them of
-    the old ones, as it does with `constraints`, old ones in any case. `parameters` are all that the new expressions
-    may contain, with None for those that have no value. `initial` is keyed by coordinate and velocity.
+    Parts that are None are those of the statement. `coordinates` are the new coordinates. `forces` are new forces, to
+    which `put` is not applied. `constraints` are the old constraints that remain; `put` is applied to them.
+    `parameters` are all parameters of the new expressions, {symbol: value or None}. `initial` is the new initial state,
+    by coordinate and velocity.
     """
     chosen = statement.coordinates if coordinates is None else tuple(coordinates)
     held = statement.constraints if constraints is None else constraints
@@ -72,7 +73,7 @@ def rewritten(
 
 
 def with_origin(made: Statement, statement: Statement) -> Statement:
-    """Return a statement that was made of another with what that says of itself: text, run, dimensions."""
+    """Return a derived statement with the description, source, run settings and dimensions of the original."""
     left = {t, *made.coordinates, *made.parameters}
     sizes = MappingProxyType({symbol: size for symbol, size in statement.dimensions.items() if symbol in left})
     return replace(made, about=statement.about, source=statement.source, run=statement.run, dimensions=sizes)
@@ -138,8 +139,7 @@ def _value(parameter: Any, given: Any, by_name: Mapping[str, Any]) -> Any:
 
 
 ROUNDING = 1e-6
-"""An initial value this close to that of the expression, relative to the larger, is the same with fewer digits: six or
-more of those that a constraint is typed with are right."""
+"""Largest difference of an initial value from its expression, relative to the larger: six typed digits are enough."""
 
 
 def reduced(statement: Statement, wanted: Sequence[Any]) -> Statement:
@@ -157,7 +157,7 @@ def reduced(statement: Statement, wanted: Sequence[Any]) -> Statement:
 
 
 def _requests(one: Any, statement: Statement) -> list[tuple[str, Any]]:
-    """Return the coordinates meant, each with the expression given for it, or None."""
+    """Return (name of a coordinate, its expression or None) for each coordinate that a request names."""
     if isinstance(one, Mapping):
         return [(_named(key, statement), value) for key, value in one.items()]
     constraints = {held.name: held for held in statement.constraints}
@@ -208,7 +208,7 @@ def _solution(constraint: Constraint, name: str, statement: Statement) -> Any:
 
 
 def _never_zero(slope: Any) -> bool:
-    """Return whether SymPy knows that an expression in real symbols and positive parameters is not zero."""
+    """Return True if SymPy proves that an expression in real symbols and positive parameters is not zero."""
     return bool(slope.is_nonzero) or bool(sympy.factor(slope).is_nonzero)
 
 
@@ -238,7 +238,7 @@ def _check_multiplier(constraint: Constraint, name: str, statement: Statement) -
 
 
 def _check_initial(statement: Statement, name: str, solved: Any) -> None:
-    """Raise StatementError where an initial value or velocity is another than that of an expression and its rate.
+    """Raise StatementError if the initial value of a coordinate or velocity differs from its expression.
 
     Values of zero are not compared, since zero is the default. Nothing is compared if a parameter has no value.
     """
@@ -283,7 +283,7 @@ def _solved(held: Sequence[Constraint], name: str, statement: Statement) -> tupl
 
 
 def _refusal(held: Sequence[Constraint], name: str, statement: Statement) -> str:
-    """Return why no constraint determines a coordinate."""
+    """Return the error message for a coordinate that no constraint determines."""
     if not held:
         return f"{name} is in no constraint, so it cannot be eliminated: it moves freely."
     places = [one for one in held if one.holonomic]
@@ -304,7 +304,7 @@ def _refusal(held: Sequence[Constraint], name: str, statement: Statement) -> str
 
 
 def _on_velocities(names: Sequence[str]) -> str:
-    """Return why constraints on velocities eliminate nothing."""
+    """Return the error message for constraints on velocities, which cannot be eliminated."""
     return (
         f"{listing(names)} {'is a constraint' if len(names) == 1 else 'are constraints'} on velocities, which may not "
         "be put into the energies, since the forces of the constraint would be missing. Keep it, or state the "

@@ -42,23 +42,23 @@ class Routh:
 
     @cached_property
     def gone(self) -> dict[Any, Any]:
-        """Zero for the ignored coordinates, which nothing depends on."""
+        """Replacement of the ignored coordinates by zero: nothing depends on them."""
         return {self.form.q[i]: sympy.S.Zero for i in self.places}
 
     @cached_property
     def still(self) -> dict[Any, Any]:
-        """Zero for the velocities of the ignored coordinates."""
+        """Replacement of the velocities of the ignored coordinates by zero."""
         return {self.form.v[i]: sympy.S.Zero for i in self.places}
 
     @cached_property
     def shifted(self) -> Any:
-        """The column p_I - b."""
+        """The column p_I - b: momenta of the ignored coordinates, less their values at zero ignored velocities."""
         rest = [self.form.momenta[i].xreplace(self.still | self.gone) for i in self.places]
         return sympy.Matrix([p - b for p, b in zip(self.symbols, rest, strict=True)])
 
     @cached_property
     def inverted(self) -> tuple[Any, Any]:
-        """The adjugate and the determinant of M_II."""
+        """Adjugate and determinant of M_II, the mass matrix of the ignored coordinates."""
         adjugate, determinant = inverse(self.form, self.places)
         return adjugate.xreplace(self.gone), determinant.xreplace(self.gone)
 

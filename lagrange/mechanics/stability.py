@@ -182,17 +182,17 @@ def at_fixed_momenta(mass: Any, damping: Any, stiffness: Any, gone: tuple[int, .
 
 
 def has_energy(form: PlainForm) -> bool:
-    """Return True if L does not contain time and the only forces are those of V and of Rayleigh's dissipation."""
+    """Return True if the energy cannot grow: L does not depend on time, and forces are those of V and of braking."""
     statement = form.statement
     free = vanishes(form, form.lagrangian.diff(t))
     return free and only_brakes(form) and all(vanishes(form, form.read(force)) for force in statement.forces)
 
 
 def only_brakes(form: PlainForm) -> bool:
-    """Return True if v . dD/dv >= 0 is certain, provided that the symmetric part of C is positive semidefinite.
+    """Return True if the dissipation D only takes energy: its power v . dD/dv is never negative.
 
-    For D = v C v/2 with a constant C, that proviso suffices. Any other D must be a sum of terms that are homogeneous in
-    the velocities and not negative. C does not show terms such as -v^4 or x v^2.
+    For D = v C v/2 with a constant C, the caller tests that C is positive semidefinite. Any other D has to be a sum of
+    terms that are homogeneous in the velocities and not negative: C does not show terms such as -v^4 or x v^2.
     """
     stated = form.statement.dissipation.xreplace(form.plain)
     slopes = [form.read(form.statement.dissipation).diff(v) for v in form.v]

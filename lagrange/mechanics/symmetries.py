@@ -64,7 +64,7 @@ def place(stated: StatedAlgebra) -> Place | None:
 
 
 def _mass(stated: StatedAlgebra) -> Any:
-    """Return a constant diagonal entry of the mass matrix, such as that of a length, or None."""
+    """Return the mass of a single body: the first constant diagonal entry of M, that of a length. None without one."""
     moving = frozenset((*stated.q, *stated.v, stated.time))
     for i in range(len(stated.q)):
         entry = stated.mass[i][i]
@@ -235,7 +235,10 @@ class SymmetryEquation:
         object.__setattr__(self, "power", algebra.add(lost, *work))
 
     def defect(self, symmetry: Symmetry) -> MonomialSum:
-        """Return the rate of p . xi - tau E - F without constraint forces, simplified. It is zero for a symmetry."""
+        """Return the time derivative of p . xi - tau E - F along the motion; it is zero if the symmetry holds.
+
+        p are the momenta, E the energy and F the gauge function. Constraint forces are left out.
+        """
         stated, algebra = self.stated, self.stated.algebra
         parts: list[MonomialSum] = [{}]
         for given, force, p in zip(symmetry.xi, self.forces, stated.momenta, strict=True):

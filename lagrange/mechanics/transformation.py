@@ -42,10 +42,11 @@ DIGITS = 20
 
 @dataclass(frozen=True, eq=False)
 class Preimage:
-    """Old coordinates as functions of new ones: `values` x, `slopes` dx/dq (by all new ones) and `drifts` dx/dt.
+    """Solver of x(q) = given for the new coordinates q, where x are old coordinates as functions of new ones.
 
-    `statement` has the new coordinates; `unknowns` says where those stand that are solved for, `angles` which of them
-    come round after a full turn, `positive` which have to be positive. `names` are those of the old coordinates.
+    - `values` are the expressions x, `slopes` dx/dq by all new coordinates, `drifts` dx/dt; `names` are those of x.
+    - `statement` has the new coordinates. `unknowns` are the indices of those that are solved for.
+    - `angles` and `positive` have a flag for each unknown: it has period 2 pi; it has to be positive.
     """
 
     statement: Statement
@@ -113,7 +114,7 @@ class Preimage:
         return numbers[m:].reshape(m, -1), numbers[:m]
 
     def _places(self, q: FloatArray, wanted: FloatArray) -> FloatArray:
-        """Return the new coordinates at which the old ones have values: small ones, positive where both are."""
+        """Return new coordinates at which the old ones equal `wanted`: of several solutions positive and small ones."""
         found = [u for start in self._starts(wanted) for u in self._newton(q.copy(), start, wanted)]
         if not found:
             given = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.names, wanted, strict=True))
@@ -238,7 +239,7 @@ def transformed(
     initial: Mapping[Any, Any] | None,
     model: Model,
 ) -> Statement:
-    """Return the statement in new coordinates; the model of the old ones tests it. See `Analysis.transform`."""
+    """Return the statement in new coordinates, tested against the `model` in old ones; see `System.transform`."""
     change = _transformation(statement, given, positive)
     _check_regular(change)
     start = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
@@ -258,7 +259,7 @@ def transformed(
 
 
 def _parameters(change: Transformation, given: Any) -> dict[Any, Any]:
-    """Return all parameters with their values: those of the statement, and what the expressions have beside them."""
+    """Return {parameter: value} for the parameters of the statement and the new ones in the expressions."""
     statement = change.statement
     if given is not None and not isinstance(given, Mapping):
         raise StatementError(
@@ -270,7 +271,7 @@ def _parameters(change: Transformation, given: Any) -> dict[Any, Any]:
 
 
 def _overlaid(kept: Mapping[Any, float], initial: Any) -> dict[Any, Any]:
-    """Return the initial state of what stays, with what a user gives for the new coordinates."""
+    """Return the initial state of the coordinates that stay, and the user's values for the new ones."""
     if not isinstance(initial, Mapping):
         raise StatementError(f"initial is {shown(initial)}: give a dict in the new coordinates, such as {{r: 1.0}}.")
     return {**kept, **initial}
@@ -345,7 +346,7 @@ def _count(table: Mapping[Any, Any], new: Sequence[Any]) -> str:
 
 
 def _positive(given: Any, new: Sequence[Any]) -> tuple[Any, ...]:
-    """Return the new coordinates that are said to be positive."""
+    """Return the new coordinates that the user states to be positive."""
     listed = entries(given, "positive")
     found = []
     for one in [given] if listed is None else listed:
@@ -359,7 +360,7 @@ def _positive(given: Any, new: Sequence[Any]) -> tuple[Any, ...]:
 
 
 def _check_regular(change: Transformation) -> None:
-    """Refuse new coordinates that leave the old ones dependent everywhere."""
+    """Raise StatementError if the old coordinates are dependent functions of the new ones at every place."""
     places = [change.coordinates.index(q) for q in change.new]
     determinant = change.slopes.extract(list(range(len(change.gone))), places).det(method="berkowitz")
     if simplest(determinant) == 0:

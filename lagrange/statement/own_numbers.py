@@ -11,9 +11,9 @@ from lagrange.statement.coordinate import t
 
 
 def without_own_numbers(expression: Any) -> Any:
-    """Return an expression without terms of numbers and time, and with 1 for functions of numbers and time.
+    """Return an expression without its parts made of numbers and time alone: the units of such numbers are not stated.
 
-    In `a*sin(2*t) + 0.1` and in an event `x - 3` the numbers have units that are not stated. The results are a and x.
+    Such terms are left out, such factors are replaced by 1: `a*sin(2*t) + 0.1` becomes a, an event `x - 3` is x.
     """
     return sympy.S.Zero if _own(expression) else expression.replace(_replaced, _without)
 

@@ -347,9 +347,10 @@ def _nearest(given: _Sorted, candidates: Iterable[Candidate]) -> _Meant | None:
 
 
 def _candidates(given: _Sorted, rows: Sequence[tuple[str, Any]]) -> Iterator[Candidate]:
-    """Yield possibly intended equations, each with every factor that makes one of its coefficients agree.
+    """Yield right equations that a typed one may be a multiple of, each with the possible factors.
 
-    `rows` pairs the name of a coordinate with an expression that is zero.
+    A factor is possible if with it one coefficient of the right equation equals the typed one. `rows` are the right
+    equations as pairs of a coordinate's name and an expression that is zero.
     """
     statement = given.statement
     for name, zero in rows:

@@ -175,7 +175,7 @@ def _rounded(value: Any) -> Any:
 
 
 class ConservedList(list[Conserved]):
-    """Conserved quantities."""
+    """Conserved quantities; a notebook shows the list as formulas with the reason for each."""
 
     def _repr_markdown_(self) -> str | None:
         if not self:
@@ -186,7 +186,7 @@ class ConservedList(list[Conserved]):
 
 
 class EquilibriumList(list[Equilibrium]):
-    """Equilibria."""
+    """Equilibria; a notebook shows the list as formulas with the stability of each."""
 
     def _repr_markdown_(self) -> str | None:
         if not self:

@@ -23,7 +23,7 @@ def fitted(text: str, stream: TextIO | None) -> str:
 
 
 def _broken(line: str, columns: int) -> str:
-    """Return a line as lines of at most `columns` columns, except for longer words. Rules of dashes are cut."""
+    """Wrap a line to at most `columns` characters. A longer word stays whole; a rule of dashes is cut off."""
     if len(line) <= columns:
         return line
     if not line.strip(" -"):
