@@ -18,7 +18,7 @@ from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import LLVM_FIRST, SYSTEMS, TARGETS, build, k, m, model, springs, x
-from tests.trajectory.runs import ADAPTIVE, CONTROLLED, FIXED, NAMES, STEPPED, implicit, planned, run
+from tests.trajectory.runs import ADAPTIVE, CONTROLLED, FIXED, IMPLICIT, NAMES, STEPPED, implicit, planned, run
 
 SPLITTABLE = ("oscillator", "pendulum", "Henon-Heiles", "coupled masses", "8 carried masses", "saddle")
 OTHERS = ("double pendulum", "chain of 7", "elastic pendulum", "cart and pole", "charge", "blocks", "friction")
@@ -252,9 +252,10 @@ def test_long_runs_are_pieced_together(target: str) -> None:
     assert found.t == pytest.approx(np.linspace(0, 1, count + 1), abs=1e-12)
 
 
+@pytest.mark.parametrize("name", ["dop853", *IMPLICIT])
 @pytest.mark.parametrize("system", SYSTEMS)
-def test_every_system_runs(system: str) -> None:
-    found = run(model(system), 0.5, "dop853")
+def test_every_system_runs(system: str, name: str) -> None:
+    found = run(model(system), 0.1, name, **({"step": 0.004} if name in FIXED else {}))
     assert found.status is Status.SUCCESS and np.isfinite(found.y).all(), found.message
 
 

@@ -16,7 +16,7 @@ from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.implicit import ImplicitMethod
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status
-from tests.models import SYSTEMS, TARGETS, VALUES, B, build, g, k, l, m, model, springs, theta, x
+from tests.models import TARGETS, VALUES, B, build, g, k, l, m, model, springs, theta, x
 from tests.trajectory.runs import CONTROLLED, EQUAL, FIXED, IMPLICIT, SLOPES, exact, implicit, run
 
 # --- both machines, and the cost ------------------------------------------------------------------------------
@@ -279,14 +279,6 @@ def test_a_mass_matrix_that_becomes_singular_is_told(name: str, target: str) -> 
     assert found.status is Status.SINGULAR, found.message
     assert np.isfinite(found.y).all() and 0.4 < found.t[-1] < (0.51 if implicit(name).law == "rhs" else 1.15)
     assert "the mass matrix is singular at t = " in found.message
-
-
-@pytest.mark.parametrize("name", IMPLICIT)
-@pytest.mark.parametrize("system", SYSTEMS)
-def test_every_system_runs(name: str, system: str) -> None:
-    o: Any = {"step": 0.004} if name in FIXED else {}
-    found = run(model(system), 0.1, name, **o)
-    assert found.status is Status.SUCCESS and np.isfinite(found.y).all(), found.message
 
 
 # --- of one's own ---------------------------------------------------------------------------------------------

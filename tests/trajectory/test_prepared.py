@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -20,7 +18,7 @@ from lagrange.statement.event import event
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.plan import DRIVERS_KEPT, PLANS_KEPT, Prepared
-from lagrange.trajectory.trajectory import Status, Trajectory
+from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, k, m, model, x
 from tests.trajectory.runs import FIXED, NAMES, planned, run, same
 
@@ -75,32 +73,6 @@ def test_one_call_of_the_driver_for_a_run_as_long_as_the_last(monkeypatch: pytes
 
 def oscillator() -> Model:
     return build("llvm", kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, parameters={m: 1, k: 1}, initial={x: 1.0})
-
-
-@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2"])
-def test_threads_share_a_model(method: str) -> None:
-    """The bits of runs one after the other, whatever runs beside them: other states, parameters and directions."""
-    shared, alone = oscillator(), oscillator()
-    calls = [({x: 1.0 + i / 7, x.dot: 0.3}, 20.0 * (-1) ** i, {k: 1.0 + i % 3}) for i in range(16)]
-    expected = [run(alone, end, method, initial=start, parameters=values) for start, end, values in calls]
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-5)  # threads change within a run
-    try:
-        with ThreadPoolExecutor(8) as pool:
-            found = list(
-                pool.map(lambda call: run(shared, call[1], method, initial=call[0], parameters=call[2]), calls)
-            )
-    finally:
-        sys.setswitchinterval(before)
-    assert all(same(a, b) for a, b in zip(found, expected, strict=True))
-
-
-def test_a_run_inside_a_run_has_a_driver_of_its_own() -> None:
-    compiled = oscillator()
-    expected = run(compiled, 3.0, "taylor")
-    inner: list[Trajectory] = []
-    outer = run(compiled, 3.0, "taylor", progress=lambda t: inner.append(run(compiled, 3.0, "taylor")))
-    assert same(outer, expected) and inner and all(same(one, expected) for one in inner)
 
 
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])

@@ -23,7 +23,7 @@ from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import TARGETS, build, k, m, x
 from tests.trajectory.runs import FIXED, run, same
 
-WATCHED: dict[str, Any] = {"one": [x], "five": [x, x.dot, x - 0.5, x + 0.5, x.dot - x]}
+WATCHED: dict[str, Any] = {"none": [], "one": [x], "five": [x, x.dot, x - 0.5, x + 0.5, x.dot - x]}
 WATCHED["jumps"] = [event(x + 0.2, direction=-1, reset={x.dot: -0.9 * x.dot}), x.dot, event(x, terminal=99)]
 FORCES = {"smooth": -(x**3), "switching": -sp.sign(x) - x}
 
@@ -125,8 +125,9 @@ def test_what_a_watched_run_found_stays_as_it_is(name: str) -> None:
 
 
 @pytest.mark.parametrize("events", WATCHED)
-@pytest.mark.parametrize("name", ["taylor", "dop853", "radau5"])
-def test_threads_share_a_model_with_events(name: str, events: str) -> None:
+@pytest.mark.parametrize("name", ["taylor", "dop853", "rk4", "verlet", "radau5", "bdf2"])
+def test_threads_share_a_model(name: str, events: str) -> None:
+    """The bits of runs one after the other, whatever runs beside them: other states, parameters and directions."""
     shared, alone = watched("switching"), watched("switching")
     calls = [({x: 1.0 + i / 7, x.dot: 0.3}, 20.0 * (-1) ** i, {k: 1.0 + i % 3}) for i in range(8)]
     given: dict[str, Any] = {"events": WATCHED[events]}
@@ -143,9 +144,10 @@ def test_threads_share_a_model_with_events(name: str, events: str) -> None:
     assert all(map(same_events, found, expected))
 
 
-def test_a_run_with_events_inside_a_run_has_a_driver_of_its_own() -> None:
+@pytest.mark.parametrize("events", ["none", "five"])
+def test_a_run_inside_a_run_has_a_driver_of_its_own(events: str) -> None:
     compiled = watched("smooth")
-    given: dict[str, Any] = {"initial": {x: 1.0}, "events": WATCHED["five"]}
+    given: dict[str, Any] = {"initial": {x: 1.0}, "events": WATCHED[events]}
     expected, inner = run(compiled, 9.0, "taylor", **given), []
     outer = run(
         compiled, 9.0, "taylor", progress=lambda t: inner.append(run(compiled, 9.0, "taylor", **given)), **given
