@@ -5,27 +5,33 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from random import Random
 from types import MappingProxyType
 from typing import Any, TypeVar
 
 from sympy import (
     Abs,
     Add,
+    Derivative,
     Dummy,
     Eq,
+    Float,
     Heaviside,
     ImmutableDenseMatrix,
     Max,
     Min,
     Piecewise,
+    Symbol,
     expand,
     factor_terms,
     sign,
 )
+from sympy.core.function import AppliedUndef
 
 from lagrange.equations.point import Point, moving_points
 from lagrange.equations.terms import TooLargeError
 from lagrange.equations.textbook_algebra import BUDGET, TextbookAlgebra
+from lagrange.equations.velocity_degrees import visibly_homogeneous
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import t
 from lagrange.statement.multiplier import multiplier
@@ -39,6 +45,9 @@ STATED = 200
 
 KINKED = (Abs, sign, Heaviside, Max, Min, Piecewise)
 """Functions whose second derivatives contain Dirac deltas in SymPy, at their kinks."""
+
+ROUNDING = 1e-9
+"""Relative difference of two values of T that counts as rounding."""
 
 NAMED = 8
 """Largest number of coordinates that a message names."""
@@ -199,6 +208,22 @@ class Derivation:
         return MappingProxyType(
             {constraint.name: value for constraint, value in zip(self.statement.constraints, solved, strict=True)}
         )
+
+    @cached_property
+    def energy_is_sum(self) -> bool:
+        """False if v.p - L is not T + V, as in a turning frame. T is doubled in velocity at a random state.
+
+        True if the Lagrangian was stated alone.
+        """
+        kinetic = self.statement.kinetic
+        if self.statement.lagrangian_alone or visibly_homogeneous(self.statement):
+            return True
+        dice = Random(1)
+        leaves = sorted(kinetic.atoms(Symbol, AppliedUndef, Derivative), key=str)
+        state = {leaf: Float(dice.uniform(0.5, 1.5)) for leaf in leaves}
+        doubled = {v: 2 * state[v] for v in self.statement.velocities if v in state}
+        single, double = (kinetic.xreplace(values) for values in (state, {**state, **doubled}))
+        return not single.is_Float or not double.is_Float or abs(double - 4 * single) <= ROUNDING * abs(double)
 
     @cached_property
     def _is_short(self) -> bool:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
-from typing import Any
+from typing import Any, ClassVar
 
 from lagrange.equations.derivation import Derivation
 from lagrange.show.notation.formula import Line, LineWriter
@@ -41,7 +41,7 @@ class Heading:
 
 NO_HEADING = Heading()
 
-LEFT_OUT = {"full": (), "short": ("Positions and velocities", "Coordinate", "Matrix form", "Energy")}
+LEFT_OUT = {"full": (), "short": ("Positions and velocities", "Coordinate", "Matrix form", "Energy", "Jacobi integral")}
 """Sections that are left out at each level of detail."""
 
 
@@ -134,6 +134,13 @@ class UnicodePage(TextPage):
 class LatexPage(Page):
     """A LaTeX document."""
 
+    spoken: ClassVar[Mapping[str, str]] = {
+        "v.p - L": "$\\sum_i \\dot q_i p_i - L$",
+        "(T + V is": "($T + V$ is",
+        "M a = h": "$M \\ddot q = h$",
+    }
+    """Formulas in sentences about the structure, and their LaTeX."""
+
     @property
     def notation(self) -> Callable[[Sequence[str]], Notation]:
         """LaTeX."""
@@ -192,7 +199,10 @@ class LatexPage(Page):
             word = match.group()
             return f"${letter(word)}$" if word in names and (word in GREEK or word[-1].isdigit()) else word
 
-        return _WORD.sub(formula, quoted(text))
+        shown = _WORD.sub(formula, quoted(text))
+        for words, formula_text in self.spoken.items():
+            shown = shown.replace(quoted(words), formula_text)
+        return shown
 
     def row(self, row: Formula | str) -> str:
         """Return a paragraph, or a formula on its own lines."""

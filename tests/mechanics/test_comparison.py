@@ -293,6 +293,7 @@ def test_sympy_and_text_are_read_alike() -> None:
     ("given", "message"),
     [
         ([], "no equation is given: give a list with one for each coordinate."),
+        (["heaviside(theta_ddot) = 1"], "equation 1 is not linear in theta_ddot: equations of motion are compared"),
         (["theta_ddot**2 = 1"], "equation 1 is not linear in theta_ddot: equations of motion are compared as linear"),
         (
             ["k*theta_ddot"],

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 from sympy import cos, sin
 
+import lagrange as lg
 from lagrange.equations import derivation as equations
 from lagrange.equations.derivation import Derivation, derive
 from lagrange.errors import StatementError
@@ -293,3 +294,24 @@ def test_the_page_says_where_chetaevs_rule_is_used() -> None:
         "The constraint speed is not linear in the velocities: its force is along its derivative in the velocities "
         "(Chetaev's rule)."
     ) in str(system.derivation())
+
+
+def test_what_a_turning_frame_conserves_is_the_jacobi_integral() -> None:
+    theta, (m, g, R, w) = lg.coordinate("theta"), lg.parameters("m g R w")
+    place = (R * sin(theta) * cos(w * lg.t), R * sin(theta) * sin(w * lg.t), -R * cos(theta))
+    hoop = lg.System(lg.kinetic_energy(m, place), lg.gravity(m, place, g))
+    text, paper = hoop.derivation().text(), hoop.derivation().latex()
+    assert "\nJacobi integral\n    J = m*R**2*theta_dot**2/2 - m*g*R*cos(theta) - m*R**2*w**2*sin(theta)**2/2\n" in text
+    assert "\nEnergy\n" not in text
+    assert r"the Jacobi integral $\sum_i \dot q_i p_i - L$ is conserved" in paper
+    assert "Jacobi" not in lg.scene("charge-in-field").derivation().text()
+    assert "Jacobi integral" not in hoop.derivation(detail="short").text().split("Structure")[0]
+
+
+def test_a_lagrangian_is_written_once_and_a_constant_of_a_constraint_last() -> None:
+    x, y, (m, L) = *lg.coordinates("x y"), lg.parameters("m L")
+    text = lg.System(m * (x.dot**2 + y.dot**2) / 2, 0, constraints={"rod": x + y - L}).derivation().text()
+    assert text.count("m*(x_dot**2 + y_dot**2)/2") == 2  # stated, and the energy
+    assert "    x + y - L = 0\n" in text
+    free = lg.System(m * (x.dot**2 + y.dot**2) / 2, m * x, coordinates=[x, y]).derivation().text()
+    assert "    dL/dy = 0\n    d/dt(p_y) = 0\n" in free and "    d/dt(dL/dx_dot) - dL/dx = 0\n" in free

@@ -295,7 +295,12 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
     unknowns = unknowns_of(statement)
     present = [symbol for symbol in unknowns if equation.zero.has(symbol)]
     slopes = {symbol: sympy.diff(equation.zero, symbol) if symbol in present else sympy.S.Zero for symbol in unknowns}
-    bent = [symbol for symbol in present if any(not vanishes(sympy.diff(slopes[symbol], x)) for x in present)]
+    bent = [
+        symbol
+        for symbol in present
+        # The derivative of a jump, such as heaviside(theta_ddot), is a Dirac delta.
+        if slopes[symbol].has(sympy.DiracDelta) or any(not vanishes(sympy.diff(slopes[symbol], x)) for x in present)
+    ]
     if bent:
         raise StatementError(
             f"{equation.label} is not linear in {listing(map(str, bent))}: equations of motion are compared as linear "

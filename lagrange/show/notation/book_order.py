@@ -120,13 +120,18 @@ class BookOrder:
         return 1 if degree == 0 else 2 if degree == 1 else 0
 
     def terms(self, parts: list[Any]) -> list[Any]:
-        """Return the terms of a sum in order, a positive one first unless the sum begins with accelerations."""
+        """Return the terms of a sum in order, a positive one first unless the sum begins with accelerations.
+
+        A constant that is subtracted comes last, as in x + y - l.
+        """
         ordered = sorted(parts, key=self.term)
-        positive = [part for part in ordered if not _negative(part)]
-        if _negative(ordered[0]) and positive and self.term(ordered[0])[0] != -ACCELERATION:
-            ordered.remove(positive[0])
-            ordered.insert(0, positive[0])
-        return ordered
+        if not _negative(ordered[0]) or self.term(ordered[0])[0] == -ACCELERATION:
+            return ordered
+        if not self.moves(ordered[0]):
+            ordered.sort(key=lambda part: not self.moves(part))
+        first = next((part for part in ordered if not _negative(part)), ordered[0])
+        ordered.remove(first)
+        return [first, *ordered]
 
     def turned(self, total: Any) -> bool:
         """Return True if a sum in parentheses is better written as its negative.

@@ -244,6 +244,7 @@ MEANINGS = {
     "V": "potential_energy",
     "D": "dissipation",
     "E": "energy",
+    "J": "jacobi_integral",
     "Q": "force",
     "p": "momentum",
     "r": "position",

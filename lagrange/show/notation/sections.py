@@ -54,9 +54,9 @@ class Partial:
 
 @dataclass(frozen=True)
 class Rate:
-    """d/dt of a partial derivative."""
+    """d/dt of a partial derivative, or of a momentum."""
 
-    inside: Partial
+    inside: Partial | ShownQuantity
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def sections(derivation: Derivation) -> Iterator[Section]:
             None,
             lambda: _accelerations(derivation),
         ),
-        ("Energy", None, lambda: iter([Formula((ShownQuantity("E"), derivation.energy))])),
+        ("Energy" if derivation.energy_is_sum else "Jacobi integral", None, lambda: _energy(derivation)),
     ]
     for heading, symbol, part in parts:
         rows: tuple[Formula | str, ...]
@@ -189,7 +189,8 @@ def _vector(entries: tuple[Any, ...]) -> Grid:
 def _lagrangian(derivation: Derivation) -> Iterator[Formula | str]:
     statement = derivation.statement
     if statement.lagrangian_alone:
-        yield Formula((LAGRANGIAN, derivation.lagrangian))
+        if derivation.lagrangian != statement.lagrangian:  # it was stated, a section above
+            yield Formula((LAGRANGIAN, derivation.lagrangian))
         return
     for letter, stated, merged in (
         ("T", statement.kinetic, derivation.kinetic),
@@ -225,7 +226,15 @@ def _coordinate(derivation: Derivation, place: int) -> Iterator[Formula | str]:
             push = Product((one.multiplier, Partial(constraint_quantity(one), q if one.holonomic else velocity)))
             yield Formula((push, exerted))
             right.append((False, push))
-    yield Formula((Sum(tuple(left)), Sum(tuple(right))))
+    if not right and len(left) == 2 and derivation.gradient[q] == 0:
+        yield Formula((Rate(ShownQuantity("p", (name,))), Sum(())))
+    else:
+        yield Formula((Sum(tuple(left)), Sum(tuple(right))))
+
+
+def _energy(derivation: Derivation) -> Iterator[Formula | str]:
+    """Yield E = T + V, or the Jacobi integral J = v.p - L where that is another quantity."""
+    yield Formula((ShownQuantity("E" if derivation.energy_is_sum else "J"), derivation.energy))
 
 
 def _equations(derivation: Derivation) -> Iterator[Formula | str]:

@@ -26,7 +26,7 @@ VULGAR = {
 }
 DOTS = ("", "\N{COMBINING DOT ABOVE}", "\N{COMBINING DIAERESIS}")
 RATES = ("", "_dot", "_ddot")
-SCRIPT = {"T": "𝒯", "V": "𝒱", "L": "ℒ", "D": "𝒟", "E": "ℰ", "Q": "𝒬", "M": "ℳ"}
+SCRIPT = {"T": "𝒯", "V": "𝒱", "L": "ℒ", "D": "𝒟", "E": "ℰ", "J": "𝒥", "Q": "𝒬", "M": "ℳ"}
 
 
 def width(text: str) -> int:
