@@ -28,10 +28,10 @@ from sympy import (
 )
 from sympy.core.function import AppliedUndef
 
+from lagrange.equations.decisions import visibly_homogeneous
 from lagrange.equations.point import Point, moving_points
 from lagrange.equations.terms import TooLargeError
 from lagrange.equations.textbook_algebra import BUDGET, TextbookAlgebra
-from lagrange.equations.velocity_degrees import visibly_homogeneous
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import t
 from lagrange.statement.multiplier import multiplier
