@@ -29,8 +29,9 @@ from lagrange.cli.arguments import (
 )
 from lagrange.errors import StatementError
 from lagrange.show.animation.file_kinds import named_kind
-from lagrange.show.files import FILE_DPI
+from lagrange.show.animation.timing import DEFAULT_FPS
 from lagrange.show.files.atomic_file import check_place, write_atomically
+from lagrange.show.files.picture import FILE_DPI
 
 
 def add_export(commands: Any) -> None:
@@ -114,7 +115,7 @@ def add_pictures(commands: Any) -> None:
         "the scene with .html)",
     )
     animate_.add_argument("--speed", metavar="X", help="time of the run per time on the screen (default: 1 if it fits)")
-    animate_.add_argument("--fps", metavar="N", help="frames per second, 1 to 60 (default: 30)")
+    animate_.add_argument("--fps", metavar="N", help=f"frames per second, 1 to 60 (default: {DEFAULT_FPS:g})")
     animate_.add_argument("--size", metavar="WxH", help="width and height in pixels, such as 640x480")
     animate_.add_argument("--style", choices=("auto", "light", "dark"), default="auto", help="colours (default: auto)")
     animate_.add_argument("--trail", metavar="T", help="time that trails go back; 0 for none")
@@ -148,7 +149,7 @@ def animate(request: argparse.Namespace) -> Answer:
         warnings.simplefilter("ignore", UserWarning)  # the notes below report it
         made = solution.animate(
             wanted,
-            fps=30.0 if fps is None else fps,
+            fps=fps,
             size=size,
             style=request.style,
             progress=not request.json,

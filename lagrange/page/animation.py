@@ -154,7 +154,7 @@ def animate(
     solution: Solution,
     path: str | os.PathLike[str] | None = None,
     *,
-    fps: float = DEFAULT_FPS,
+    fps: float | None = None,
     speed: float | None = None,
     size: Any = None,
     style: str = "auto",
@@ -168,7 +168,7 @@ def animate(
         _writable(path)
     if not len(solution.t):
         raise StatementError("there is nothing to animate: the run ended before the first of its output times.")
-    chosen = timing((float(solution.t[0]), float(solution.t[-1])), fps, speed)
+    chosen = timing((float(solution.t[0]), float(solution.t[-1])), DEFAULT_FPS if fps is None else fps, speed)
     with np.errstate(all="ignore"):
         recording = recording_of(solution, chosen)
     film = Film(recording, chosen, options, DARK if style == "dark" else LIGHT)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import zlib
 from collections.abc import Sequence
+from dataclasses import replace
 from html import escape
 
 import numpy as np
@@ -34,6 +35,9 @@ BESIDES = 250
 LEVELS = 2**13
 """Whole numbers between the least and the largest value of a row: an eighth of a pixel of a picture."""
 
+MOST_COORDINATES = 20
+"""Most coordinates whose states are recorded beside named points: more are not chosen among, and double the size."""
+
 LONG = 10.0
 """Seconds on the screen of a long trail."""
 
@@ -42,10 +46,13 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
     """Return the page; `style` is light, dark, or auto, which follows the setting of the browser."""
     statement = recording.statement
     record = thinned(recording)
+    if record.points and len(statement.names) > MOST_COORDINATES:
+        record = replace(record, states=record.states[:0])
     rows = _rows(record)
     order = [name for name in ENERGIES if name in record.energies]
     data = description(statement, film.timing.speed, order)
     data |= {
+        "states": data["states"][: len(record.states)],
         "energySize": record.energy_size,
         "zero": record.zero,
         "kept": record.kept,
@@ -69,6 +76,7 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
         "hint": hint(statement),
         "legend": legend(statement),
         "choices": phase_choices(statement),
+        "hidden": "" if len(record.states) else " hidden",
         "trails": _trails(film.trail_seconds),
         "notes": "".join(f'<p class="note">{escape(note)}</p>\n' for note in notes),
         "data": as_json(data),
@@ -92,10 +100,10 @@ def in_frame(page: str, title: str, width: int, height: int) -> str:
 
 def _trails(seconds: float) -> str:
     """Return the options of the trail: none, the requested seconds on the screen, long, and all."""
-    trails = {"none": 0.0, "short": seconds or 2.5, "long": LONG, "all": 1e9}
-    chosen = "short" if seconds else "none"
+    trails = {"no": 0.0, "short": seconds or 2.5, "long": LONG, "whole": 1e9}
+    chosen = "short" if seconds else "no"
     return "".join(
-        f'<option value="{value:g}"{" selected" if name == chosen else ""}>{name}</option>'
+        f'<option value="{value:g}"{" selected" if name == chosen else ""}>{name} trail</option>'
         for name, value in trails.items()
     )
 

@@ -26,7 +26,7 @@ from lagrange.page.document import (
 )
 from lagrange.page.formulas import FoldedFormulas, formulas, note, slider_groups
 from lagrange.page.motion import MOST_STEPS, TOLERANCE, motion_source
-from lagrange.page.sliders import sliders
+from lagrange.page.slider_bounds import sliders
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.template import as_json
 from lagrange.show.notation.names import plain_text

@@ -20,11 +20,10 @@ from lagrange.evidence.work_precision import TOLERANCES, Entry, Result
 from lagrange.machine.model import Model, Stated, stated
 from lagrange.show.figures.new_figure import new_figure
 from lagrange.show.figures.style import LineStyle, Style, dress, line_styles, on_paper, style_of
-from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.atomic_folder import write_together
 from lagrange.show.files.csv_format import write_rows
-from lagrange.show.files.picture import picture
+from lagrange.show.files.picture import FILE_DPI, picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
 from lagrange.show.terminal.table import text_table
 from lagrange.statement.number import real_number
@@ -123,13 +122,15 @@ def _mark_limits(axis: Axes, race: Race, style: Style) -> None:
     low, high = axis.get_ylim()
     if low < race.floor < float("inf"):
         axis.axhspan(low, min(race.floor, high), color=style.grid, alpha=0.55, zorder=0, linewidth=0)
+        top = min(race.floor, high)
+        under = math.log(top / low) > math.log(high / low) / 2  # else it would be written over the axis
         axis.annotate(
-            "below: rounding one state moves the end further",
-            (0.01, min(race.floor, high)),
-            (0, -3),
+            "shaded: rounding one state moves the end further",
+            (0.01, top),
+            (0, -3 if under else 3),
             xycoords=("axes fraction", "data"),
             textcoords="offset points",
-            va="top",
+            va="top" if under else "bottom",
             fontsize=8,
             color=style.quiet,
         )

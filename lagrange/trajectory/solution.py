@@ -340,7 +340,7 @@ class Solution:
         self,
         path: str | os.PathLike[str] | None = None,
         *,
-        fps: float = 30.0,
+        fps: float | None = None,
         speed: float | None = None,
         size: tuple[int, int] | None = None,
         style: str = "auto",
@@ -351,11 +351,11 @@ class Solution:
 
         The suffix of the path sets the format: .html is a page with a player, .gif a picture, .mp4 a film, which needs
         ffmpeg. The stated positions are drawn with rods and springs, or the coordinates if there are none; and the
-        energies. `speed` is time of the run per time on the screen. Its default is 1 for runs of 1 to 100 s, else a
-        round number. `size` is (width, height) in pixels, `trail` the duration of trails, 0 for none. `style` is
-        light, dark, or auto, with which a page follows the setting of the browser. At most 3000 frames are shown;
-        `.notes` lists deviations from the request. Raises StatementError for a run that cannot be drawn and a path
-        that cannot be written, RunError if the disk is full.
+        energies. `fps` is the number of frames per second, 30 by default. `speed` is time of the run per time on the
+        screen, by default 1 for runs of 1 to 100 s, else a round number. `size` is (width, height) in pixels, `trail`
+        the duration of trails, 0 for none. `style` is light, dark, or auto, with which a page follows the setting of
+        the browser. At most 3000 frames are shown; `.notes` lists deviations from the request. Raises StatementError
+        for a run that cannot be drawn and a path that cannot be written, RunError if the disk is full.
         """
         from lagrange.page.animation import animate
 

@@ -19,7 +19,7 @@ from lagrange.page.description import rate_of
 from lagrange.page.document import COMPUTED, PICTURES, RECORDED, TEMPLATE, in_script
 from lagrange.page.formulas import FoldedFormulas
 from lagrange.page.motion import contents
-from lagrange.page.sliders import nice, parameter_bounds
+from lagrange.page.slider_bounds import nice, parameter_bounds
 from lagrange.show.figures.space import AZIMUTH, ELEVATION, from_side, spring
 from lagrange.show.files.template import as_json
 from lagrange.show.notation.sections import sections

@@ -22,9 +22,10 @@ from lagrange.dynamics.angles import TURN
 from lagrange.errors import StatementError
 from lagrange.show.dynamics import Drawn
 from lagrange.show.figures.modes_figure import MOST_MODES
-from lagrange.show.figures.panel import colour_bar, log_ticks, turned_lines
+from lagrange.show.figures.panel import colour_bar, turned_lines
 from lagrange.show.figures.portrait_figure import HEIGHT, WIDTH
 from lagrange.show.figures.style import DARK, style_of
+from lagrange.show.figures.ticks import log_ticks
 from tests.dynamics.planar import damped_pendulum, duffing, hoop, pendulum, star, theta, x, y
 from tests.models import shared_scene
 

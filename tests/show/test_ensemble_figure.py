@@ -22,7 +22,7 @@ def test_a_map_has_a_colour_for_every_run() -> None:
     panel, scale = runs.plot("theta_dot").axes
     (image,) = panel.images
     assert np.array_equal(np.asarray(image.get_array()), runs["theta_dot"].reshape(5, 4).T)
-    assert (panel.get_xlabel(), panel.get_ylabel()) == (r"$\theta$", "$l$")
+    assert (panel.get_xlabel(), panel.get_ylabel()) == (r"$\theta$ at the start", "$l$")
     assert scale.get_ylabel() == r"$\dot{\theta}$ at the end"
     # Each colour stands around its start.
     width, height = 1.9 / 4 / 2, 1.0 / 3 / 2
@@ -71,7 +71,7 @@ def test_units_and_what_was_kept_are_named() -> None:
     grid = lg.grid({"x": (1.0, 2.0, 3), "x_dot": (0.0, 3.0, 3)})
     runs = lg.ensemble(ball, 1.0, grid, events=[lg.event(x - 1.5, direction=-1)], keep=("events", ("max", x)))
     panel, scale = runs.plot("max(x)").axes
-    assert (panel.get_xlabel(), panel.get_ylabel()) == ("$x$ (m)", r"$\dot{x}$ (m/s)")
+    assert (panel.get_xlabel(), panel.get_ylabel()) == ("$x$ (m) at the start", r"$\dot{x}$ (m/s) at the start")
     assert scale.get_ylabel() == "largest $x$ (m)"
     figure = runs.plot("t_event_0")
     assert figure.axes[1].get_ylabel() == "first time of x - 1.5 = 0 (s)"

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
+from lagrange.show.figures.paths import Box
 from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution
@@ -84,3 +85,35 @@ def test_round_off_of_a_place_fills_no_panel() -> None:
 
 def test_long_numbers_below_a_plane_stand_apart() -> None:
     nothing_overlaps(moving(150 * a + 1e6, 300 * b + 2e5).plot("path"))
+
+
+def test_many_points_have_one_colour_and_no_legend() -> None:
+    for count, names in ((10, 10), (11, 0)):
+        places = {f"p{k}": (a + k, b) for k in range(count)}
+        statement = declare(kinetic=m * (a.dot**2 + b.dot**2) / 2, positions=places, parameters={m: 1}, name="s")
+        t = np.linspace(0.0, 6.0, 9)
+        run = solved(statement, t, lambda t: np.array([np.sin(t), np.cos(t), np.cos(t), -np.sin(t)]))
+        (axis,) = run.plot("path").axes
+        assert len(axis.get_legend_handles_labels()[1]) == names
+        ends = [line for line in axis.lines if line.get_marker() == "o"]
+        assert len({line.get_markeredgecolor() for line in ends}) == (count if names else 1)
+        assert (max(line.get_markersize() for line in ends) > 6) == bool(names)
+
+
+def test_points_with_links_are_drawn_to_scale_even_if_they_form_a_strip() -> None:
+    places = {"left": (0, 0), "right": (a * 0 + 40, b)}
+    for links, aspect in (([("left", "right")], 1.0), ([], "auto")):
+        statement = declare(
+            kinetic=m * (a.dot**2 + b.dot**2) / 2, positions=places, links=links, parameters={m: 1}, name="s"
+        )
+        t = np.linspace(0.0, 6.0, 9)
+        run = solved(statement, t, lambda t: np.array([np.sin(t), np.cos(t), np.cos(t), -np.sin(t)]))
+        assert run.plot("path").axes[0].get_aspect() == aspect
+
+
+@pytest.mark.parametrize("size", [1.0, 3.0, 7.0, 9.9])
+def test_every_axis_of_space_has_numbers(size: float) -> None:
+    box = Box(np.array([-1.0, -1.0, 0.04 * size]), np.array([1.0, 1.0, 0.1 * size]))
+    for k in range(3):
+        ticks = box.ticks(k)
+        assert len(ticks) >= 3 and ((ticks >= box.low[k]) & (ticks <= box.high[k])).all()

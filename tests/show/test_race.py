@@ -155,6 +155,17 @@ def test_the_floor_is_shaded_where_it_shows() -> None:
     assert len(made(floor=math.inf).plot().axes[0].patches) == 0
 
 
+@pytest.mark.parametrize("floor", [5e-21, 1e-15, 1e-9, 1e-6])
+def test_the_note_on_the_floor_is_inside_the_axes(floor: float) -> None:
+    figure = made(floor=floor).plot()
+    figure.draw_without_rendering()
+    (axis,) = figure.axes
+    low, high = axis.get_ylim()
+    assert low < floor < high
+    note, frame = axis.texts[0].get_window_extent(), axis.get_window_extent()
+    assert frame.y0 < note.y0 and note.y1 < frame.y1
+
+
 def test_what_is_not_shown_is_said() -> None:
     words = made().plot().get_supxlabel()
     assert "1 of 5 runs did not reach the end" in words

@@ -112,7 +112,7 @@ class Motion {
         return k % KEPT;
     }
 
-    /** True if the state jumps after state k: never here. */
+    /** True if the state jumps between two states: never here. */
     jumps() {
         return false;
     }

@@ -58,7 +58,7 @@ class Player {
             ["coordinates", "coordinates over time"],
         ];
         const select = document.getElementById("over-time");
-        named.slice(energies.length ? 0 : 2).forEach(([value, text]) => select.append(new Option(text, value)));
+        named.slice(energies.length ? 0 : 2, this.data.states.length ? 3 : 2).forEach(([value, text]) => select.append(new Option(text, value)));
         select.addEventListener("change", () => this.redraw());
         document.getElementById("phase").addEventListener("change", () => this.redraw());
         write("drift-name", kept ? "energy drift" : "energy change");
@@ -166,7 +166,7 @@ class Player {
         if (!this.playing || this.frames % 2 === 0) {
             this.overTime(this.timePlot, document.getElementById("over-time").value);
         }
-        if (!this.playing || this.frames % 2 === 1) {
+        if (motion.size > 0 && (!this.playing || this.frames % 2 === 1)) {
             this.phasePlot.phase(motion, Number(document.getElementById("phase").value), now.y);
         }
     }

@@ -65,7 +65,7 @@ class Plot {
             context.beginPath();
             let before = first;
             this.extremes(first, last, stride, (k) => value(motion.slot(k)), (k) => {
-                const to = motion.jumps(before) && k > before ? "moveTo" : "lineTo";
+                const to = motion.jumps(before, k) ? "moveTo" : "lineTo";
                 context[to](this.x(time(k)), this.y(value(motion.slot(k))));
                 before = k;
             });
@@ -134,8 +134,7 @@ class Plot {
             context.globalAlpha = opacity;
             context.beginPath();
             for (let k = Math.ceil(from / stride) * stride; k <= last; k += stride) {
-                const broken = stride === 1 && motion.jumps(k - 1);
-                context[broken ? "moveTo" : "lineTo"](this.x(motion.states[at(k)]), this.y(motion.states[at(k) + n]));
+                context[motion.jumps(k - stride, k) ? "moveTo" : "lineTo"](this.x(motion.states[at(k)]), this.y(motion.states[at(k) + n]));
             }
         };
         context.strokeStyle = colour;

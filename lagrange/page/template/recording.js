@@ -5,7 +5,7 @@
 //   known             first and last index of the states that can be drawn
 //   cursor, first     index of the present state, and of the first one in a plot over time
 //   slot(k)           place of state k in times, states, energies (E, T, V), drifts and places
-//   jumps(k)          true if no line goes from state k to the next
+//   jumps(from, to)   true if no line goes from one state to another
 //   low, high, span   limits of the axes: entries of the state, E, T, V and drift; time
 //   now()             time, state and positions at this moment
 //   go, step, restart, said, ended, survey
@@ -24,7 +24,7 @@ class Recording {
         this.frames = (count - 1) / detail + 1;
         this.perSecond = fps * detail;
         this.last = count - 1;
-        this.jumpAt = new Set(jumps);
+        this.jumpAt = jumps;
         this.loops = true;
         this.said = "";
         this.first = 0;
@@ -59,14 +59,14 @@ class Recording {
         return k;
     }
 
-    jumps(k) {
-        return this.jumpAt.has(k);
+    jumps(from, to) {
+        return this.jumpAt.some((k) => from <= k && k < to);
     }
 
     /** Return time, state and positions at the cursor, between two states on the line that joins them. */
     now() {
         const k = Math.min(this.cursor, this.last);
-        const share = k < this.last && !this.jumps(k) ? this.place - k : 0;
+        const share = k < this.last && !this.jumps(k, k + 1) ? this.place - k : 0;
         const mixed = (array, width) =>
             Float64Array.from({ length: width }, (_, i) => part(array[k * width + i], array[(k + Boolean(share)) * width + i], share));
         const t = part(this.times[k], this.times[Math.min(k + 1, this.last)], this.place - k);

@@ -56,7 +56,7 @@ class Timing:
         return self.interval * (len(self.t) - 1)
 
 
-def timing(span: tuple[float, float], fps: float = DEFAULT_FPS, speed: float | None = None) -> Timing:
+def timing(span: tuple[float, float], fps: float, speed: float | None = None) -> Timing:
     """Return the frames of a run from span[0] to span[1]; times may decrease.
 
     Without `speed` the run is shown in real time, one unit of time per second, if it takes at least 1 s and at most the

@@ -14,8 +14,9 @@ from lagrange.errors import StatementError, formula, listing
 from lagrange.members.chunk import INTERRUPTED, STATUSES
 from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, end_row, event_times
 from lagrange.members.varied import MemberNumbers
-from lagrange.show.figures.panel import angle_ticks, colour_bar, label_of_entry, panel_on, say_below
+from lagrange.show.figures.panel import colour_bar, label_of_entry, panel_on, say_below
 from lagrange.show.figures.style import Style, colours, dress, style_of
+from lagrange.show.figures.ticks import angle_ticks
 from lagrange.show.notation.names import letter_of
 from lagrange.show.units import unit_of, with_unit
 from lagrange.statement.statement import Statement
@@ -94,7 +95,8 @@ def label_of(runs: Ensemble, name: str) -> str:
     """Return a varied or kept quantity as a label of an axis, with its unit."""
     statement = runs.model.statement
     if name in runs.names:
-        return label_of_entry(statement, name)
+        varied = " at the start" if name in runs.table.labels else ""
+        return f"{label_of_entry(statement, name)}{varied}"
     if name in (TIME, "t"):
         return with_unit("time of the end" if name == TIME else "$t$", unit_of(statement, "t"))
     if name == DRIFT:

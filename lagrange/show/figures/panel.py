@@ -39,12 +39,12 @@ from lagrange.show.figures.style import (
     Style,
     colours,
     dress,
-    few_ticks,
     legend,
     number_labels,
     of_figure,
     on_paper,
 )
+from lagrange.show.figures.ticks import few_ticks, log_ticks
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.latex import LatexNotation
 from lagrange.show.notation.names import letter_of, letters
@@ -220,10 +220,6 @@ def formula_label(statement: Statement, given: Any) -> str:
     return text if len(text) <= _WIDEST else f"{text[:_WIDEST]} ..."
 
 
-FEWEST_TICKS, MOST_TICKS = 3, 10
-"""Least and largest number of tick labels on a logarithmic scale."""
-
-
 def panel_on(ax: Any, style: Style, size: tuple[float, float]) -> tuple[Figure, Axes]:
     """Return the user's axes with their figure, or those of a new figure of a size in inches."""
     if ax is None:
@@ -252,17 +248,6 @@ def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: Style) -> N
     bar.ax.tick_params(which="both", color=style.quiet, labelcolor=style.ink, labelsize=8)
     outline: Any = bar.outline
     outline.set_edgecolor(style.quiet)
-
-
-def log_ticks(low: float, high: float) -> list[float]:
-    """Return round values for a logarithmic scale: 1, 2 and 5 times powers of ten, or finer ones on a short scale."""
-    powers = range(math.floor(math.log10(low)) - 1, math.ceil(math.log10(high)) + 1)
-    found = [first * 10.0**power for power in powers for first in (1, 2, 5) if low <= first * 10.0**power <= high]
-    if len(found) >= FEWEST_TICKS:
-        return found if len(found) <= MOST_TICKS else [one for one in found if math.log10(one) % 1 < 0.1]
-    from matplotlib.ticker import MaxNLocator
-
-    return [float(one) for one in MaxNLocator(nbins=MOST_TICKS // 2).tick_values(low, high) if low <= one <= high]
 
 
 def say_below(figure: Figure, ax: Any, style: Style, message: str) -> None:
@@ -294,23 +279,6 @@ def entry(statement: Statement, name: str, *, rate: bool = False) -> str:
     dots = int(name not in known) + int(rate)
     letter = known[name] if name in known else known[name.removesuffix("_dot")]
     return letter.dotted(dots) if dots else str(letter)
-
-
-def angle_ticks(axis: Any, low: float, high: float) -> None:
-    """Put ticks of an angle at multiples of pi/2, or of pi if the axis is long."""
-    unit = math.pi / 2 if high - low <= 1.01 * TURN else math.pi
-    places = np.arange(math.ceil(low / unit - 1e-9), math.floor(high / unit + 1e-9) + 1)
-    axis.set_ticks(places * unit, [f"${_multiple(int(k), unit)}$" for k in places])
-
-
-def _multiple(k: int, unit: float) -> str:
-    if k == 0:
-        return "0"
-    halves = k if unit < 2 else 2 * k
-    whole = {1: "", -1: "-"}
-    if halves % 2 == 0:
-        return rf"{whole.get(halves // 2, halves // 2)}\pi"
-    return rf"{whole.get(halves, halves)}\pi/2"
 
 
 def turned_lines(x: FloatArray, y: FloatArray, low: float, high: float) -> list[tuple[FloatArray, FloatArray]]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from lagrange.show.figures.curve import (
+    LEVEL,
     MARGIN,
     Pixels,
     Window,
@@ -30,16 +31,17 @@ from lagrange.show.figures.curve import (
 from lagrange.show.figures.space import View, spring, view_of
 from lagrange.show.figures.style import (
     LINES,
+    MOST_NAMED,
     Style,
     colours,
     dress,
-    few_ticks,
     legend,
     mixed,
     number_labels,
     parts_of,
     point_look,
 )
+from lagrange.show.figures.ticks import few_ticks
 from lagrange.show.units import length_unit, with_unit
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.statement import SPRING, Link
@@ -55,6 +57,9 @@ _LEAST_SIDE = 0.25
 """Least side of the box relative to its largest: a thinner floor would be invisible."""
 
 _TICKS = 4
+_FEWEST = 3
+"""Least number of ticks of an axis: fewer show no scale."""
+
 _STEPS = [1, 2, 2.5, 5, 10]
 
 _NUMBERS, _NAMES = 9.0, 27.0
@@ -99,8 +104,12 @@ class Box:
         from matplotlib.ticker import MaxNLocator
 
         low, high = float(self.low[axis]), float(self.high[axis])
-        found = np.asarray(MaxNLocator(_TICKS, steps=_STEPS).tick_values(low, high))
-        return found[(found >= low) & (found <= high)]
+        for most in range(_TICKS, 3 * _TICKS):
+            found = np.asarray(MaxNLocator(most, steps=_STEPS).tick_values(low, high))
+            found = found[(found >= low) & (found <= high)]
+            if len(found) >= _FEWEST:
+                break
+        return found
 
 
 def draw_floor(axis: Axes, view: View, box: Box, unit: str, style: Style) -> None:
@@ -216,8 +225,8 @@ class Paths:
 
     @property
     def to_scale(self) -> bool:
-        """True if lengths are equal in both directions; false for paths that would be a narrow strip."""
-        return not is_slender(self.extents)
+        """True if lengths are equal in both directions; false for paths without links that would be a narrow strip."""
+        return bool(self.links) or not is_slender(self.extents)
 
 
 def limits(points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -384,21 +393,22 @@ class PathPanel:
     def _frame(self, axis: Axes, runs: list[Paths], bounds: FloatArray) -> None:
         """Set limits with room around all points; rounding noise does not fill the panel."""
         axis.margins(MARGIN)
-        if self.shape == "square":
-            if self.view.spatial:
-                axis.set_aspect("equal", adjustable="box")  # without a frame, so that the title is close to it
-            elif all(run.to_scale for run in runs):
-                axis.set_aspect("equal", adjustable="datalim")
-        elif self.shape == "row":
-            axis.set(ylim=(-1.0, 1.0), yticks=[])
-            axis.spines["left"].set_visible(False)
+        to_scale = self.shape == "square" and all(run.to_scale for run in runs)
+        still = float(np.ptp(bounds, axis=0).max()) <= LEVEL * float(np.abs(bounds).max(initial=0.0))
+        if self.view.spatial:
+            axis.set_aspect("equal", adjustable="box")  # without a frame, so that the title is close to it
+        elif to_scale and not still:
+            axis.set_aspect("equal", adjustable="datalim")
         else:
-            axis.set(xlim=(-1.0, 1.0), xticks=[])
-            axis.spines["bottom"].set_visible(False)
-        if not self.view.spatial:
             for side, ends, moves in zip("xy", bounds.T, self.view.extended, strict=True):
                 if moves:
                     axis.set(**{f"{side}lim": around(ends)})
+        if self.shape == "row":
+            axis.set(ylim=(-1.0, 1.0), yticks=[])
+            axis.spines["left"].set_visible(False)
+        elif self.shape == "column":
+            axis.set(xlim=(-1.0, 1.0), xticks=[])
+            axis.spines["bottom"].set_visible(False)
         if not self.view.spatial and self.shape != "column":
             axis.apply_aspect()
             few_ticks(axis)
@@ -435,6 +445,7 @@ def _draw_run(
         axis.plot(*line, color=style.quiet, linewidth=1.6, zorder=3)
     shared = bool(label) and len(shades) > 1  # then points have colours, and runs have line styles
     kind = LINES[place % len(LINES)] if shared else "-"
+    part = point_look(len(shades))[1]
     for k, name in enumerate(paths.names):
         if paths.fixed[k]:
             marker = "s" if any(name in link[:2] for link in paths.links) else "P"
@@ -446,9 +457,10 @@ def _draw_run(
             axis.plot(*paths.of(name), kind, color=shade, linewidth=0.9, zorder=2)
         else:
             _draw_in_space(axis, paths, k, box, shade, style, kind)
-        axis.plot(*paths.starts[k], "o", mfc=style.paper, mec=shade, ms=5, zorder=4)
-        shown = " ".join(part for part in (name if len(shades) > 1 or not label else "", label) if part)
-        mark = axis.plot(*paths.of(name)[:, -1], "o", color=shade, ms=7, lw=0.9, zorder=5, label=shown)[0]
+        axis.plot(*paths.starts[k], "o", mfc=style.paper, mec=shade, ms=5 * part, zorder=4)
+        named = len(shades) <= MOST_NAMED and (len(shades) > 1 or not label)
+        shown = " ".join(filter(None, (name if named else "", label))) or "_nolegend_"
+        mark = axis.plot(*paths.of(name)[:, -1], "o", color=shade, ms=7 * part, lw=0.9, zorder=5, label=shown)[0]
         mark.set(linestyle=kind if shared else "none")  # for the legend
 
 

@@ -11,7 +11,6 @@ from lagrange.dynamics.orbits import Orbit
 from lagrange.dynamics.portrait import PortraitData
 from lagrange.show.figures.curve import Pixels, first_times, in_plane
 from lagrange.show.figures.panel import (
-    angle_ticks,
     entry,
     label_of_entry,
     legend_beside,
@@ -20,6 +19,7 @@ from lagrange.show.figures.panel import (
     turned_lines,
 )
 from lagrange.show.figures.style import Style, dress, style_of
+from lagrange.show.figures.ticks import angle_ticks
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 if TYPE_CHECKING:

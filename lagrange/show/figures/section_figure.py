@@ -13,8 +13,9 @@ from lagrange.dynamics.section import SectionData, surface
 from lagrange.dynamics.sweep import SweepData
 from lagrange.errors import StatementError
 from lagrange.show.figures.curve import with_neighbours
-from lagrange.show.figures.panel import angle_ticks, label_of_entry, panel_on, say_below
+from lagrange.show.figures.panel import label_of_entry, panel_on, say_below
 from lagrange.show.figures.style import colours, dress, style_of
+from lagrange.show.figures.ticks import angle_ticks
 from lagrange.show.notation.names import letters
 from lagrange.show.units import unit_of, with_unit
 from lagrange.statement.statement import Statement

@@ -49,8 +49,7 @@ def point_look(count: int, few: tuple[str, ...] = COLOURS) -> tuple[tuple[str, .
     return (colours(count, few), 1.0) if count <= MOST_NAMED else ((few[0],) * count, _SMALL)
 
 
-_MOST_NUMBERS = 7
-_POINTS_OF_A_LETTER = 5.0
+POINTS_OF_A_LETTER = 5.0
 """Average width of a letter of 10 points, in points."""
 
 _COMMAND = re.compile(r"\\\\(mathrm|dot|ddot|left|right|frac)?[a-zA-Z]*")
@@ -124,18 +123,6 @@ def dress(axis: Axes, style: Style, title: str = "") -> None:
             line.set_major_formatter(number_formatter())
 
 
-def few_ticks(axis: Axes) -> None:
-    """Limit the tick labels of the horizontal axis of a panel so that they do not touch."""
-    low, high = axis.get_xlim()
-    width = 72 * axis.get_window_extent().width / of_figure(axis).dpi
-    for count in range(_MOST_NUMBERS, 1, -1):
-        axis.locator_params(axis="x", nbins=count)
-        places = [place for place in axis.get_xticks() if low <= place <= high]
-        letters = max((len(text) for text in number_labels(places)), default=0)
-        if len(places) * (letters + 1) * _POINTS_OF_A_LETTER * 1.1 <= width:
-            return
-
-
 def legend(axis: Axes, style: Style, title: str = "", size: float = 9.0) -> None:
     """Add a legend outside the upper right of a panel, and a title at its left; above it if both are long."""
     labels = axis.get_legend_handles_labels()[1]
@@ -155,7 +142,7 @@ def legend(axis: Axes, style: Style, title: str = "", size: float = 9.0) -> None
         columnspacing=1.2,
     )
     rows = -(-len(labels) // columns)
-    above = _POINTS_OF_A_LETTER * letters_in(title) + columns * entry > room
+    above = POINTS_OF_A_LETTER * letters_in(title) + columns * entry > room
     axis.set_title(title, loc="left", fontsize=size, color=style.ink, pad=6.0 + (14.0 * rows if above else 0.0))
 
 
