@@ -13,6 +13,8 @@ from sympy import acos, cos, cosh, exp, pi, sin, sqrt
 import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import equilibria as equilibria_module
+from lagrange.mechanics.plain_form import PlainForm
+from lagrange.mechanics.stability import only_brakes
 from lagrange.mechanics.symbolic_roots import Branch, solved
 from tests.models import shared_scene
 
@@ -303,3 +305,21 @@ def test_flat_places_are_found_and_surfaces_are_not_listed() -> None:
         lg.System(x.dot**2 / 2, 2 * sympy.tanh(x), name="tail").equilibria()
     with pytest.raises(StatementError, match=r"free-flip has too many equilibria to list: 256 starts of Newton's met"):
         shared_scene("free-flip").equilibria()
+
+
+DRAGS = [
+    (lambda v: c * v**4, True),
+    (lambda v: c * sympy.Abs(v) ** sympy.Rational(3, 2), True),
+    (lambda v: c * sympy.Abs(v) ** 3 + k * v**2, True),
+    (lambda v: -c * v**4, False),
+    (lambda v: c * sin(v) ** 2, False),
+    (lambda v: c * exp(v), False),
+    (lambda v: c * v**4 * x, False),
+]
+"""Dissipations of one velocity, and whether their power is certainly never negative."""
+
+
+@pytest.mark.parametrize(("dissipation", "brakes"), DRAGS)
+def test_a_dissipation_brakes_if_its_terms_are_powers_of_the_velocities(dissipation: Any, brakes: bool) -> None:
+    system = lg.System(m * x.dot**2 / 2, k * x**2 / 2, dissipation=dissipation(x.dot))
+    assert only_brakes(PlainForm(system.statement)) is brakes

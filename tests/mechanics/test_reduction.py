@@ -255,3 +255,16 @@ def test_a_multiplier_in_a_force_keeps_its_constraint(wanted: Any) -> None:
     )
     with pytest.raises(StatementError, match="the force on x contains the multiplier of floor, which has no value"):
         block.eliminate(wanted)
+
+
+def test_a_branch_has_to_hold_near_the_initial_state_alone() -> None:
+    roof = lg.System(
+        kinetic=(x.dot**2 + y.dot**2) / 2,
+        potential=g * y,
+        constraints={"roof": y - sympy.Abs(x)},
+        parameters={g: 1},
+        initial={x: -1, y: 1},
+    )
+    assert roof.eliminate({y: -x}).accelerations() == {x: g / 2}
+    with pytest.raises(StatementError, match="y = 'x' solves no constraint"):
+        roof.eliminate({y: x})
