@@ -66,19 +66,15 @@ def test_sympy_computes_what_the_model_does(name: str) -> None:
     check(SYMPY, named(name))
 
 
-JAX_SYSTEMS = ["cart and pole", "cartesian-pendulum", "8 carried masses", "friction"]
-"""Time and angles, a constraint, a matrix for LAPACK, conditions. JAX compiles each operation: 1 s for each system."""
+def every_system(*quick: str) -> list[Any]:
+    """Return all systems as parameters: JAX compiles each operation, and a default run takes few."""
+    return [pytest.param(name, marks=[pytest.mark.slow] * (name not in quick)) for name in [*SCENES, *OWN]]
 
 
-@pytest.mark.parametrize("name", JAX_SYSTEMS)
+# Time and angles, a constraint, a matrix for LAPACK, conditions.
+@pytest.mark.parametrize("name", every_system("cart and pole", "cartesian-pendulum", "8 carried masses", "friction"))
 def test_jax_computes_what_the_model_does(name: str) -> None:
     check(JAX, named(name), count=2)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", [name for name in [*SCENES, *OWN] if name not in JAX_SYSTEMS])
-def test_jax_computes_what_the_model_does_in_every_scene(name: str) -> None:
-    check(JAX, named(name))
 
 
 QUANTITIES = ["jacobian", "mass_matrix", "energy", "momenta", "multipliers"]
@@ -123,28 +119,15 @@ def test_derivatives_by_casadi_are_the_jacobian(name: str) -> None:
         assert derivative_apart(model, time, state, found) <= 1
 
 
-def jax_derivative(name: str) -> float:
+@pytest.mark.parametrize("name", every_system("cart and pole", "8 carried masses"))
+def test_derivatives_by_jax_are_the_jacobian(name: str) -> None:
+    ready(JAX)
     import jax
 
     model = named(name)
     time, state = list(states_of(model))[1]
     found = jax.jit(jax.jacfwd(model.as_jax(), 1))(time, state, model.parameter_array())
-    return derivative_apart(model, time, state, found)
-
-
-@pytest.mark.parametrize("name", ["cart and pole", "8 carried masses"])
-def test_derivatives_by_jax_are_the_jacobian(name: str) -> None:
-    ready(JAX)
-    assert jax_derivative(name) <= 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "name", [name for name in [*SCENES, *OWN] if name not in ("cart and pole", "8 carried masses")]
-)
-def test_derivatives_by_jax_are_the_jacobian_in_every_scene(name: str) -> None:
-    ready(JAX)
-    assert jax_derivative(name) <= 1
+    assert derivative_apart(model, time, state, found) <= 1
 
 
 @few

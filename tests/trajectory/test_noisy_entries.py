@@ -116,19 +116,16 @@ In lattices entries grow from rounding to order one like a power of time. By def
 hold, which takes as many steps as an `atol` of 1e-16: at order eight up to 2.2 times, at order five up to 3.1 times.
 """
 
+OTHERS = [
+    pytest.param(name, marks=pytest.mark.slow)
+    for name in ("verner9", "scipy-dop853", "tsit5", "dopri5", "radau5", "scipy-lsoda", "scipy-rk45")
+]
 
-@pytest.mark.parametrize("method", ["taylor", "dop853"])
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", *OTHERS])
 @pytest.mark.parametrize("kind", KINDS)
-def test_random_systems_at_rest_but_for_one_entry(kind: Callable[[Random], Case], method: str) -> None:
-    tries, fewest = steps_by_default(kind(Random(2)), method)
-    assert tries <= MOST[method] * fewest + 2
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", [*MOST, "tsit5", "dopri5", "radau5", "scipy-lsoda", "scipy-rk45"])
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("seed", range(6))
-def test_more_random_systems(kind: Callable[[Random], Case], method: str, seed: int) -> None:
+@pytest.mark.parametrize("seed", [pytest.param(seed, marks=[pytest.mark.slow] * (seed != 2)) for seed in range(6)])
+def test_random_systems_at_rest_but_for_one_entry(kind: Callable[[Random], Case], method: str, seed: int) -> None:
     tries, fewest = steps_by_default(kind(Random(seed)), method)
     assert tries <= MOST.get(method, 3.5) * fewest + 2
 
