@@ -14,6 +14,8 @@ from sympy import Abs, sqrt
 
 import lagrange as lg
 from lagrange.page.motion import TOLERANCE
+from lagrange.show.figures.curve import around
+from lagrange.show.figures.paths import Box
 from tests.models import shared_scene
 from tests.page.browser import Browser, Tab, program
 from tests.systems import pendulum
@@ -369,3 +371,35 @@ def test_the_change_of_an_energy_that_is_lost_is_negative(browser: Browser, tmp_
         energy = damped.run(at, rtol=TOLERANCE).energy
         assert tab.text("#drift-name") == "energy change"
         assert change == pytest.approx(energy[-1] - energy[0], rel=1e-3)  # four digits are shown
+
+
+def test_limits_and_the_floor_are_those_of_figures(browser: Browser, tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    sizes = 10.0 ** np.arange(-9, 9, 3)[:, None]
+    rows = [np.full(3, 1.0), np.array([1.0, 1.0 + 1e-12]), np.zeros(2), *(sizes * rng.normal(size=(6, 4)))]
+    with browser.open(shared_scene("spherical-pendulum").to_page(tmp_path / "page.html")) as tab:
+        for row in rows:
+            assert tab.value(f"around({row.min()!s}, {row.max()!s})") == pytest.approx(around(row), rel=1e-12)
+        for _ in range(5):
+            points = rng.normal(size=(3, 9)) * [[1.0], [3.0], [0.02]]
+            bounds = json.dumps(np.stack([points.min(axis=1), points.max(axis=1)], axis=1).tolist())
+            found = tab.value(f"(() => {{ const v = new View(3, [-1, 0.4]); v.bounds = {bounds}; return v.room; }})()")
+            box = Box.around(points)
+            np.testing.assert_allclose(found, np.stack([box.low, box.high], axis=1), atol=1e-12)
+
+
+def test_axes_are_fixed_before_the_motion_begins(browser: Browser, tmp_path: Path) -> None:
+    system = shared_scene("double-pendulum")
+    run = system.run(method="dop853", rtol=TOLERANCE).sampled(np.linspace(0.0, 20.0, 401))
+    with browser.open(system.to_page(tmp_path / "page.html")) as tab:
+        tab.click("#play")
+        tab.click("#reset")
+        tab.wait("lagrange.limits()[0].every(Number.isFinite)")
+        before = tab.value("lagrange.limits()")
+        assert before[0][:4] == pytest.approx(run.y.min(axis=1), abs=1e-6)
+        assert before[1][:4] == pytest.approx(run.y.max(axis=1), abs=1e-6)
+        kinetic = run.evaluate(system.statement.kinetic)
+        assert before[1][5] == pytest.approx(kinetic.max(), rel=1e-6)
+        tab.click("#step", 200)
+        for old, new in zip(before, tab.value("lagrange.limits()"), strict=True):
+            assert new[:7] == old[:7]

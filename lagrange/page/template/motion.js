@@ -19,7 +19,11 @@ const SURVEYED = 400;
 /** Largest violation of a constraint at the start, relative to its terms; the first steps correct it. */
 const ON_CONSTRAINTS = 9.5367431640625e-7;
 
-/** A value beyond the bounds of its axis moves them further by this part of their distance, so that they move rarely. */
+/**
+ * After the motion ahead is known, its axes stay while values are within this part of their extent beside it, for which
+ * they have room, and else move further by this part, so that they move rarely.
+ */
+const WITHIN = 0.04;
 const FURTHER = 0.25;
 
 /** Number of parts in which a value is changed if constraints restrict the start. */
@@ -191,12 +195,12 @@ class Motion {
     }
 
     extend(k, value) {
-        const further = this.surveyed ? FURTHER * (this.high[k] - this.low[k]) : 0;
-        if (value < this.low[k]) {
-            this.low[k] = value - further;
+        const extent = this.surveyed ? this.high[k] - this.low[k] : 0;
+        if (value < this.low[k] - WITHIN * extent) {
+            this.low[k] = value - FURTHER * extent;
         }
-        if (value > this.high[k]) {
-            this.high[k] = value + further;
+        if (value > this.high[k] + WITHIN * extent) {
+            this.high[k] = value + FURTHER * extent;
         }
     }
 
@@ -386,6 +390,7 @@ function startPage(model) {
         trajectory: (times) => player.motion.trajectory(Array.from(times)),
         state: () => ({ t: player.motion.t[0], y: Array.from(player.motion.y) }),
         values: () => ({ parameters: Array.from(player.motion.parameters), initial: Array.from(player.motion.initial) }),
+        limits: () => [Array.from(player.motion.low), Array.from(player.motion.high)],
         frames: () => player.frames,
     });
 }

@@ -51,9 +51,9 @@ class Player {
     /** Fill the list of quantities for the plot over time. */
     choices() {
         const { energies, kept } = this.data;
-        const zero = this.data.zero ? ", V and E from the least V" : "";
+        const several = this.data.zero ? "energies above the least V" : "energies over time";
         const named = [
-            ["energies", energies.length > 1 ? `energies over time${zero}` : "energy over time"],
+            ["energies", energies.length > 1 ? several : "energy over time"],
             ["drift", kept ? "energy drift over time" : "change of the energy over time"],
             ["coordinates", "coordinates over time"],
         ];

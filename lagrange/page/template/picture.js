@@ -10,6 +10,9 @@ const BANDS = 16;
 /** Most segments of a trail. */
 const PARTS = 2400;
 
+/** Least length in pixels of an axis of space that has numbers. */
+const SHORTEST_AXIS = 30;
+
 /** Time for computing ahead when values change, and in each frame, in ms. */
 const LOOK_AHEAD = 25;
 const LOOK_ON = 4;
@@ -74,7 +77,6 @@ class Picture {
         context.lineJoin = context.lineCap = "round";
         if (view.dimension === 3) {
             this.drawFloor(context, places);
-            this.drawAxes(context, height);
         } else {
             this.drawGrid(context, width, height);
         }
@@ -116,57 +118,54 @@ class Picture {
         context.fillText(unit ? `x, y in ${unit}` : "", width - 8, height - 22);
     }
 
-    /** Draw a floor below a motion in space, with the shadows of the points, to show depth. */
+    /** Draw the floor of a motion in space with its numbers and an upright axis, and the shadows of the points. */
     drawFloor(context, places) {
         const { view, look } = this;
-        const [xs, ys, zs] = view.bounds.map(([low, high]) => (low <= high ? [low, high] : [-1, 1]));
-        const size = Math.max(xs[1] - xs[0], ys[1] - ys[0], zs[1] - zs[0]) || 1;
-        const half = 0.6 * size;
-        const [x0, y0] = [(xs[0] + xs[1]) / 2, (ys[0] + ys[1]) / 2];
-        const line = (from, to) => {
-            context.moveTo(...view.pixel(view.seen(from, 0)));
-            context.lineTo(...view.pixel(view.seen(to, 0)));
+        const { room, near, left } = view;
+        const pixel = (place) => view.pixel(view.seen(place, 0));
+        const line = (from, to, colour) => {
+            context.strokeStyle = colour;
+            context.beginPath();
+            context.moveTo(...pixel(from));
+            context.lineTo(...pixel(to));
+            context.stroke();
         };
-        context.strokeStyle = look.grid;
         context.lineWidth = 1;
-        context.beginPath();
-        for (let k = -3; k <= 3; k++) {
-            const part = (half * k) / 3;
-            line([x0 + part, y0 - half, zs[0]], [x0 + part, y0 + half, zs[0]]);
-            line([x0 - half, y0 + part, zs[0]], [x0 + half, y0 + part, zs[0]]);
-        }
-        context.stroke();
+        context.font = look.font;
         context.fillStyle = look.quiet;
+        context.textAlign = "center";
+        context.textBaseline = "middle";
+        const unit = this.data.unit.length;
+        const feet = [[null, near[1]], [near[0], null], left];
+        "xyz".split("").forEach((name, k) => {
+            const at = (value, end) => [0, 1, 2].map((i) => (i === k ? value : i === 2 ? room[2][0] : end ?? feet[k][i]));
+            const [begin, end] = room[k].map((value) => pixel(at(value)));
+            const length = Math.hypot(end[0] - begin[0], end[1] - begin[1]);
+            if (length < SHORTEST_AXIS) {
+                return; // the axis is seen from its end
+            }
+            const away = view.outwards(k);
+            const { places: ticks, texts, factor } = marks(...room[k], Math.min(4, length / 40));
+            if (k < 2) {
+                ticks.forEach((value) => line(at(value, room[1 - k][0]), at(value, room[1 - k][1]), look.grid));
+                room[1 - k].forEach((side) => line(at(room[k][0], side), at(room[k][1], side), look.quiet));
+            } else {
+                line(at(room[2][0]), at(room[2][1]), look.quiet);
+            }
+            const write = (text, [x, y], far) => context.fillText(text, x + far * away[0], y + far * away[1]);
+            ticks.forEach((value, n) => write(texts[n], pixel(at(value)), k < 2 ? 13 : 18));
+            const label = [unit ? `${name} (${unit})` : name, factor].filter(Boolean).join(" in ");
+            const [x, y] = pixel(at(k < 2 ? (room[k][0] + room[k][1]) / 2 : room[2][1]));
+            write(label, k < 2 ? [x, y] : [x, y - 10], [32, 40, 0][k]);
+        });
         context.globalAlpha = 0.35;
         for (let at = 0; at < places.length; at += 3) {
-            const [x, y] = view.pixel(view.seen([places[at], places[at + 1], zs[0]], 0));
+            const [x, y] = pixel([places[at], places[at + 1], room[2][0]]);
             context.beginPath();
             context.ellipse(x, y, 6, Math.max(1, 6 * Math.abs(Math.sin(view.elevation))), 0, 0, 2 * Math.PI);
             context.fill();
         }
         context.globalAlpha = 1;
-    }
-
-    /** Draw the directions of x, y and z in a corner. */
-    drawAxes(context, height) {
-        const { view, look } = this;
-        context.font = look.font;
-        context.textAlign = "center";
-        context.textBaseline = "middle";
-        context.lineWidth = 1.5;
-        ["x", "y", "z"].forEach((name, k) => {
-            const axis = [0, 0, 0];
-            axis[k] = 1;
-            const [u, v] = view.seen(axis, 0);
-            const [x, y] = [46, height - 46];
-            context.strokeStyle = look.quiet;
-            context.beginPath();
-            context.moveTo(x, y);
-            context.lineTo(x + 26 * u, y - 26 * v);
-            context.stroke();
-            context.fillStyle = look.ink;
-            context.fillText(name, x + 36 * u, y - 36 * v);
-        });
     }
 
     drawTrails(context, places) {

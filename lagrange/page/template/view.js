@@ -3,6 +3,10 @@
 /** Free part of the picture around the motion, on each side. */
 const MARGIN = 0.1;
 
+/** Least side of the box around a motion in space, and the room beside the motion, as parts of its largest side. */
+const LEAST_SIDE = 0.25;
+const BESIDE = 0.06;
+
 /** A motion in space that is flatter than this part of its size is viewed along its flat direction. */
 const FLAT = 1e-9;
 
@@ -70,6 +74,11 @@ class View {
     enclose(samples) {
         this.box = { left: Infinity, right: -Infinity, low: Infinity, high: -Infinity };
         samples.forEach((places) => this.include(places));
+        if (this.dimension === 3) {
+            const [xs, ys, zs] = this.room;
+            xs.forEach((x) => ys.forEach((y) => this.include([x, y, zs[0]])));
+            this.include([...this.left, zs[1]]);
+        }
         const { left, right, low, high } = this.box;
         if (!(Math.max(right - left, high - low) > 0)) {
             const [u, v] = left <= right ? [left, low] : [0, 0];
@@ -77,6 +86,41 @@ class View {
             this.box = { left: u - half, right: u + half, low: v - half, high: v + half };
         }
         this.first = Math.max(this.box.right - this.box.left, this.box.high - this.box.low);
+    }
+
+    /** Return the bounds of the box around a motion in space; its floor is at the lowest point. */
+    get room() {
+        const bounds = this.bounds.map(([low, high]) => (low <= high ? [low, high] : [-1, 1]));
+        const largest = Math.max(...bounds.map(([low, high]) => high - low)) || 1;
+        return bounds.map(([low, high], k) => {
+            const half = Math.max(high - low, LEAST_SIDE * largest) / 2 + BESIDE * largest;
+            const middle = k === 2 ? low + half : (low + high) / 2;
+            return [middle - half, middle + half];
+        });
+    }
+
+    /** Corner of the floor that is nearest. */
+    get near() {
+        const [a, e] = [this.azimuth, Math.sign(this.elevation) || 1];
+        return [this.room[0][e * Math.cos(a) > 0 ? 1 : 0], this.room[1][e * Math.sin(a) > 0 ? 1 : 0]];
+    }
+
+    /** Corner of the floor that is furthest to the left. */
+    get left() {
+        const [xs, ys] = this.room;
+        return [xs[this.right[0] > 0 ? 0 : 1], ys[this.right[1] > 0 ? 0 : 1]];
+    }
+
+    /** Return the direction on the screen that leads away from the edge with the numbers of an axis of space. */
+    outwards(k) {
+        if (k === 2) {
+            return [-1, 0];
+        }
+        const other = 1 - k;
+        const sign = this.near[other] > (this.room[other][0] + this.room[other][1]) / 2 ? 1 : -1;
+        const away = [sign * this.right[other], -sign * this.up[other]];
+        const length = Math.hypot(...away) || 1;
+        return away.map((part) => part / length);
     }
 
     /** Extend the box to the positions of one time. */
