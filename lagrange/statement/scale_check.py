@@ -76,7 +76,7 @@ def with_scales(
 
 
 def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], term: Any) -> str:
-    """Return what to write for a term in another unit: symbols of which each alone, in another unit, mends it."""
+    """Return the remedy for a term in another unit: symbols and the units to state them in. Each alone mends it."""
     stated = [symbol for symbol, dimension in dimensions.items() if dimension.unit]
     # Symbols of the term first: one of them is more often the wrong one.
     stated.sort(key=lambda symbol: not term.has(symbol))
@@ -92,7 +92,7 @@ def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], t
 
 
 def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], symbol: Any) -> str:
-    """Return the unit of a symbol in which the units of the other symbols fit together, empty if there is none."""
+    """Return the unit of a symbol that fits the units of all other symbols, or an empty text."""
     others = {**dimensions, symbol: Dimension(dimensions[symbol].exponents)}
     scales = _Scales(others)
     try:
