@@ -16,7 +16,7 @@ from sympy import cos
 
 import lagrange as lg
 from lagrange.show.files.picture import bounded_png
-from lagrange.statement.scene import LibraryScene, library
+from lagrange.statement.scene.library import LibraryScene, library
 
 DOCS = Path(__file__).resolve().parent
 

@@ -23,6 +23,7 @@ from lagrange.show.race import Race as Race
 from lagrange.show.race import race as race
 from lagrange.statement.coordinate import coordinate as coordinate
 from lagrange.statement.coordinate import coordinates as coordinates
+from lagrange.statement.coordinate import multiplier as multiplier
 from lagrange.statement.coordinate import parameters as parameters
 from lagrange.statement.coordinate import t as t
 from lagrange.statement.energy import gravity as gravity
@@ -33,7 +34,6 @@ from lagrange.statement.event import Event as Event
 from lagrange.statement.event import event as event
 from lagrange.statement.given import given as given
 from lagrange.statement.motion import table as table
-from lagrange.statement.multiplier import multiplier as multiplier
 from lagrange.system import System as System
 from lagrange.system import load as load
 from lagrange.system import scene as scene

@@ -18,12 +18,14 @@ from lagrange.show.notebook.shown_derivation import ShownDerivation, written_der
 from lagrange.show.notebook.shown_lists import EquationList, ExpressionDict
 from lagrange.show.notebook.system_page import system_page
 from lagrange.show.terminal.languages import DETAILS
-from lagrange.statement import scene as scene_files
 from lagrange.statement.choice import ByName, one_of
 from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.declare import declare
 from lagrange.statement.given import require_values
 from lagrange.statement.number import flag
+from lagrange.statement.scene.library import load as library_scene
+from lagrange.statement.scene.reader import read_scene, stored_statement
+from lagrange.statement.scene.writer import scene_text
 from lagrange.statement.statement import Statement
 
 if TYPE_CHECKING:
@@ -118,10 +120,10 @@ class System:
     @classmethod
     def from_scene(cls, path: str | Path) -> System:
         """Read a scene file. Raises SceneError with file, line and column."""
-        return cls.from_statement(scene_files.read_scene(path))
+        return cls.from_statement(read_scene(path))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return System.from_statement, (self.statement,)
+        return _from_text, (scene_text(self.statement),)
 
     def __repr__(self) -> str:
         return f"<System {self.statement.name}: {abridged(self.statement.names)}>"
@@ -131,9 +133,7 @@ class System:
 
     def __getattr__(self, name: str) -> Any:
         if name == "page":
-            raise AttributeError(
-                "a System has no page: derivation() is the derivation, to_page(path) writes a web page."
-            )
+            raise AttributeError("a System has no page: use derivation(), or to_page(path), which writes a web page.")
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     @property
@@ -349,12 +349,10 @@ class System:
     def to_scene(self, path: str | os.PathLike[str]) -> Path:
         """Write the statement as a scene file, which `System.from_scene` reads back. Returns its path.
 
-        The file holds the whole statement and the default options of a run, but no SymPy assumptions, such as positive
-        parameters. Raises StatementError for content that a scene cannot hold, such as a parameter without a value or a
-        function without a formula, and for a path that cannot be written.
+        It reads back symbol for symbol: the scene says `evaluate = false`, so expressions are built as they stand.
+        Raises StatementError for the derivative of a function that is not written out, or a path that is not writable.
         """
         from lagrange.show.files.atomic_file import write_atomically
-        from lagrange.statement.scene_text import scene_text
 
         return write_atomically(path, lambda file: file.write(scene_text(self.statement).encode()))
 
@@ -575,6 +573,10 @@ class System:
         return known_statement(self.statement)
 
 
+def _from_text(text: str) -> System:
+    return System.from_statement(stored_statement(text))
+
+
 def _reached(*given: Any) -> list[Any]:
     """Return the nearest states on the constraints; see `lagrange.compiler.reached`."""
     from lagrange.compiler import reached
@@ -584,15 +586,14 @@ def _reached(*given: Any) -> list[Any]:
 
 def scene(name: str) -> System:
     """Return a system of the library by name; `lagrange.scenes()` lists the names. Raises StatementError otherwise."""
-    return System.from_statement(scene_files.load(name))
+    return System.from_statement(library_scene(name))
 
 
 def load(path: str | os.PathLike[str]) -> Solution:
     """Return the run that `solution.to_npz` wrote, with its system: a Solution.
 
-    Between its outputs it has only the states that the file stores for animations.
-    No code in the file is run: it holds numbers and texts, from which the system is built like that of a scene.
-    Raises StatementError for a file that cannot be read, or that is not from `to_npz`.
+    Between its outputs it has only the states that the file stores for animations. No code in the file is run: it holds
+    numbers and a scene. Raises StatementError for a file that cannot be read, or that is not from `to_npz`.
     """
     from lagrange.compiler import machine, model_of
     from lagrange.show.files.loaded_run import loaded_run

@@ -16,7 +16,7 @@ from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.recipes.model import Model
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
-from lagrange.statement.scene import load
+from lagrange.statement.scene.library import load
 from lagrange.statement.statement import Statement
 from lagrange.system import System, scene
 

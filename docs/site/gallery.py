@@ -14,7 +14,7 @@ from tutorials import STORED
 import lagrange as lg
 from lagrange.page.animation import Animation
 from lagrange.page.player import frame_size
-from lagrange.statement.scene import LibraryScene, library
+from lagrange.statement.scene.library import LibraryScene, library
 
 SCENES = ROOT / "lagrange" / "scenes"
 NOTE = 34

@@ -18,7 +18,7 @@ from lagrange.errors import StatementError
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node
 from lagrange.graph.rebuild import substitute
-from lagrange.statement.constraint import Constraint
+from lagrange.statement.statement import Constraint
 
 ROUND_OFF = 1e-12
 """A value counts as zero below this fraction of its terms."""

@@ -33,8 +33,7 @@ from lagrange.equations.point import Point, moving_points
 from lagrange.equations.terms import TooLargeError
 from lagrange.equations.textbook_algebra import BUDGET, TextbookAlgebra
 from lagrange.errors import StatementError
-from lagrange.statement.coordinate import t
-from lagrange.statement.multiplier import multiplier
+from lagrange.statement.coordinate import multiplier, t
 from lagrange.statement.named_tables import with_named_tables
 from lagrange.statement.statement import Statement
 

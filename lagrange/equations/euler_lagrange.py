@@ -22,10 +22,9 @@ from lagrange.graph.node import Binding, Graph, Kind, Node
 from lagrange.graph.rebuild import substitute
 from lagrange.graph.share import share_sums
 from lagrange.graph.to_sympy import to_sympy
-from lagrange.statement.coordinate import acceleration_of, t
+from lagrange.statement.coordinate import acceleration_of, check_multipliers, multiplier, t
 from lagrange.statement.energy import first_order_remedy
 from lagrange.statement.expression import expression as expression_of
-from lagrange.statement.multiplier import check_multipliers, multiplier
 from lagrange.statement.parameters import in_own_parameters
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey

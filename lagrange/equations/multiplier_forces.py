@@ -17,8 +17,7 @@ import sympy
 
 from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, listing
-from lagrange.statement.coordinate import t
-from lagrange.statement.multiplier import check_multipliers, constraint_of
+from lagrange.statement.coordinate import check_multipliers, constraint_of, t
 from lagrange.statement.statement import REFUSE, Statement
 
 LONGEST = 20_000

@@ -13,14 +13,13 @@ from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.evidence.agreement import NEAR_INITIAL
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, simplest, vanishes
-from lagrange.statement.constraint import Constraint
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.expression import expression
 from lagrange.statement.given import given as given_function
 from lagrange.statement.motion import motion_of
 from lagrange.statement.parameters import in_own_parameters, label_of
-from lagrange.statement.statement import Statement
+from lagrange.statement.statement import Constraint, Statement
 from lagrange.statement.survey import Survey
 
 

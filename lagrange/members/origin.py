@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib.metadata
-import json
+import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -17,7 +17,7 @@ from lagrange.members.keep import OUTPUTS, STATE, Column
 from lagrange.members.table import MemberTable
 from lagrange.statement.event import Event
 from lagrange.statement.number import real_number
-from lagrange.statement.stored import stored
+from lagrange.statement.scene.writer import scene_text
 from lagrange.trajectory.plan import Stepped
 
 MEMBER, CHECKSUM, BLOCK, VARIABLE = "member", "checksum", "block", "variable"
@@ -77,7 +77,7 @@ def origin(job: Job, table: MemberTable, block: int) -> dict[str, Any]:
     return {
         "lagrange": importlib.metadata.version("lagrange-mechanics"),
         **{name: _version(name) for name in VERSIONS},
-        "statement": json.dumps(stored(problem.model.statement), sort_keys=True),
+        "statement": scene_text(problem.model.statement),
         "target": problem.model.target,
         "method": repr(options.method),
         "steps": _steps(options.method),
@@ -152,9 +152,9 @@ def difference(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> str:
 def _parts(found: Mapping[str, Any], wanted: Mapping[str, Any]) -> list[str]:
     """Return the names of the parts in which two statements differ."""
     try:
-        old = json.loads(str(found.get("statement")))
+        old = tomllib.loads(str(found.get("statement")))
     except ValueError:
-        old = {}
-    new = json.loads(wanted["statement"])
-    names = [name for name in new if name != "nodes" and old.get(name) != new[name]]
-    return names or ["expressions"]
+        return ["form: a development version before lagrange 0.1.0 wrote it as JSON"]
+    new = tomllib.loads(wanted["statement"])
+    names = [name for name in {**new, **old} if name != "definitions" and old.get(name) != new.get(name)]
+    return names or ["definitions"]

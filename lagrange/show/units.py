@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from lagrange.statement.coordinate import t
-from lagrange.statement.dimension import Dimension, named, read_dimension
 from lagrange.statement.statement import Statement
+from lagrange.statement.units.dimension import Dimension, named, read_dimension
 
 
 def has_units(statement: Statement) -> bool:

@@ -1,4 +1,4 @@
-"""Generalized coordinates, parameters and time as SymPy objects, in the order of their declarations."""
+"""Coordinates, parameters, time and multipliers as SymPy objects, and the order of their declarations."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ from typing import Any, NoReturn
 from sympy import Basic, Derivative, Symbol
 from sympy.core.function import Application, AppliedUndef, UndefinedFunction
 
-from lagrange.errors import StatementError, formula, shown
-from lagrange.statement.letters import NAME
-from lagrange.statement.lexer import FUNCTIONS
+from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.statement.number import flag
+from lagrange.statement.words import FUNCTIONS, NAME
 
 
 class DeclaredOrder:
@@ -80,9 +79,9 @@ def check_name(name: str, what: str) -> str:
 
 
 def check_symbol(name: str, what: str) -> str:
-    """Return the name of a coordinate or parameter, or refuse one that no expression of a scene can contain.
+    """Return the name of a coordinate or parameter. Raises StatementError for a name with another meaning.
 
-    The names are the same in Python and in scenes: no predefined one, no function, no reserved word of Python.
+    Those are `PREDEFINED` names, names of functions, and reserved words of Python, which scenes cannot contain.
     """
     meaning = PREDEFINED.get(check_name(name, what), "a function" if name in FUNCTIONS else "")
     if not meaning and keyword.iskeyword(name):
@@ -214,3 +213,35 @@ def row_label(key: Any) -> str:
     if isinstance(key, Basic):
         return formula(key, MOST_LETTERS)
     return key if isinstance(key, str) else shown(key)
+
+
+_OPENING, _CLOSING = "lambda[", "]"
+
+
+def multiplier(name: str) -> Any:
+    """Return the multiplier of the constraint of that name, for forces, events and `solution.evaluate`.
+
+    It is the factor lambda in the generalized forces lambda dphi/dq that the constraint phi = 0 exerts, and a SymPy
+    symbol that prints as lambda[name]. Raises StatementError for a name that is not an
+    identifier.
+    """
+    return Symbol(f"{_OPENING}{check_name(name, 'constraint')}{_CLOSING}", real=True)
+
+
+def constraint_of(symbol: Any) -> str | None:
+    """Return the name of the constraint if the symbol is its multiplier, else None."""
+    name = str(symbol.name)
+    if name.startswith(_OPENING) and name.endswith(_CLOSING):
+        return name.removeprefix(_OPENING).removesuffix(_CLOSING)
+    return None
+
+
+def check_multipliers(names: Iterable[str], what: str, held: Sequence[str], system: str) -> None:
+    """Raise StatementError for the multiplier of an unknown constraint.
+
+    `names` are the constraints whose multipliers an expression contains, `held` the constraints of the system.
+    """
+    for name in names:
+        if name not in held:
+            have = f"the constraints are {listing(held)}" if held else f"{system} has no constraints"
+            raise StatementError(f"{what} contains {multiplier(name)}, but {have}." + suggestion(name, held))

@@ -11,10 +11,11 @@ from typing import Any
 import numpy as np
 import sympy
 from sympy.core.function import AppliedUndef
+from sympy.core.relational import Relational
+from sympy.logic.boolalg import BooleanAtom
 
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.statement.choice import one_of, text
-from lagrange.statement.constraint import Constraint, declare_constraints
 from lagrange.statement.coordinate import (
     COORDINATES,
     check_name,
@@ -25,16 +26,16 @@ from lagrange.statement.coordinate import (
     t,
     velocity_of,
 )
-from lagrange.statement.dimension_check import with_dimensions
 from lagrange.statement.energy import first_order_remedy, without_velocity
-from lagrange.statement.expression import entries, expression
+from lagrange.statement.expression import TEXTS, entries, expression
 from lagrange.statement.given import check_given, coordinate_or_given
-from lagrange.statement.letters import NAME
 from lagrange.statement.motion import motion_of
 from lagrange.statement.number import real_number
 from lagrange.statement.parameters import check_rate, default_values, label_of, parameter_symbols, table_of
-from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Link, RunSettings, Statement
+from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Constraint, Link, RunSettings, Statement
 from lagrange.statement.survey import Survey
+from lagrange.statement.units.dimension_check import with_dimensions
+from lagrange.statement.words import NAME
 
 ORIGIN = "origin"
 """Name of the point at zero. Links may name it; no position may redefine it."""
@@ -59,20 +60,22 @@ def declare(
     source: str = "",
     run: RunSettings | None = None,
     dimensions: Mapping[Any, Any] | None = None,
+    check_inertia: bool = True,
 ) -> Statement:
-    """Check every part of a statement and return it frozen. Raises StatementError in the user's symbols."""
-    main = "the kinetic energy" if lagrangian is None else "the Lagrangian"
-    kinetic, potential, lagrangian = _energies(kinetic, potential, lagrangian)
-    survey = Survey()
-    survey.add(kinetic, main)
-    survey.add(potential, "the potential energy")
+    """Check every part of a statement and return it frozen. Raises StatementError in the user's symbols.
+
+    `check_inertia` differentiates in SymPy to find coordinates without inertia. The equations refuse them, too.
+    """
+    survey, main = Survey(), "the kinetic energy" if lagrangian is None else "the Lagrangian"
+    kinetic, potential, lagrangian = _energies(kinetic, potential, lagrangian, survey)
     moving = dict.fromkeys(survey.velocities)
     checked = declare_constraints(constraints, survey)
     chosen = _coordinates(coordinates, survey, _first_order(forces, dissipation))
     by_name = {name_of(q): q for q in chosen}
     force_table = _forces(forces, by_name, survey)
     dissipation = _dissipation(dissipation, by_name, survey)
-    _check_velocities(chosen, moving, checked, (kinetic, lagrangian), force_table, dissipation, main)
+    if check_inertia:
+        _check_velocities(chosen, moving, checked, (kinetic, lagrangian), force_table, dissipation, main)
     _check_constraints(checked, chosen, redundant)
     points = _positions(positions, survey)
     _check_declared(survey, chosen)
@@ -81,9 +84,7 @@ def declare(
     clean = partial(_unified, unify)
     statement = Statement(
         coordinates=chosen,
-        kinetic=clean(kinetic),
-        potential=clean(potential),
-        lagrangian=clean(lagrangian),
+        **dict(zip(("kinetic", "potential", "lagrangian"), map(clean, (kinetic, potential, lagrangian)), strict=True)),
         forces=tuple(clean(force_table.get(q, sympy.S.Zero)) for q in chosen),
         dissipation=clean(dissipation),
         redundant=redundant,
@@ -155,17 +156,20 @@ def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
     return rows
 
 
-def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> tuple[Any, Any, Any]:
-    """Return (T, V, L); a system given by L alone has T = L and V = 0."""
+def _energies(kinetic: Any, potential: Any, lagrangian: Any, survey: Survey) -> tuple[Any, Any, Any]:
+    """Return (T, V, L), and add them to the survey; a system given by L alone has T = L and V = 0."""
     if lagrangian is not None:
         if kinetic is not None or potential is not None:
             raise StatementError("give either lagrangian=, or kinetic= and potential=, not both.")
         whole = expression(lagrangian, "the Lagrangian")
+        survey.add(whole, "the Lagrangian")
         return whole, sympy.S.Zero, whole
     if kinetic is None:
         raise StatementError("no kinetic energy: give kinetic= and potential=, or lagrangian=.")
     kinetic = expression(kinetic, "the kinetic energy")
     potential = expression(0 if potential is None else potential, "the potential energy")
+    survey.add(kinetic, "the kinetic energy")
+    survey.add(potential, "the potential energy")
     return kinetic, potential, kinetic - potential
 
 
@@ -356,3 +360,67 @@ def _has_length(value: Any, *lengths: int) -> bool:
     if isinstance(value, np.ndarray):
         return value.ndim == 1 and len(value) in lengths
     return isinstance(value, (list, tuple, sympy.MatrixBase)) and len(value) in lengths
+
+
+def declare_constraints(given: Any, survey: Survey) -> tuple[Constraint, ...]:
+    """Return the constraints of a list, or of a dict by name, and add their symbols and functions to the survey.
+
+    In a list they are named constraint_1, constraint_2, ... Raises StatementError for an entry that is not an
+    equation or an expression, or that contains no coordinate.
+    """
+    constraints: dict[str, Constraint] = {}
+    for name, stated in _named_constraints(given):
+        what = f"constraint {name!r}"
+        zero = _zero_of(stated, what)
+        leaves = Survey()
+        leaves.add(zero, what)
+        survey.add(zero, what)
+        if not leaves.coordinates:
+            raise StatementError(_no_coordinates(what, zero))
+        constraints[name] = Constraint(name, zero, not leaves.velocities)
+    return tuple(constraints.values())
+
+
+def _named_constraints(given: Any) -> Iterator[tuple[str, Any]]:
+    """Yield each constraint with its name."""
+    if isinstance(given, Mapping):
+        for name, stated in given.items():
+            yield check_name(name, "constraint"), stated
+        return
+    listed = entries(given, "constraints")
+    if listed is None:
+        raise StatementError(
+            f"constraints is {shown(given)}: give a list such as [x**2 + y**2 - l**2], or a dict such as "
+            "{'rod': x**2 + y**2 - l**2}."
+        )
+    for i, stated in enumerate(listed, 1):
+        yield f"constraint_{i}", stated
+
+
+def _zero_of(stated: Any, what: str) -> Any:
+    """Return the expression that is zero: the expression itself, or left minus right side of an equation."""
+    if isinstance(stated, sympy.Eq):
+        return expression(stated.lhs, f"the left side of {what}") - expression(stated.rhs, f"the right side of {what}")
+    if isinstance(stated, (BooleanAtom, bool)):
+        verdict = "always true: it constrains nothing. Leave it out" if stated else "never true: no motion satisfies it"
+        raise StatementError(f"{what} is {verdict}. Where == was meant, write sympy.Eq(left, right).")
+    if isinstance(stated, Relational):
+        raise StatementError(
+            f"{what} is {shown(str(stated))}, an inequality. Constraints are equations: state the equation that holds, "
+            "and end the run by an event where the multiplier changes sign, lg.multiplier(name)."
+        )
+    if isinstance(stated, TEXTS):
+        raise StatementError(f"{what} is the text {shown(stated, 60)}: give a SymPy expression that is zero, or an Eq.")
+    return expression(stated, what)
+
+
+def _no_coordinates(what: str, zero: Any) -> str:
+    """Return the message for a constraint that contains no coordinate and no velocity."""
+    if zero.is_zero:
+        return f"{what} is 0 = 0, which always holds: leave it out."
+    if zero.is_number:
+        return f"{what} is {formula(zero, 60)} = 0, which never holds: no motion satisfies it."
+    return (
+        f"{what} contains no coordinate and no velocity ({formula(zero, 60)} = 0): a constraint relates coordinates or "
+        "velocities. A relation of parameters belongs into the values of parameters."
+    )

@@ -13,15 +13,14 @@ import numpy as np
 import sympy
 
 from lagrange.errors import StatementError, formula, listing, shown
-from lagrange.statement.coordinate import t
+from lagrange.statement.coordinate import check_multipliers, t
 from lagrange.statement.declare import state_rows
-from lagrange.statement.dimension_check import check_event_dimensions
 from lagrange.statement.expression import entries, expression
-from lagrange.statement.multiplier import check_multipliers
 from lagrange.statement.number import real_number
 from lagrange.statement.parameters import in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
+from lagrange.statement.units.dimension_check import check_event_dimensions
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +49,7 @@ class Event:
         for name, table in (("reset", self.reset), ("settings", self.settings)):
             if not isinstance(table, Mapping):
                 raise StatementError(
-                    f"{name} is {_written(table)!r}: give a dict from coordinates, velocities and parameters to "
+                    f"{name} is {shown(table, 80)}: give a dict from coordinates, velocities and parameters to "
                     "expressions, such as {y.dot: -0.9*y.dot}."
                 )
             values[name] = MappingProxyType({key: _value(value) for key, value in table.items()})
@@ -151,7 +150,7 @@ def declare_events(events: Any, statement: Statement, *, constant: str = "") -> 
         events = [events]
     listed = entries(events, "events")
     if listed is None:
-        raise StatementError(f"events is {shown(events)!r}: give a list of expressions, or of lg.event(...).")
+        raise StatementError(f"events is {shown(events)}: give a list of expressions, or of lg.event(...).")
     stated = (given if isinstance(given, Event) else _either_way(given) for given in listed)
     checked = tuple(_in_own_parameters(e, statement.parameters) for e in stated)
     for place, e in enumerate(checked):

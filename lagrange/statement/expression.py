@@ -13,11 +13,10 @@ from typing import Any
 
 import numpy as np
 import sympy
+from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError, formula, shown
-from lagrange.statement.modulo import without_modulo
 from lagrange.statement.number import real_number
-from lagrange.statement.reality import real
 
 MOST_ENTRIES = 10_000
 """Largest number of entries of a vector. A generator with more is refused, for it may have no end."""
@@ -110,3 +109,52 @@ def vector(value: Any, what: str) -> list[Any]:
     if not components:
         raise StatementError(f"{what} is empty: give at least one component.")
     return [expression(entry, f"component {i} of {what}") for i, entry in enumerate(components)]
+
+
+def modulo(dividend: Any, divisor: Any) -> Any:
+    """Return Mod(dividend, divisor), which has the sign of the divisor, in sines and an arctangent."""
+    angle = 2 * sympy.pi * dividend / divisor
+    return divisor / 2 + divisor * sympy.atan2(-sympy.sin(angle), -sympy.cos(angle)) / (2 * sympy.pi)
+
+
+def without_modulo(expression: Any) -> Any:
+    """Return the expression with every Mod, such as x % 2, replaced by `modulo`."""
+    if not expression.has(sympy.Mod):
+        return expression
+    known: dict[Any, Any] = {}
+    # Inner ones first: the outer ones contain them.
+    for part in sorted(expression.atoms(sympy.Mod), key=lambda part: (sympy.count_ops(part), str(part))):
+        known[part] = modulo(*(argument.xreplace(known) for argument in part.args))
+    return expression.xreplace(known).replace(
+        lambda node: isinstance(node, sympy.Derivative) and not isinstance(node.expr, AppliedUndef),
+        lambda node: node.doit(deep=False),
+    )
+
+
+_PARTS = (sympy.re, sympy.im, sympy.conjugate)
+
+
+def real(expression: Any) -> Any:
+    """Return the expression with re, im and conjugate evaluated for real functions and parameters.
+
+    All quantities of a statement are real, but SymPy's functions of time are not: it turns Abs(exp(x(t))) into
+    exp(re(x(t))), and differentiates Abs(x(t)) to a formula in re(x(t)) and im(x(t)).
+    """
+    if not expression.has(*_PARTS):
+        return expression
+    parts = sorted(expression.atoms(*_PARTS), key=lambda part: (sympy.count_ops(part), str(part)))
+    known: dict[Any, Any] = {}
+    for part in parts:  # inner ones first: the outer ones contain them
+        known[part.xreplace(known)] = known[part] = _real_part(part.xreplace(known))
+    replaced = expression.xreplace(known)
+    return replaced.replace(
+        lambda node: isinstance(node, sympy.Derivative) and not isinstance(node.expr, AppliedUndef),
+        lambda node: node.doit(deep=False),
+    )
+
+
+def _real_part(part: Any) -> Any:
+    """Return re(...), im(...) or conjugate(...) evaluated with a real symbol in place of each name."""
+    names = [*part.atoms(AppliedUndef, sympy.Derivative), *part.free_symbols]
+    stand_ins = {name: sympy.Dummy(real=True) for name in sorted(names, key=str) if not name.is_real}
+    return part.xreplace(stand_ins).xreplace({symbol: name for name, symbol in stand_ins.items()})

@@ -69,7 +69,7 @@ def check_given(survey: Survey, coordinates: Collection[str]) -> None:
         name = name_of(function)
         if name in coordinates or name in names:
             other = "a coordinate" if name in coordinates else "a given function with other values"
-            raise StatementError(f"{name} is a given function of time, and the name of {other} too: rename one.")
+            raise StatementError(f"{name} names a given function of time and {other}: rename one of them.")
         check_rate(name, coordinates, "given function")
         names[name] = function
     spans = {name: motion.span for name, function in names.items() if (motion := motion_of(function)) is not None}

@@ -14,7 +14,7 @@ import numpy as np
 import sympy
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange.errors import MANY_PARTS, StatementError, formula, has_many_parts, shown
+from lagrange.errors import MANY_PARTS, TOO_LARGE, StatementError, formula, has_many_parts, shown
 
 FloatArray = NDArray[np.float64]
 
@@ -37,8 +37,6 @@ _ENDED = (list, tuple, range, np.ndarray, array, memoryview, bytearray, bytes, s
 
 _DEGREES = re.compile(r" *([+-]?[0-9.]{1,30}) *(?:deg|degrees|°) *")
 """A text that means an angle in degrees."""
-
-TOO_LARGE = "too large for a floating-point number: give one below 1.8e308"
 
 
 def real_number(value: Any, what: str) -> float:

@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 from sympy import Expr, Symbol
 
 from lagrange.errors import abridged, listing
-from lagrange.statement.constraint import Constraint
-from lagrange.statement.coordinate import acceleration_of, name_of, velocity_of
-from lagrange.statement.dimension import Dimension
+from lagrange.statement.coordinate import acceleration_of, multiplier, name_of, velocity_of
 from lagrange.statement.motion import motion_of
+from lagrange.statement.units.dimension import Dimension
 
 ROD, SPRING = "rod", "spring"
 KINDS = (ROD, SPRING)
@@ -29,6 +28,20 @@ class Link(NamedTuple):
     kind: str = ROD
 
 
+@dataclass(frozen=True)
+class Constraint:
+    """An expression that is zero along the motion; `holonomic` if it is free of velocities."""
+
+    name: str
+    expression: Any
+    holonomic: bool
+
+    @property
+    def multiplier(self) -> Any:
+        """Symbol of its multiplier."""
+        return multiplier(self.name)
+
+
 REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
 """Treatment of constraints that follow from others: refuse them, or let them share the constraint forces."""
 
@@ -37,11 +50,15 @@ _VIEWS = ("defaults", "positions", "dimensions")
 """Fields of a statement that are read-only views of dicts."""
 
 
+DEFAULT_T_END = 10.0
+"""Time at which a run ends if neither its caller nor its scene states one."""
+
+
 @dataclass(frozen=True)
 class RunSettings:
     """Settings of a run that a scene states; arguments of the caller override them."""
 
-    t_end: float = 10.0
+    t_end: float = DEFAULT_T_END
     method: str | None = None
     rtol: float | None = None
     atol: float | None = None

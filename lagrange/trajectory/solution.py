@@ -270,7 +270,7 @@ class Solution:
         return write_csv(self, path, rate, t)
 
     def to_npz(self, path: str | os.PathLike[str]) -> Path:
-        """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,), card and statement (JSON); none needs pickle.
+        """Write NumPy arrays t (N,), y (2n, N), energy (N,), names (2n,), card (JSON) and statement (a scene).
 
         For runs of few steps, t_between (K,) and y_between (2n, K) are states between the outputs, for animations.
         With m constraints there are also constraint_error (N,), multipliers (m, N), and constraints (m,), their names;

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.statement.scene import library
+from lagrange.statement.scene.library import library
 from lagrange.trajectory.measures import stiffness
 from lagrange.trajectory.measures.stiffness import stability_limit, stability_polynomial, taylor_polynomial
 from lagrange.trajectory.methods.explicit import RungeKutta

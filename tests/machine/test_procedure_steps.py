@@ -27,7 +27,7 @@ from lagrange.procedure.step.controlled_steps import steps_of
 from lagrange.procedure.step.memory import EFFORT, NEWTON, Layout, SolveLayout
 from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.program.actions import LAWS
-from lagrange.statement.scene import load
+from lagrange.statement.scene.library import load
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.plan import StepPlan
 from tests.models import TARGETS, model, rods, springs

@@ -105,7 +105,7 @@ def test_a_store_of_something_else_is_left_as_it_is(tmp_path: Path) -> None:
         with pytest.raises(lg.StatementError) as refusal:
             run(store=target, **options)
         assert text in str(refusal.value) and "It was left as it is" in str(refusal.value)
-    with pytest.raises(lg.StatementError, match=r"differs in statement \(its about, .*potential"):
+    with pytest.raises(lg.StatementError, match=r"differs in statement \(its name, about, .*potential"):
         lg.ensemble(lg.scene("kepler"), 8.0, GRID, keep=("end", "counts"), store=target)
     (tmp_path / "other").mkdir()
     for other in (tmp_path / "other", Path(__file__)):

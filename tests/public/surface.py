@@ -23,7 +23,7 @@ from lagrange.show.dynamics import (
     PoincareSection,
     ShownModes,
 )
-from lagrange.statement.scene import LIBRARY
+from lagrange.statement.scene.library import LIBRARY
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.methods.registry import MethodTable
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from lagrange.compiler import machine, model_of
 from lagrange.recipes.model import Model
 from lagrange.statement.coordinate import coordinate
-from lagrange.statement.scene import library
+from lagrange.statement.scene.library import library
 from tests.models import SYSTEMS, build, loaded, model
 
 EPS = float(np.finfo(float).eps)

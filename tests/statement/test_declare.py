@@ -12,9 +12,8 @@ from sympy import cos, sin
 from sympy.physics.mechanics import dynamicsymbols
 
 from lagrange.errors import StatementError
-from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
+from lagrange.statement.coordinate import coordinate, coordinates, multiplier, parameters, t
 from lagrange.statement.declare import declare, initial_state
-from lagrange.statement.multiplier import multiplier
 from lagrange.statement.parameters import parameter_values
 from lagrange.statement.statement import Link, Statement
 

@@ -14,7 +14,7 @@ from sympy.physics import units
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.statement.dimension import read_dimension
+from lagrange.statement.units.dimension import read_dimension
 
 m, M, g, l, k, c, R, w, q0, B = lg.parameters("m M g l k c R w q0 B")
 theta, phi, x, y, r = lg.coordinates("theta phi x y r")

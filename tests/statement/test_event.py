@@ -9,10 +9,9 @@ import pytest
 import sympy as sp
 
 from lagrange.errors import StatementError
-from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
+from lagrange.statement.coordinate import coordinate, coordinates, multiplier, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.statement.event import Event, declare_events, event
-from lagrange.statement.multiplier import multiplier
 from lagrange.statement.survey import Survey
 from tests.models import stated
 
@@ -74,7 +73,7 @@ def test_a_reset_is_by_symbol_or_by_name() -> None:
         ({"terminal": "yes"}, "terminal = 'yes': give True"),
         ({"direction": "up"}, "direction is 'up' (str): give a number"),
         ({"direction": float("nan")}, "direction is nan: give a finite number"),
-        ({"reset": [x]}, "reset is '[x(t)]': give a dict from coordinates, velocities and parameters to expressions"),
+        ({"reset": [x]}, "reset is [x(t)]: give a dict from coordinates, velocities and parameters to expressions"),
         (
             {"reset": {x: "-x_dot"}},
             "the value of a reset is '-x_dot' (str): give an expression of the state before, such",

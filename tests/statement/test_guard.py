@@ -8,7 +8,7 @@ import pytest
 import sympy
 
 from lagrange.statement.coordinate import coordinates
-from lagrange.statement.text import CHUNK, Guard, RefusalError, parts_first, replace
+from lagrange.statement.scene.guard import CHUNK, Guard, RefusalError, parts_first, replace
 
 a, b = sympy.symbols("a b", real=True)
 x, y = coordinates("x y")

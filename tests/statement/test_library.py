@@ -12,7 +12,7 @@ import pytest
 import sympy
 
 from lagrange.statement.coordinate import t
-from lagrange.statement.scene import LIBRARY, library
+from lagrange.statement.scene.library import LIBRARY, library
 from lagrange.statement.statement import Link, Statement
 from tests.mechanisms.scenes import FORMULATIONS
 from tests.models import loaded

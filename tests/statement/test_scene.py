@@ -9,9 +9,10 @@ import pytest
 import sympy
 
 from lagrange.errors import SceneError, StatementError
-from lagrange.statement import scene as module
 from lagrange.statement.coordinate import coordinate, t, velocity_of
-from lagrange.statement.scene import library, library_path, load, read_scene
+from lagrange.statement.scene import reader as module
+from lagrange.statement.scene.library import library, library_path, load
+from lagrange.statement.scene.reader import read_scene
 from lagrange.statement.statement import Link, RunSettings
 from tests.statement.scenes import DROP, write
 

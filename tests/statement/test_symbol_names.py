@@ -13,10 +13,10 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import lagrange as lg
 from lagrange.errors import SceneError, StatementError
-from lagrange.statement import text
 from lagrange.statement.coordinate import PREDEFINED
-from lagrange.statement.lexer import ALIASES, WORDS
-from lagrange.statement.scene import read_scene
+from lagrange.statement.scene import expressions as text
+from lagrange.statement.scene.reader import read_scene
+from lagrange.statement.words import ALIASES, WORDS
 from tests.statement.scenes import write
 
 MEANT = {
@@ -47,7 +47,7 @@ x = lg.coordinate("x_0")
 
 
 def test_what_is_predefined_is_what_a_text_may_use() -> None:
-    assert PREDEFINED.keys() == text._PREDEFINED.keys()
+    assert PREDEFINED.keys() == text.PREDEFINED_VALUES.keys()
 
 
 def as_coordinate(name: str) -> list[Callable[[Path], Any]]:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from lagrange.errors import SceneError
-from lagrange.statement.text import read_expression
+from lagrange.statement.scene.expressions import read_expression
 from tests.statement.attacks import ATTACKS
 from tests.statement.names import NAMES, x, y
 
@@ -160,7 +160,7 @@ def test_only_a_text_is_read(value: Any) -> None:
 def test_the_tree_is_checked_even_if_the_scanner_lets_something_through(
     node: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("lagrange.statement.lexer.scan", lambda *_, **__: None)
+    monkeypatch.setattr("lagrange.statement.scene.lexer.scan", lambda *_, **__: None)
     with pytest.raises(SceneError, match=r"cannot stand in|is no function here|is called by its name|not declared"):
         read_expression(node, NAMES)
 
@@ -169,12 +169,12 @@ def test_what_is_too_deep_for_the_parser_is_refused(monkeypatch: pytest.MonkeyPa
     def overflow(*_: Any, **__: Any) -> None:
         raise RecursionError
 
-    monkeypatch.setattr("lagrange.statement.text.ast.parse", overflow)
+    monkeypatch.setattr("lagrange.statement.scene.expressions.ast.parse", overflow)
     assert refusal("x")[1] == "the expression is too long: state it in parts, or group it with parentheses."
 
 
 def test_what_the_parser_refuses_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lagrange.statement.lexer.scan", lambda *_, **__: None)
+    monkeypatch.setattr("lagrange.statement.scene.lexer.scan", lambda *_, **__: None)
     with pytest.raises(SceneError, match="this is not an expression"):
         read_expression("x +", NAMES)
 

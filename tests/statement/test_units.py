@@ -12,9 +12,9 @@ from sympy import cos, sin
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.statement.dimension import read_dimension
 from lagrange.statement.parameters import label_of
-from lagrange.statement.scene_text import scene_text
+from lagrange.statement.scene.writer import scene_text
+from lagrange.statement.units.dimension import read_dimension
 from tests.statement.test_dimensions import KNOWN, SYSTEMS
 
 m, M, k, a, F, c, g, l, w, u = lg.parameters("m M k a F c g l w u")

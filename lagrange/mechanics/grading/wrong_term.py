@@ -41,7 +41,7 @@ from lagrange.mechanics.grading.term_difference import (
 )
 from lagrange.mechanics.grading.wrong_side import place_of, wrong_part
 from lagrange.mechanics.plain_form import simplest
-from lagrange.statement.multiplier import constraint_of
+from lagrange.statement.coordinate import constraint_of
 from lagrange.statement.statement import Statement
 
 LONGEST_SLIP = 400

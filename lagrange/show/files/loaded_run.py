@@ -13,8 +13,8 @@ from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.show.files.archive import UNREADABLE, arrays_of
 from lagrange.statement.choice import printable
+from lagrange.statement.scene.reader import stored_statement
 from lagrange.statement.statement import Statement
-from lagrange.statement.stored import restored
 from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.solution import Solution
@@ -34,12 +34,12 @@ def loaded_run(path: Any, model_of: Callable[[Statement, str], Model]) -> Soluti
     missing = [name for name in NEEDED if name not in arrays]
     if missing:
         raise StatementError(
-            f"{os.fspath(path)!r} is no run that to_npz wrote: it lacks {listing(missing)}. Give such a file; "
-            "one of an older version has no statement."
+            f"{os.fspath(path)!r} is not a run that to_npz wrote: it lacks {listing(missing)}. Give a file of "
+            "solution.to_npz(path)."
         )
     try:
-        card, stated = (json.loads(str(arrays[name])) for name in ("card", "statement"))
-        model = model_of(restored(stated), card["target"])
+        statement, card = stored_statement(str(arrays["statement"])), json.loads(str(arrays["card"]))
+        model = model_of(statement, card["target"])
         return Solution(_trajectory(arrays, card, model), model, model.parameter_values(card["parameters"]))
     except StatementError as error:
         raise StatementError(f"{os.fspath(path)!r} cannot be used: {error}") from error

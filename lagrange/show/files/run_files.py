@@ -19,8 +19,8 @@ from lagrange.show.files.atomic_file import Writer, write_atomically
 from lagrange.show.files.atomic_folder import write_together
 from lagrange.show.files.csv_format import write_rows
 from lagrange.show.files.picture import picture
-from lagrange.statement.multiplier import multiplier
-from lagrange.statement.stored import stored
+from lagrange.statement.coordinate import multiplier
+from lagrange.statement.scene.writer import scene_text
 from lagrange.trajectory.measures.sampling import times_at
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
@@ -126,7 +126,7 @@ def _changed_parameters(solution: Solution) -> dict[str, FloatArray]:
 def arrays_of_run(solution: Solution) -> dict[str, Any]:
     """Return the arrays of an archive by name; see `Solution.to_npz`."""
     run, model = solution.trajectory, solution.model
-    texts = {"card": json.dumps(solution.card()), "statement": json.dumps(stored(model.statement))}
+    texts = {"card": json.dumps(solution.card()), "statement": scene_text(model.statement)}
     arrays: dict[str, Any] = {"t": run.t, "y": run.y, "names": np.array(solution.names)}
     arrays |= {name: np.array(text) for name, text in texts.items()}
     arrays |= event_arrays(run.t_events, run.y_events) | stored_between(run)

@@ -14,8 +14,8 @@ from lagrange.show.notation.pieces import ATOM, POWER, PRODUCT, SUM, Notation, P
 from lagrange.show.notation.sections import Formula, Grid, Partial, Product, Rate, ShownQuantity, Square, Sum, Transpose
 from lagrange.show.notation.text import UnicodeNotation, width
 from lagrange.statement.coordinate import t
-from lagrange.statement.lexer import WORDS
 from lagrange.statement.statement import Statement
+from lagrange.statement.words import WORDS
 
 NAMES = {word.build: name for name, word in WORDS.items()}
 RELATIONS = {

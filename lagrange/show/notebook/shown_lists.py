@@ -10,7 +10,7 @@ from sympy import Basic
 from lagrange.show.notation.sections import Formula
 from lagrange.show.notebook.html_card import table
 from lagrange.show.notebook.page_writer import MOST_OPERATIONS, PageWriter, Part, joined, left_out
-from lagrange.statement.scene import library
+from lagrange.statement.scene.library import library
 from lagrange.statement.statement import Statement
 
 

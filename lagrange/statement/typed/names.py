@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
 
-from lagrange.statement.letters import GREEK
-from lagrange.statement.lexer import ALIASES, FUNCTIONS
+from lagrange.statement.words import ALIASES, FUNCTIONS, GREEK
 
 RATES = ("", "_dot", "_ddot")
 """Endings of a coordinate, its velocity and its acceleration in the strict notation."""

@@ -11,7 +11,7 @@ from lagrange.equations.euler_lagrange import RELATION
 from lagrange.errors import StatementError, listing
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.statement.constraint import Constraint
+from lagrange.statement.statement import Constraint
 from lagrange.trajectory.constraints.nearest import ON_SURFACE, Nearest, Residuals
 from lagrange.trajectory.constraints.residuals import ConstraintResiduals, residuals_of, units_of
 

@@ -13,7 +13,7 @@ from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
 from lagrange.machine.model import Model
 from lagrange.program.switching import switch
-from lagrange.statement.constraint import Constraint
+from lagrange.statement.statement import Constraint
 from lagrange.trajectory.constraints.nearest import ON_SURFACE, Residuals
 
 BESIDE = 1e-7

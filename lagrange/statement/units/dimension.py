@@ -15,8 +15,8 @@ import sympy
 from lagrange.errors import MANY_PARTS, SceneError, StatementError, formula, has_many_parts, listing, shown, suggestion
 from lagrange.statement.coordinate import t
 from lagrange.statement.parameters import label_of
-from lagrange.statement.scale import SAME_FACTOR
-from lagrange.statement.text import read_expression
+from lagrange.statement.scene.expressions import read_expression
+from lagrange.statement.units.scale import SAME_FACTOR
 
 PREFIXES = {"T": 12, "G": 9, "M": 6, "k": 3, "h": 2, "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12}
 """Powers of ten of the prefixes of units."""

@@ -10,8 +10,8 @@ from typing import Any
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.statement.dimension import DIMENSIONLESS, Dimension, named
 from lagrange.statement.motion import table_range
+from lagrange.statement.units.dimension import DIMENSIONLESS, Dimension, named
 
 SAME_DIMENSION = (sympy.Abs, sympy.Min, sympy.Max)
 """Functions whose value has the dimension of their arguments."""

@@ -1,4 +1,4 @@
-"""A statement as the text of a scene file. The text is read back and compared before it is returned."""
+"""A statement as the text of a scene file, which reads back symbol for symbol."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from typing import Any
 
 import sympy
 
-from lagrange.errors import SceneError, StatementError
-from lagrange.statement.coordinate import name_of, t
-from lagrange.statement.dimension import Dimension, named
-from lagrange.statement.expression_text import expression_text
-from lagrange.statement.letters import NAME
+from lagrange.errors import StatementError
+from lagrange.statement.coordinate import constraint_of, name_of, t
 from lagrange.statement.motion import Table, motion_of
-from lagrange.statement.multiplier import constraint_of
-from lagrange.statement.same_statement import difference
-from lagrange.statement.scene import scene_from_text
+from lagrange.statement.parameters import rate_name
+from lagrange.statement.scene.guard import RefusalError
+from lagrange.statement.scene.lexer import MULTIPLIER
+from lagrange.statement.scene.reader import MOST_RATES, NO_SIGN, OPEN
+from lagrange.statement.scene.shared_text import SharedText
 from lagrange.statement.statement import REFUSE, ROD, Statement
-from lagrange.statement.text import RefusalError
+from lagrange.statement.units.dimension import Dimension, named
+from lagrange.statement.words import NAME
 
 BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_")
 """The characters of a TOML key without quotation marks."""
@@ -28,26 +28,21 @@ ENERGIES = {"lagrangian": "the Lagrangian", "kinetic": "the kinetic energy", "po
 
 
 def scene_text(statement: Statement) -> str:
-    """Return the text of a scene file that reads back as the statement.
+    """Return the text of a scene file that reads back as the statement, symbol for symbol.
 
-    Raises StatementError for parts that scenes cannot state: parameters and given functions without values, functions
-    that are not written out, names that scenes refuse, and expressions longer than those of scenes.
+    The scene says `evaluate = false`: its expressions are built as they stand. Raises StatementError for parts that
+    scenes cannot state, such as derivatives of functions that are not written out.
     """
-    statement = statement.open_form or statement
-    if statement.unknown:
-        raise _refusal(statement, f"it contains {statement.unknown[0]}, which is not written out")
-    text = "\n".join(_Writer(statement).lines()) + "\n"
-    try:
-        again = scene_from_text(text)
-    except SceneError as error:
-        raise _refusal(statement, error.reason.rstrip(".")) from None
-    if other := difference(statement, again):
-        raise _refusal(statement, f"{other} would be read back as something else")
-    return text
+    return "\n".join(_Writer(statement.open_form or statement).lines()) + "\n"
 
 
-def _refusal(statement: Statement, reason: str) -> StatementError:
-    return StatementError(f"{statement.name} cannot be written as a scene: {reason}.")
+def sign_of(parameter: Any) -> str:
+    """Return the assumptions of a parameter in the words of [signs]; "real" for a real symbol without a sign."""
+    for words in ({"real": True}, {}, {"positive": True}, {"nonnegative": True}):
+        if parameter == sympy.Symbol(parameter.name, **words):
+            return next(iter(words), NO_SIGN)
+    assumed = {word: value for word, value in parameter._assumptions_orig.items() if word != "commutative"}
+    return " ".join(f"{'' if value else 'not '}{word}" for word, value in sorted(assumed.items()))
 
 
 class _Writer:
@@ -55,12 +50,27 @@ class _Writer:
 
     def __init__(self, statement: Statement) -> None:
         self.statement = statement
-        self.plain = dict(statement.plain)
+        self.leaves = {leaf: symbol.name for leaf, symbol in statement.plain.items()}
         for function in statement.given:
-            name = name_of(function)
-            for order, rate in enumerate(("", "_dot", "_ddot")):
-                rated = sympy.Derivative(function, (t, order)) if order else function
-                self.plain[rated] = sympy.Symbol(f"{name}{rate}", real=True)
+            rates = ((k, sympy.Derivative(function, (t, k))) for k in range(1, MOST_RATES + 1))
+            self.leaves |= {function: name_of(function), **{rate: rate_name(name_of(function), k) for k, rate in rates}}
+        self.leaves |= {parameter: parameter.name for parameter in statement.parameters}
+        taken = [*self.leaves.values()]
+        self.leaves[t] = t.name
+        for symbol in set().union(*(root.free_symbols for root in self.roots())):
+            if (constraint := constraint_of(symbol)) is not None:
+                self.leaves[symbol] = f"{MULTIPLIER}({constraint})"
+        self.shared = SharedText(self.roots(), self.leaves, taken)
+        own = {leaf: text for leaf, text in self.leaves.items() if leaf.is_Symbol}
+        self.alone = SharedText((), own, taken)
+
+    def roots(self) -> list[Any]:
+        """Return all expressions of the statement, in the order in which they are written."""
+        statement = self.statement
+        energies = [statement.kinetic] if statement.lagrangian_alone else [statement.kinetic, statement.potential]
+        constraints = [constraint.expression for constraint in statement.constraints]
+        points = [entry for point in statement.positions.values() for entry in point]
+        return [*energies, statement.dissipation, *statement.forces, *constraints, *points]
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the file."""
@@ -69,6 +79,9 @@ class _Writer:
         for key in ("about", "source"):
             if text := getattr(statement, key):
                 yield f"{key} = {_quoted(text)}"
+        yield "evaluate = false"
+        if functions := sorted({function.func.__name__ for function in statement.unknown}):
+            yield f"functions = [{_joined(map(_quoted, functions))}]"
         yield f"coordinates = [{', '.join(map(_quoted, statement.names))}]"
         for key in ("lagrangian",) if statement.lagrangian_alone else ("kinetic", "potential"):
             yield f"{key} = {self.text(ENERGIES[key], getattr(statement, key))}"
@@ -93,8 +106,10 @@ class _Writer:
         run = {key: repr(float(value)) for key, value in settings.items() if value is not None}
         if statement.run.method is not None:
             run["method"] = _quoted(statement.run.method)
+        signs = {parameter.name: sign_of(parameter) for parameter in statement.parameters}
         return {
             "parameters": {p.name: self.value(p) for p in statement.parameters},
+            "signs": {name: _quoted(sign) for name, sign in signs.items() if sign != "real"},
             "given": {name_of(function): self.motion(function) for function in statement.given},
             "initial": {name: repr(value) for name, value in states if value or name in statement.names},
             "forces": {name: self.text(f"the force on {name}", force) for name, force in forces if force != 0},
@@ -106,40 +121,36 @@ class _Writer:
                 label: f"[{_joined(self.text(f'the position of {label}', entry) for entry in point)}]"
                 for label, point in statement.positions.items()
             },
+            "definitions": {name: f"'{text}'" for name, text in self.shared.definitions.items()},
             "dimensions": dict(self.dimensions()),
             "run": run,
         }
 
-    def text(self, what: str, expression: Any) -> str:
+    def text(self, what: str, expression: Any, shared: SharedText | None = None) -> str:
         """Return an expression as a quoted text."""
-        plain = expression.xreplace(self.plain)
-        multipliers = sorted(str(s) for s in plain.free_symbols if constraint_of(s) is not None)
-        if multipliers:
-            raise _refusal(self.statement, f"{what} contains {multipliers[0]}, and scenes have no multipliers")
-        rates = plain.atoms(sympy.Derivative)
         try:
-            if rates:
-                raise RefusalError(f"the derivative {min(map(str, rates))}")
-            return _quoted(expression_text(plain))
+            return f"'{(shared or self.shared).text(expression)}'"
         except RefusalError as error:
-            raise _refusal(self.statement, f"{what} contains {error}") from None
+            raise StatementError(
+                f"{self.statement.name} cannot be written as a scene: {what} contains {error}."
+            ) from None
 
     def value(self, parameter: Any) -> str:
         """Return the value of a parameter."""
-        if parameter not in self.statement.defaults:
-            raise _refusal(self.statement, f"{parameter.name} has no value, and a scene gives every parameter one")
-        return repr(float(self.statement.defaults[parameter]))
+        value = self.statement.defaults.get(parameter)
+        return _quoted(OPEN) if value is None else repr(float(value))
 
     def motion(self, function: Any) -> str:
         """Return the values of a given function: a text, or lists of times and values."""
         motion = motion_of(function)
         if motion is None or motion.values is None:
-            raise _refusal(self.statement, f"{name_of(function)} is given without values")
+            return _quoted(OPEN)
         if isinstance(motion.values, Table):
             return (
                 f"[{_joined(f'[{_joined(map(repr, row))}]' for row in (motion.values.points, motion.values.values))}]"
             )
-        return self.text(f"the given function {name_of(function)}", motion.values)
+        text = self.text(f"the given function {name_of(function)}", motion.values, self.alone)
+        return text if text != f"'{OPEN}'" else f"'({OPEN})'"
 
     def dimensions(self) -> Iterator[tuple[str, str]]:
         """Yield (name, quoted unit or dimension). Reading infers units that follow from the stated ones again."""

@@ -18,12 +18,12 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError
-from lagrange.statement.checked_part import SAME_DIMENSION, CheckedPart, in_short, inner_parts, number_of
 from lagrange.statement.coordinate import name_of
-from lagrange.statement.dimension import BASE, Dimension, named, read_dimension, units_in
 from lagrange.statement.motion import table_range
 from lagrange.statement.parameters import label_of
-from lagrange.statement.scale import SAME_FACTOR, Scale, ScaleEquations
+from lagrange.statement.units.checked_part import SAME_DIMENSION, CheckedPart, in_short, inner_parts, number_of
+from lagrange.statement.units.dimension import BASE, Dimension, named, read_dimension, units_in
+from lagrange.statement.units.scale import SAME_FACTOR, Scale, ScaleEquations
 
 COHERENT = {"mass": "kg", "length": "m", "time": "s"}
 """Base units of N, J, W and other units of the SI."""

@@ -1,85 +1,33 @@
-"""The words of expressions in scene files, and the tokens of a text."""
+"""The tokens of an expression in a scene file, with the limits on its length and depth."""
 
 from __future__ import annotations
 
 import keyword
 import re
 import unicodedata
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any, NoReturn
-
-import sympy
+from typing import NoReturn
 
 from lagrange.errors import SceneError, listing, suggestion
-from lagrange.statement.letters import LETTER, NAME, WORD
-from lagrange.statement.modulo import modulo
+from lagrange.statement.words import FUNCTIONS, LETTER, NAME, WORD, WORDS
 
-
-@dataclass(frozen=True)
-class Word:
-    """A function: its name in texts, its constructor in SymPy, and the fewest and most arguments (None: no limit)."""
-
-    name: str
-    build: Callable[..., Any]
-    fewest: int
-    most: int | None
-
-
-WORDS: dict[str, Word] = {
-    word.name: word
-    for word in (
-        Word("sin", sympy.sin, 1, 1),
-        Word("cos", sympy.cos, 1, 1),
-        Word("tan", sympy.tan, 1, 1),
-        Word("asin", sympy.asin, 1, 1),
-        Word("acos", sympy.acos, 1, 1),
-        Word("atan", sympy.atan, 1, 1),
-        Word("atan2", sympy.atan2, 2, 2),
-        Word("exp", sympy.exp, 1, 1),
-        Word("log", sympy.log, 1, 1),
-        Word("sqrt", sympy.sqrt, 1, 1),
-        Word("sinh", sympy.sinh, 1, 1),
-        Word("cosh", sympy.cosh, 1, 1),
-        Word("tanh", sympy.tanh, 1, 1),
-        Word("cot", sympy.cot, 1, 1),
-        Word("sec", sympy.sec, 1, 1),
-        Word("csc", sympy.csc, 1, 1),
-        Word("sinc", sympy.sinc, 1, 1),
-        Word("asinh", sympy.asinh, 1, 1),
-        Word("acosh", sympy.acosh, 1, 1),
-        Word("atanh", sympy.atanh, 1, 1),
-        Word("erf", sympy.erf, 1, 1),
-        Word("heaviside", sympy.Heaviside, 1, 1),
-        Word("abs", sympy.Abs, 1, 1),
-        Word("sign", sympy.sign, 1, 1),
-        Word("min", sympy.Min, 1, None),
-        Word("max", sympy.Max, 1, None),
-        Word("mod", modulo, 2, 2),
-    )
-}
-
-ALIASES = {"Abs": "abs", "Min": "min", "Max": "max", "ln": "log", "Heaviside": "heaviside", "Mod": "mod"}
-"""Other spellings of functions in texts."""
-
-FUNCTIONS = frozenset((*WORDS, *ALIASES))
-"""Names of functions in every spelling."""
-
-SYMPY_CLASSES: frozenset[Any] = frozenset(
-    word.build for word in WORDS.values() if isinstance(word.build, type)
-) | frozenset((sympy.Piecewise,))
-"""SymPy function classes that an energy may contain."""
-
-
-LONGEST = 10_000
-"""Most characters of an expression."""
+LONGEST, LONGEST_UNEVALUATED = 10_000, 1_000_000
+"""Most characters of an expression. SymPy does nothing with an unevaluated one, so it may be longer."""
 DEEPEST = 64
 """Most levels of nested parentheses, signs, powers and conditions."""
 LONGEST_CHAIN = 2_200
 """Most terms and factors in a row. They nest in the tree of Python's parser, which fails beyond a depth of some
 2900 in Python 3.11."""
-LONGEST_NUMBER = 100
-"""Most characters of a number."""
+LONGEST_NUMBER, LONGEST_UNEVALUATED_NUMBER = 100, 400
+"""Most characters of a number; in unevaluated expressions those of 1,000 bits, and a few more."""
+
+MULTIPLIER, SUM, PRODUCT, FLOAT = "multiplier", "sum", "product", "float"
+"""Calls that are no functions: `multiplier(rod)` in scenes, the others in unevaluated expressions.
+
+A name before a parenthesis is always a call, so these names stay free for parameters.
+"""
+CALLS, UNEVALUATED_CALLS = frozenset((MULTIPLIER,)), frozenset((MULTIPLIER, SUM, PRODUCT, FLOAT))
 
 _TOKEN = re.compile(
     r"(?P<blank>[ \t\r\n]+)"
@@ -122,18 +70,27 @@ def refuse(reason: str, offset: int) -> NoReturn:
     raise SceneError(reason, column=offset + 1)
 
 
-def scan(text: str, names: Collection[str], *, constant: bool = False) -> None:
+def scan(
+    text: str,
+    names: Collection[str],
+    *,
+    constant: bool = False,
+    calls: Collection[str] = (),
+    unevaluated: bool = False,
+) -> None:
     """Check a text token by token against the known names; raises SceneError with the column.
 
-    `constant` says that the text is to be a number, which changes the remedy for an unknown name.
+    `constant` says that the text is to be a number, which changes the remedy for an unknown name. `calls` are names of
+    calls beside the functions. An `unevaluated` text may be longer, and may contain and, or, not, True, False and None.
     """
     if not isinstance(text, str):
         raise SceneError(f"an expression is a text such as '2*x', not {type(text).__name__}.")
-    if len(text) > LONGEST:
-        refuse(f"the expression has {len(text)} characters, more than {LONGEST}: state it in parts.", LONGEST)
+    most = LONGEST_UNEVALUATED if unevaluated else LONGEST
+    if len(text) > most:
+        refuse(f"the expression has {len(text)} characters, more than {most}: state it in parts.", most)
     if not text.strip():
         refuse("the expression is empty: write 0 if there is nothing.", 0)
-    checker = _Checker(text, names, constant)
+    checker = _Checker(text, names, constant, calls, unevaluated)
     offset = 0
     while offset < len(text):
         match = _TOKEN.match(text, offset)
@@ -156,7 +113,7 @@ class _Level:
     """A pair of parentheses: the offset of its start, and counters of the nesting without parentheses inside it."""
 
     offset: int
-    call: bool
+    call: str  # name of the function before it, empty if there is none
     tight: int = 0  # signs and powers whose operand is still open
     conditions: int = 0
     waiting: int = 0  # number of `if` without their `else` so far
@@ -167,15 +124,19 @@ class _Level:
 class _Checker:
     """Checks tokens one by one: values and operators alternate, parentheses match, and nesting is limited."""
 
-    def __init__(self, text: str, names: Collection[str], constant: bool) -> None:
+    def __init__(
+        self, text: str, names: Collection[str], constant: bool, calls: Collection[str], unevaluated: bool
+    ) -> None:
         self.text = text
         self.names = names
         self.constant = constant
-        self.levels = [_Level(0, call=False)]
+        self.calls = calls
+        self.unevaluated = unevaluated
+        self.levels = [_Level(0, call="")]
         self.depth = 0
         self.chain = 0
         self.valued = False  # the last token ended a value, so an operator must follow
-        self.called = False  # the last token was the name of a function
+        self.called = ""  # name of a function, if that was the last token
 
     def take(self, match: re.Match[str]) -> None:
         """Check the next token."""
@@ -212,14 +173,18 @@ class _Checker:
                 "as in 2*x.",
                 offset,
             )
-        if len(token) > LONGEST_NUMBER:
-            refuse(f"a number of {len(token)} characters is longer than {LONGEST_NUMBER}: shorten it.", offset)
+        most = LONGEST_UNEVALUATED_NUMBER if self.unevaluated else LONGEST_NUMBER
+        if len(token) > most:
+            refuse(f"a number of {len(token)} characters is longer than {most}: shorten it.", offset)
         if len(token) > 1 and token[0] == "0" and token.isdigit():
             refuse(f"{token[:20]} starts with a zero: write the number without it.", offset)
 
     def _name(self, token: str, offset: int) -> None:
         if token in ("if", "else"):
             self._condition(token, offset)
+            return
+        if self.unevaluated and token in _RESERVED:
+            self._logic(token, offset)
             return
         if keyword.iskeyword(token):
             remedy = _RESERVED.get(token, "choose another name")
@@ -237,20 +202,33 @@ class _Checker:
         self._value(token, offset)
         if _CALL.match(self.text, offset + len(token)):
             self._call(token, offset)
-        elif token not in self.names:
+        elif token not in self.names and self.levels[-1].call != MULTIPLIER:
             if token in FUNCTIONS:
                 refuse(f"{token!r} is a function: write {token}(...).", offset)
             unknown_name(token, self.names, offset, constant=self.constant)
 
     def _call(self, token: str, offset: int) -> None:
-        if token not in FUNCTIONS:
+        if token not in FUNCTIONS and token not in self.calls:
             if token in self.names:
                 refuse(f"{token!r} is no function: write a product with *, as in {token}*(...).", offset)
             refuse(
                 f"{token!r} is no function here; the functions are {listing(WORDS)}.{suggestion(token, FUNCTIONS)}",
                 offset,
             )
-        self.valued, self.called = False, True
+        self.valued, self.called = False, token
+
+    def _logic(self, token: str, offset: int) -> None:
+        """Check and, or, not, or a constant of logic."""
+        if token in ("and", "or"):
+            self._after_value(token, offset)
+            self._end_tight(self.levels[-1])
+            self._end_chain(self.levels[-1])
+        elif token == "not":
+            if self.valued:
+                refuse("an operator is missing before 'not'.", offset)
+            self._tighten()
+        else:
+            self._value(token, offset)
 
     def _value(self, token: str, offset: int) -> None:
         if self.valued:
@@ -329,7 +307,7 @@ class _Checker:
         if self.valued:
             refuse("an operator is missing before '(': write a product with *, as in 2*(x + y).", offset)
         self.levels.append(_Level(offset, call=self.called))
-        self.called = False
+        self.called = ""
         self.depth += 1
 
     def _close(self, offset: int) -> None:

@@ -4,189 +4,34 @@ from __future__ import annotations
 
 import ast
 import math
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cmp_to_key, partial
+from functools import partial
 from itertools import pairwise
 from typing import Any, NoReturn
 
 import sympy
-import sympy.assumptions.wrapper
-import sympy.sets.setexpr
-import sympy.tensor.tensor
-from sympy.functions.elementary.piecewise import ExprCondPair
 
 from lagrange.errors import SceneError
-from lagrange.statement import lexer
-from lagrange.statement.coordinate import t
-from lagrange.statement.lexer import ALIASES, WORDS, Word
-
-LARGEST_EXPONENT = 1000
-MOST_BITS = 256
-"""Most bits of an exact numerator or denominator: 77 digits."""
-MOST_BRANCHES = 32
-"""Most branches of a condition."""
-MOST_ARGUMENTS = 16
-"""Most arguments of min and max: SymPy compares them pair by pair."""
-MOST_DOUBTFUL = 5
-"""Most parts that may be complex in an expression that SymPy splits into real and imaginary part. Each can double the
-work."""
-MOST_COMPARED = 200
-"""Most parts of the expressions in a comparison, an absolute value, a minimum or a maximum."""
-CHUNK = 50
-"""Number of terms that SymPy adds at once. The exact coefficients are checked after each chunk."""
-
-_COMPARING = (sympy.Abs, sympy.sign, sympy.Min, sympy.Max, sympy.Heaviside, sympy.sinc, sympy.erf)
-_SPLITTING = (sympy.Abs, sympy.sinh, sympy.cosh, sympy.tanh)
-_NUMBER_FIRST = (sympy.Add, sympy.Mul)
-
-
-class RefusalError(Exception):
-    """Reason why an expression is refused. The reader adds the column."""
-
-
-class Guard:
-    """Checks every expression that is built while a text is read. Each distinct one is checked once."""
-
-    def __init__(self) -> None:
-        self.varies: dict[Any, bool] = {}
-
-    def check(self, expression: Any) -> bool:
-        """Check the expression and its parts, and return whether it depends on any name."""
-        for node in parts_first(expression, self.varies):
-            if not isinstance(node, sympy.Symbol):
-                _check_node(node)
-            self.varies[node] = isinstance(node, sympy.Symbol) or any(self.varies[part] for part in node.args)
-        return self.varies[expression]
-
-    def join(self, build: Callable[..., Any], parts: list[Any]) -> Any:
-        """Return `build(*parts)` for sympy.Add or sympy.Mul, in chunks of which each is checked."""
-        while len(parts) > CHUNK:
-            parts = [build(*parts[i : i + CHUNK]) for i in range(0, len(parts), CHUNK)]
-            for part in parts:
-                self.check(part)
-        return build(*parts)
-
-
-def parts_first(expression: Any, known: Mapping[Any, Any]) -> Iterator[Any]:
-    """Yield the distinct subexpressions that are not known yet, each after its own parts.
-
-    The caller enters each one in `known` before it takes the next.
-    """
-    todo = [expression]
-    while todo:
-        node = todo[-1]
-        fresh = [part for part in node.args if part not in known]
-        if fresh:
-            todo.extend(fresh)
-            continue
-        todo.pop()
-        if node not in known:
-            yield node
-
-
-def replace(expression: Any, table: Mapping[Any, Any]) -> Any:
-    """Return the expression with symbols replaced, in SymPy's order of terms, and nothing else evaluated.
-
-    SymPy assumes that x(t) may be complex: evaluation with it would rewrite roots and absolute values.
-    """
-    done: dict[Any, Any] = dict(table)
-    for node in parts_first(expression, done):
-        args = [done[part] for part in node.args]
-        done[node] = node if all(new is old for new, old in zip(args, node.args, strict=True)) else _rebuilt(node, args)
-    return done[expression]
-
-
-def _rebuilt(node: Any, args: list[Any]) -> Any:
-    if isinstance(node, ExprCondPair):
-        return node.func(*args)
-    if isinstance(node, _NUMBER_FIRST):
-        numbers = [arg for arg in args if isinstance(arg, sympy.Number)]
-        others = [arg for arg in args if not isinstance(arg, sympy.Number)]
-        args = numbers + sorted(others, key=cmp_to_key(sympy.Basic.compare))
-    return node.func(*args, evaluate=False)
-
-
-def check_power(base: Any, exponent: Any) -> None:
-    """Raise RefusalError for a power whose exact value SymPy would take too long to compute."""
-    _check_exponent(exponent)
-    if isinstance(base, sympy.Rational) and isinstance(exponent, sympy.Number):
-        bits = max(abs(base.p).bit_length(), base.q.bit_length())
-        if bits > 1 and bits * abs(exponent) > 2 * MOST_BITS:
-            raise RefusalError(
-                f"{float(base):g}**{float(exponent):g} is too long for an exact number: write a decimal, such as "
-                "1.5e100"
-            )
-
-
-def check_arguments(build: Any, arguments: list[Any]) -> None:
-    """Raise RefusalError for arguments of a function that SymPy would take too long to evaluate or to analyse."""
-    if build is sympy.exp and arguments[0].has(sympy.log):
-        _check_exponent(arguments[0])  # exp(n*log(x)) becomes the power x**n
-    if build in _COMPARING:
-        check_compared(
-            arguments, f"the {'argument' if len(arguments) == 1 else 'arguments'} of {build.__name__.lower()}"
-        )
-    if build in _SPLITTING and _doubtful(arguments[0]) > MOST_DOUBTFUL:
-        raise RefusalError(
-            f"the argument of {build.__name__.lower()} has more than {MOST_DOUBTFUL} parts that may be complex, "
-            "such as roots and logarithms: write it with fewer"
-        )
-
-
-def check_compared(expressions: list[Any], what: str) -> None:
-    """Raise RefusalError for long expressions to be compared: SymPy finds the sign over a common denominator."""
-    size: dict[Any, int] = {}
-    for expression in expressions:
-        for node in parts_first(expression, size):
-            size[node] = 1 + sum(size[part] for part in node.args)
-    if sum(size[expression] for expression in expressions) > MOST_COMPARED:
-        raise RefusalError(f"there are more than {MOST_COMPARED} parts in {what}: write something shorter")
-
-
-def _doubtful(argument: Any) -> int:
-    """Return the number of parts that may be complex to SymPy."""
-    doubt: dict[Any, bool] = {}
-    for node in parts_first(argument, doubt):
-        doubt[node] = isinstance(node, sympy.Expr) and not node.is_extended_real
-    return sum(doubt.values())
-
-
-def _check_exponent(exponent: Any) -> None:
-    for number in exponent.atoms(sympy.Number):
-        if abs(number) > LARGEST_EXPONENT:
-            raise RefusalError(f"the exponent {float(number):g} is out of bounds: at most {LARGEST_EXPONENT} in size")
-
-
-def _check_node(node: Any) -> None:
-    if isinstance(node, sympy.Rational):
-        if max(abs(node.p).bit_length(), node.q.bit_length()) > MOST_BITS:
-            raise RefusalError("an exact number here is longer than 77 digits: write a decimal, such as 1.5e100")
-    elif isinstance(node, sympy.Float):
-        _check_float(node)
-    elif node in (sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
-        raise RefusalError("this has no finite value: check for a division by zero")
-    elif node is sympy.I:
-        raise RefusalError("this is not real: energies and forces are real")
-    elif isinstance(node, sympy.Pow):
-        _check_exponent(node.exp)
-    elif isinstance(node, (sympy.Min, sympy.Max)) and len(node.args) > MOST_ARGUMENTS:
-        raise RefusalError(f"min and max take at most {MOST_ARGUMENTS} arguments")
-
-
-def _check_float(number: Any) -> None:
-    if abs(number) > sys.float_info.max:
-        raise RefusalError("a number here is too large for a floating-point number")
-    if number != 0 and float(number) == 0.0:
-        raise RefusalError("a number here is too small for a floating-point number")
-
+from lagrange.statement.coordinate import multiplier, t
+from lagrange.statement.scene import lexer
+from lagrange.statement.scene.guard import (
+    MOST_ARGUMENTS,
+    MOST_BRANCHES,
+    Guard,
+    RefusalError,
+    check_arguments,
+    check_compared,
+    check_power,
+    replaced,
+)
+from lagrange.statement.words import ALIASES, WORDS, Word
 
 MOST_CHAINED = 4
 """Most chained comparisons in a row that lead to the same value: SymPy makes 2**n clauses of n of them."""
 
-_PREDEFINED = {"t": t, "pi": sympy.pi}
+PREDEFINED_VALUES = {"t": t, "pi": sympy.pi}
 
 _DOUBLES: dict[str, Callable[..., float]] = {
     "sin": math.sin,
@@ -210,7 +55,7 @@ _DOUBLES: dict[str, Callable[..., float]] = {
     "acosh": math.acosh,
     "atanh": math.atanh,
     "erf": math.erf,
-    "heaviside": lambda x: 0.5 + math.copysign(0.5, x) if x else 0.5,
+    "heaviside": lambda x, middle=0.5: 0.5 + math.copysign(0.5, x) if x else middle,
     "abs": abs,
     "sign": lambda x: math.copysign(1.0, x) if x else 0.0,
     "min": lambda *x: min(x),
@@ -218,7 +63,7 @@ _DOUBLES: dict[str, Callable[..., float]] = {
     "mod": lambda x, y: x % y,
 }
 
-_COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
+COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], Any]] = {
     ast.Lt: sympy.Lt,
     ast.LtE: sympy.Le,
     ast.Gt: sympy.Gt,
@@ -234,23 +79,56 @@ def read_expression(text: str, names: Mapping[str, Any]) -> Any:
     `names` maps identifiers to SymPy objects. The text may hold numbers, + - * / **, the functions of
     `lexer.WORDS`, and conditions such as `a if x < 0 else b`. Raises SceneError with the column.
     """
-    known = {**names, **_PREDEFINED}
-    lexer.scan(text, known)
-    # built in real symbols: for q(t), which may be complex to SymPy, its questions on signs take long
-    real = {name: value if value.is_real else sympy.Dummy(name, real=True) for name, value in known.items()}
-    return replace(_Reader(text, real).read(), {real[name]: value for name, value in known.items()})
+    return Expressions(names).read(text)
+
+
+class Expressions:
+    """Reader of the expressions of one file: its names, its shared definitions, and the checks of all of them.
+
+    `names` maps identifiers to SymPy objects, `calls` has names of functions of coordinates that are not written out.
+    """
+
+    def __init__(self, names: Mapping[str, Any], calls: Collection[str] = ()) -> None:
+        known = {**names, **PREDEFINED_VALUES}
+        # built in real symbols: for q(t), which may be complex to SymPy, its questions on signs take long
+        self.names = {name: value if value.is_real else sympy.Dummy(name, real=True) for name, value in known.items()}
+        self.calls = calls
+        self.guard = Guard()
+        self.constants = {"pi": math.pi}
+        self._done = {self.names[name]: value for name, value in known.items()}
+
+    def define(self, name: str, text: str) -> None:
+        """Enter the name of the expression that a text states, for the texts that follow."""
+        value = self.built(text)
+        self.names[name] = value.expression
+        if value.double is not None:
+            self.constants[name] = value.double
+
+    def enter(self, name: str, expression: Any) -> None:
+        """Enter the name of an expression that is not stated by a text, such as a table."""
+        self.names[name] = sympy.Dummy(name, real=True)
+        self._done[self.names[name]] = expression
+
+    def read(self, text: str) -> Any:
+        """Return the expression that a text states. Raises SceneError with the column."""
+        return replaced(self.built(text).expression, self._done)
+
+    def built(self, text: str) -> Value:
+        """Return the value of a text in the names of this reader, where functions of time are real symbols."""
+        lexer.scan(text, self.names, calls=self.calls)
+        return Reader(text, self.names, self.guard, self.constants, self.calls).read()
 
 
 def read_number(text: str) -> float:
     """Return the value of a constant expression such as "pi/6". Raises SceneError with the column."""
     lexer.scan(text, {"pi"}, constant=True)
-    return float(_Reader(text, {"pi": sympy.pi}).read().evalf(30))
+    return float(Reader(text, {"pi": sympy.pi}, Guard(), {"pi": math.pi}).read().expression.evalf(30))
 
 
 def number_from_text(text: str) -> Any:
-    """Return a decimal as a SymPy number: an exact fraction where that is short, else the nearest double.
+    """Return the SymPy number of a decimal text: a fraction if the decimal equals a short one, else the nearest double.
 
-    So 0.5 is printed as 1/2, and x**0.5 is a square root, while 9.81 stays 9.81.
+    0.5 becomes 1/2, so x**0.5 is a square root. 9.81 stays 9.81. Raises RefusalError for a number that has no double.
     """
     if text.isdigit():
         return sympy.Integer(int(text))
@@ -267,26 +145,36 @@ def number_from_text(text: str) -> Any:
 
 
 @dataclass(frozen=True)
-class _Value:
+class Value:
     """Result of a part of the text: an expression, and its value as a double if it is constant, else None."""
 
     expression: Any
     double: float | None = None
 
 
-_Join = Callable[[list[_Value]], _Value]
-_Plan = tuple[list[ast.expr], _Join]
+Join = Callable[[list[Value]], Value]
+Plan = tuple[list[ast.expr], Join]
+"""Parts of a node of Python's syntax tree, and the function that joins their values."""
 
 
-class _Reader:
+class Reader:
     """Builds the expression of one scanned text, without recursion."""
 
-    def __init__(self, text: str, names: Mapping[str, Any]) -> None:
+    def __init__(
+        self,
+        text: str,
+        names: Mapping[str, Any],
+        guard: Guard,
+        constants: Mapping[str, float],
+        calls: Collection[str] = (),
+    ) -> None:
         # parentheses let lines break, and shift columns so that ast's count from 0 is ours from 1
         self.source = "(" + text.replace("\t", " ").replace("\r", " ").replace("\n", " ") + ")"
         self.names = names
-        self.guard = Guard()
-        self.plans: dict[type[ast.expr], Callable[[Any], _Plan]] = {
+        self.guard = guard
+        self.constants = constants
+        self.calls = calls
+        self.plans: dict[type[ast.expr], Callable[[Any], Plan]] = {
             ast.Constant: self._constant,
             ast.Name: self._name,
             ast.UnaryOp: self._sign,
@@ -296,10 +184,10 @@ class _Reader:
             ast.Compare: self._stray_comparison,
         }
 
-    def read(self) -> Any:
-        """Return the expression. The parts of each node are built before they are joined."""
-        todo: list[tuple[ast.expr, int, _Join | None]] = [(self._parse(), 0, None)]
-        done: list[_Value] = []
+    def read(self) -> Value:
+        """Return the expression, and its value as a double if it is constant. Parts are built first."""
+        todo: list[tuple[ast.expr, int, Join | None]] = [(self._parse(), 0, None)]
+        done: list[Value] = []
         while todo:
             node, count, join = todo.pop()
             try:
@@ -316,7 +204,7 @@ class _Reader:
                 raise SceneError(f"{refusal}.", column=self._place(node.col_offset)) from None
             except (ValueError, ArithmeticError, TypeError, RecursionError):
                 raise SceneError("this part has no finite real value.", column=self._place(node.col_offset)) from None
-        return done[0].expression
+        return done[0]
 
     def _parse(self) -> ast.expr:
         try:
@@ -334,76 +222,99 @@ class _Reader:
         """Return the index of the character at an offset of ast, which counts bytes: a Greek letter has two."""
         return offset if self.source.isascii() else len(self.source.encode()[:offset].decode())
 
-    def _plan(self, node: ast.expr) -> _Plan:
+    def _plan(self, node: ast.expr) -> Plan:
         plan = self.plans.get(type(node))
         if plan is None:
             raise RefusalError(f"{type(node).__name__} cannot stand in an expression")
         return plan(node)
 
-    def _checked(self, value: _Value) -> _Value:
+    def _checked(self, value: Value) -> Value:
         """Return the checked value. If SymPy evaluated it to an exact number, the double is taken from this number."""
         varies = self.guard.check(value.expression)
         if isinstance(value.expression, sympy.Number):
-            return _Value(value.expression, float(value.expression))
+            return Value(value.expression, float(value.expression))
         if varies:
-            return _Value(value.expression)
+            return Value(value.expression)
         if value.double is None:
             raise RefusalError("the names cancel and leave a constant: write the constant")
         if not math.isfinite(value.double):
             raise RefusalError("this has no finite value")
         return value
 
-    def _constant(self, node: ast.Constant) -> _Plan:
+    def _constant(self, node: ast.Constant) -> Plan:
         if type(node.value) not in (int, float):
             raise RefusalError(f"a {type(node.value).__name__} cannot stand in an expression: write a real number")
         begin, end = self._place(node.col_offset), self._place(node.end_col_offset or 0)
         number = number_from_text(self.source[begin:end])
-        return [], lambda _: _Value(number)
+        return [], lambda _: Value(number)
 
-    def _name(self, node: ast.Name) -> _Plan:
+    def _name(self, node: ast.Name) -> Plan:
         if node.id not in self.names:
             lexer.unknown_name(node.id, self.names, self._place(node.col_offset) - 1)
         expression = self.names[node.id]
-        return [], lambda _: _Value(expression, math.pi if expression is sympy.pi else None)
+        return [], lambda _: Value(expression, self.constants.get(node.id))
 
-    def _sign(self, node: ast.UnaryOp) -> _Plan:
+    def _sign(self, node: ast.UnaryOp) -> Plan:
         if isinstance(node.op, ast.UAdd):
             return [node.operand], lambda parts: parts[0]
         if isinstance(node.op, ast.USub):
             return [node.operand], _negative
         raise RefusalError(f"{type(node.op).__name__} cannot stand in an expression")
 
-    def _operation(self, node: ast.BinOp) -> _Plan:
+    def _operation(self, node: ast.BinOp) -> Plan:
         if isinstance(node.op, (ast.Add, ast.Sub)):
-            terms, straight = _spine(node, ast.Add, ast.Sub)
+            terms, straight = spine(node, ast.Add, ast.Sub)
             return terms, partial(self._sum, straight)
         if isinstance(node.op, (ast.Mult, ast.Div)):
-            factors, straight = _spine(node, ast.Mult, ast.Div)
+            factors, straight = spine(node, ast.Mult, ast.Div)
             return factors, partial(self._product, straight)
         if isinstance(node.op, ast.Pow):
             return [node.left, node.right], _power
         raise RefusalError(f"{type(node.op).__name__} cannot stand in an expression")
 
-    def _sum(self, straight: Sequence[bool], parts: list[_Value]) -> _Value:
+    def _sum(self, straight: Sequence[bool], parts: list[Value]) -> Value:
         terms = [part if plus else _negative([part]) for part, plus in zip(parts, straight, strict=True)]
-        return _Value(self.guard.join(sympy.Add, [term.expression for term in terms]), _constant(sum, terms))
+        return Value(self.guard.join(sympy.Add, [term.expression for term in terms]), _constant(sum, terms))
 
-    def _product(self, straight: Sequence[bool], parts: list[_Value]) -> _Value:
+    def _product(self, straight: Sequence[bool], parts: list[Value]) -> Value:
         factors = [part if times else _reciprocal(part) for part, times in zip(parts, straight, strict=True)]
-        return _Value(
+        return Value(
             self.guard.join(sympy.Mul, [factor.expression for factor in factors]), _constant(math.prod, factors)
         )
 
-    def _call(self, node: ast.Call) -> _Plan:
+    def _call(self, node: ast.Call) -> Plan:
         if not isinstance(node.func, ast.Name) or node.keywords:
             raise RefusalError("a function is called by its name, with its arguments in order, as in atan2(y, x)")
+        if node.func.id in self.calls:
+            return self._other_call(node.func.id, node.args)
         word = WORDS.get(ALIASES.get(node.func.id, node.func.id))
         if word is None:
             raise RefusalError(f"{node.func.id!r} is no function here")
         _check_arity(word, len(node.args))
-        return list(node.args), partial(_apply, word)
+        return list(node.args), partial(self._apply, word)
 
-    def _condition(self, node: ast.IfExp) -> _Plan:
+    def _other_call(self, name: str, arguments: list[ast.expr]) -> Plan:
+        """Plan the call of a multiplier, or of a function of coordinates that is not written out."""
+        if name == lexer.MULTIPLIER:
+            match arguments:
+                case [ast.Name(id=constraint)]:
+                    symbol = multiplier(constraint)
+                    return [], lambda _: Value(symbol)
+            raise RefusalError("multiplier takes the name of a constraint, as in multiplier(rod)")
+        if not arguments:
+            raise RefusalError(f"{name} has no arguments: write them, as in {name}(x)")
+        return list(arguments), lambda parts: Value(sympy.Function(name)(*(part.expression for part in parts)))
+
+    def _apply(self, word: Word, parts: list[Value]) -> Value:
+        arguments = [part.expression for part in parts]
+        double = _double(word, parts)
+        check_arguments(word.build, arguments)
+        if word.build is sympy.Abs and not arguments[0].is_extended_real:
+            # SymPy would make the real part of the root out of abs(exp(sqrt(x)))
+            return Value(sympy.Abs(*arguments, evaluate=False), double)
+        return Value(word.build(*arguments), double)
+
+    def _condition(self, node: ast.IfExp) -> Plan:
         """Plan `a if x < 0 else b if x < 1 else c`: of each branch the compared terms and the value, then the last."""
         tests: list[ast.Compare] = []
         parts: list[ast.expr] = []
@@ -422,48 +333,54 @@ class _Reader:
         raise RefusalError("a comparison has no value of its own: write a condition as in a if x < 0 else b")
 
 
-def _spine(node: ast.expr, forward: type[ast.operator], back: type[ast.operator]) -> tuple[list[ast.expr], list[bool]]:
+def spine(
+    node: ast.expr,
+    forward: type[ast.operator],
+    back: type[ast.operator],
+    stop: Callable[[ast.expr], Any] = lambda _: None,
+) -> tuple[list[ast.expr], list[bool]]:
     """Return the operands of a chain such as a - b + c, and for each True unless it is subtracted or divided by.
 
+    A chain also ends at a node for which `stop` returns a value: that node is its first operand.
     Chains become one n-ary Add or Mul: joining them two by two takes quadratic time.
     """
     operands: list[ast.expr] = []
     straight: list[bool] = []
-    while isinstance(node, ast.BinOp) and isinstance(node.op, (forward, back)):
+    while isinstance(node, ast.BinOp) and isinstance(node.op, (forward, back)) and stop(node) is None:
         operands.append(node.right)
         straight.append(isinstance(node.op, forward))
         node = node.left
     return [node, *reversed(operands)], [True, *reversed(straight)]
 
 
-def _constant(compute: Callable[[list[float]], float], parts: list[_Value]) -> float | None:
+def _constant(compute: Callable[[list[float]], float], parts: list[Value]) -> float | None:
     doubles = [part.double for part in parts if part.double is not None]
     return compute(doubles) if len(doubles) == len(parts) else None
 
 
-def _negative(parts: list[_Value]) -> _Value:
+def _negative(parts: list[Value]) -> Value:
     part = parts[0]
-    return _Value(-part.expression, None if part.double is None else -part.double)
+    return Value(-part.expression, None if part.double is None else -part.double)
 
 
-def _reciprocal(part: _Value) -> _Value:
+def _reciprocal(part: Value) -> Value:
     if part.double == 0.0:
         raise RefusalError("this divides by zero")
-    return _Value(1 / part.expression, None if part.double is None else 1 / part.double)
+    return Value(1 / part.expression, None if part.double is None else 1 / part.double)
 
 
-def _power(parts: list[_Value]) -> _Value:
+def _power(parts: list[Value]) -> Value:
     base, exponent = parts
     check_power(base.expression, exponent.expression)
     if base.double is None or exponent.double is None:
-        return _Value(base.expression**exponent.expression)
+        return Value(base.expression**exponent.expression)
     try:
         double = math.pow(base.double, exponent.double)
     except (ValueError, OverflowError):
         raise RefusalError(f"{base.double:g}**{exponent.double:g} has no finite real value") from None
     if double == 0.0 != base.double:
         raise RefusalError(f"{base.double:g}**{exponent.double:g} is too small for a floating-point number")
-    return _Value(base.expression**exponent.expression, double)
+    return Value(base.expression**exponent.expression, double)
 
 
 def _check_arity(word: Word, count: int) -> None:
@@ -474,17 +391,7 @@ def _check_arity(word: Word, count: int) -> None:
     raise RefusalError(f"{word.name} takes {word.most} {'argument' if word.most == 1 else 'arguments'}, not {count}")
 
 
-def _apply(word: Word, parts: list[_Value]) -> _Value:
-    arguments = [part.expression for part in parts]
-    double = _double(word, parts)
-    check_arguments(word.build, arguments)
-    if word.build is sympy.Abs and not arguments[0].is_extended_real:
-        # SymPy would make the real part of the root out of abs(exp(sqrt(x)))
-        return _Value(sympy.Abs(*arguments, evaluate=False), double)
-    return _Value(word.build(*arguments), double)
-
-
-def _double(word: Word, parts: list[_Value]) -> float | None:
+def _double(word: Word, parts: list[Value]) -> float | None:
     doubles = [part.double for part in parts if part.double is not None]
     if len(doubles) < len(parts):
         return None
@@ -499,17 +406,17 @@ def _double(word: Word, parts: list[_Value]) -> float | None:
 
 
 def _comparisons(test: ast.Compare) -> list[Callable[[Any, Any], Any]]:
-    comparisons = [_COMPARISONS.get(type(op)) for op in test.ops]
+    comparisons = [COMPARISONS.get(type(op)) for op in test.ops]
     known = [comparison for comparison in comparisons if comparison is not None]
     if len(known) < len(comparisons):
         raise RefusalError("values compare with < <= > >= == != only")
     return known
 
 
-def _branches(tests: list[list[Callable[[Any, Any], Any]]], parts: list[_Value]) -> _Value:
+def _branches(tests: list[list[Callable[[Any, Any], Any]]], parts: list[Value]) -> Value:
     """Join the parts of a condition, laid out by `_Reader._condition`, into a Piecewise."""
     pairs: list[tuple[Any, Any]] = []
-    values: list[_Value] = []
+    values: list[Value] = []
     start = chained = 0
     for comparisons in tests:
         terms = [part.expression for part in parts[start : start + len(comparisons) + 1]]
@@ -527,4 +434,4 @@ def _branches(tests: list[list[Callable[[Any, Any], Any]]], parts: list[_Value])
     last = parts[-1]
     expression = sympy.Piecewise(*pairs, (last.expression, True))
     chosen = [value.double for value in [*values, last] if value.expression == expression]
-    return _Value(expression, chosen[0] if chosen else None)
+    return Value(expression, chosen[0] if chosen else None)

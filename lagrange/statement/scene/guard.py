@@ -1,0 +1,192 @@
+"""Limits on expressions before SymPy evaluates them: their numbers, powers, comparisons and shared parts."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from functools import cmp_to_key
+from typing import Any
+
+import sympy
+import sympy.assumptions.wrapper
+import sympy.sets.setexpr
+import sympy.tensor.tensor
+from sympy.functions.elementary.piecewise import ExprCondPair
+
+LARGEST_EXPONENT = 1000
+MOST_BITS = 256
+"""Most bits of an exact numerator or denominator: 77 digits."""
+MOST_BRANCHES = 32
+"""Most branches of a condition."""
+MOST_ARGUMENTS = 16
+"""Most arguments of min and max: SymPy compares them pair by pair."""
+MOST_DOUBTFUL = 5
+"""Most parts that may be complex in an expression that SymPy splits into real and imaginary part. Each can double the
+work."""
+MOST_COMPARED = 200
+"""Most parts of the expressions in a comparison, an absolute value, a minimum or a maximum."""
+CHUNK = 50
+"""Number of terms that SymPy adds at once. The exact coefficients are checked after each chunk."""
+
+FEW_PARTS, MANY_SHARED, MOST_PARTS = 100_000, 1_000, 5_000_000
+"""Limits on the parts of an expression: always allowed, allowed per distinct part, and the largest number.
+
+A shared part counts each time it occurs, for SymPy walks it each time, in 2 us. A file of 12 KB could otherwise make it
+walk for ever. 500 links in Cartesian coordinates share 800 times.
+"""
+
+_COMPARING = (sympy.Abs, sympy.sign, sympy.Min, sympy.Max, sympy.Heaviside, sympy.sinc, sympy.erf)
+_SPLITTING = (sympy.Abs, sympy.sinh, sympy.cosh, sympy.tanh)
+_NUMBER_FIRST = (sympy.Add, sympy.Mul)
+
+
+class RefusalError(Exception):
+    """Reason why an expression is refused. The reader adds the column."""
+
+
+class Guard:
+    """Checks every expression that is built while a text is read. Each distinct one is checked once."""
+
+    def __init__(self) -> None:
+        self.varies: dict[Any, bool] = {}
+        self.sizes: dict[Any, int] = {}
+
+    def check(self, expression: Any) -> bool:
+        """Check the expression and its parts, and return whether it depends on any name."""
+        for node in parts_first(expression, self.varies):
+            if not isinstance(node, sympy.Symbol):
+                _check_node(node)
+            self.sizes[node] = 1 + sum(self.sizes[part] for part in node.args)
+            if self.sizes[node] > FEW_PARTS and self.sizes[node] > min(MANY_SHARED * len(self.sizes), MOST_PARTS):
+                raise RefusalError(f"this has {self.sizes[node]:.3g} parts, most of them shared: state fewer")
+            self.varies[node] = isinstance(node, sympy.Symbol) or any(self.varies[part] for part in node.args)
+            self.enter(node)
+        return self.varies[expression]
+
+    def enter(self, node: Any) -> None:
+        """Note a checked node; a guard of unevaluated expressions does."""
+
+    def join(self, build: Callable[..., Any], parts: list[Any]) -> Any:
+        """Return `build(*parts)` for sympy.Add or sympy.Mul, in chunks of which each is checked."""
+        while len(parts) > CHUNK:
+            parts = [build(*parts[i : i + CHUNK]) for i in range(0, len(parts), CHUNK)]
+            for part in parts:
+                self.check(part)
+        return build(*parts)
+
+
+def parts_first(expression: Any, known: Mapping[Any, Any]) -> Iterator[Any]:
+    """Yield the distinct subexpressions that are not known yet, each after its own parts.
+
+    The caller enters each one in `known` before it takes the next.
+    """
+    todo = [expression]
+    while todo:
+        node = todo[-1]
+        fresh = [part for part in node.args if part not in known]
+        if fresh:
+            todo.extend(fresh)
+            continue
+        todo.pop()
+        if node not in known:
+            yield node
+
+
+def replace(expression: Any, table: Mapping[Any, Any]) -> Any:
+    """Return the expression with symbols replaced, in SymPy's order of terms, and nothing else evaluated.
+
+    SymPy assumes that x(t) may be complex: evaluation with it would rewrite roots and absolute values.
+    """
+    return replaced(expression, dict(table))
+
+
+def replaced(expression: Any, done: dict[Any, Any]) -> Any:
+    """Return the expression with its parts replaced; `done` maps parts to their replacements, and is extended."""
+    for node in parts_first(expression, done):
+        args = [done[part] for part in node.args]
+        done[node] = node if all(new is old for new, old in zip(args, node.args, strict=True)) else _rebuilt(node, args)
+    return done[expression]
+
+
+def _rebuilt(node: Any, args: list[Any]) -> Any:
+    if isinstance(node, ExprCondPair):
+        return node.func(*args)
+    if isinstance(node, _NUMBER_FIRST):
+        numbers = [arg for arg in args if isinstance(arg, sympy.Number)]
+        others = [arg for arg in args if not isinstance(arg, sympy.Number)]
+        args = numbers + sorted(others, key=cmp_to_key(sympy.Basic.compare))
+    return node.func(*args, evaluate=False)
+
+
+def check_power(base: Any, exponent: Any) -> None:
+    """Raise RefusalError for a power whose exact value SymPy would take too long to compute."""
+    _check_exponent(exponent)
+    if isinstance(base, sympy.Rational) and isinstance(exponent, sympy.Number):
+        bits = max(abs(base.p).bit_length(), base.q.bit_length())
+        if bits > 1 and bits * abs(exponent) > 2 * MOST_BITS:
+            raise RefusalError(
+                f"{float(base):g}**{float(exponent):g} is too long for an exact number: write a decimal, such as "
+                "1.5e100"
+            )
+
+
+def check_arguments(build: Any, arguments: list[Any]) -> None:
+    """Raise RefusalError for arguments of a function that SymPy would take too long to evaluate or to analyse."""
+    if build is sympy.exp and arguments[0].has(sympy.log):
+        _check_exponent(arguments[0])  # exp(n*log(x)) becomes the power x**n
+    if build in _COMPARING:
+        check_compared(
+            arguments, f"the {'argument' if len(arguments) == 1 else 'arguments'} of {build.__name__.lower()}"
+        )
+    if build in _SPLITTING and _doubtful(arguments[0]) > MOST_DOUBTFUL:
+        raise RefusalError(
+            f"the argument of {build.__name__.lower()} has more than {MOST_DOUBTFUL} parts that may be complex, "
+            "such as roots and logarithms: write it with fewer"
+        )
+
+
+def check_compared(expressions: list[Any], what: str) -> None:
+    """Raise RefusalError for long expressions to be compared: SymPy finds the sign over a common denominator."""
+    size: dict[Any, int] = {}
+    for expression in expressions:
+        for node in parts_first(expression, size):
+            size[node] = 1 + sum(size[part] for part in node.args)
+    if sum(size[expression] for expression in expressions) > MOST_COMPARED:
+        raise RefusalError(f"there are more than {MOST_COMPARED} parts in {what}: write something shorter")
+
+
+def _doubtful(argument: Any) -> int:
+    """Return the number of parts that may be complex to SymPy."""
+    doubt: dict[Any, bool] = {}
+    for node in parts_first(argument, doubt):
+        doubt[node] = isinstance(node, sympy.Expr) and not node.is_extended_real
+    return sum(doubt.values())
+
+
+def _check_exponent(exponent: Any) -> None:
+    for number in exponent.atoms(sympy.Number):
+        if abs(number) > LARGEST_EXPONENT:
+            raise RefusalError(f"the exponent {float(number):g} is out of bounds: at most {LARGEST_EXPONENT} in size")
+
+
+def _check_node(node: Any) -> None:
+    if isinstance(node, sympy.Rational):
+        if max(abs(node.p).bit_length(), node.q.bit_length()) > MOST_BITS:
+            raise RefusalError("an exact number here is longer than 77 digits: write a decimal, such as 1.5e100")
+    elif isinstance(node, sympy.Float):
+        _check_float(node)
+    elif node in (sympy.zoo, sympy.nan, sympy.oo, -sympy.oo):
+        raise RefusalError("this has no finite value: check for a division by zero")
+    elif node is sympy.I:
+        raise RefusalError("this is not real: energies and forces are real")
+    elif isinstance(node, sympy.Pow):
+        _check_exponent(node.exp)
+    elif isinstance(node, (sympy.Min, sympy.Max)) and len(node.args) > MOST_ARGUMENTS:
+        raise RefusalError(f"min and max take at most {MOST_ARGUMENTS} arguments")
+
+
+def _check_float(number: Any) -> None:
+    if abs(number) > sys.float_info.max:
+        raise RefusalError("a number here is too large for a floating-point number")
+    if number != 0 and float(number) == 0.0:
+        raise RefusalError("a number here is too small for a floating-point number")

@@ -1,0 +1,457 @@
+"""Scene files: a TOML text becomes a Statement, and every refusal names file, line and column."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import sympy
+from sympy.core.assumptions import _assume_defined
+from sympy.core.facts import InconsistentAssumptions
+
+from lagrange.errors import SceneError, StatementError, listing, shown, suggestion
+from lagrange.statement.choice import printable
+from lagrange.statement.coordinate import check_name, check_symbol, coordinate_of, name_of, t, velocity_of
+from lagrange.statement.declare import ORIGIN, declare
+from lagrange.statement.energy import first_order_remedy, without_velocity
+from lagrange.statement.given import given
+from lagrange.statement.motion import table
+from lagrange.statement.number import real_number
+from lagrange.statement.parameters import rate_name
+from lagrange.statement.scene.document import LARGEST_FILE, LARGEST_STORED, Document, dotted, kind_of
+from lagrange.statement.scene.expressions import Expressions, read_number
+from lagrange.statement.scene.guard import RefusalError
+from lagrange.statement.scene.lexer import MULTIPLIER
+from lagrange.statement.scene.unevaluated import UnevaluatedExpressions
+from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Link, RunSettings, Statement
+
+KEYS = (
+    *("name", "about", "source", "coordinates", "kinetic", "potential", "lagrangian", "forces", "dissipation"),
+    *("constraints", "redundant", "parameters", "given", "initial", "positions", "links", "run", "dimensions"),
+    *("signs", "tables", "definitions", "functions", "evaluate"),
+)
+OPEN = "open"
+"""Value of a parameter or a given function without one."""
+NO_SIGN = "none"
+"""Sign of a parameter about which SymPy assumes nothing; without an entry in [signs] a parameter is real."""
+TABLE_KEYS = ("argument", "points", "values")
+MOST_RATES = 6
+"""Highest order of derivatives of a given function that a scene can state."""
+RUN_KEYS = ("t_end", "method", "rtol", "atol", "step")
+
+_TITLE = re.compile(r"(?=.*[^\W_])(?![.\s]).{0,63}\S")
+_CONDITION = re.compile(r"\bif\b")
+_INEQUALITY = re.compile(r"[<>]|!=")
+
+ExpressionReader = Expressions | UnevaluatedExpressions
+
+
+def read_scene(path: str | os.PathLike[str]) -> Statement:
+    """Return the statement in a scene file.
+
+    A scene is data: reading it runs no code, imports nothing, and opens no other file.
+    Raises SceneError with file, line and column.
+    """
+    return SceneReader(path).statement()
+
+
+def scene_from_text(text: str) -> Statement:
+    """Return the statement in the text of a scene file. Raises SceneError with line and column."""
+    return SceneReader("", text).statement()
+
+
+def stored_statement(text: Any) -> Statement:
+    """Return the statement that `scene_text` wrote into a file of a run or a pickle.
+
+    Raises StatementError for a text that was changed or that another version wrote.
+    """
+    if not isinstance(text, str) or text.lstrip()[:1] == "{":
+        raise StatementError(
+            "its statement is JSON, as development versions before lagrange 0.1.0 wrote: state the system and run it "
+            "again, or read it with the version that wrote it."
+        )
+    try:
+        return SceneReader("", text, LARGEST_STORED).statement()
+    except SceneError:
+        raise
+    except (
+        *(KeyError, IndexError, TypeError, ValueError, AttributeError, ArithmeticError, RecursionError, MemoryError),
+        *(NotImplementedError, RefusalError),
+    ) as error:
+        reason = str(error)[:120]
+        raise StatementError(f"the stored statement cannot be read ({type(error).__name__}: {reason}).") from error
+
+
+class SceneDocument(Document):
+    """A TOML file with numbers and expressions."""
+
+    def number(self, *path: str | int) -> float:
+        """Return the number at a path, or the value of a constant expression such as "pi/6"."""
+        value, what = self.value(*path), dotted(path)
+        if not isinstance(value, (int, float, str)) or isinstance(value, bool):
+            self.refuse(f'{what} is {kind_of(value)}: give a number, or a constant expression such as "pi/6".', *path)
+        try:
+            return read_number(value) if isinstance(value, str) else real_number(value, what)
+        except SceneError as error:
+            self.refuse(f"{what}: {error.reason}", *path, column=error.column)
+        except StatementError as error:
+            self.refuse(str(error), *path)
+
+    def expression(self, reader: ExpressionReader, *path: str | int) -> Any:
+        """Return the text or number at a path as a SymPy expression."""
+        return self._of_text(reader.read, *path)
+
+    def define(self, reader: ExpressionReader, *path: str | int) -> None:
+        """Enter the text or number at a path in the names of a reader, under the last key."""
+        self._of_text(partial(reader.define, str(path[-1])), *path)
+
+    def _of_text(self, read: Callable[[str], Any], *path: str | int) -> Any:
+        value, what = self.value(*path), dotted(path)
+        if not isinstance(value, (int, float, str)) or isinstance(value, bool):
+            self.refuse(f'{what} is {kind_of(value)}: give an expression as a text, such as "2*x".', *path)
+        if not isinstance(value, str):
+            value = repr(self.number(*path))
+        try:
+            return read(value)
+        except SceneError as error:
+            self.refuse(f"{what}: {error.reason}", *path, column=error.column)
+
+    def equation(self, reader: ExpressionReader, *path: str | int) -> Any:
+        """Return the expression that is zero: the one at a path, or left minus right side of a text "left == right"."""
+        value = self.value(*path)
+        if not isinstance(value, str) or value.count("==") != 1 or _CONDITION.search(value):
+            if isinstance(value, str) and _INEQUALITY.search(value) and not _CONDITION.search(value):
+                self.refuse(
+                    f"{dotted(path)} is an inequality. Constraints are equations: state the one that holds, and end "
+                    "the run by an event where the multiplier changes sign.",
+                    *path,
+                )
+            return self.expression(reader, *path)
+        sides, begin = [], 0
+        for side in value.split("=="):
+            try:
+                sides.append(reader.read(side))
+            except SceneError as error:
+                place = None if error.column is None else error.column + begin
+                self.refuse(f"{dotted(path)}: {error.reason}", *path, column=place)
+            begin += len(side) + len("==")
+        left, right = sides
+        return left - right
+
+
+class SceneReader:
+    """Reads the fields of one scene. Each method raises SceneError with line and column of its field.
+
+    Arguments are those of `Document`.
+    """
+
+    def __init__(self, path: str | os.PathLike[str], text: str | None = None, most: int = LARGEST_FILE) -> None:
+        self.document = document = SceneDocument(path, text, most)
+        self.data = document.data
+        document.check_keys(self.data, KEYS, "key of a scene")
+        self.evaluated: Any = self.data.get("evaluate", True)
+        if not isinstance(self.evaluated, bool):
+            document.refuse(f"evaluate is {kind_of(self.evaluated)}: write true or false.", "evaluate")
+
+    def statement(self) -> Statement:
+        """Return the checked statement."""
+        document = self.document
+        coordinates = {name: coordinate_of(name) for name in self.coordinate_names()}
+        velocities = {f"{name}_dot": velocity_of(q) for name, q in coordinates.items()}
+        values = self.parameters(coordinates)
+        symbols = self.symbols(values)
+        given_names = self.given(coordinates, symbols)
+        names = {**given_names, **coordinates, **velocities, **symbols}
+        reader = self.reader(names, given_names)
+        forces = document.table("forces", coordinates, "coordinate of this scene")
+        initial = document.table("initial", [*coordinates, *velocities], "coordinate or velocity of this scene")
+        stated = self.energies(reader)
+        applied = {coordinates[name]: document.expression(reader, "forces", name) for name in forces}
+        dissipation = document.expression(reader, "dissipation") if "dissipation" in self.data else sympy.S.Zero
+        self.check_velocities(coordinates, stated, applied, dissipation)
+        try:
+            return declare(
+                **stated,
+                coordinates=list(coordinates.values()),
+                forces=applied,
+                dissipation=dissipation,
+                constraints=self.constraints(reader),
+                redundant=self.redundant(),
+                parameters={symbols[name]: value for name, value in values.items()},
+                initial={name: document.number("initial", name) for name in initial},
+                positions=self.positions(reader),
+                links=self.links(),
+                name=self.title(),
+                about=document.words("about"),
+                source=document.words("source"),
+                run=self.run(),
+                dimensions=self.dimensions(names),
+                check_inertia=self.evaluated,
+            )
+        except SceneError:
+            raise
+        except StatementError as error:
+            raise SceneError(str(error), file=document.file) from None
+
+    def title(self) -> str:
+        """Return the name of the scene, by default that of its file."""
+        name = self.document.text("name") if "name" in self.data else Path(self.document.file).stem
+        if "name" in self.data and not self.evaluated:
+            return printable(name, "name")  # a system of Python may have any name
+        if not (_TITLE.fullmatch(name) and name.isprintable()):
+            if "name" not in self.data:
+                return "scene"
+            self.document.refuse(
+                "a scene's name has 1 to 64 printable characters, with a letter or digit, no dot at its beginning, "
+                "and no space at its ends.",
+                "name",
+            )
+        return name
+
+    def coordinate_names(self) -> list[str]:
+        """Return the names of the coordinates."""
+        names = self.data.get("coordinates")
+        if not isinstance(names, list) or not names:
+            self.document.refuse(
+                'coordinates is missing or is no list of names: write coordinates = ["theta"].', "coordinates"
+            )
+        known: list[str] = []
+        for i, name in enumerate(names):
+            if not isinstance(name, str):
+                self.document.refuse(f"a coordinate is {kind_of(name)}: give its name as a text.", "coordinates", i)
+            self.check_free(name, "coordinate", known, "coordinates", i)
+            known.append(name)
+        return known
+
+    def parameters(self, coordinates: Mapping[str, Any]) -> dict[str, float | None]:
+        """Return the values of the parameters, None for those left open."""
+        values: dict[str, float | None] = {}
+        for name in self.document.table("parameters"):
+            self.check_free(name, "parameter", coordinates, "parameters", name)
+            is_open = self.document.value("parameters", name) == OPEN
+            values[name] = None if is_open else self.document.number("parameters", name)
+        return values
+
+    def symbols(self, names: Collection[str]) -> dict[str, Any]:
+        """Return the symbols of the parameters with the signs that [signs] states; all others are real."""
+        signs = self.document.table("signs", names, "parameter of this scene")
+        return {name: self.symbol(name) if name in signs else sympy.Symbol(name, real=True) for name in names}
+
+    def symbol(self, name: str) -> Any:
+        """Return a parameter with the assumptions of its text in [signs], such as "positive" or "not zero integer"."""
+        words = self.document.text("signs", name).replace("not ", "not_").split()
+        assumed = {word.removeprefix("not_"): not word.startswith("not_") for word in words if word != NO_SIGN}
+        unknown = [word for word in assumed if word not in _assume_defined]
+        reason = (
+            f"the sign of {name} is {shown(self.document.text('signs', name), 60)}: write positive, nonnegative, real, "
+            f"or {NO_SIGN} for a symbol about which nothing is assumed."
+        )
+        if unknown or not words:
+            self.document.refuse(reason, "signs", name)
+        try:
+            return sympy.Symbol(name, **assumed)
+        except InconsistentAssumptions:
+            self.document.refuse(reason, "signs", name)
+
+    def reader(self, names: Mapping[str, Any], given_names: Mapping[str, Any]) -> ExpressionReader:
+        """Return the reader of the expressions, with the tables and definitions of the scene."""
+        functions = self.data.get("functions", [])
+        if not isinstance(functions, list) or not all(isinstance(name, str) for name in functions):
+            self.document.refuse('functions is no list of names: write functions = ["U"].', "functions")
+        for i, name in enumerate(functions):
+            self.check_free(name, "function", names, "functions", i)
+        reader: ExpressionReader = (
+            Expressions(names, (MULTIPLIER, *functions))
+            if self.evaluated
+            else UnevaluatedExpressions(names, given_names.values(), functions)
+        )
+        for name in self.document.table("tables"):
+            self.check_free(name, "table", reader.names, "tables", name)
+            reader.enter(name, self.measured(reader, name))
+        for name in self.document.table("definitions"):
+            self.check_free(name, "definition", reader.names, "definitions", name)
+            self.document.define(reader, "definitions", name)
+        return reader
+
+    def measured(self, reader: ExpressionReader, name: str) -> Any:
+        """Return the expression of a table of measured values over an expression."""
+        entry = self.document.value("tables", name)
+        if not isinstance(entry, Mapping) or set(entry) != set(TABLE_KEYS):
+            self.document.refuse(
+                f'the table {name} is {kind_of(entry)}: write {{ argument = "x", points = [...], values = [...] }}.',
+                *("tables", name),
+            )
+        try:
+            argument = self.document.expression(reader, "tables", name, "argument")
+            return table(argument, entry["points"], entry["values"])
+        except SceneError:
+            raise
+        except StatementError as error:
+            self.document.refuse(str(error), "tables", name)
+
+    def given(self, coordinates: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the given functions of time and their derivatives, by name."""
+        names: dict[str, Any] = {}
+        reader: ExpressionReader = (
+            Expressions(symbols) if self.evaluated else UnevaluatedExpressions(symbols, (t, *symbols.values()))
+        )
+        for name, motion in self.document.table("given").items():
+            self.check_free(name, "given function", coordinates, "given", name)
+            if name in symbols:
+                self.document.refuse(f"{name} is a parameter already: choose another name.", "given", name, key=True)
+            values = motion
+            if not isinstance(motion, list):
+                values = None if motion == OPEN else self.document.expression(reader, "given", name)
+            try:
+                function = given(name, values)
+            except StatementError as error:
+                self.document.refuse(str(error), "given", name)
+            names[name] = function
+            names |= {rate_name(name, k): sympy.Derivative(function, (t, k)) for k in range(1, MOST_RATES + 1)}
+        return names
+
+    def check_free(self, name: str, what: str, coordinates: Any, *path: str | int) -> None:
+        """Raise SceneError for a name that is malformed, or that has a meaning already."""
+        key = path[0] not in ("coordinates", "functions")
+        try:
+            check_symbol(name, what)
+        except StatementError as error:
+            self.document.refuse(str(error), *path, key=key)
+        taken = ""
+        rates = [f"{name}_dot", f"{name}_ddot"] if what == "coordinate" else []
+        base, _, rate = name.rpartition("_")
+        if name in coordinates:
+            taken = "a coordinate already" if path[0] in ("coordinates", "parameters", "given") else "taken already"
+        elif (base in coordinates and rate in ("dot", "ddot")) or any(q in coordinates for q in rates):
+            taken = "taken: x_dot and x_ddot are velocity and acceleration of x"
+        if taken:
+            self.document.refuse(f"{name!r} cannot name a {what}, it is {taken}: choose another name.", *path, key=key)
+
+    def energies(self, reader: ExpressionReader) -> dict[str, Any]:
+        """Return kinetic and potential energy, or the Lagrangian."""
+        main = "lagrangian" if "lagrangian" in self.data else "kinetic"
+        if main == "lagrangian" and (other := next((key for key in ("kinetic", "potential") if key in self.data), "")):
+            self.document.refuse(
+                f"give either lagrangian, or kinetic and potential, not lagrangian and {other}.", other, key=True
+            )
+        if main not in self.data:
+            self.document.refuse(
+                'there is no energy: write kinetic = "..." and potential = "...", or lagrangian = "...".'
+            )
+        return {key: self.document.expression(reader, key) for key in (main, "potential") if key in self.data}
+
+    def check_velocities(
+        self, coordinates: Mapping[str, Any], energies: Mapping[str, Any], forces: Mapping[Any, Any], dissipation: Any
+    ) -> None:
+        """Raise SceneError, at the energy, for a coordinate whose acceleration no equation determines."""
+        if "constraints" in self.data or not self.evaluated:
+            return
+        main, *_ = energies
+        whole, present = energies[main] - energies.get("potential", 0), energies[main].atoms(sympy.Derivative)
+        chosen, alone = tuple(coordinates.values()), main == "lagrangian"
+        still = without_velocity(chosen, present, (), energies[main], whole, forces, dissipation, alone=alone)
+        if still is not None:
+            name = name_of(still)
+            self.document.refuse(
+                f"{main} does not contain {name}_dot, so {name} has no inertia and its acceleration is undefined: add "
+                f"its kinetic energy, or make {name} a parameter. {first_order_remedy(f'{name}_dot')}",
+                main,
+            )
+
+    def constraints(self, reader: ExpressionReader) -> dict[str, Any] | list[Any]:
+        """Return the constraints: a list of expressions that are zero, or of equations with ==, or a table by name."""
+        stated = self.data.get("constraints", [])
+        if isinstance(stated, list):
+            return [self.document.equation(reader, "constraints", i) for i in range(len(stated))]
+        table = self.document.table("constraints")
+        for name in table:
+            try:
+                check_name(name, "constraint")
+            except StatementError as error:
+                self.document.refuse(str(error), "constraints", name, key=True)
+        return {name: self.document.equation(reader, "constraints", name) for name in table}
+
+    def redundant(self) -> str:
+        """Return the treatment of constraints that follow from others: one of `REDUNDANT`."""
+        choice: Any = self.data.get("redundant", REFUSE)
+        if not isinstance(choice, str) or choice not in REDUNDANT:
+            self.document.refuse(f"redundant is {kind_of(choice)}: write one of {listing(REDUNDANT)}.", "redundant")
+        return str(choice)
+
+    def dimensions(self, names: Mapping[str, Any]) -> dict[str, str] | None:
+        """Return the dimensions or units by name, None if the scene states none."""
+        if "dimensions" not in self.data:
+            return None
+        known = ["t", *(name for name in names if names[name].is_Symbol or names[name].is_Function)]
+        table = self.document.table("dimensions", known, "symbol of this scene")
+        return {name: self.document.text("dimensions", name) for name in table}
+
+    def positions(self, reader: ExpressionReader) -> dict[str, tuple[Any, ...]]:
+        """Return the named points, two or three expressions each."""
+        points: dict[str, tuple[Any, ...]] = {}
+        table = self.document.table("positions")
+        for name, entries in table.items():
+            try:
+                check_name(name, "point")
+            except StatementError as error:
+                self.document.refuse(str(error), "positions", name, key=True)
+            if name == ORIGIN:
+                self.document.refuse(
+                    "'origin' is the point at zero already: choose another name.", "positions", name, key=True
+                )
+            if not isinstance(entries, list) or len(entries) not in (2, 3):
+                self.document.refuse(
+                    f"the position of {name} is a list of two or three expressions, such as ['x', 'y'].",
+                    "positions",
+                    name,
+                )
+            if points and len(entries) != len(next(iter(points.values()))):
+                self.document.refuse(
+                    "some positions have two entries and some three: give all of them as many.", "positions", name
+                )
+            points[name] = tuple(self.document.expression(reader, "positions", name, i) for i in range(len(entries)))
+        return points
+
+    def links(self) -> list[Link]:
+        """Return the links: pairs of points, each drawn as a rod or as a spring."""
+        known = [ORIGIN, *self.document.table("positions")]
+        links = self.data.get("links", [])
+        if not isinstance(links, list):
+            self.document.refuse(
+                f'links is {kind_of(links)}: write a list of pairs of points, such as [["origin", "bob"]].', "links"
+            )
+        for i, link in enumerate(links):
+            if not isinstance(link, list) or len(link) not in (2, 3):
+                self.document.refuse(
+                    'a link is a pair of points, such as ["origin", "bob"] or ["origin", "bob", "spring"].', "links", i
+                )
+            for j, word in enumerate(link):
+                allowed, what = (known, "position") if j < 2 else (KINDS, "kind of link")
+                if word not in allowed:
+                    shown = repr(word[:80]) if isinstance(word, str) else kind_of(word)
+                    hint = suggestion(word[:80], allowed) if isinstance(word, str) else ""
+                    self.document.refuse(
+                        f"links names {shown}, which is no {what}; they are {listing(allowed)}.{hint}", "links", i, j
+                    )
+        return [Link(*link) for link in links]
+
+    def run(self) -> RunSettings:
+        """Return the settings of a run from the table [run]."""
+        table = self.document.table("run", RUN_KEYS, "setting of [run]")
+        numbers = {key: self.document.number("run", key) for key in table if key != "method"}
+        if numbers.get("t_end") == 0.0:
+            self.document.refuse(
+                "t_end is 0: give the time at which the run ends, other than the start.", "run", "t_end"
+            )
+        for key in ("rtol", "step"):
+            if numbers.get(key, 1.0) <= 0.0:
+                self.document.refuse(f"{key} is {numbers[key]:g}: give a number above zero.", "run", key)
+        if numbers.get("atol", 0.0) < 0.0:
+            self.document.refuse(f"atol is {numbers['atol']:g}: give zero or a number above.", "run", "atol")
+        if "method" in table and not re.fullmatch(r"[\w.:+-]{1,64}", self.document.text("run", "method")):
+            self.document.refuse("method is no name of a method: write one such as 'dop853'.", "run", "method")
+        return RunSettings(**{**table, **numbers})

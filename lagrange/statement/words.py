@@ -1,0 +1,111 @@
+"""The words of expressions: letters of names, and names of functions with their SymPy classes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import sympy
+
+from lagrange.statement.expression import modulo
+
+GREEK = {
+    "α": "alpha",
+    "β": "beta",
+    "γ": "gamma",
+    "δ": "delta",
+    "ε": "epsilon",
+    "ζ": "zeta",
+    "η": "eta",
+    "θ": "theta",
+    "ι": "iota",
+    "κ": "kappa",
+    "λ": "lambda",
+    "μ": "mu",
+    "ν": "nu",
+    "ξ": "xi",
+    "ρ": "rho",
+    "σ": "sigma",
+    "τ": "tau",
+    "υ": "upsilon",
+    "φ": "phi",
+    "χ": "chi",
+    "ψ": "psi",
+    "ω": "omega",
+    "Γ": "Gamma",
+    "Δ": "Delta",
+    "Θ": "Theta",
+    "Λ": "Lambda",
+    "Ξ": "Xi",
+    "Σ": "Sigma",
+    "Υ": "Upsilon",
+    "Φ": "Phi",
+    "Ψ": "Psi",
+    "Ω": "Omega",
+}
+"""The Greek letters that a name may contain, by what they are called. Pi is a constant; others look like Latin ones."""
+
+LETTER = f"A-Za-z{''.join(GREEK)}"
+"""The letters of names, as part of a regular expression."""
+
+NAME = re.compile(f"[{LETTER}][{LETTER}0-9_]{{0,63}}")
+
+WORD = re.compile(r"[^\W\d][\w\u0300-\u036f]*")
+"""A word as people write it: letters of any alphabet, with accents that are characters of their own."""
+
+
+@dataclass(frozen=True)
+class Word:
+    """A function: its name in texts, its constructor in SymPy, and the fewest and most arguments (None: no limit)."""
+
+    name: str
+    build: Callable[..., Any]
+    fewest: int
+    most: int | None
+
+
+WORDS: dict[str, Word] = {
+    word.name: word
+    for word in (
+        Word("sin", sympy.sin, 1, 1),
+        Word("cos", sympy.cos, 1, 1),
+        Word("tan", sympy.tan, 1, 1),
+        Word("asin", sympy.asin, 1, 1),
+        Word("acos", sympy.acos, 1, 1),
+        Word("atan", sympy.atan, 1, 1),
+        Word("atan2", sympy.atan2, 2, 2),
+        Word("exp", sympy.exp, 1, 1),
+        Word("log", sympy.log, 1, 1),
+        Word("sqrt", sympy.sqrt, 1, 1),
+        Word("sinh", sympy.sinh, 1, 1),
+        Word("cosh", sympy.cosh, 1, 1),
+        Word("tanh", sympy.tanh, 1, 1),
+        Word("cot", sympy.cot, 1, 1),
+        Word("sec", sympy.sec, 1, 1),
+        Word("csc", sympy.csc, 1, 1),
+        Word("sinc", sympy.sinc, 1, 1),
+        Word("asinh", sympy.asinh, 1, 1),
+        Word("acosh", sympy.acosh, 1, 1),
+        Word("atanh", sympy.atanh, 1, 1),
+        Word("erf", sympy.erf, 1, 1),
+        Word("heaviside", sympy.Heaviside, 1, 2),
+        Word("abs", sympy.Abs, 1, 1),
+        Word("sign", sympy.sign, 1, 1),
+        Word("min", sympy.Min, 1, None),
+        Word("max", sympy.Max, 1, None),
+        Word("mod", modulo, 2, 2),
+    )
+}
+
+ALIASES = {"Abs": "abs", "Min": "min", "Max": "max", "ln": "log", "Heaviside": "heaviside", "Mod": "mod"}
+"""Other spellings of functions in texts."""
+
+FUNCTIONS = frozenset((*WORDS, *ALIASES))
+"""Names of functions in every spelling."""
+
+SYMPY_CLASSES: frozenset[Any] = frozenset(
+    word.build for word in WORDS.values() if isinstance(word.build, type)
+) | frozenset((sympy.Piecewise,))
+"""SymPy function classes that an energy may contain."""
