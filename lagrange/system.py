@@ -275,9 +275,8 @@ class System:
     def check(self, *, target: str = "llvm", points: int = 5, seed: int = 0) -> Report:
         """Compare all compiled quantities with numerical differentiation of the stated energies, and return a report.
 
-        They are also compared with the textbook derivation and with the other machine (llvm or numpy). The report
-        prints as a table and is truthy if all comparisons pass. `points` is the number of random states; `seed`
-        determines them. Raises StatementError for invalid numbers and for an unknown target.
+        The textbook derivation and the other machine (llvm or numpy) are compared, too. The report prints as a table and
+        is true if all agree. `points` random states follow from `seed`. Raises StatementError for invalid arguments.
         """
         from lagrange.evidence.check import check_stated
 

@@ -98,7 +98,7 @@ def test_what_cannot_be_meant_is_refused_when_it_is_written(given: dict[str, Any
         (7, "the event is 7, a number, which stays as it is along a run"),
         (x.dot == 0, "the event is False, which Python makes of a comparison"),
         ("x", "the event is 'x', a text: give the symbol or the expression itself"),
-        (Ellipsis, "events is 'Ellipsis': give a list of expressions, or of lg.event(...)"),
+        (Ellipsis, "events is Ellipsis: give a list of expressions, or of lg.event(...)"),
         ([x, "y"], "the event is 'y', a text: give the symbol"),
         ([x, z - 1], "event 1 contains z(t), which this system does not have"),
         ([x - b], "event 0 contains b, which this system does not have; it may contain its coordinates, their "),

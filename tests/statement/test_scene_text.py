@@ -338,7 +338,7 @@ BOMBS = {
     "none": ("None", "", "write a real number here"),
     "a call": ("open(x)", "", "'open' is no function here"),
     "an infinity": ("1e999", "", "this has no finite value"),
-    "a division": ("1/0", "", "a power of zero jumps"),
+    "a division": ("1/0", "", "this divides by zero"),
     "a product of two kinds": ("x*True", "", "a condition cannot stand where a number is expected"),
     "an empty sum": ("sum()", "", "a value is missing"),
     "no arguments of float": ("float(x)", "", "float takes three whole numbers"),

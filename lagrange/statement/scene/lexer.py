@@ -12,8 +12,10 @@ from typing import NoReturn
 from lagrange.errors import SceneError, listing, suggestion
 from lagrange.statement.words import FUNCTIONS, LETTER, NAME, WORD, WORDS
 
-LONGEST, LONGEST_UNEVALUATED = 10_000, 1_000_000
-"""Most characters of an expression. SymPy does nothing with an unevaluated one, so it may be longer."""
+LONGEST = 10_000
+"""Most characters of an expression."""
+LONGEST_UNEVALUATED = 1_000_000
+"""Most characters of an unevaluated expression, on which SymPy does no work."""
 DEEPEST = 64
 """Most levels of nested parentheses, signs, powers and conditions."""
 LONGEST_CHAIN = 2_200
