@@ -275,8 +275,8 @@ class System:
     def check(self, *, target: str = "llvm", points: int = 5, seed: int = 0) -> Report:
         """Compare all compiled quantities with numerical differentiation of the stated energies, and return a report.
 
-        The textbook derivation and the other machine (llvm or numpy) are compared, too. The report prints as a table and
-        is true if all agree. `points` random states follow from `seed`. Raises StatementError for invalid arguments.
+        The textbook derivation and the other machine (llvm or numpy) are compared, too. The report prints as a table
+        and is true if all agree. `seed` determines the `points` random states. Raises StatementError otherwise.
         """
         from lagrange.evidence.check import check_stated
 
