@@ -103,7 +103,7 @@ def test_failures_are_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
         (["--vary", "theta=0:1:0"], "the number of values of theta = 0: give a whole number from 1"),
         (
             ["--vary", "theta=0:1:20000", "--vary", "l=1:2:20000"],
-            "--vary gives 4e+08 members, which run for minutes to",
+            "--vary gives 4e+08 members, which run for",
         ),
         (["--vary", "theta=0:1:3", "--keep", "ende"], "Did you mean 'end'?"),
         (["--vary", "theta=0:1:3", "--keep", "max:thet"], "these are theta and theta_dot. Did you mean 'theta'?"),
