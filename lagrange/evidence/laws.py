@@ -304,7 +304,7 @@ def solve(matrix: Sequence[Numbers], right: Sequence[Numbers], threshold: Any) -
     n = len(matrix)
     # Rows are sparse: for a net of masses most entries are zero.
     rows = [{j: x for j, x in enumerate((*row, *(r[i] for r in right))) if x} for i, row in enumerate(matrix)]
-    sizes = [max(map(abs, row)) for row in matrix]
+    sizes = [max((abs(x) for x in row if x), default=0) for row in matrix]
     for k in range(n):
         best = max((i for i in range(k, n) if k in rows[i]), key=lambda i: abs(rows[i][k]) / sizes[i], default=k)
         rows[k], rows[best], sizes[k], sizes[best] = rows[best], rows[k], sizes[best], sizes[k]
@@ -337,7 +337,7 @@ def balance(matrix: Sequence[Numbers], n: int) -> Numbers:
     largest = max(diagonal) or 1
     scales = [(x or largest) ** -0.5 for x in diagonal]
     for row in matrix[n:]:
-        scales.append(1 / (max(abs(x * d) for x, d in zip(row[:n], scales[:n], strict=True)) or 1))
+        scales.append(1 / max((abs(x * d) for x, d in zip(row[:n], scales, strict=False) if x), default=1))
     return scales
 
 
@@ -361,9 +361,9 @@ def factorization_sizes(matrix: Sequence[Numbers], negative: int = 0) -> list[Nu
                 for row, a in zip(matrix, largest, strict=True)
             ]
         for i in range(k + 1, n):
-            factor = rest[i][k] / pivot
-            if not factor:
+            if not rest[i][k]:
                 continue
+            factor = rest[i][k] / pivot
             for j in range(k + 1, i + 1):
                 term = factor * rest[j][k]
                 rest[i][j] -= term

@@ -105,10 +105,13 @@ class Reference:
         estimate = extrapolate(rule)
         perturbed = [self._perturbed(k, point, steps, columns) for k in range(SAMPLES)]
         unit = self.number(PERTURBATION)
-        sizes = [
-            max(abs(estimate.value[i]), *(abs(sample[i] - coarse) / unit for sample in perturbed))
-            for i, coarse in enumerate(estimate.coarse)
-        ]
+
+        def size(value: Any, coarse: Any, samples: Sequence[Any]) -> Any:
+            # Most entries of a large mass matrix are zero, in every sample.
+            changes = (abs(sample - coarse) / unit for sample in samples if sample or coarse)
+            return max(abs(value), *changes, 0) if value or any(samples) else 0
+
+        sizes = list(map(size, estimate.value, estimate.coarse, zip(*perturbed, strict=True)))
         whole = ReferenceEntries(estimate.value, estimate.error, sizes)
         entries, start = {}, 0
         for name, length in lengths.items():

@@ -175,12 +175,16 @@ class ReferenceEntries:
 
     def around(self, values: Sequence[Any]) -> ReferenceEntries:
         """Return entries of the same sizes with other, exact values."""
-        return ReferenceEntries(list(values), [0.0] * len(self.size), self.size)
+        entries = ReferenceEntries(list(values), [0.0] * len(self.size), self.size)
+        # Of equal sizes: the conversion of 86,000 entries of a mass matrix takes 0.1 s.
+        entries.__dict__["allowance"] = self.allowance[0], np.zeros(len(self.size))
+        return entries
 
     def check_smooth(self) -> None:
         """Raise OutsideDomain if differencing did not converge: there is a kink or a jump within its steps."""
-        floor = max(self.size, default=0) * SMOOTHNESS
-        if any(error > SMOOTHNESS * (size + floor) for error, size in zip(self.error, self.size, strict=True)):
+        floor = max(filter(None, self.size), default=0) * SMOOTHNESS
+        pairs = zip(self.error, self.size, strict=True)
+        if any(error > SMOOTHNESS * (size + floor) for error, size in pairs if error):
             raise OutsideDomain("the energies have no derivative here")
 
 
