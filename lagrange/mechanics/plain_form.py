@@ -165,8 +165,8 @@ def vanishes_in_symbols(given: Any) -> bool:
 
 def _is_rounding(given: Any, values: Mapping[Any, Any]) -> bool | None:
     """Return True if the value of an expression is rounding of zero, None if it has no value."""
-    found, terms = number(given, values), size_of_terms(given, values)
-    return None if found != found or terms != terms else abs(found) <= RESIDUAL * terms
+    value, terms = number(given, values), size_of_terms(given, values)
+    return None if value != value or terms != terms else abs(value) <= RESIDUAL * terms
 
 
 def size_of_terms(given: Any, values: Mapping[Any, Any]) -> float:
