@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import lagrange as lg
 from lagrange.errors import LagrangeError, StatementError, suggestion
 from lagrange.show.terminal.fitting import fitted
+from lagrange.statement.run_settings import DESCRIPTIONS
 
 if TYPE_CHECKING:
     from lagrange.system import System
@@ -84,7 +85,7 @@ def add_start(command: Any) -> None:
     """Add the options of a run: parameters, initial state and end time."""
     add_parameters(command)
     add_initial(command)
-    command.add_argument("--t-end", metavar="T", help="time at which the run ends")
+    command.add_argument("--t-end", metavar="T", help=DESCRIPTIONS["t_end"])
 
 
 def add_parameters(command: Any) -> None:
@@ -209,14 +210,8 @@ def number_list(option: str, text: str | None) -> list[float] | None:
 
 def add_method(command: Any) -> None:
     """Add the options of the integration method."""
-    command.add_argument("--method", metavar="NAME", help="integrator, such as dop853 or rk4 (default: taylor)")
-    command.add_argument("--rtol", metavar="X", help="relative tolerance of an adaptive method")
-    command.add_argument(
-        "--atol",
-        metavar="X",
-        help="absolute tolerance of an adaptive method; by default it follows the size of each entry",
-    )
-    command.add_argument("--step", metavar="H", help="step of a method with fixed steps")
+    for name, metavar in (("method", "NAME"), ("rtol", "X"), ("atol", "X"), ("step", "H")):
+        command.add_argument(f"--{name}", metavar=metavar, help=DESCRIPTIONS[name])
 
 
 def method(request: argparse.Namespace) -> dict[str, Any]:

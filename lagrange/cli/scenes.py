@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from tomllib import loads
 from typing import Any
 
 from lagrange.cli.arguments import DONE, Answer, add_command, add_json
 from lagrange.show.notation.names import plain_text
 from lagrange.show.terminal.table import text_table
+from lagrange.statement.run_settings import DEFAULT_METHOD, DEFAULT_T_END
+from lagrange.statement.scene.document import Document
 
 SCENES = Path(__file__).resolve().parent.parent / "scenes"
 
@@ -33,7 +34,7 @@ def scenes(request: argparse.Namespace) -> Answer:
 
 
 def _entry(path: Path, *, long: bool) -> dict[str, Any]:
-    scene = loads(path.read_text("utf-8"))
+    scene = Document(path).data
     entry = {"name": path.stem, "about": scene.get("about", ""), "source": scene.get("source", "")}
     if not long:
         return entry
@@ -43,8 +44,8 @@ def _entry(path: Path, *, long: bool) -> dict[str, Any]:
         "coordinates": list(scene["coordinates"]),
         "constraints": [f"{name}: {text}" for name, text in stated.items()] if isinstance(stated, dict) else stated,
         "positions": list(scene.get("positions", {})),
-        "t_end": run.get("t_end", 10.0),
-        "method": run.get("method", "taylor"),
+        "t_end": run.get("t_end", DEFAULT_T_END),
+        "method": run.get("method", DEFAULT_METHOD),
     }
 
 

@@ -14,6 +14,7 @@ from sympy import Expr, Symbol
 from lagrange.errors import abridged, listing
 from lagrange.statement.coordinate import acceleration_of, multiplier, name_of, velocity_of
 from lagrange.statement.motion import motion_of
+from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.units.dimension import Dimension
 
 ROD, SPRING = "rod", "spring"
@@ -48,21 +49,6 @@ REFUSE, ALLOW = REDUNDANT = ("refuse", "allow")
 
 _VIEWS = ("defaults", "positions", "dimensions")
 """Fields of a statement that are read-only views of dicts."""
-
-
-DEFAULT_T_END = 10.0
-"""Time at which a run ends if neither its caller nor its scene states one."""
-
-
-@dataclass(frozen=True)
-class RunSettings:
-    """Settings of a run that a scene states; arguments of the caller override them."""
-
-    t_end: float = DEFAULT_T_END
-    method: str | None = None
-    rtol: float | None = None
-    atol: float | None = None
-    step: float | None = None
 
 
 @dataclass(frozen=True, eq=False)

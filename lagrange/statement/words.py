@@ -1,8 +1,7 @@
-"""The words of expressions: letters of names, and names of functions with their SymPy classes."""
+"""The functions that an expression may contain: their names in texts, and their SymPy classes."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -10,50 +9,6 @@ from typing import Any
 import sympy
 
 from lagrange.statement.expression import modulo
-
-GREEK = {
-    "α": "alpha",
-    "β": "beta",
-    "γ": "gamma",
-    "δ": "delta",
-    "ε": "epsilon",
-    "ζ": "zeta",
-    "η": "eta",
-    "θ": "theta",
-    "ι": "iota",
-    "κ": "kappa",
-    "λ": "lambda",
-    "μ": "mu",
-    "ν": "nu",
-    "ξ": "xi",
-    "ρ": "rho",
-    "σ": "sigma",
-    "τ": "tau",
-    "υ": "upsilon",
-    "φ": "phi",
-    "χ": "chi",
-    "ψ": "psi",
-    "ω": "omega",
-    "Γ": "Gamma",
-    "Δ": "Delta",
-    "Θ": "Theta",
-    "Λ": "Lambda",
-    "Ξ": "Xi",
-    "Σ": "Sigma",
-    "Υ": "Upsilon",
-    "Φ": "Phi",
-    "Ψ": "Psi",
-    "Ω": "Omega",
-}
-"""The Greek letters that a name may contain, by what they are called. Pi is a constant; others look like Latin ones."""
-
-LETTER = f"A-Za-z{''.join(GREEK)}"
-"""The letters of names, as part of a regular expression."""
-
-NAME = re.compile(f"[{LETTER}][{LETTER}0-9_]{{0,63}}")
-
-WORD = re.compile(r"[^\W\d][\w\u0300-\u036f]*")
-"""A word as people write it: letters of any alphabet, with accents that are characters of their own."""
 
 
 @dataclass(frozen=True)

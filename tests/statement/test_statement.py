@@ -11,7 +11,8 @@ import sympy
 
 from lagrange.statement.coordinate import coordinates, parameters
 from lagrange.statement.declare import declare
-from lagrange.statement.statement import RunSettings, Statement
+from lagrange.statement.run_settings import RunSettings
+from lagrange.statement.statement import Statement
 from lagrange.system import System
 
 x, y = coordinates("x y")

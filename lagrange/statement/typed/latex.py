@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from lagrange.statement.words import GREEK
+from lagrange.statement.letters import GREEK
 
 COMMAND_SIGNS = {
     **dict.fromkeys(("cdot", "times", "ast"), "*"),

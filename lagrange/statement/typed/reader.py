@@ -1,6 +1,6 @@
 """Reader for equations as people type them: plain, with primes or dots, in Unicode or LaTeX, over several lines.
 
-The text becomes the strict notation of scene files, and only `statement.text` builds expressions from it. So its limits
+The text becomes the strict notation of scene files, and only `scene.expressions` builds expressions from it. So limits
 on length, depth and work apply, and no code is run.
 """
 
@@ -17,6 +17,7 @@ import sympy
 
 from lagrange.errors import SceneError, StatementError, listing
 from lagrange.statement.coordinate import t
+from lagrange.statement.letters import WORD
 from lagrange.statement.scene.expressions import read_expression
 from lagrange.statement.typed.derivatives import with_derivatives
 from lagrange.statement.typed.faults import TypedFault, faults_of
@@ -25,7 +26,6 @@ from lagrange.statement.typed.lines import equation_spans
 from lagrange.statement.typed.names import Names
 from lagrange.statement.typed.remarks import Clause, Line, Word, clauses_of
 from lagrange.statement.typed.tokens import Token, tokens_of
-from lagrange.statement.words import WORD
 
 LONGEST_TEXT = 6_000
 """Most characters of one equation: the longest that the package prints for its scenes has 2,517."""
