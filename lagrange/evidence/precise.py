@@ -16,6 +16,7 @@ from mpmath import MPContext, libmp
 from sympy.core.function import AppliedUndef
 
 from lagrange.statement.coordinate import t as time
+from lagrange.statement.elementary import ELEMENTARY
 from lagrange.statement.statement import Statement
 
 Operation = Callable[..., Any]
@@ -172,29 +173,18 @@ def _piecewise(_: int) -> Operation:
     return select
 
 
+_SPREAD = {"": _unary, "periodic": _periodic, "growing": _growing}
+
 _NUMERIC: dict[Any, Callable[[int], Operation]] = {
     sympy.Add: _add,
     sympy.Mul: _multiply,
-    sympy.sin: _periodic(libmp.mpf_sin),
-    sympy.cos: _periodic(libmp.mpf_cos),
-    sympy.tan: _periodic(libmp.mpf_tan),
+    **{one.symbolic: _SPREAD[one.spread](one.precise) for one in ELEMENTARY.values()},
     sympy.cot: _reciprocal(libmp.mpf_tan),
     sympy.sec: _reciprocal(libmp.mpf_cos),
     sympy.csc: _reciprocal(libmp.mpf_sin),
-    sympy.asin: _unary(libmp.mpf_asin),
-    sympy.acos: _unary(libmp.mpf_acos),
-    sympy.atan: _unary(libmp.mpf_atan),
     sympy.atan2: _atan2,
-    sympy.exp: _growing(libmp.mpf_exp),
     sympy.log: _log,
-    sympy.sinh: _growing(libmp.mpf_sinh),
-    sympy.cosh: _growing(libmp.mpf_cosh),
-    sympy.tanh: _growing(libmp.mpf_tanh),
     sympy.sinc: _periodic(_sinc),
-    sympy.asinh: _unary(libmp.mpf_asinh),
-    sympy.acosh: _unary(libmp.mpf_acosh),
-    sympy.atanh: _unary(libmp.mpf_atanh),
-    sympy.erf: _unary(libmp.mpf_erf),
     sympy.Heaviside: lambda _: _heaviside,
     sympy.Abs: lambda _: libmp.mpf_abs,
     sympy.sign: _sign,

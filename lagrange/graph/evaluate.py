@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.graph.node import Kind, Node, reachable
+from lagrange.statement.elementary import ELEMENTARY
 
 BEYOND_DOUBLES = mpmath.mpf(2) ** 1024
 """Least number beyond all doubles; values from here on are refused. Their sine would need as many digits of pi."""
@@ -96,9 +97,7 @@ def _named(name: str) -> Callable[..., Any]:
 
 
 FUNCTIONS: dict[str, Callable[..., Any]] = {
-    **{name: _named(name) for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2")},
-    **{name: _named(name) for name in ("exp", "log", "sinh", "cosh", "tanh", "sign")},
-    **{name: _named(name) for name in ("asinh", "acosh", "atanh", "erf")},
+    **{name: _named(name) for name in (*ELEMENTARY, "atan2", "sign")},
     "abs": lambda context, a: abs(a),
     "min": lambda context, a, b: min(a, b),
     "max": lambda context, a, b: max(a, b),
@@ -136,28 +135,9 @@ def _numbers_of(context: Any) -> Numbers:
     )
 
 
-def _error_function(a: Any) -> Any:
-    """Return the error function of a number or an array. NumPy has none, and SciPy's takes 0.2 s to import."""
-    return np.array([math.erf(x) for x in np.ravel(a).tolist()]).reshape(np.shape(a))[()]
-
-
 DOUBLE_FUNCTIONS: dict[str, Callable[..., Any]] = {
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "asin": np.arcsin,
-    "acos": np.arccos,
-    "atan": np.arctan,
+    **{one.name: one.of_array for one in ELEMENTARY.values()},
     "atan2": np.arctan2,
-    "exp": np.exp,
-    "log": np.log,
-    "sinh": np.sinh,
-    "cosh": np.cosh,
-    "tanh": np.tanh,
-    "asinh": np.arcsinh,
-    "acosh": np.arccosh,
-    "atanh": np.arctanh,
-    "erf": _error_function,
     "abs": np.abs,
     "sign": np.sign,
     "min": np.minimum,

@@ -13,6 +13,7 @@ from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError, formula
 from lagrange.graph.node import Graph, Kind, Node
+from lagrange.statement.elementary import ELEMENTARY
 
 SINC_RADIUS = Fraction(1, 2)
 """Largest |a| at which sinc(a) is computed by its series."""
@@ -141,26 +142,12 @@ _BUILD: dict[Any, Callable[..., Node]] = {
     sympy.Mul: _mul,
     sympy.Pow: _pow,
     sympy.Piecewise: _piecewise,
-    sympy.sin: _call("sin"),
-    sympy.cos: _call("cos"),
-    sympy.tan: _call("tan"),
+    **{one.symbolic: _call(one.name) for one in ELEMENTARY.values()},
     sympy.cot: lambda graph, a: graph.call("cos", a) / graph.call("sin", a),
     sympy.sec: lambda graph, a: 1 / graph.call("cos", a),
     sympy.csc: lambda graph, a: 1 / graph.call("sin", a),
-    sympy.asin: _call("asin"),
-    sympy.acos: _call("acos"),
-    sympy.atan: _call("atan"),
     sympy.atan2: _call("atan2"),
-    sympy.exp: _call("exp"),
-    sympy.log: _call("log"),
-    sympy.sinh: _call("sinh"),
-    sympy.cosh: _call("cosh"),
-    sympy.tanh: _call("tanh"),
     sympy.sinc: _sinc,
-    sympy.asinh: _call("asinh"),
-    sympy.acosh: _call("acosh"),
-    sympy.atanh: _call("atanh"),
-    sympy.erf: _call("erf"),
     sympy.Heaviside: _heaviside,
     sympy.Abs: _call("abs"),
     sympy.sign: _call("sign"),

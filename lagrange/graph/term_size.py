@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from lagrange.graph.node import Graph, Kind, Node, reachable
+from lagrange.statement.elementary import ELEMENTARY
 
-BOUNDED = frozenset(("sin", "cos", "tanh", "erf"))
+BOUNDED = frozenset(one.name for one in ELEMENTARY.values() if one.size == "bounded")
 """Functions with values up to 1; their size is 1."""
 
-AT_LEAST_ONE = frozenset(("tan", "asin", "acos", "atan", "atan2", "log", "sinh", "asinh", "acosh", "atanh"))
+AT_LEAST_ONE = frozenset(("atan2", *(one.name for one in ELEMENTARY.values() if one.size == "unit")))
 """Functions with dimensionless argument or value, in whose argument terms may cancel; their size is at least 1."""
 
 

@@ -10,6 +10,7 @@ import sympy
 
 from lagrange.errors import StatementError
 from lagrange.graph.node import Kind, Node, reachable
+from lagrange.statement.elementary import ELEMENTARY
 
 
 def to_sympy(node: Node, symbols: Mapping[Node, Any]) -> Any:
@@ -60,22 +61,8 @@ def _piecewise(*args: Any) -> Any:
 
 
 _SPELLING: dict[str, Callable[..., Any]] = {
-    "sin": sympy.sin,
-    "cos": sympy.cos,
-    "tan": sympy.tan,
-    "asin": sympy.asin,
-    "acos": sympy.acos,
-    "atan": sympy.atan,
+    **{one.name: one.symbolic for one in ELEMENTARY.values()},
     "atan2": sympy.atan2,
-    "exp": sympy.exp,
-    "log": sympy.log,
-    "sinh": sympy.sinh,
-    "cosh": sympy.cosh,
-    "tanh": sympy.tanh,
-    "asinh": sympy.asinh,
-    "acosh": sympy.acosh,
-    "atanh": sympy.atanh,
-    "erf": sympy.erf,
     "abs": sympy.Abs,
     "sign": sympy.sign,
     "min": sympy.Min,

@@ -43,6 +43,7 @@ from lagrange.procedure.form import (
     When,
     Write,
 )
+from lagrange.statement.elementary import ELEMENTARY
 
 Results = tuple[Any, ...]
 Environment = dict[int, Any]
@@ -334,23 +335,10 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "abs": abs,
     "sqrt": _total(math.sqrt),
     "sign": lambda a: 1.0 if a > 0 else -1.0 if a < 0 else a,
-    "sin": _total(math.sin),
-    "cos": _total(math.cos),
-    "tan": _total(math.tan),
-    "asin": _total(math.asin),
-    "acos": _total(math.acos),
-    "atan": math.atan,
+    **{one.name: _total(one.of_float, pole=one.pole) for one in ELEMENTARY.values()},
     "atan2": math.atan2,
     "copysign": math.copysign,
-    "exp": _total(math.exp),
-    "log": _total(math.log, pole=-math.inf),
-    "sinh": _total(math.sinh),
-    "cosh": _total(math.cosh),
-    "tanh": math.tanh,
-    "asinh": math.asinh,
-    "acosh": _total(math.acosh),
     "atanh": _atanh,
-    "erf": math.erf,
     "power": _power,
     "round": _round,
     "fma": fused,

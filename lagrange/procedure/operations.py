@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
+from lagrange.statement.elementary import ELEMENTARY
 
 Signature = tuple[tuple[Kind, ...], Kind]
 
@@ -21,7 +22,7 @@ OPERATIONS: dict[str, tuple[Signature, ...]] = {
     **_functions("div power atan2 copysign magnitude", _BINARY),
     **_functions("neg", _UNARY, ((WHOLE,), WHOLE)),
     **_functions("quotient", _WHOLES),
-    **_functions("abs sqrt sign sin cos tan asin acos atan exp log sinh cosh tanh asinh acosh atanh erf round", _UNARY),
+    **_functions(" ".join(("abs sqrt sign round", *ELEMENTARY)), _UNARY),
     **_functions("fma fnma", ((REAL, REAL, REAL), REAL)),
     **_functions("less less_equal equal", *_COMPARED),
     **_functions("and or", ((FLAG, FLAG), FLAG)),

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from lagrange.errors import StatementError
-from lagrange.graph.functions import bell
 from lagrange.graph.node import Binding, Node
 from lagrange.program.series import SeriesRule
+from lagrange.statement.elementary import ELEMENTARY
 
 if TYPE_CHECKING:
     from lagrange.program.recurrence import RecurrenceBuilder
@@ -85,7 +84,7 @@ def _error_function(b: RecurrenceBuilder, node: Node) -> int:
     """U' = 2/sqrt(pi) exp(-a**2) a'."""
     a = node.args[0]
     b.value(a)
-    w = b.value(bell(a))
+    w = b.value(ELEMENTARY["erf"].partial(node, a))
     value = b.reserve(node)
     b.integrate(value, a, w)
     return value
@@ -140,10 +139,6 @@ def _refuse(_: RecurrenceBuilder, node: Node) -> int:
     raise StatementError(f"{node.data} has no Taylor series: it should have become a side of a surface.")
 
 
-def _sqrt(a: Node) -> Node:
-    return a ** Fraction(1, 2)
-
-
 FUNCTION_RULES: dict[str, FunctionRule] = {
     "sin": _pair(("sin", "cos"), (1, -1)),
     "cos": _pair(("sin", "cos"), (1, -1)),
@@ -152,13 +147,7 @@ FUNCTION_RULES: dict[str, FunctionRule] = {
     "exp": _exponential,
     "tan": _tangent(1),
     "tanh": _tangent(-1),
-    "log": _against(lambda a: a),
-    "atan": _against(lambda a: 1 + a**2),
-    "asin": _against(lambda a: _sqrt(1 - a**2)),
-    "acos": _against(lambda a: _sqrt(1 - a**2), -1),
-    "asinh": _against(lambda a: _sqrt(1 + a**2)),
-    "acosh": _against(lambda a: _sqrt(a**2 - 1)),
-    "atanh": _against(lambda a: 1 - a**2),
+    **{one.name: _against(one.slope, one.sign) for one in ELEMENTARY.values() if one.slope is not None},
     "erf": _error_function,
     "atan2": _atan2,
     "pow": _pow,

@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 from lagrange.errors import LagrangeError
 from lagrange.program.elimination import Elimination, elimination
+from lagrange.statement.elementary import ELEMENTARY
 
 ARITY: dict[str, int | None] = {
     "time": 0,
@@ -29,22 +30,8 @@ ARITY: dict[str, int | None] = {
     "fma": 3,
     "sqrt": 1,
     "power": 2,
-    "sin": 1,
-    "cos": 1,
-    "tan": 1,
-    "asin": 1,
-    "acos": 1,
-    "atan": 1,
+    **dict.fromkeys(ELEMENTARY, 1),
     "atan2": 2,
-    "exp": 1,
-    "log": 1,
-    "sinh": 1,
-    "cosh": 1,
-    "tanh": 1,
-    "asinh": 1,
-    "acosh": 1,
-    "atanh": 1,
-    "erf": 1,
     "abs": 1,
     "sign": 1,
     "min": 2,

@@ -16,6 +16,7 @@ from lagrange.machine.kernel.python_text import FLAG_OPERATIONS, uses_of
 from lagrange.machine.model import Model
 from lagrange.program.program import Instruction, Program
 from lagrange.recipes.libraries import quantity_program
+from lagrange.statement.elementary import ELEMENTARY
 
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "neg": lambda a: -a,
@@ -26,8 +27,9 @@ OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "fma": lambda a, b, c: a * b + c,
     "sqrt": sympy.sqrt,
     "power": lambda a, b: a**b,
-    **{op: getattr(sympy, op) for op in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log")},
-    **{op: getattr(sympy, op) for op in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "erf", "sign")},
+    **{one.name: one.symbolic for one in ELEMENTARY.values()},
+    "atan2": sympy.atan2,
+    "sign": sympy.sign,
     "abs": sympy.Abs,
     "min": sympy.Min,
     "max": sympy.Max,

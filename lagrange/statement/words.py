@@ -8,6 +8,7 @@ from typing import Any
 
 import sympy
 
+from lagrange.statement.elementary import ELEMENTARY
 from lagrange.statement.expression import modulo
 
 
@@ -24,27 +25,13 @@ class Word:
 WORDS: dict[str, Word] = {
     word.name: word
     for word in (
-        Word("sin", sympy.sin, 1, 1),
-        Word("cos", sympy.cos, 1, 1),
-        Word("tan", sympy.tan, 1, 1),
-        Word("asin", sympy.asin, 1, 1),
-        Word("acos", sympy.acos, 1, 1),
-        Word("atan", sympy.atan, 1, 1),
+        *(Word(one.name, one.symbolic, 1, 1) for one in ELEMENTARY.values()),
         Word("atan2", sympy.atan2, 2, 2),
-        Word("exp", sympy.exp, 1, 1),
-        Word("log", sympy.log, 1, 1),
         Word("sqrt", sympy.sqrt, 1, 1),
-        Word("sinh", sympy.sinh, 1, 1),
-        Word("cosh", sympy.cosh, 1, 1),
-        Word("tanh", sympy.tanh, 1, 1),
         Word("cot", sympy.cot, 1, 1),
         Word("sec", sympy.sec, 1, 1),
         Word("csc", sympy.csc, 1, 1),
         Word("sinc", sympy.sinc, 1, 1),
-        Word("asinh", sympy.asinh, 1, 1),
-        Word("acosh", sympy.acosh, 1, 1),
-        Word("atanh", sympy.atanh, 1, 1),
-        Word("erf", sympy.erf, 1, 1),
         Word("heaviside", sympy.Heaviside, 1, 2),
         Word("abs", sympy.Abs, 1, 1),
         Word("sign", sympy.sign, 1, 1),

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
 from lagrange.procedure.spelling import OPERATORS as COMMON
 from lagrange.procedure.spelling import Literals, Operator
+from lagrange.statement.elementary import ELEMENTARY
 
 KINDS: Mapping[Kind, str] = {REAL: "double", WHOLE: "int64_t", FLAG: "int"}
 
@@ -24,8 +25,7 @@ OPERATORS: Mapping[str, Operator] = {
 LITERALS = Literals("HUGE_VAL", 'nan("")', ("0", "1"))
 
 FUNCTIONS: Mapping[str, str] = {
-    **{name: name for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "erf")},
-    **{name: name for name in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "copysign")},
+    **{name: name for name in (*ELEMENTARY, "sqrt", "atan2", "copysign")},
     "abs": "fabs",
     "power": "pow",
     "round": "rint",

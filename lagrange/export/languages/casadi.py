@@ -17,11 +17,11 @@ from lagrange.export.module import SourceModule
 from lagrange.export.target import Target, register
 from lagrange.procedure.spelling import Operator, call
 from lagrange.program.program import Program
+from lagrange.statement.elementary import ELEMENTARY
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,
-    **{op: call(f"ca.{op}({{0}})") for op in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "log")},
-    **{op: call(f"ca.{op}({{0}})") for op in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "erf", "sign")},
+    **{op: call(f"ca.{op}({{0}})") for op in (*ELEMENTARY, "sqrt", "sign")},
     "abs": call("ca.fabs({0})"),
     "power": call("ca.power({0}, {1})"),
     "atan2": call("ca.atan2({0}, {1})"),

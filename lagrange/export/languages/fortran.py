@@ -20,6 +20,7 @@ from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM, WORDS, Literals, Operator, call
 from lagrange.procedure.spelling import OPERATORS as COMMON
+from lagrange.statement.elementary import ELEMENTARY
 
 KINDS: Mapping[Kind, str] = {REAL: "real(dp)", WHOLE: "integer(int64)", FLAG: "logical"}
 
@@ -47,8 +48,7 @@ def _finite(value: float) -> str:
 LITERALS = Literals("infinity", "not_a_number", (".false.", ".true."), 6, "{}_int64".format, _finite)
 
 FUNCTIONS: Mapping[str, str] = {
-    **{name: name for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "erf")},
-    **{name: name for name in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "abs")},
+    **{name: name for name in (*ELEMENTARY, "sqrt", "atan2", "abs")},
     "copysign": "sign",
 }
 """Intrinsic functions."""
@@ -117,12 +117,12 @@ _STATEMENTS = """
     value volatile wait where while write
 """
 _INTRINSICS = """
-    abs acos acosh asin asinh atan atan2 atanh cos cosh erf exp exponent fraction huge int log max merge min mod sign
-    scale sin sinh sqrt tan tanh tiny transfer dp int64 real64 iso_fortran_env
+    abs atan2 exponent fraction huge int max merge min mod sign
+    scale sqrt tiny transfer dp int64 real64 iso_fortran_env
 """
 _OWN = "y p t h parameters unused default_parameters"
 
-RESERVED = (*_STATEMENTS.split(), *_INTRINSICS.split(), *_OWN.split(), *CONSTANTS)
+RESERVED = (*_STATEMENTS.split(), *_INTRINSICS.split(), *ELEMENTARY, *_OWN.split(), *CONSTANTS)
 """Words that cannot be names of values: keywords, functions, and names of parameters of procedures."""
 
 

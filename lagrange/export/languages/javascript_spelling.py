@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from lagrange.export.languages.c_spelling import OPERATORS as C_OPERATORS
 from lagrange.procedure.spelling import ATOM, Literals, Operator
+from lagrange.statement.elementary import ELEMENTARY
 
 OPERATORS: Mapping[str, Operator] = {
     **C_OPERATORS,
@@ -15,10 +16,7 @@ OPERATORS: Mapping[str, Operator] = {
 
 LITERALS = Literals("Infinity", "NaN")
 
-_MATH = (
-    *("abs", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log"),
-    *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "min", "max", "sign"),
-)
+_MATH = (*(name for name in ELEMENTARY if name != "erf"), "abs", "sqrt", "atan2", "min", "max", "sign")
 FUNCTIONS: Mapping[str, str] = {name: f"Math.{name}" for name in _MATH}
 """Functions of the language: what has no value is NaN or infinite."""
 

@@ -17,6 +17,7 @@ from lagrange.export.module import SourceModule
 from lagrange.export.target import Target, register
 from lagrange.procedure.spelling import Operator, call
 from lagrange.program.program import Program
+from lagrange.statement.elementary import ELEMENTARY
 
 WRITTEN_OUT = 4
 """Largest matrix that is eliminated entry by entry. In a batch a matrix of order 2 then takes 30 ns instead of LAPACK's
@@ -24,10 +25,9 @@ WRITTEN_OUT = 4
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,
-    **{op: call(f"jnp.{op}({{0}})") for op in ("sqrt", "sin", "cos", "tan", "exp")},
+    **{one.name: call(f"jnp.{one.array_name}({{0}})") for one in ELEMENTARY.values()},
     **{op: call(f"_{op}({{0}})") for op in ("log", "sinh", "cosh", "tanh", "atanh")},
-    **{op: call(f"jnp.arc{op[1:]}({{0}})") for op in ("asin", "acos", "atan", "asinh", "acosh")},
-    **{op: call(f"jnp.{op}({{0}})") for op in ("abs", "sign")},
+    **{op: call(f"jnp.{op}({{0}})") for op in ("sqrt", "abs", "sign")},
     "power": call("jnp.power({0}, {1})"),
     "atan2": call("jnp.arctan2({0}, {1})"),
     "erf": call("jax.scipy.special.erf({0})"),

@@ -17,6 +17,7 @@ from lagrange.procedure.form import FLAG, PARTIAL, REAL, WHOLE, Array, Call, Kin
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM, Literals, Operator, call
 from lagrange.procedure.spelling import OPERATORS as COMMON
+from lagrange.statement.elementary import ELEMENTARY
 
 KINDS: Mapping[Kind, str] = {REAL: "Float64", WHOLE: "Int64", FLAG: "Bool"}
 
@@ -25,12 +26,18 @@ OPERATORS: Mapping[str, Operator] = {**COMMON, "select": call("ifelse({0}, {1}, 
 LITERALS = Literals("Inf", "NaN")
 
 FUNCTIONS: Mapping[str, str] = {
-    **{name: name for name in ("atan", "exp", "sinh", "cosh", "tanh", "asinh", "abs", "copysign", "min", "max")},
+    **{
+        one.name: one.name
+        for one in ELEMENTARY.values()
+        if one.everywhere and one.spread != "periodic" and one.name != "erf"
+    },
+    **{name: name for name in ("abs", "copysign", "min", "max")},
     "atan2": "atan",
     "quotient": "div",
     "round": "round",
 }
-"""Functions that have a value for all numbers; `min` and `max` are NaN if an argument is NaN."""
+"""Functions that have a value for all numbers; Julia's own modules have no error function. `min` and `max` are NaN if
+an argument is NaN."""
 
 CONVERSIONS: Mapping[tuple[str, Kind], str] = {
     ("real", WHOLE): "Float64({0})",
@@ -77,14 +84,14 @@ _KEYWORDS = """
     import in isa let local macro module mutable primitive public quote return struct true try type using where while
 """
 _FROM_BASE = """
-    Inf NaN Float64 Int64 Bool Vector AbstractVector DimensionMismatch abs acos acosh asin asinh atan atanh copysign cos
-    cosh div exp exponent floatmin ifelse im isfinite isinf lastindex ldexp length log max min nothing oftype one pi
-    round significand sin sinh sqrt tan tanh throw trunc undef view zero zeros
+    Inf NaN Float64 Int64 Bool Vector AbstractVector DimensionMismatch abs copysign div exponent floatmin ifelse im
+    isfinite isinf lastindex ldexp length max min nothing oftype one pi round significand sqrt throw trunc undef view
+    zero zeros
 """
 _OWN = "y p t h out parameters"
 
 KEYWORDS = (*_KEYWORDS.split(),)
-RESERVED = (*KEYWORDS, *_FROM_BASE.split(), *_OWN.split())
+RESERVED = (*KEYWORDS, *_FROM_BASE.split(), *ELEMENTARY, *_OWN.split())
 """Words that cannot be names of values: keywords, functions, and names of parameters of functions."""
 
 _LIBRARY = """

@@ -20,6 +20,7 @@ from lagrange.procedure.source_printer import LONGEST_VALUE
 from lagrange.procedure.spelling import ATOM, WORDS, Literals, Operator, call
 from lagrange.procedure.spelling import OPERATORS as COMMON
 from lagrange.program.program import Instruction, Program
+from lagrange.statement.elementary import ELEMENTARY
 
 SYSTEMS = ("factor", "solve", "component")
 
@@ -37,7 +38,9 @@ LITERALS = Literals("exp(1000.0)", "sqrt(-1.0)", signed=OPERATORS["neg"].binds)
 
 SUM = OPERATORS["add"].binds
 
-EXTERNAL = ("asinh", "acosh", "atanh", "erf")
+_BUILT_IN = ("sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "sinh", "cosh", "tanh")
+
+EXTERNAL = tuple(name for name in ELEMENTARY if name not in _BUILT_IN)
 """Functions of the C library, which the language gives access to."""
 
 CHOSEN = {

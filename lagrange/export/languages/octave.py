@@ -23,6 +23,7 @@ from lagrange.procedure.form import FLAG, PARTIAL, REAL, WHOLE, Array, Call, Kin
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM, Literals, Operator, call
 from lagrange.procedure.spelling import OPERATORS as COMMON
+from lagrange.statement.elementary import ELEMENTARY
 
 OPERATORS: Mapping[str, Operator] = {
     **COMMON,
@@ -34,7 +35,7 @@ OPERATORS: Mapping[str, Operator] = {
 LITERALS = Literals("Inf", "NaN")
 
 FUNCTIONS: Mapping[str, str] = {
-    name: name for name in ("sin", "cos", "tan", "atan", "atan2", "exp", "sinh", "cosh", "tanh", "asinh", "erf", "abs")
+    name: name for name in (*(one.name for one in ELEMENTARY.values() if one.everywhere), "atan2", "abs")
 }
 """Functions that are real wherever they are given real numbers."""
 
@@ -103,14 +104,14 @@ _KEYWORDS = """
     until unwind_protect unwind_protect_cleanup while
 """
 _BUILT_IN = """
-    abs acos acosh asin asinh atan atan2 atanh cos cosh double erf exp false fix Inf inf isinf log log2 mod NaN nan
-    numel pow2 realmin sin sinh sqrt struct tan tanh true zeros ans
+    abs atan2 double false fix Inf inf isinf log2 mod NaN nan
+    numel pow2 realmin sqrt struct true zeros ans
 """
 
 _OWN = "y p t h out parameters singular outcome"
 
 KEYWORDS = (*_KEYWORDS.split(),)
-RESERVED = (*KEYWORDS, *_BUILT_IN.split(), *_OWN.split())
+RESERVED = (*KEYWORDS, *_BUILT_IN.split(), *ELEMENTARY, *_OWN.split())
 """Words that are not names of values: keywords, functions, and what parameters and results of functions are called."""
 
 

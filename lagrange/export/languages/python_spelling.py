@@ -6,6 +6,7 @@ import keyword
 from collections.abc import Mapping
 
 from lagrange.machine.python_source import OPERATORS
+from lagrange.statement.elementary import ELEMENTARY
 
 _TOTAL = (
     "def _total(function, x, pole=nan):",
@@ -25,7 +26,7 @@ def _of_total(name: str, rest: str = "") -> tuple[str, ...]:
 
 HELPERS: Mapping[str, tuple[str, ...]] = {
     "total": _TOTAL,
-    **{name: _of_total(name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "exp", "sinh", "cosh", "acosh")},
+    **{name: _of_total(name) for name in (*ELEMENTARY, "sqrt")},
     **{name: (f"_{name} = math.{name}",) for name in ("atan", "atan2", "tanh", "asinh", "erf", "copysign")},
     "log": _of_total("log", ", -inf"),
     "atanh": (

@@ -25,6 +25,7 @@ from lagrange.machine.python_source import defined
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.program.program import Program
 from lagrange.program.simplify import simplified
+from lagrange.statement.elementary import ELEMENTARY
 from lagrange.statement.number import DOUBLE
 
 CACHED = 2**17
@@ -37,9 +38,9 @@ PASSING_ROWS = 3
 """Rows of inputs and results that are in the cache beside those to work with: an operation reads two and writes one."""
 
 FUNCTIONS: dict[str, Any] = {
-    **{name: getattr(math, name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2")},
-    **{name: getattr(math, name) for name in ("exp", "log", "sinh", "cosh", "tanh")},
-    **{name: getattr(math, name) for name in ("asinh", "acosh", "atanh", "erf")},
+    **{one.name: one.of_float for one in ELEMENTARY.values()},
+    "sqrt": math.sqrt,
+    "atan2": math.atan2,
     **{name: OPERATIONS[name] for name in ("min", "max", "sign")},
     "power": math.pow,
     "abs": abs,
@@ -82,8 +83,8 @@ SOURCE_NOTE = """\
 # of math, sends a state to the interpreter.
 
 import numpy as np
-from math import acos, asin, atan, atan2, cos, cosh, exp, inf, log, nan, pow as power, sin, sinh, sqrt, tan, tanh
-from math import acosh, asinh, atanh, erf
+from math import atan2, inf, nan, pow as power, sqrt
+from math import {functions}
 from numpy import sign
 
 # One state: {name}(p)(t, y), with sequences of floats, returns a tuple of floats. The calls of a model have its
@@ -106,7 +107,7 @@ def printed(program: Program) -> str:
         )
     inputs, shorter = ", ".join(block.name for block in program.inputs), simplified(program)
     columns, buffers = column_source(shorter, half_angles=tangents_are_fast())
-    note = SOURCE_NOTE.format(inputs=f"[{inputs}]", name=program.name)
+    note = SOURCE_NOTE.format(inputs=f"[{inputs}]", name=program.name, functions=", ".join(ELEMENTARY))
     return note + scalar_source(shorter) + COLUMNS_NOTE.format(buffers=buffers) + columns
 
 

@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from lagrange.machine.llvm.emitter import Emitter, literal, suffix
 from lagrange.procedure.form import FLAG, REAL, WHOLE, WIDTHS, Kind, Let, Type
 from lagrange.procedure.operations import OPERATIONS
+from lagrange.statement.elementary import ELEMENTARY
 
 KINDS = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
 """LLVM's type of each kind."""
@@ -24,13 +25,7 @@ INTRINSICS = {
 _WHOLES = {"add": "add nsw", "sub": "sub nsw", "mul": "mul nsw", "quotient": "sdiv"}
 _WHOLE_INTRINSICS = {"min": "smin", "max": "smax"}
 _COMPARED = {"less": ("olt", "slt"), "less_equal": ("ole", "sle"), "equal": ("oeq", "eq")}
-LIBRARY = {
-    op: {"power": "pow"}.get(op, op)
-    for op in (
-        *("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log", "sinh", "cosh", "tanh", "power"),
-        *("asinh", "acosh", "atanh", "erf"),
-    )
-}
+LIBRARY = {**{name: name for name in ELEMENTARY}, "atan2": "atan2", "power": "pow"}
 """What the C library calls an operation; many at once may have a vector routine there."""
 
 _CONVERTED = {("real", WHOLE): "sitofp", ("real", FLAG): "uitofp", ("whole", REAL): "fptosi", ("whole", FLAG): "zext"}

@@ -15,6 +15,7 @@ import sympy
 
 from lagrange.errors import SceneError
 from lagrange.statement.coordinate import multiplier, t
+from lagrange.statement.elementary import ELEMENTARY
 from lagrange.statement.scene import lexer
 from lagrange.statement.scene.guard import (
     MOST_ARGUMENTS,
@@ -34,27 +35,13 @@ MOST_CHAINED = 4
 PREDEFINED_VALUES = {"t": t, "pi": sympy.pi}
 
 _DOUBLES: dict[str, Callable[..., float]] = {
-    "sin": math.sin,
-    "cos": math.cos,
-    "tan": math.tan,
-    "asin": math.asin,
-    "acos": math.acos,
-    "atan": math.atan,
+    **{one.name: one.of_float for one in ELEMENTARY.values()},
     "atan2": math.atan2,
-    "exp": math.exp,
-    "log": math.log,
     "sqrt": math.sqrt,
-    "sinh": math.sinh,
-    "cosh": math.cosh,
-    "tanh": math.tanh,
     "cot": lambda x: 1 / math.tan(x),
     "sec": lambda x: 1 / math.cos(x),
     "csc": lambda x: 1 / math.sin(x),
     "sinc": lambda x: math.sin(x) / x if x else 1.0,
-    "asinh": math.asinh,
-    "acosh": math.acosh,
-    "atanh": math.atanh,
-    "erf": math.erf,
     "heaviside": lambda x, middle=0.5: 0.5 + math.copysign(0.5, x) if x else middle,
     "abs": abs,
     "sign": lambda x: math.copysign(1.0, x) if x else 0.0,

@@ -1,0 +1,123 @@
+"""One record per elementary function of one number: what all stages know of it.
+
+Names in SymPy, in Python's `math`, in NumPy, in mpmath and in C follow from the name of the function. A language that
+spells it otherwise, or lacks it, says so in its own file.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import sympy
+from mpmath import libmp
+
+Rule = Callable[..., Any]
+"""A formula in numbers with Python's operators, such as nodes of a graph."""
+
+
+@dataclass(frozen=True)
+class Elementary:
+    """An elementary function y = f(a).
+
+    Its derivative is `sign` / `slope(a)`, from which its Taylor coefficients follow too, or `derivative(y, a)`; then
+    `lagrange.program.function_rules` states its coefficients. It is `odd` or `even` or neither. `exact` is an argument
+    with its value, both whole, and `pole` the value at zero if that is infinite. `size` is "bounded" by 1, or "unit"
+    for a dimensionless argument or value that may cancel. `spread` says what costs digits: a "periodic" argument, or a
+    "growing" value. It has a value `everywhere`, or for some numbers alone.
+    """
+
+    name: str
+    slope: Rule | None = None
+    derivative: Rule | None = None
+    sign: int = 1
+    odd: bool = False
+    even: bool = False
+    exact: tuple[int, int] = (0, 0)
+    pole: float = math.nan
+    size: str = ""
+    spread: str = ""
+    everywhere: bool = True
+
+    @property
+    def partial(self) -> Rule:
+        """The derivative, from the value and the argument."""
+        if self.slope is None:
+            assert self.derivative is not None
+            return self.derivative
+        slope, sign = self.slope, self.sign
+        return lambda y, a: sign / slope(a)
+
+    @cached_property
+    def symbolic(self) -> Any:
+        """The function of SymPy."""
+        return getattr(sympy, self.name)
+
+    @cached_property
+    def of_float(self) -> Callable[[float], float]:
+        """The function of Python, which raises where it has no finite value."""
+        found: Callable[[float], float] = getattr(math, self.name)
+        return found
+
+    @cached_property
+    def of_array(self) -> Callable[..., Any]:
+        """The function of numbers and arrays: NumPy's, or that of Python for each number."""
+        return getattr(np, self.array_name, self._each)
+
+    @property
+    def array_name(self) -> str:
+        """The name in NumPy, if it has the function."""
+        return f"arc{self.name[1:]}" if self.name.startswith("a") else self.name
+
+    def _each(self, a: Any) -> Any:
+        """Return the values of a number or an array."""
+        return np.array([self.of_float(x) for x in np.ravel(a).tolist()]).reshape(np.shape(a))[()]
+
+    @cached_property
+    def precise(self) -> Callable[..., Any]:
+        """The function of mpmath on its raw numbers, with a precision."""
+        found: Callable[..., Any] = getattr(libmp, f"mpf_{self.name}")
+        return found
+
+
+def _call(name: str) -> Rule:
+    return lambda a: a.graph.call(name, a)
+
+
+def _root(a: Any) -> Any:
+    return a ** Fraction(1, 2)
+
+
+def _bell(a: Any) -> Any:
+    """Return the derivative of the error function, 2/sqrt(pi) exp(-a**2)."""
+    return 2 * _call("exp")(-(a**2)) / _root(a.graph.call("pi"))
+
+
+ELEMENTARY: Mapping[str, Elementary] = {
+    one.name: one
+    for one in (
+        Elementary("sin", derivative=lambda y, a: _call("cos")(a), odd=True, size="bounded", spread="periodic"),
+        Elementary(
+            "cos", derivative=lambda y, a: -_call("sin")(a), even=True, exact=(0, 1), size="bounded", spread="periodic"
+        ),
+        Elementary("tan", derivative=lambda y, a: 1 + y**2, odd=True, size="unit", spread="periodic"),
+        Elementary("asin", slope=lambda a: _root(1 - a**2), odd=True, size="unit", everywhere=False),
+        Elementary("acos", slope=lambda a: _root(1 - a**2), sign=-1, exact=(1, 0), size="unit", everywhere=False),
+        Elementary("atan", slope=lambda a: 1 + a**2, odd=True, size="unit"),
+        Elementary("exp", derivative=lambda y, a: y, exact=(0, 1), spread="growing"),
+        Elementary("log", slope=lambda a: a, exact=(1, 0), pole=-math.inf, size="unit", everywhere=False),
+        Elementary("sinh", derivative=lambda y, a: _call("cosh")(a), odd=True, size="unit", spread="growing"),
+        Elementary("cosh", derivative=lambda y, a: _call("sinh")(a), even=True, exact=(0, 1), spread="growing"),
+        Elementary("tanh", derivative=lambda y, a: 1 - y**2, odd=True, size="bounded", spread="growing"),
+        Elementary("asinh", slope=lambda a: _root(1 + a**2), odd=True, size="unit"),
+        Elementary("acosh", slope=lambda a: _root(a**2 - 1), exact=(1, 0), size="unit", everywhere=False),
+        Elementary("atanh", slope=lambda a: 1 - a**2, odd=True, size="unit", everywhere=False),
+        Elementary("erf", derivative=lambda y, a: _bell(a), odd=True, size="bounded"),
+    )
+}
+"""Every elementary function of one number by name."""

@@ -1,0 +1,66 @@
+"""The records of elementary functions: derivative, symmetry, exact and precise values, each against the function."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from mpmath import libmp
+
+from lagrange.graph.evaluate import FUNCTIONS, precise, values
+from lagrange.graph.node import Binding, Graph
+from lagrange.statement.elementary import ELEMENTARY, Elementary
+
+PLACES = {"acosh": (1.25, 2.5, 40.0), "log": (0.1, 2.5, 40.0)}
+EVERY = pytest.mark.parametrize("function", ELEMENTARY.values(), ids=list(ELEMENTARY))
+
+
+def places(function: Elementary) -> tuple[float, ...]:
+    return PLACES.get(function.name, (-0.75, 0.25, 0.9))
+
+
+@EVERY
+def test_all_lives_of_a_function_have_its_value(function: Elementary) -> None:
+    for x in places(function):
+        value = function.of_float(x)
+        # Libraries are right to 2 ulp.
+        others = (float(function.of_array(np.array([x]))[0]), float(function.symbolic(x)))
+        exact = libmp.to_float(function.precise(libmp.from_float(x), 53, "n"))
+        assert (*others, exact) == pytest.approx((value,) * 3, rel=2.0**-50)
+
+
+@EVERY
+def test_a_derivative_is_that_of_differences(function: Elementary) -> None:
+    context = precise(40)
+    graph = Graph()
+    a = graph.symbol("a", Binding.CONFIGURATION)
+    y = graph.call(function.name, a)
+    slope = function.partial(y, a)
+    for x in places(function):
+        h = context.mpf(10) ** -12
+        value = FUNCTIONS[function.name]
+        differences = (value(context, x + h) - value(context, x - h)) / (2 * h)
+        # Truncation h^2 = 1e-24, with third derivatives below 1e6 here.
+        found = values([slope], {a: context.mpf(x)}, context)
+        assert found is not None
+        assert float(found[0][0]) == pytest.approx(float(differences), rel=1e-15)
+
+
+@EVERY
+def test_symmetries_exact_values_and_domains(function: Elementary) -> None:
+    argument, value = function.exact
+    assert function.of_float(float(argument)) == value
+    x = 0.4
+    if function.odd or function.even:
+        assert function.of_float(-x) == (-1 if function.odd else 1) * function.of_float(x)
+    outside = [x for x in (-2.0, 0.0, 2.0) if not has_value(function, x)]
+    assert bool(outside) == (not function.everywhere)
+    assert math.isinf(function.pole) == (function.name == "log")
+
+
+def has_value(function: Elementary, x: float) -> bool:
+    try:
+        return math.isfinite(function.of_float(x))
+    except ValueError:
+        return False
