@@ -85,6 +85,8 @@ class Body:
         self.vectors: dict[int, list[Real]] = {}
         self.later: dict[int, list[tuple[Memory, int]]] = {}
         """Solutions in memory, of which each entry is read where it is used."""
+        self.rows: dict[int, Memory] = {}
+        """Right-hand sides side by side, by the first solve of their group."""
         self.factors: dict[int, Factored] = {}
         self.singular: Variable | None = None
         """Whether a matrix was singular, if there is one."""
@@ -190,12 +192,14 @@ class Body:
         if self.style.early:
             self.load_inputs(refs)
         steps = scheduled(self.program, refs, self.most_together)
-        grouped = frozenset(ref for step in steps if isinstance(step, SolveGroup) for ref in step.solves)
+        groups = {ref: step for step in steps if isinstance(step, SolveGroup) for ref in step.solves}
         for step in steps:
             if isinstance(step, SolveGroup):
                 self.solve(step.factor, step.solves)
-            elif step not in grouped:
+            elif step not in groups:
                 self.instruction(step)
+            elif self.stands_in_rows(groups[step]):
+                self.gather(step, groups[step].solves)
 
     def most_together(self, factor: int) -> int:
         """Return the largest number of systems with one matrix that are solved together."""
@@ -283,14 +287,16 @@ class Body:
         if factor not in self.factors:
             self.loaded(factor)
         one = self.program.instructions[factor]
-        held, right = self.factors[factor], [self.right(ref) for ref in solves]
+        held = self.factors[factor]
+        if held.memory is not None and self.style.side_by_side and len(solves) > 1:
+            self.by_rows(held.memory, solves)
+            return
+        right = [self.right(ref) for ref in solves]
         if held.memory is None and len(solves) * one.order**2 > self.style.substituted:
             held = self.factors[factor] = Factored(held.entries, held.trusted, self.factored_in_memory(one))
         if held.memory is None:
             for ref, x in zip(solves, self.written_out(factor, held, right), strict=True):
                 self.vectors[ref] = x
-        elif self.style.side_by_side and len(solves) > 1:
-            self.by_rows(held.memory, solves, right)
         else:
             for ref, x in zip(solves, self.in_memory(one.order, held.memory, right), strict=True):
                 self.vectors[ref] = x
@@ -308,18 +314,34 @@ class Body:
                 p.call(solve_factored(), n, factors, vector.at(column * n))
         return [[vector[k * n + i] for i in range(n)] for k in range(len(right))]
 
-    def by_rows(self, factors: Memory, solves: Sequence[int], right: Sequence[Sequence[Real | None]]) -> None:
+    def stands_in_rows(self, group: SolveGroup) -> bool:
+        """Return whether the right-hand sides of a group stand side by side in memory."""
+        plan = self.program.eliminations[group.factor]
+        return self.style.side_by_side and not written_out(plan, self.style.largest)
+
+    def rows_of(self, solves: Sequence[int]) -> tuple[Memory, int]:
+        """Return the memory of right-hand sides side by side, and how many there is room for in a row."""
+        n, width = self.program.instructions[solves[0]].order, whole_blocks(len(solves), COLUMNS_AT_ONCE)
+        if solves[0] not in self.rows:
+            self.rows[solves[0]] = self.p.reserve(n * width, room=COLUMNS_AT_ONCE, name="rows")
+        return self.rows[solves[0]], width
+
+    def gather(self, ref: int, solves: Sequence[int]) -> None:
+        """Write a right-hand side as soon as it is known: its numbers need no registers from then on."""
+        (rows, width), column = self.rows_of(solves), solves.index(ref)
+        for i, value in enumerate(self.right(ref)):
+            rows[i * width + column] = 0.0 if value is None else value
+
+    def by_rows(self, factors: Memory, solves: Sequence[int]) -> None:
         """Solve systems side by side in memory; a solution is read entry by entry where it is used."""
         p, n, count = self.p, self.program.instructions[solves[0]].order, len(solves)
-        width = whole_blocks(count, COLUMNS_AT_ONCE)
-        rows, spare = p.reserve(n * width, room=COLUMNS_AT_ONCE, name="rows"), p.reserve(n, name="spare")
-        for i in range(n):
-            for c in range(width):
-                value = right[c][i] if c < count else None
-                rows[i * width + c] = 0.0 if value is None else value
-        p.call(solve_columns(), n, width, factors, rows, spare)
-        for c, ref in enumerate(solves):
-            self.later[ref] = [(rows, i * width + c) for i in range(n)]
+        rows, width = self.rows_of(solves)
+        for i in range(n if count < width else 0):
+            for column in range(count, width):
+                rows[i * width + column] = 0.0
+        p.call(solve_columns(), n, width, factors, rows, p.reserve(n, name="spare"))
+        for column, ref in enumerate(solves):
+            self.later[ref] = [(rows, i * width + column) for i in range(n)]
 
     def written_out(self, factor: int, held: Factored, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
         """Return the solutions by the written-out factors where these can be trusted, else with pivoting."""
