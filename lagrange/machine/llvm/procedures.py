@@ -81,11 +81,17 @@ INLINE_ANGLES = 8
 Beyond it they are a function, which bounds the compile time of a long chain.
 """
 
+MOST_OPERATIONS = 200
+"""Most operations of one basic block of a kernel; the next begins another block.
+
+LLVM schedules a block as a whole: the Jacobian of a chain of 10 links takes 202 ms to compile in one, and 152 in many.
+"""
+
 LARGEST_ON_STACK = 50_000
 """Most numbers of a local array on the stack, 400 kB: larger ones are taken from the heap."""
 
-MOST_TOGETHER = 4
-"""Largest number of results that a function called from outside stores at once.
+FEW_RESULTS, MOST_TOGETHER = 16, 4
+"""Largest number of results that a function called from outside stores at once, if it has few.
 
 A step loads them four at a time, and a processor forwards a value from a store to a load only if one store has all of
 it: that would double the time of a small step.
@@ -173,6 +179,7 @@ class Printer(Visitor):
     ) -> None:
         self.procedure, self.outside = procedure, outside
         self.foreign = procedure in outside
+        self.stores_together = self.foreign and sum(isinstance(one, Store) for one in procedure.body) <= FEW_RESULTS
         self.e = Emitter() if e is None else e
         self.values: dict[int, str] = {}
         self.kinds: dict[int, Kind] = {}
@@ -181,6 +188,7 @@ class Printer(Visitor):
         self.wide: dict[int, None] = {}
         self.spread: dict[int, str] = {}
         self.current: IterationBlock | None = None
+        self.operations = 0
         self.angles = angles
         """Number of angles of the procedure, counted at the first one."""
         self.open = True
@@ -333,6 +341,9 @@ class Printer(Visitor):
         """Print an operation, on vectors where an operand is one."""
         if let.op == CONSTANT:
             return self.define(let.ref, constant(let), let.kind)
+        self.operations += 1
+        if self.foreign and self.current is None and self.operations % MOST_OPERATIONS == 0:
+            self.e.cut()
         lanes = max(self.lanes(arg) for arg in let.args)
         if let.op in ANGLES:
             return self.define(let.ref, self.angle(*let.args)[ANGLES.index(let.op)], REAL, wide=lanes > 1)
@@ -371,7 +382,7 @@ class Printer(Visitor):
         """Store a number, or those of some iterations, but for what the array has behind the last of them."""
         e, lanes, array = self.e, self.lanes(store.place), self.array(store.array)
         where = number(self.values[store.place]) if lanes == 1 and array.kind is REAL else None
-        if self.foreign and self.current is None and where is not None:
+        if self.stores_together and self.current is None and where is not None:
             self.together.append((store.array, where, self.values[store.value]))
             if len(self.together) == MOST_TOGETHER:
                 self.store_together()
