@@ -32,8 +32,8 @@ from lagrange.cli.arguments import (
 )
 from lagrange.errors import StatementError, listing, suggestion
 from lagrange.members.reductions import REDUCTIONS
+from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import check_place, write_atomically
-from lagrange.show.files.picture import FILE_DPI
 
 if TYPE_CHECKING:
     from lagrange.show.ensemble import Ensemble

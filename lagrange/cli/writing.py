@@ -28,10 +28,10 @@ from lagrange.cli.arguments import (
     start,
 )
 from lagrange.errors import StatementError
+from lagrange.show.animation import DEFAULT_FPS
 from lagrange.show.animation.file_kinds import named_kind
-from lagrange.show.animation.timing import DEFAULT_FPS
+from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import check_place, write_atomically
-from lagrange.show.files.picture import FILE_DPI
 
 
 def add_export(commands: Any) -> None:

@@ -17,12 +17,13 @@ import numpy as np
 
 from lagrange.errors import StatementError, counted
 from lagrange.page.player import frame_size, in_frame, player_page
+from lagrange.show.animation import DEFAULT_FPS
 from lagrange.show.animation.file_kinds import named_kind
 from lagrange.show.animation.film import Film, Pixels, film_options
 from lagrange.show.animation.gif import write_gif
 from lagrange.show.animation.mp4 import has_ffmpeg, write_mp4
 from lagrange.show.animation.recording import Recording, recording_of
-from lagrange.show.animation.timing import DEFAULT_FPS, Timing, timing
+from lagrange.show.animation.timing import Timing, timing
 from lagrange.show.between import known_alone
 from lagrange.show.figures.style import DARK, LIGHT
 from lagrange.show.files.atomic_file import check_place, write_atomically

@@ -27,8 +27,9 @@ from lagrange.mechanics.modes import Modes
 from lagrange.show.figures.modes_figure import plot_modes
 from lagrange.show.figures.portrait_figure import plot_portrait
 from lagrange.show.figures.section_figure import plot_branches, plot_section, plot_sweep
+from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
-from lagrange.show.files.picture import FILE_DPI, picture
+from lagrange.show.files.picture import picture
 from lagrange.show.notation.formula import SideWriter
 from lagrange.show.notation.text import AsciiNotation
 from lagrange.show.notebook.html_card import image, pairs, sentences

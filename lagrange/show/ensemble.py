@@ -44,9 +44,10 @@ from lagrange.members.store import kept_in_store
 from lagrange.members.table import MemberTable, member_table
 from lagrange.members.work import ExecutorRunner, Runner, ThreadRunner, run_members, threads_of
 from lagrange.show.figures.ensemble_figure import COMPLETE, plot_ensemble
+from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.csv_format import write_rows
-from lagrange.show.files.picture import FILE_DPI, picture
+from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import image, pairs, sentences
 from lagrange.show.terminal.table import duration, text_table
 from lagrange.statement.coordinate import row_label

@@ -20,10 +20,11 @@ from lagrange.evidence.work_precision import TOLERANCES, Entry, Result
 from lagrange.machine.model import Model, Stated, stated
 from lagrange.show.figures.new_figure import new_figure
 from lagrange.show.figures.style import LineStyle, Style, dress, line_styles, on_paper, style_of
+from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.atomic_folder import write_together
 from lagrange.show.files.csv_format import write_rows
-from lagrange.show.files.picture import FILE_DPI, picture
+from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
 from lagrange.show.terminal.table import text_table
 from lagrange.statement.number import real_number

@@ -14,9 +14,6 @@ from lagrange.trajectory.trajectory import FloatArray
 MOST_FRAMES = 3000
 """Most frames of an animation: 100 s at 30 frames a second. As a GIF they take some 20 MB."""
 
-DEFAULT_FPS = 30.0
-"""Frames per second unless others are requested."""
-
 LEAST_FPS, MOST_FPS = 1.0, 60.0
 """Least and largest number of frames per second: below, motion is invisible; above, no common screen shows them."""
 
