@@ -27,7 +27,7 @@ ENERGIES = ("E", "T", "V")
 
 
 def description(statement: Statement, rate: float, energies: Sequence[str]) -> dict[str, Any]:
-    """Return what the scripts know of a system, as a dict for JSON: names, points, links, units, what is drawn.
+    """Return the data of a system for the scripts, as a dict for JSON: names, points, links, units.
 
     The view of space and the shape of springs are those of figures. `rate` is time of the run per second.
     """

@@ -30,7 +30,7 @@ from lagrange.show.notation.names import plain_text
 from lagrange.trajectory.trajectory import FloatArray
 
 BESIDES = 250
-"""Height in pixels of what is around the picture of a player: its name, the controls and the plots."""
+"""Height in pixels of a player without its picture: the name, the controls and the plots."""
 
 LEVELS = 2**13
 """Whole numbers between the least and the largest value of a row: an eighth of a pixel of a picture."""
@@ -124,7 +124,7 @@ def _rows(record: Recording) -> list[FloatArray]:
 
 
 def _scale(row: FloatArray) -> tuple[float, float]:
-    """Return the least value of a row, and the distance of the whole numbers that stand for its values."""
+    """Return the least value of a row, and the step between two levels."""
     low, high = float(row.min()), float(row.max())
     return low, float(f"{(high - low) / LEVELS:.6e}")
 
