@@ -46,10 +46,12 @@ class FoldedFormulas(HtmlPage):
         return f"<details{opened}><summary>{heading}</summary>\n{inside}\n</details>\n"
 
     def letter(self, name: str) -> str:
-        """Return the symbol of a coordinate, a velocity such as x_dot or a parameter."""
+        """Return the symbol of a coordinate, a velocity such as x_dot as dx/dt, or a parameter."""
         base = name.removesuffix("_dot")
-        dots = int(name != base and base in self.statement.names)
-        return f"<math>{self.lines.sides.notation.letter(base if dots else name, dots)}</math>"
+        rate = name != base and base in self.statement.names
+        letter = self.lines.sides.notation.letter(base if rate else name, 0)
+        over = '<mo lspace="0" rspace="0">/</mo>'
+        return f"<math><mi>d</mi>{letter}{over}<mi>d</mi><mi>t</mi></math>" if rate else f"<math>{letter}</math>"
 
 
 def _is_long(section: Section) -> bool:

@@ -142,6 +142,13 @@ def test_fixed_points_have_no_colour_and_no_entry_in_the_legend(tmp_path: Path) 
     assert entries == [("colour0", "bob"), ("colour1", "tip")]
 
 
+def test_a_velocity_has_no_dot_beside_its_slider_or_plot(tmp_path: Path) -> None:
+    page = pendulum().to_page(tmp_path / "page.html")
+    assert [state["letter"] for state in data(page)["states"]] == ["θ", "dθ/dt"]
+    label = re.findall(r'<label for="slider4">(.*?)</label>', page.read_text("utf-8"))
+    assert re.sub("<[^>]*>", "", label[0]) == "dθ/dt"
+
+
 def test_a_system_without_energies_or_positions(tmp_path: Path) -> None:
     assert contents(shared_scene("two-point-vortices").statement) == ("rhs", "energy", "dop853", "positions")
     page = pendulum().to_page(tmp_path / "page.html")
