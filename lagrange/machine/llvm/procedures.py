@@ -442,7 +442,9 @@ class Printer(Visitor):
             return
         value = e.value(made)
         for ref, kind, one, found in zip(call.refs, results, types, separated(e, types, value), strict=True):
-            self.define(ref, e.value(f"icmp ne i32 {found}, 0") if one == "i32" else found, kind)
+            # Our own flags are 0 or 1; in C's convention any number but zero is a flag that holds.
+            flag = f"trunc i32 {found} to i1" if isinstance(call.callee, Procedure) else f"icmp ne i32 {found}, 0"
+            self.define(ref, e.value(flag) if one == "i32" else found, kind)
 
     @visits(Leave)
     def leave(self, leave: Leave) -> None:
