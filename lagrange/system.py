@@ -24,7 +24,7 @@ from lagrange.statement.declare import declare
 from lagrange.statement.given import require_values
 from lagrange.statement.number import flag
 from lagrange.statement.scene.library import load as library_scene
-from lagrange.statement.scene.reader import read_scene, stored_statement
+from lagrange.statement.scene.scene_reader import read_scene, stored_statement
 from lagrange.statement.scene.writer import scene_text
 from lagrange.statement.statement import Statement
 

@@ -10,7 +10,7 @@ from lagrange.cli.arguments import DONE, Answer, add_command, add_json
 from lagrange.show.notation.names import plain_text
 from lagrange.show.terminal.table import text_table
 from lagrange.statement.run_settings import DEFAULT_METHOD, DEFAULT_T_END
-from lagrange.statement.scene.document import Document
+from lagrange.statement.scene.toml_document import Document
 
 SCENES = Path(__file__).resolve().parent.parent / "scenes"
 

@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 
 from lagrange.errors import SceneError
-from lagrange.statement.scene.document import LARGEST_FILE, Document, kind_of
-from lagrange.statement.scene.reader import read_scene
+from lagrange.statement.scene.scene_reader import read_scene
+from lagrange.statement.scene.toml_document import LARGEST_FILE, Document, kind_of
 from tests.statement.scenes import write
 
 

@@ -15,7 +15,7 @@ from sympy.physics.mechanics import dynamicsymbols
 
 import lagrange as lg
 from lagrange.statement.motion import motion_of
-from lagrange.statement.scene.reader import read_scene
+from lagrange.statement.scene.scene_reader import read_scene
 from tests.refusals import refusal
 from tests.statement.scenes import DROP, write
 

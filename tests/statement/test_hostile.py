@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 
 from lagrange.errors import SceneError
-from lagrange.statement.scene.reader import read_scene
+from lagrange.statement.scene.scene_reader import read_scene
 from lagrange.statement.words import WORDS
 from tests.statement.attacks import ATTACKS, CANARY
 from tests.statement.scenes import DROP, LEAN, write
@@ -83,7 +83,7 @@ import json, sys
 import sympy
 from pathlib import Path
 from lagrange.errors import SceneError
-from lagrange.statement.scene.reader import read_scene
+from lagrange.statement.scene.scene_reader import read_scene
 from lagrange.statement.scene.expressions import read_expression, read_number
 
 request = json.load(sys.stdin)

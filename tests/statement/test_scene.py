@@ -11,9 +11,9 @@ import sympy
 from lagrange.errors import SceneError, StatementError
 from lagrange.statement.coordinate import coordinate, t, velocity_of
 from lagrange.statement.run_settings import RunSettings
-from lagrange.statement.scene import reader as module
+from lagrange.statement.scene import scene_reader as module
 from lagrange.statement.scene.library import library, library_path, load
-from lagrange.statement.scene.reader import read_scene
+from lagrange.statement.scene.scene_reader import read_scene
 from lagrange.statement.statement import Link
 from tests.statement.scenes import DROP, write
 

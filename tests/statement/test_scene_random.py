@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from lagrange.errors import SceneError
 from lagrange.statement.scene.library import LIBRARY
-from lagrange.statement.scene.reader import read_scene
+from lagrange.statement.scene.scene_reader import read_scene
 from lagrange.statement.statement import Statement
 
 TEXTS = [path.read_text("utf-8") for path in sorted(LIBRARY.glob("*.toml")) if path.stat().st_size < 2000]

@@ -15,7 +15,7 @@ import lagrange as lg
 from lagrange.errors import SceneError, StatementError
 from lagrange.statement.coordinate import PREDEFINED
 from lagrange.statement.scene import expressions as text
-from lagrange.statement.scene.reader import read_scene
+from lagrange.statement.scene.scene_reader import read_scene
 from lagrange.statement.words import ALIASES, WORDS
 from tests.statement.scenes import write
 

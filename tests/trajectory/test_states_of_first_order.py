@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 
 import lagrange as lg
 from lagrange.errors import StatementError
-from lagrange.statement.scene.reader import scene_from_text
+from lagrange.statement.scene.scene_reader import scene_from_text
 from tests.models import TARGETS, k, m, x, y, z
 
 e = lg.coordinate("e")

@@ -13,7 +13,7 @@ from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.show.files.archive import UNREADABLE, arrays_of
 from lagrange.statement.choice import printable
-from lagrange.statement.scene.reader import stored_statement
+from lagrange.statement.scene.scene_reader import stored_statement
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
 from lagrange.trajectory.paths.known import OutputPath

@@ -93,7 +93,7 @@ def scan(
         refuse(f"the expression has {len(text)} characters, more than {most}: state it in parts.", most)
     if not text.strip():
         refuse("the expression is empty: write 0 if there is nothing.", 0)
-    checker = _Checker(text, names, constant, calls, unevaluated)
+    checker = _TokenChecker(text, names, constant, calls, unevaluated)
     offset = 0
     while offset < len(text):
         match = _TOKEN.match(text, offset)
@@ -124,7 +124,7 @@ class _Level:
     factors: int = 0  # of the last term
 
 
-class _Checker:
+class _TokenChecker:
     """Checks tokens one by one: values and operators alternate, parentheses match, and nesting is limited."""
 
     def __init__(

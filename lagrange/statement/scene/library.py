@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lagrange.statement.choice import one_of
-from lagrange.statement.scene.reader import SceneReader, read_scene
+from lagrange.statement.scene.scene_reader import SceneReader, read_scene
 from lagrange.statement.statement import Statement
 
 LIBRARY = Path(__file__).resolve().parents[2] / "scenes"

@@ -15,7 +15,7 @@ from lagrange.statement.motion import Table, motion_of
 from lagrange.statement.parameters import rate_name
 from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.lexer import MULTIPLIER
-from lagrange.statement.scene.reader import MOST_RATES, NO_SIGN, OPEN
+from lagrange.statement.scene.scene_reader import MOST_RATES, NO_SIGN, OPEN
 from lagrange.statement.scene.shared_text import SharedText
 from lagrange.statement.statement import REFUSE, ROD, Statement
 from lagrange.statement.units.dimension import Dimension, named
@@ -33,7 +33,7 @@ def scene_text(statement: Statement) -> str:
     The scene says `evaluate = false`: its expressions are built as they stand. Raises StatementError for parts that
     scenes cannot state, such as derivatives of functions that are not written out.
     """
-    return "\n".join(_Writer(statement.open_form or statement).lines()) + "\n"
+    return "\n".join(_SceneWriter(statement.open_form or statement).lines()) + "\n"
 
 
 def sign_of(parameter: Any) -> str:
@@ -45,7 +45,7 @@ def sign_of(parameter: Any) -> str:
     return " ".join(f"{'' if value else 'not '}{word}" for word, value in sorted(assumed.items()))
 
 
-class _Writer:
+class _SceneWriter:
     """Writes one statement, a line for each value."""
 
     def __init__(self, statement: Statement) -> None:
