@@ -87,7 +87,7 @@ def defined(statement: Statement) -> tuple[int, ...]:
 
 
 def _numbers(value: Any) -> Iterator[int]:
-    """Yield the numbers in a field; a procedure that is called is none."""
+    """Yield the numbers in a field. A called procedure has no number."""
     match value:
         case int():
             yield value
@@ -108,7 +108,7 @@ def reads(block: Block) -> frozenset[int]:
 
 
 def uses_of(block: Block) -> dict[int, int]:
-    """Count how often each value is used; what is used inside of a loop that does not make it counts as often."""
+    """Count the uses of each value. A use inside a loop counts twice if the value is made outside."""
     found: dict[int, int] = {}
     for statement in block:
         for ref in operands(statement):
@@ -159,5 +159,5 @@ class Visitor:
         cls._methods = found
 
     def statement(self, statement: Statement) -> Any:
-        """Return what the method of a statement returns."""
+        """Call the method of a statement, and return its result."""
         return getattr(self, self._methods[type(statement)])(statement)

@@ -1,4 +1,4 @@
-"""One record per elementary function of one number: what all stages know of it.
+"""One record per elementary function of one number, read by all stages.
 
 Names in SymPy, in Python's `math`, in NumPy, in mpmath and in C follow from the name of the function. A language that
 spells it otherwise, or lacks it, says so in its own file.

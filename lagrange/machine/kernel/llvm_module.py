@@ -44,22 +44,22 @@ SCALAR = Style(largest=WRITTEN_OUT, substituted=1_000_000, systems=32, entries=3
 memory are four vectors of eight reals for each row."""
 
 LANES = Style(substituted=4_000, systems=1, pivoting=False)
-"""A column in each lane, where loops over one matrix are no shorter than operations. What needs pivoting is computed
+"""A column in each lane. Matrices up to 20 unknowns are eliminated in lanes; a column that needs pivoting is evaluated
 again alone."""
 
 
 def fit(dimension: int) -> bool:
-    """Whether states of that dimension are passed in registers: by kernels, and by the steps that call them."""
+    """Return whether kernels and steps pass states of that dimension in registers."""
     return dimension <= MOST_IN_REGISTERS
 
 
 def in_registers(program: Program) -> bool:
-    """Whether a program is called by steps, and has few enough numbers."""
+    """Return whether a program has a kernel in registers: steps call it, and its state is small."""
     return bool(program.returned) and fit(program.states)
 
 
 def solves(program: Program) -> bool:
-    """Return whether a program calls the solver of dense systems: a small system does where a pivot is no good."""
+    """Return whether a program may call the solver of dense systems; a small system does where a pivot fails."""
     return any(instruction.op in SYSTEMS for instruction in program.instructions)
 
 
@@ -71,18 +71,18 @@ class KernelCode:
 
     @cached_property
     def prepared(self) -> Prepared:
-        """Where the saved results stand behind the parameters."""
+        """The places of saved results after the parameters."""
         return Prepared.of([self.program], WRITTEN_OUT)
 
     @cached_property
     def prepare(self) -> Procedure:
-        """What fills in the saved results."""
+        """The procedure that computes saved results."""
         about = f"Prepare {self.program.name}."
         return prepare(self.prepared, about, name=f"{self.program.name}_prepare", in_place=True, style=SCALAR)
 
     @cached_property
     def scalar(self) -> tuple[Procedure, ...]:
-        """The kernel of one state, behind the one in registers where there is one."""
+        """The kernel of one state, after the one in registers if the program has that."""
         program, prepared = self.program, self.prepared
         if not in_registers(program):
             return (kernel(program, prepared, program.name, f"Evaluate {program.name}.", style=SCALAR),)
@@ -94,7 +94,7 @@ class KernelCode:
 
     @property
     def called(self) -> tuple[Procedure, ...]:
-        """What the scalar kernel calls of other modules."""
+        """The procedures of other modules that the kernel calls."""
         every = (one for made in (self.prepare, *self.scalar) for one in made.callees)
         return tuple(dict.fromkeys(one for one in every if one not in self.scalar))
 

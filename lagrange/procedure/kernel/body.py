@@ -53,7 +53,7 @@ SOURCE = Style()
 
 @dataclass(frozen=True)
 class Inputs:
-    """What the instructions of a program read: time, state, parameters and, behind them, prepared numbers."""
+    """Inputs of the instructions of a program: time, state, and parameters with prepared numbers after them."""
 
     parameters: Memory
     slots: Mapping[int, int]
@@ -89,7 +89,7 @@ class Body:
         """Right-hand sides side by side, by the first solve of their group."""
         self.factors: dict[int, Factored] = {}
         self.singular: Variable | None = None
-        """Whether a matrix was singular, if there is one."""
+        """Flag of a singular matrix, None before the first matrix."""
 
     def fails(self) -> Variable:
         """Return the variable that says whether a matrix was singular; it is declared before the first branch."""

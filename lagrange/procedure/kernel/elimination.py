@@ -11,7 +11,7 @@ from lagrange.procedure.values import Flag, Memory, Real
 from lagrange.program.elimination import Elimination
 
 Entries = Mapping[tuple[int, int], Real]
-"""Values of a lower triangle by (row, column); what is missing is zero."""
+"""Values of a lower triangle by (row, column); missing entries are zero."""
 
 
 def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:

@@ -68,7 +68,7 @@ def kernel(
     parameter_names: Sequence[str] = (),
     style: Style = SOURCE,
 ) -> Procedure:
-    """Return what evaluates a program. `state_names` are those of its inputs, for people who read the code."""
+    """Return the procedure that evaluates a program; `state_names` name its inputs in printed code."""
     p = Builder(name, about)
     t, y = p.given("t", REAL), p.array("y", size=program.states, read=True)
     held, out = p.array("p", size=prepared.size, read=True), p.array("out", size=len(program.outputs))

@@ -68,7 +68,7 @@ def written_out(plan: Elimination, largest: int = WRITTEN_OUT) -> bool:
 
 
 def width_of(program: Program, ref: int, largest: int = WRITTEN_OUT) -> int:
-    """Return how many reals a result takes."""
+    """Return the number of reals that a result takes."""
     one = program.instructions[ref]
     if one.op == "factor":
         plan = program.eliminations[ref]
