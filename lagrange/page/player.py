@@ -69,9 +69,10 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
     }
     scripts = short(joined(*PICTURES, *RECORDED))
     width = f":root{{--width:{max(film.size[0], 640)}px}}\n"
+    rules = short(colour_rules(statement) + width + template("page.css") + template("player.css"))
     parts = {
         "look": "" if style == "auto" else f' data-style="{style}"',
-        "style": short(colour_rules(statement) + width + template("page.css") + template("player.css")),
+        "style": rules,
         "title": escape(plain_text(statement.name)),
         "hint": hint(statement),
         "legend": legend(statement),
@@ -80,7 +81,7 @@ def player_page(recording: Recording, film: Film, style: str, notes: Sequence[st
         "trails": _trails(film.trail_seconds),
         "notes": "".join(f'<p class="note">{escape(note)}</p>\n' for note in notes),
         "data": as_json(data),
-        "packed": f"{_text(scripts.encode())} {_text(packed(rows))}",
+        "packed": " ".join(map(_text, (rules.encode(), scripts.encode(), packed(rows)))),
     }
     return html("player.html", parts, {"loader": short(template("loader.js"))}, scripts, trusted=False)
 

@@ -51,7 +51,7 @@ def in_page(page: str) -> dict[str, Any]:
     parts = [re.search(rf'id="{name}">(.*?)</script>', page, re.DOTALL) for name in ("data", "packed")]
     assert parts[0] and parts[1]
     data: dict[str, Any] = json.loads(parts[0][1])
-    packed = zlib.decompress(base64.b64decode(parts[1][1].split(" ")[1]))
+    packed = zlib.decompress(base64.b64decode(parts[1][1].split(" ")[2]))
     scales = np.array(data["record"]["rows"])
     low, high = np.frombuffer(packed, np.uint8).reshape(2, len(scales), -1).astype(np.int64)
     whole = (low + 256 * high).cumsum(axis=1).cumsum(axis=1) & 0xFFFF
@@ -59,11 +59,11 @@ def in_page(page: str) -> dict[str, Any]:
     return data
 
 
-def scripts_of(page: str) -> str:
-    """Return the packed scripts of a player."""
-    packed = re.search(r'id="packed">(.*?) ', page)
+def unpacked(page: str) -> list[str]:
+    """Return the packed style and scripts of a player."""
+    packed = re.search(r'id="packed">(.*?) (.*?) ', page)
     assert packed
-    return zlib.decompress(base64.b64decode(packed[1])).decode()
+    return [zlib.decompress(base64.b64decode(text)).decode() for text in packed.groups()]
 
 
 def in_pixels(animation: Animation) -> np.ndarray[Any, Any]:

@@ -16,7 +16,7 @@ from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
-from tests.show.animations import bouncing, double_pendulum, in_page, in_pixels, scripts_of, texts
+from tests.show.animations import bouncing, double_pendulum, in_page, in_pixels, texts, unpacked
 from tests.show.examples import free, oscillator, solved
 
 NO_POSITIONS = "No positions are stated: the coordinates are drawn over time. positions={...} states points to draw."
@@ -101,7 +101,7 @@ def test_a_recording_has_the_states_of_the_run_and_no_model() -> None:
     np.testing.assert_allclose(energies["T"] + energies["V"], energies["E"], atol=1e-3 * np.ptp(energies["T"]))
     assert rows[8:].min() > -1e-9, "V and E are drawn from the least V"
     assert data["links"] == [[2, 0, "rod"], [0, 1, "rod"]] and data["kept"]
-    scripts = scripts_of(page)
+    scripts = unpacked(page)[1]
     assert "class Recording" in scripts and "class Motion" not in scripts and "<math" not in page
 
 

@@ -19,7 +19,7 @@ from lagrange.page.document import hash_of, short
 from lagrange.show.animation import film, mp4
 from lagrange.show.animation.recording import thinned
 from tests.page.browser import Browser, program
-from tests.show.animations import bouncing, double_pendulum, in_page, in_pixels, scripts_of
+from tests.show.animations import bouncing, double_pendulum, in_page, in_pixels, unpacked
 from tests.show.examples import oscillator
 
 WHITE, BLUE = (255, 255, 255), (0x0B, 0x6E, 0x99)
@@ -139,16 +139,17 @@ def test_a_player_needs_nothing_and_runs_its_own_scripts_alone() -> None:
     assert page.count("</script>") == 3 and page.count("<script>") == 1 and "<!--" not in page
     assert "http:" not in page and "https:" not in page and "src=" not in page and in_page(page)["name"] == name
     policy = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', page)[0]
-    loader, style = (re.findall(f"<{tag}>(.*?)</{tag}>", page, re.DOTALL)[0] for tag in ("script", "style"))
+    loader = re.findall("<script>(.*?)</script>", page, re.DOTALL)[0]
+    style, scripts = unpacked(page)
     assert policy.split("; ") == [
         "default-src 'none'",
-        f"script-src {hash_of(loader)} {hash_of(scripts_of(page))}",
+        f"script-src {hash_of(loader)} {hash_of(scripts)}",
         f"style-src {hash_of(style)}",
         "base-uri 'none'",
         "form-action 'none'",
     ]
     assert shown.startswith("<iframe ") and 'sandbox="allow-scripts"' in shown and shown.count('"') == 8
-    assert "prefers-reduced-motion" in scripts_of(page) and "<noscript>" in page
+    assert "prefers-reduced-motion" in scripts and "<noscript>" in page
 
 
 def test_scripts_are_short_and_the_same() -> None:

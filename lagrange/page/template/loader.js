@@ -1,4 +1,4 @@
-// Unpacks the scripts and the numbers of a recording, and starts the player. Both are compressed, as text in base64.
+// Unpacks the style, the scripts and the numbers of a recording, and starts the player. They are compressed, in base64.
 
 const inflated = async (text) => {
     const bytes = Uint8Array.from(atob(text), (mark) => mark.charCodeAt(0));
@@ -6,9 +6,11 @@ const inflated = async (text) => {
 };
 
 (async () => {
-    const [scripts, numbers] = document.getElementById("packed").textContent.split(" ");
-    const script = document.createElement("script");
-    script.textContent = new TextDecoder().decode(await inflated(scripts));
-    document.body.append(script);
+    const [style, scripts, numbers] = document.getElementById("packed").textContent.split(" ");
+    for (const [name, text] of [["style", style], ["script", scripts]]) {
+        const element = document.createElement(name);
+        element.textContent = new TextDecoder().decode(await inflated(text));
+        document.head.append(element);
+    }
     startRecording(new Uint8Array(await inflated(numbers)));
 })();
