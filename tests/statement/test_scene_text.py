@@ -325,6 +325,7 @@ LEAN = (
 BOMBS = {
     "powers of powers": ("c", "a = '9**9'\nb = 'a**9'\nc = 'b**9'", "a power of a constant that is computed from"),
     "sums of numbers": ("2**b", "a = '9 + 9'\nb = 'a'", "a power of a constant that is computed from several numbers"),
+    "a power of one over": ("c", "a = '9 + 9'\nb = '1/a'\nc = 'b**9'", "a power of a constant that is computed from"),
     "a large power": ("10**1000000", "", "the exponent 1e+06 is out of bounds"),
     "a large number": ("float(1, 5000, 53)*x", "", "a number with the exponent 5000 and 53 bits is out of bounds"),
     "digits": ("9" * 500, "", "a number of 500 characters is longer than 400: shorten it"),
