@@ -48,15 +48,21 @@ def shared_scene(name: str) -> System:
 
 
 @cache
+def statement_of(name: str) -> Statement:
+    """Return the statement of a named system: the order of its names is that of its first use."""
+    return SYSTEMS[name]()
+
+
+@cache
 def laws(name: str) -> Equations:
     """Return the equations of a named system."""
-    return euler_lagrange(SYSTEMS[name]())
+    return euler_lagrange(statement_of(name))
 
 
 @cache
 def model(name: str, target: str = "llvm") -> Model:
     """Return the model of a named system, one for all tests: kernels are compiled once."""
-    return model_of(SYSTEMS[name](), machine(target), laws(name))
+    return model_of(statement_of(name), machine(target), laws(name))
 
 
 def build(target: str = "llvm", **given: Any) -> Model:

@@ -57,13 +57,15 @@ def simplest(given: Any) -> Any:
 
 
 def rational_below(given: Any) -> Any:
-    """Return an expression without square roots in its denominator; unchanged if it is long or roots are nested.
+    """Return an expression without square roots in its denominator.
 
-    A root r of a base b is a symbol with r^2 = b, and the fraction is multiplied by the conjugate of its denominator.
+    It is unchanged if it is long, or if roots stand in roots or in functions, as in |sqrt(a) - b|. A root r of a base b
+    is a symbol with r^2 = b, and the fraction is multiplied by the conjugate of its denominator.
     """
     powers = [x for x in sorted(given.atoms(sympy.Pow), key=str) if x.exp.is_Rational and x.exp.q == 2]
     roots = {base: sympy.Dummy("r") for base in dict.fromkeys(x.base for x in powers)}
-    nested = any(base.has(*powers) for base in roots) if powers else True
+    around = [*roots, *given.atoms(sympy.Function)]
+    nested = any(outer.has(*powers) for outer in around) if powers else True
     if nested or size(given) > LONGEST_FACTORED or _generators(given) > MOST_SYMBOLS:
         return given
     put = given.xreplace({x: roots[x.base] ** x.exp.p for x in powers})

@@ -11,6 +11,7 @@ from sympy import Float, erf
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.page.player import LEVELS
+from lagrange.show.animation.film import MovingScene
 from lagrange.show.animation.timing import MOST_FRAMES
 from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
@@ -20,6 +21,12 @@ from tests.show.animations import bouncing, double_pendulum, in_page, in_pixels,
 from tests.show.examples import free, oscillator, solved
 
 NO_POSITIONS = "No positions are stated: the coordinates are drawn over time. positions={...} states points to draw."
+
+
+def scene_of(animation: Any) -> MovingScene:
+    scene = animation.film.scene
+    assert isinstance(scene, MovingScene)
+    return scene
 
 
 @pytest.mark.parametrize("name", ["double-pendulum", "four-bar", "sun-earth-moon"])
@@ -85,7 +92,7 @@ def test_points_are_drawn_where_they_are_to_scale() -> None:
     width, height = animation.film.size
     assert seen.min() > 0 and (seen.max(axis=(0, 2)) < (width, height)).all()
     frame = animation.frame(12)
-    for (x, y), colour in zip(seen[:2, :, 12].astype(int), animation.film.scene.colours, strict=True):
+    for (x, y), colour in zip(seen[:2, :, 12].astype(int), scene_of(animation).colours, strict=True):
         assert "#" + "".join(f"{part:02x}" for part in frame[y, x, :3]) == colour
 
 
@@ -194,13 +201,13 @@ def test_space_is_seen_as_in_figures_with_a_shadow_on_the_floor() -> None:
 
 def test_a_plane_in_space_is_seen_from_above() -> None:
     animation = moving(lambda a, b: a, 0.0, lambda a, b: b).animate()
-    assert {"x", "z"} <= texts(animation) and animation.film.scene.shadows is None
+    assert {"x", "z"} <= texts(animation) and scene_of(animation).shadows is None
 
 
 def test_trails_last_their_time() -> None:
-    assert double_pendulum().animate(trail=0).film.scene.tail == 0
+    assert scene_of(double_pendulum().animate(trail=0)).tail == 0
     animation = double_pendulum((0.0, 5.0)).animate(trail=1.0)
-    assert animation.film.scene.tail == 30 * animation.recording.detail
+    assert scene_of(animation).tail == 30 * animation.recording.detail
     assert '<option value="1" selected>' in animation.to_html()
 
 
@@ -209,7 +216,7 @@ def test_many_points_are_alike_and_have_no_legend() -> None:
     places = {f"p{k}": (k, x) for k, x in enumerate(xs)}
     many = lg.System(kinetic=sum(x.dot**2 for x in xs) / 2, positions=places, initial={xs[0].dot: 1.0}).run(1.0)
     animation = many.animate()
-    assert len({*animation.film.scene.colours}) == 1 and not {*places} & texts(animation)
+    assert len({*scene_of(animation).colours}) == 1 and not {*places} & texts(animation)
     data = in_page(animation.to_html())
     assert {*data["colours"]} == {0} and data["size"] < 0.5 and '<ul class="legend">' not in animation.to_html()
     assert {"first", "second"} <= texts(double_pendulum().animate())

@@ -309,7 +309,8 @@ def test_what_a_turning_frame_conserves_is_the_jacobi_integral() -> None:
 
 
 def test_a_lagrangian_is_written_once_and_a_constant_of_a_constraint_last() -> None:
-    x, y, (m, L) = *lg.coordinates("x y"), lg.parameters("m L")
+    x, y = lg.coordinates("x y")
+    m, L = lg.parameters("m L")
     text = lg.System(m * (x.dot**2 + y.dot**2) / 2, 0, constraints={"rod": x + y - L}).derivation().text()
     assert text.count("m*(x_dot**2 + y_dot**2)/2") == 2  # stated, and the energy
     assert "    x + y - L = 0\n" in text

@@ -120,8 +120,9 @@ class Motion:
                 return float(np.dot(*[np.asarray(self.side(side.quantity)).ravel()] * 2))
             case Partial():
                 return float(self.slope(self.stated(side.quantity), side.by))
-            case Rate():
-                return self.rate(partial(self.slope, self.statement.lagrangian, side.inside.by))
+            case Rate(inside=inside):
+                by = inside.by if isinstance(inside, Partial) else self.velocity(inside.indices[0])
+                return self.rate(partial(self.slope, self.statement.lagrangian, by))
             case Transpose():
                 return np.asarray(self.side(side.quantity)).T
             case Product():
@@ -135,6 +136,9 @@ class Motion:
             case Grid():
                 return np.array([[self.number(entry) for entry in row] for row in side.rows])
         return self.number(side)
+
+    def velocity(self, name: str) -> Any:
+        return next(q.dot for q in self.statement.coordinates if q.name == name)
 
     def stated(self, quantity: ShownQuantity) -> Any:
         s = self.statement
@@ -154,6 +158,7 @@ class Motion:
         rows = [one.name for one in s.constraints] if letter == "G" else list(names)
         values = {
             "E": lambda: self.model.energy(self.q, self.v, self.t),
+            "J": lambda: self.model.energy(self.q, self.v, self.t),
             "p": lambda: self.model.momenta(self.q, self.v, self.t),
             "Q": lambda: np.array([self.number(force) for force in s.forces]),
             "M": self.mass,

@@ -170,7 +170,7 @@ def test_a_paper_has_author_title_date_and_problem() -> None:
 
 
 def test_a_system_has_no_page() -> None:
-    with pytest.raises(AttributeError, match=r"derivation\(\) is the derivation, to_page\(path\) writes a web page"):
+    with pytest.raises(AttributeError, match=r"use derivation\(\), or to_page\(path\), which writes a web page"):
         assert SYSTEM.page is None
 
 
