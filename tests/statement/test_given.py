@@ -11,6 +11,7 @@ import pytest
 import sympy
 from scipy.interpolate import CubicSpline
 from sympy import Function, cos, sin
+from sympy.core.cache import clear_cache
 from sympy.physics.mechanics import dynamicsymbols
 
 import lagrange as lg
@@ -118,6 +119,7 @@ def test_a_table_is_a_spline_whose_first_two_derivatives_are_continuous(method: 
 
 
 def test_a_function_that_nobody_declared_is_asked_about() -> None:
+    clear_cache()  # SymPy may keep an equal function of theta of another test, which `coordinate` did not make
     u, question = (
         Function("undeclared")(t),
         "Is undeclared a coordinate or a given motion? A coordinate, whose motion is found, is lg.",
