@@ -113,7 +113,9 @@ def test_single_precision_is_refused_with_what_to_say() -> None:
 
 
 def test_the_source_is_that_of_a_file() -> None:
-    rhs: Any = model("pendulum", "numpy").as_jax()
-    assert "y = [theta, theta_dot]\np = [m, g, l]\n" in rhs.source
+    pendulum = model("pendulum", "numpy")
+    rhs: Any = pendulum.as_jax()
+    names = ", ".join(str(p) for p in pendulum.statement.parameters)
+    assert f"y = [theta, theta_dot]\np = [{names}]\n" in rhs.source
     y, p = np.array([0.3, 0.1]), np.array([1.0, 9.81, 0.7])
     np.testing.assert_array_equal(defined(rhs.source, "rhs", {})(0.0, y, p), rhs(0.0, y, p))
