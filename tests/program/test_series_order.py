@@ -10,7 +10,7 @@ import pytest
 from lagrange.program.series import SeriesProgram
 from lagrange.program.taylor import series_program
 from lagrange.statement.statement import Statement
-from tests.models import SYSTEMS, laws
+from tests.models import SYSTEMS, laws, statement_of
 from tests.series import CONTEXT, NUMBER, coefficients
 
 NONLINEAR = (
@@ -28,7 +28,7 @@ HIGH = 40
 
 @cache
 def program(name: str) -> tuple[SeriesProgram, Statement]:
-    return series_program(laws(name))[0], SYSTEMS[name]()
+    return series_program(laws(name))[0], statement_of(name)
 
 
 def start(name: str) -> list[Any]:

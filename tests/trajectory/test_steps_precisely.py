@@ -20,7 +20,7 @@ from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.tableaux.verner9 import MATRIX, B
 from tests.covering import Share
-from tests.models import SYSTEMS, TARGETS, build, laws, model, phi, theta
+from tests.models import TARGETS, build, laws, model, phi, statement_of, theta
 from tests.trajectory.precisely import (
     DIGITS,
     DOUBLE_PENDULUM,
@@ -209,7 +209,7 @@ def compiled(law: Law, target: str) -> Model:
     if law is DRIVEN_PENDULUM:
         return build(target, kinetic=a.dot**2 / 2, potential=-(1 + t) * sp.cos(a))
     if law is HENON_HEILES:
-        return model_of(SYSTEMS["Henon-Heiles"](), machine(target), laws("Henon-Heiles"))
+        return model_of(statement_of("Henon-Heiles"), machine(target), laws("Henon-Heiles"))
     kinetic = a.dot**2 + b.dot**2 / 2 + a.dot * b.dot * sp.cos(a - b)
     return build(target, kinetic=kinetic, potential=-2 * sp.cos(a) - sp.cos(b), coordinates=[a, b])
 

@@ -18,7 +18,7 @@ from lagrange.evidence.precise_run import precise_run
 from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
-from tests.models import LLVM_FIRST, SYSTEMS, TARGETS, build, g, k, l, laws, m, model, x, y
+from tests.models import LLVM_FIRST, SYSTEMS, TARGETS, build, g, k, l, laws, m, model, statement_of, x, y
 from tests.series_systems import relative
 from tests.trajectory.runs import exact, run
 
@@ -292,7 +292,7 @@ def test_a_flow_gives_the_same_bits_whatever_it_did_before(target: str) -> None:
     ("name", "target"), [("double pendulum", "numpy"), ("double pendulum", "llvm"), ("friction", "llvm")]
 )
 def test_threads_share_a_flow(name: str, target: str) -> None:
-    compiled = model_of(SYSTEMS[name](), model(name, target).machine, laws(name))
+    compiled = model_of(statement_of(name), model(name, target).machine, laws(name))
     flow = flow_of(compiled, method="taylor")
     starts = [np.array(compiled.statement.initial) * (1 + 0.01 * i) for i in range(8)]
     with ThreadPoolExecutor(4) as pool:  # the first calls compile
