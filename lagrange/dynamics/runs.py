@@ -23,10 +23,11 @@ from lagrange.statement.declare import initial_state
 from lagrange.statement.event import Event
 from lagrange.statement.given import with_values
 from lagrange.statement.number import real_array
+from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Trajectory
 
@@ -79,7 +80,7 @@ class Runs:
         With `varying` each run has its own parameters.
         """
         model, given = self.model, self.options
-        options = replace(given, method=find(DEFAULT if given.method is None else given.method), events=events)
+        options = replace(given, method=find(DEFAULT_METHOD if given.method is None else given.method), events=events)
         problem = Problem(
             model=model,
             parameters=dict(zip(model.statement.parameters, self.parameters.tolist(), strict=True)),

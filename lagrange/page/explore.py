@@ -19,8 +19,9 @@ from lagrange.show.notebook.html_card import text
 from lagrange.show.sliders import PARAMETER, Slider, asked_bounds, places
 from lagrange.show.units import unit_of, with_unit
 from lagrange.statement.number import flag, real_number
+from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.statement.statement import Statement
-from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.solution import Solution
 
 MOST_SLIDERS = 12
@@ -87,7 +88,7 @@ def explore(
     flag(play, "play")
     look = style_of(style)
     end = statement.run.t_end if t_end is None else real_number(t_end, "t_end, the time at which runs end,")
-    find(statement.run.method or DEFAULT if method is None else method)
+    find(statement.run.method or DEFAULT_METHOD if method is None else method)
     name = plain_text(statement.name)
     try:
         if method is not None and method != METHOD:

@@ -53,10 +53,11 @@ from lagrange.show.terminal.table import duration, text_table
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.event import declare_events
 from lagrange.statement.number import whole_number
+from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrate import output_times, span_or_end
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, number
-from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.plan import Planned
 from lagrange.trajectory.progress import compiling, counter, wanted_progress
@@ -422,7 +423,7 @@ def ensemble(
     if workers is not None and executor is not None:
         raise StatementError("workers and executor are both given: the executor has workers of its own. Give one.")
     table = member_table(model, initial, parameters)
-    options = RunOptions(find(DEFAULT if method is None else method), rtol, atol, step, None, events, max_steps)
+    options = RunOptions(find(DEFAULT_METHOD if method is None else method), rtol, atol, step, None, events, max_steps)
     problem = Problem(
         model=model,
         parameters=dict(zip(model.statement.parameters, table.parameters.tolist(), strict=True)),

@@ -9,7 +9,10 @@ DEFAULT_T_END = 10.0
 
 
 DEFAULT_METHOD = "taylor"
-"""Name of the integrator of a run for which neither its caller nor its scene names one."""
+"""Name of the integrator of a run for which neither its caller nor its scene names one.
+
+At errors of 1e-6 and below it needs the least time of the methods here (docs/benchmarks/race.md).
+"""
 
 DESCRIPTIONS = {
     "t_end": f"time at which the run ends (default: that of the scene, or {DEFAULT_T_END:g})",

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 
 from lagrange.machine.calls import quickly
+from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.methods.registry import DEFAULT
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
@@ -163,6 +163,6 @@ def _with_energy_loss(trajectory: Trajectory, before: float, after: float, adapt
 def _remedy(trajectory: Trajectory, adaptive: bool) -> str:
     if not adaptive:
         return "Shorten the step, or take an adaptive method such as dop853."
-    other = DEFAULT if trajectory.method != DEFAULT else "dop853"
+    other = DEFAULT_METHOD if trajectory.method != DEFAULT_METHOD else "dop853"
     now = "" if trajectory.rtol is None else f" (now {trajectory.rtol:g})"
     return f"Lower rtol{now} and atol, or take another method, such as {other}."

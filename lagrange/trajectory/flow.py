@@ -17,12 +17,13 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.statement.given import check_span, require_values
 from lagrange.statement.number import real_array, real_number
+from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.dependence import check_independent
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
 from lagrange.trajectory.constraints.passage import STEPS_PER_LOOK, StatesPassed
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
 from lagrange.trajectory.parts import run_over_crossings
 from lagrange.trajectory.plan import Plan, Planned
@@ -60,7 +61,7 @@ class Flow:
         if not isinstance(model, Model):
             raise StatementError(f"{shown(model)} is no compiled model: give system.compile().")
         require_values(model.statement)
-        self._integrator = find(DEFAULT if options.method is None else options.method)
+        self._integrator = find(DEFAULT_METHOD if options.method is None else options.method)
         self._options = replace(options, method=self._integrator)
         self._model = model
         self._dimension = model.layout.size

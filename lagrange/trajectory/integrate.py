@@ -19,13 +19,14 @@ from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
 from lagrange.statement.given import check_span, require_values
 from lagrange.statement.number import real_array, real_number
+from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
 from lagrange.trajectory.constraints.dependence import check_independent, refuse_dependent
 from lagrange.trajectory.endings import table_left, with_resolution, with_touching_bodies
 from lagrange.trajectory.integrator import Integrator, Problem
 from lagrange.trajectory.memory_limit import memory_limit
-from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
 from lagrange.trajectory.parts import run_in_segments, run_over_crossings
 from lagrange.trajectory.plan import locates_events
@@ -78,7 +79,7 @@ def integrate(
         began=time.perf_counter() if began is None else began,
     )
     _check_memory(problem)
-    integrator = find(DEFAULT if options.method is None else options.method)
+    integrator = find(DEFAULT_METHOD if options.method is None else options.method)
     _check_events(problem, integrator)
     if any(event.settings for event in problem.events):
         trajectory = run_in_segments(problem, partial(_run, integrator))
@@ -121,8 +122,8 @@ def _check_events(problem: Problem, integrator: Integrator) -> None:
     """Raise StatementError for events if the method cannot locate them."""
     if problem.events and not locates_events(integrator):
         raise StatementError(
-            f"{integrator.name} does not locate events: use {DEFAULT} or another method with a plan of its own, such "
-            "as dop853, or leave events empty and look for the crossing with solution.at(t)."
+            f"{integrator.name} does not locate events: use {DEFAULT_METHOD} or another method with a plan of its own, "
+            "such as dop853, or leave events empty and look for the crossing with solution.at(t)."
         )
 
 

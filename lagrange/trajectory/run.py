@@ -12,12 +12,13 @@ from numpy.typing import ArrayLike
 from lagrange.machine.model import Model, Stated, stated
 from lagrange.statement.given import require_values
 from lagrange.statement.number import flag, real_number
+from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate as trajectory_of
 from lagrange.trajectory.integrate import time_span
 from lagrange.trajectory.measures.stiffness import with_stiff_end
 from lagrange.trajectory.messages import interrupted
-from lagrange.trajectory.methods.registry import DEFAULT, find
+from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.progress import compiling, progress_bar
 from lagrange.trajectory.solution import Solution
@@ -102,7 +103,7 @@ def run_stated(
     """Compile a system and run it, as `lagrange.System.run`. Options that are None come from the system's scene."""
     began, scene = time.perf_counter(), system.statement.run
     end = scene.t_end if t_end is None else real_number(t_end, "t_end, the time at which the run ends,")
-    chosen = scene.method or DEFAULT if options.method is None else options.method
+    chosen = scene.method or DEFAULT_METHOD if options.method is None else options.method
     options = replace(options, method=chosen)
     if isinstance(chosen, str):
         if find(chosen).claims.adaptive:

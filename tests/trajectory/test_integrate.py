@@ -11,8 +11,8 @@ import pytest
 import sympy as sp
 
 import lagrange as lg
+from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrate import integrate
-from lagrange.trajectory.methods.registry import DEFAULT
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, VALUES, build, k, m, model, x, y
@@ -41,7 +41,7 @@ def test_the_values_of_all_parameters_come_back() -> None:
 
 def test_the_default_method_is_the_one_that_is_documented() -> None:
     found, _ = integrate(model("oscillator"), (0.0, 1.0))
-    assert found.method == DEFAULT == "taylor"
+    assert found.method == DEFAULT_METHOD == "taylor"
 
 
 @pytest.mark.parametrize("span", [(0, 1), [0.0, 1.0], np.array([0.0, 1.0]), (np.float64(0), np.int64(1))])

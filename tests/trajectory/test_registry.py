@@ -17,10 +17,11 @@ from lagrange.procedure.series.order import HIGHEST_ORDER
 from lagrange.procedure.taylor.constants import LOWEST_ORDER
 from lagrange.show import methods
 from lagrange.statement.coordinate import t
+from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.explicit import RK4, explicit_method
-from lagrange.trajectory.methods.registry import BUILT_IN, DEFAULT, GROUP, find, names, table
+from lagrange.trajectory.methods.registry import BUILT_IN, GROUP, find, names, table
 from lagrange.trajectory.methods.splitting import Splitting, SymplecticEuler, Verlet
 from tests.models import model
 from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, exact, run
@@ -43,7 +44,7 @@ def test_a_tableau_of_ones_own() -> None:
 def test_names_and_instances_are_found() -> None:
     for name in NAMES:
         assert find(name).name == name
-    assert find(DEFAULT).claims.adaptive
+    assert find(DEFAULT_METHOD).claims.adaptive
     instance = RK4(step=0.1)
     assert find(instance) is instance
     assert set(NAMES) <= set(names()) and names() == list(methods.names())

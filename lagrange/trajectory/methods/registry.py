@@ -12,6 +12,7 @@ from typing import Any
 
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.number import flag
+from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import constrained, explicit, implicit, index2, radau, splitting, taylor, variational
 from lagrange.trajectory.methods.built_in import entered
@@ -23,10 +24,6 @@ from lagrange.trajectory.tableaux.butcher import ButcherTableau
 
 GROUP = "lagrange.integrators"
 """The entry-point group in which a package registers `name = module:class`; the class is called without arguments."""
-
-DEFAULT = "taylor"
-"""The method of a run that names none: at errors of 1e-6 and below it needs the least time of those here
-(docs/benchmarks/race.md)."""
 
 FOREIGN_NAMES = {
     "rk45": "dopri5",
@@ -181,7 +178,7 @@ def find(method: Any) -> Integrator:
     if not isinstance(method, str):
         if isinstance(method, type) or not callable(getattr(method, "integrate", None)):
             raise StatementError(
-                f"method is {shown(method)}: give a name, such as '{DEFAULT}', or an instance, such as "
+                f"method is {shown(method)}: give a name, such as '{DEFAULT_METHOD}', or an instance, such as "
                 "lg.methods.RK4(step=0.01)."
             )
         if not isinstance(getattr(method, "claims", None), Claims):
