@@ -16,7 +16,7 @@ from sympy import Abs, Max, Min, Piecewise, cos
 
 import lagrange as lg
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.machine.kernel.llvm_module import column_module, scalar_module
+from lagrange.machine.kernel.llvm_module import KernelCode
 from lagrange.machine.steps.llvm_driver import driver_ir
 from lagrange.program.catalogue import QUANTITIES, program_of
 from lagrange.trajectory.methods.explicit import DOP853, RK4
@@ -36,8 +36,8 @@ def texts(name: str, quantities: Iterable[str] = QUANTITIES) -> dict[str, str]:
     for quantity in quantities:
         program = program_of(quantity, equations)
         found[f"{name} {quantity} program"] = str(program)
-        found[f"{name} {quantity} scalar"] = scalar_module(program)
-        found[f"{name} {quantity} columns"] = column_module(program, 4)
+        found[f"{name} {quantity} scalar"] = KernelCode(program).scalar_module()
+        found[f"{name} {quantity} columns"] = KernelCode(program).column_module(4)
     return found
 
 

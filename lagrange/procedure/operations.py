@@ -17,6 +17,9 @@ _BINARY: Signature = ((REAL, REAL), REAL)
 _WHOLES: Signature = ((WHOLE, WHOLE), WHOLE)
 _COMPARED: tuple[Signature, Signature] = ((REAL, REAL), FLAG), ((WHOLE, WHOLE), FLAG)
 
+ANGLES = ("sin", "cos")
+"""The operations that are computed together, in the order of the results."""
+
 OPERATIONS: dict[str, tuple[Signature, ...]] = {
     **_functions("add sub mul min max", _BINARY, _WHOLES),
     **_functions("div power atan2 copysign magnitude", _BINARY),

@@ -12,7 +12,7 @@ from lagrange.graph.differentiate import gradient, tangents
 from lagrange.graph.from_sympy import Translator
 from lagrange.graph.node import Binding, Graph, Node, reachable
 from lagrange.graph.share import share_sums
-from lagrange.machine.kernel.llvm_module import scalar_module
+from lagrange.machine.kernel.llvm_module import KernelCode
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
 from lagrange.program.lower import lower
@@ -55,7 +55,7 @@ def test_a_sum_of_many_terms_through_sympy(terms: int, factors: int) -> None:
     total = (x * rows)[:-1].sum() + x[-1] * x[:cut].sum()
     partial = [x.sum() - x[k] for k in range(3)]
     assert found == pytest.approx([total, *partial, sum(partial)], rel=1e-12)
-    assert scalar_module(program).count("fma") > terms
+    assert KernelCode(program).scalar_module().count("fma") > terms
 
 
 def nest(graph: Graph, x: Node, depth: int) -> Node:
@@ -79,7 +79,7 @@ def test_a_deep_nesting_built_directly(depth: int) -> None:
     for _ in range(depth):
         value, expected = np.sin(value) + 0.3, np.cos(value) * expected + 1
     assert found == pytest.approx([value, expected], rel=1e-9)
-    text = scalar_module(program)
+    text = KernelCode(program).scalar_module()
     assert text.count("@sin") > depth
 
 

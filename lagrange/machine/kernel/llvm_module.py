@@ -182,13 +182,3 @@ def _row(e: Emitter, place: int, column: str) -> str:
 def _at(e: Emitter, k: str) -> str:
     """Return where entry k of the column stands."""
     return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {k}')}, %column")
-
-
-def scalar_module(program: Program) -> str:
-    """Return the IR of `prepare` and of the scalar kernel."""
-    return KernelCode(program).scalar_module()
-
-
-def column_module(program: Program, lanes: int) -> str:
-    """Return the IR of the kernel over columns."""
-    return KernelCode(program).column_module(lanes)

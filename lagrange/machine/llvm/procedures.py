@@ -30,7 +30,6 @@ from lagrange.machine.llvm.operations import (
     type_of,
 )
 from lagrange.machine.llvm.sine_cosine import (
-    ANGLES,
     CALLED_FOR_ANGLES,
     angle_function,
     call_sine_and_cosine,
@@ -73,6 +72,7 @@ from lagrange.procedure.form import (
     assigned,
     walk,
 )
+from lagrange.procedure.operations import ANGLES
 from lagrange.procedure.visit import Visitor, visits
 
 INLINE_ANGLES = 8

@@ -17,9 +17,6 @@ from __future__ import annotations
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.spelling import element, flag_type, number
 
-ANGLES = ("sin", "cos")
-"""The operations that are computed together, in the order of the results."""
-
 RANGE = 2.0**20
 TWO_OVER_PI = 0.6366197723675814
 HALF_PI = 1.5707963267948966

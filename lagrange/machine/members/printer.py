@@ -10,7 +10,7 @@ from __future__ import annotations
 from lagrange.errors import LagrangeError
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.operations import KINDS, constant, give, separated, spell, splat, together, type_of
-from lagrange.machine.llvm.sine_cosine import ANGLES, call_sine_and_cosine, sine_and_cosine
+from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
 from lagrange.machine.members.control import ALIVE, Control
 from lagrange.machine.members.memory import Held, MemberMemory
 from lagrange.machine.members.operations import computed
@@ -46,6 +46,7 @@ from lagrange.procedure.form import (
     When,
     Write,
 )
+from lagrange.procedure.operations import ANGLES
 from lagrange.procedure.spread import Share, Signature, Spreads, signature_of
 from lagrange.procedure.visit import Visitor, visits
 

@@ -173,7 +173,8 @@ class CompiledJet:
             linear_solver(often=False)
         elif called:
             inversion()
-        ir, prepare = series_ir(self.program, text, called), f"{self.program.start.name}_prepare"
+        self._start = KernelCode(self.program.start)
+        ir, prepare = series_ir(self._start, text, called), self._start.prepare.name
         # Loops run more slowly where they are compiled quickly, and serve all orders.
         self.tiers = TieredModule(ir, "jet") if order else None
         self._module = self.tiers.quick if self.tiers else Module(ir)
@@ -200,7 +201,7 @@ class CompiledJet:
         key, known = parameters.tobytes(), self._prepared
         if known is not None and known[0] == key:
             return known[1]
-        prepared = np.zeros(KernelCode(self.program.start).prepared.size + 1)
+        prepared = np.zeros(self._start.prepared.size + 1)
         table, inverses = constants(self.program, parameters)
         given = np.concatenate([parameters, table])
         prepared[: len(given)] = given
@@ -236,14 +237,13 @@ def inverse_size(program: SeriesProgram) -> int:
     return sum(plan.size if plan.diagonal else plan.size**2 for plan in plans)
 
 
-def series_ir(program: SeriesProgram, jet: str, called: Iterable[Procedure]) -> str:
+def series_ir(start: KernelCode, jet: str, called: Iterable[Procedure]) -> str:
     """Return the IR of a whole module around a jet, which calls procedures of other modules."""
     lines = [line for width in (1, 2, 4, 8) for line in intrinsics(width)]
     lines += [*library_functions(), *map(declaration, called), ""]
-    functions = [angle_function(1)] if shares_angle_function(program.start) else []
-    functions += [angle_function(ANGLES_AT_ONCE)] if shares_wide_angles(program.start) else []
-    prepare = KernelCode(program.start).prepare
-    functions += [procedure_ir(prepare, outside=(prepare,), quickly=True), jet]
+    functions = [angle_function(1)] if shares_angle_function(start.program) else []
+    functions += [angle_function(ANGLES_AT_ONCE)] if shares_wide_angles(start.program) else []
+    functions += [procedure_ir(start.prepare, outside=(start.prepare,), quickly=True), jet]
     return "\n".join([*lines, *functions, METADATA, ATTRIBUTES])
 
 

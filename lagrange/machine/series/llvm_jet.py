@@ -6,10 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.sine_cosine import ANGLES, call_sine_and_cosine, sine_and_cosine
+from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine, sine_and_cosine
 from lagrange.machine.llvm.spelling import element, number
 from lagrange.machine.series.llvm_rules import Orders, VectorName, vector_literal
 from lagrange.machine.series.llvm_start import LlvmStart, angles
+from lagrange.procedure.operations import ANGLES
 from lagrange.procedure.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
 from lagrange.program.program import Instruction, Program
 

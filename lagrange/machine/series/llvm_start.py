@@ -11,12 +11,12 @@ from dataclasses import replace
 from lagrange.machine.kernel.llvm_module import SCALAR
 from lagrange.machine.llvm.emitter import Emitter, literal
 from lagrange.machine.llvm.procedures import INLINE_ANGLES, Printer
-from lagrange.machine.llvm.sine_cosine import ANGLES
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, Array, Procedure, Type
 from lagrange.procedure.kernel import elimination
 from lagrange.procedure.kernel.body import Body, Inputs
 from lagrange.procedure.kernel.prepared import Prepared
+from lagrange.procedure.operations import ANGLES
 from lagrange.procedure.values import Memory, Real
 from lagrange.program.elimination import WRITTEN_OUT, Elimination
 from lagrange.program.program import Program
@@ -54,7 +54,7 @@ class LlvmStart:
         self.reserved: dict[tuple[str, str, int], str] = {}
 
     def known(self, operand: str, kind: Type) -> int:
-        """Print what was added before, and return a new number for an operand."""
+        """Print the statements added so far, and return a new number for an operand."""
         self.print()
         ref = self.p.unused()
         self.printer.define(ref, operand, kind)

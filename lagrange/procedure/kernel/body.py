@@ -13,7 +13,7 @@ from lagrange.procedure.kernel import elimination
 from lagrange.procedure.kernel.prepared import WRITTEN_OUT, width_of, written_out
 from lagrange.procedure.linear.ldl import COLUMNS_AT_ONCE, factor_dense, factor_size, solve_columns, solve_factored
 from lagrange.procedure.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
-from lagrange.procedure.operations import OPERATIONS
+from lagrange.procedure.operations import ANGLES, OPERATIONS
 from lagrange.procedure.values import Flag, Memory, Real, Variable
 from lagrange.program.elimination import Elimination
 from lagrange.program.program import Instruction, Program
@@ -21,8 +21,6 @@ from lagrange.program.solve_groups import SolveGroup, scheduled
 
 CONDITIONS = frozenset(op for op, signatures in OPERATIONS.items() if signatures[0][1] is FLAG)
 """Operations that give true or false."""
-
-ANGLES = ("sin", "cos")
 
 MOSTLY_ZERO = 4
 """A triangle with this many times as many places as entries is cleared in a loop."""
