@@ -198,7 +198,7 @@ class SourcePrinter(Visitor, Syntax):
 
     @visits(Declare, Get, Set)
     def variable(self, statement: Declare | Get | Set) -> None:
-        """Print what is done with a variable."""
+        """Print the declaration, reading or setting of a variable."""
         match statement:
             case Declare(ref=ref, kind=kind, value=value):
                 self.types[ref] = kind

@@ -55,7 +55,7 @@ def verify(procedure: Procedure) -> None:
 
 
 class _Check(Visitor):
-    """Walks a procedure with the types of what is known at each place; a method says whether the procedure ends."""
+    """Walks a procedure with the types of the values known so far; a method returns whether the procedure ends."""
 
     def __init__(self, procedure: Procedure) -> None:
         self.procedure = procedure

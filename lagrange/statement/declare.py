@@ -201,7 +201,7 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey, first_order: Itera
 def _first_order(forces: Any, dissipation: Any) -> Iterator[Any]:
     """Yield the coordinates on which forces act, and those whose velocities the dissipation contains.
 
-    States of first order stand in no energy.
+    A state of first order occurs only there, and in no energy.
     """
     rubbed = dissipation.atoms(sympy.Derivative) if isinstance(dissipation, sympy.Basic) else ()
     for q in (*(forces if isinstance(forces, Mapping) else ()), *(rate.expr for rate in rubbed)):

@@ -71,7 +71,7 @@ def _reduced(value: Real | None, products: Sequence[tuple[Real, Real]]) -> Real 
 
 
 def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real | None]) -> list[Real]:
-    """Return the solution of a factored system; None stands for a zero of the right-hand side."""
+    """Return the solution of a factored system; an entry None of the right-hand side is zero."""
     x = list(right)
 
     def less(value: Real | None, entry: Real | None, other: Real | None) -> Real | None:

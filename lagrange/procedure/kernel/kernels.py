@@ -1,6 +1,6 @@
 """Programs as procedures that share one array of prepared numbers.
 
-    prepare(parameters, p)             p = the parameters, and behind them what depends on them alone
+    prepare(parameters, p)             p = the parameters, then the results that depend on them alone
     prepare(p)                         the same for an array that begins with the parameters
     name(t, y, p, out)                 the results of a program at a time and a state
     name_by_value(t, y0, ..., p)       the same as values, for those who keep a state in registers or in rows

@@ -26,7 +26,7 @@ LONGEST_NUMBER, LONGEST_UNEVALUATED_NUMBER = 100, 400
 """Most characters of a number; in unevaluated expressions those of 1,000 bits, and a few more."""
 
 MULTIPLIER, SUM, PRODUCT, FLOAT = "multiplier", "sum", "product", "float"
-"""Calls that are no functions: `multiplier(rod)` in scenes, the others in unevaluated expressions.
+"""Calls beside those of functions: `multiplier(rod)` in scenes, the others in unevaluated expressions.
 
 A name before a parenthesis is always a call, so these names stay free for parameters.
 """

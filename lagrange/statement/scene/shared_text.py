@@ -80,7 +80,7 @@ class SharedText:
         return self._known[expression].text
 
     def _counted(self, roots: Iterable[Any]) -> dict[Any, int]:
-        """Return how often each distinct part occurs in the others and as a whole expression."""
+        """Count the occurrences of each distinct part, inside others and as a whole expression."""
         uses: dict[Any, int] = {}
         todo = list(roots)
         while todo:
@@ -104,7 +104,7 @@ class SharedText:
                 yield node
 
     def _entry(self, node: Any, *, root: bool) -> Text:
-        """Return the text that stands for a node in others: its own, or the name of its definition."""
+        """Return the text of a node inside others: its own, or the name of its definition."""
         if isinstance(node, ExprCondPair):
             return Text("")
         write = next((write for kind, write in self._kinds if isinstance(node, kind)), None)

@@ -37,7 +37,7 @@ NO_UNIT = (
     " The numbers of a table have no unit: with parameters for the units of its points and values write "
     "value*lg.table(x/point, points, values)."
 )
-"""What to write for a table of numbers with units."""
+"""End of a message on a table whose numbers would have units."""
 
 
 class WrongTermError(Exception):

@@ -1,4 +1,4 @@
-"""Default tolerances and step sizes, and those that a run asks for and a method can use."""
+"""Tolerances and step sizes of a run: the defaults, and checks of the given ones against the method."""
 
 from __future__ import annotations
 
