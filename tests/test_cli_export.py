@@ -17,7 +17,7 @@ def test_export_writes_files_and_says_how_they_are_tested(tmp_path: Path, capsys
     folder = tmp_path / "new" / "out"
     assert main(["export", "pendulum", "--target", "c", "--out", str(folder), "--contents", "rhs, jacobian"]) == 0
     said = capsys.readouterr().out
-    assert [path.name for path in sorted(folder.iterdir())] == ["pendulum.c", "pendulum.h"]
+    assert [path.name for path in sorted(folder.iterdir())] == ["pendulum.c", "pendulum.h", "pendulum_test.c"]
     assert f"wrote {folder / 'pendulum.c'}" in said
     assert "  ./pendulum_test" in said
 

@@ -1,16 +1,45 @@
-"""Base class of printers for languages with braces and semicolons."""
+"""Base class of printers into files for languages with loops, braces and semicolons."""
 
 from __future__ import annotations
 
-from lagrange.export.file_printer import FilePrinter
+from collections.abc import Iterable, Mapping
+from typing import Any, ClassVar
+
+from lagrange.errors import LagrangeError
+from lagrange.export.identifiers import ascii_name
 from lagrange.export.lines import continued
-from lagrange.procedure.form import PARTIAL
+from lagrange.procedure.form import PARTIAL, Procedure
+from lagrange.procedure.source_printer import SourcePrinter
 
 
-class BracedPrinter(FilePrinter):
-    """Prints one procedure. Subclasses define declarations and calls; `index_type` is the type of a loop index."""
+class BracedPrinter(SourcePrinter):
+    """Prints one procedure. Subclasses define declarations and calls; `index_type` is the type of a loop index.
 
+    `functions` are the names of the functions that the language has, by operation; `helpers` the names and definitions
+    of others. `needed` collects the operations whose definitions the file needs.
+    """
+
+    language: ClassVar[str]
+    functions: Mapping[str, str] = {}
+    helpers: ClassVar[Mapping[str, tuple[str, Any]]]
     index_type: str
+
+    def __init__(self, procedure: Procedure, needed: dict[str, None], taken: Iterable[str]) -> None:
+        self.needed = needed
+        super().__init__(procedure, (*taken, *(name for name, _ in self.helpers.values())))
+
+    def legal(self, stem: str) -> str:
+        """Return a legal name of the language for a stem; it may be taken."""
+        return ascii_name(stem)
+
+    def function_of(self, op: str) -> str:
+        """Return the name of the function for an operation, and record that the file needs its definition."""
+        if op in self.functions:
+            return self.functions[op]
+        if op not in self.helpers:
+            raise LagrangeError(f"{self.language} has no function for {op}.")
+        self.needed[op] = None
+        return self.helpers[op][0]
 
     def tail(self) -> list[str]:
         """Return the lines after the body."""

@@ -10,16 +10,17 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import StatementError, listing, shown, suggestion
-from lagrange.export.divisors import SOLVED, divisors, fixed, guarded
 from lagrange.export.identifiers import ascii_name
 from lagrange.export.module import Integrator, Quantity, Run, SourceModule
 from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
 from lagrange.export.statement_lines import statement_lines
-from lagrange.export.target import QUANTITIES, Target, every_target
+from lagrange.export.target import QUANTITIES, SOLVED, Target, every_target
+from lagrange.graph import node
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import with_zero_inputs
 from lagrange.procedure.bind import bound
-from lagrange.procedure.form import Procedure
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, Array, Kind, Procedure
 from lagrange.procedure.kernel.kernels import kernel, prepare
 from lagrange.procedure.kernel.prepared import Prepared
 from lagrange.procedure.prune import Pruner
@@ -27,7 +28,7 @@ from lagrange.procedure.series.integrator import TaylorProcedures
 from lagrange.procedure.step.integrate import adaptive_run, one_step
 from lagrange.program.program import Program
 from lagrange.program.step import StepProgram
-from lagrange.show.units import unit_of
+from lagrange.show.units import energy_unit, length_unit, unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.event import Event
 from lagrange.statement.expression import entries
@@ -210,7 +211,7 @@ def module_of(
     names = tuple(p.name for p in statement.parameters)
     evaluated = partial(kernel, state_names=state, parameter_names=names)
     about = "Write the parameters into p, and behind them what depends on them alone."
-    procedures = {name: evaluated(one, prepared, name, _about(name)) for name, one in programs.items()}
+    procedures = {name: evaluated(one, prepared, name, ABOUT[name]) for name, one in programs.items()}
     if alone:
         entries = evaluated(alone, prepared, "divisors", "The entries of the matrix that are divided by.")
         procedures |= {name: guarded(procedures[name], entries) for name in SOLVED if name in procedures}
@@ -229,10 +230,7 @@ def module_of(
         integrators = (*integrators, Integrator(TAYLOR, own.about, own, adaptive=True))
     preparing = prune(preparing)
     p = prepared_numbers(preparing, size, statement, values)
-    quantities = tuple(
-        Quantity(name, _about(name), one, prune(procedures[name]), _results(name, model, one), one.shape)
-        for name, one in programs.items()
-    )
+    quantities = tuple(_quantity(model, name, one, prune(procedures[name])) for name, one in programs.items())
     return SourceModule(
         name=ascii_name(statement.name).lower(),
         statement=tuple(statement_lines(statement, events)),
@@ -251,6 +249,7 @@ def module_of(
         ),
         step_checks=tuple(step_check(one, p, statement) for one in integrators),
         run=_run(model) if asked.main else None,
+        divisors=alone,
     )
 
 
@@ -303,8 +302,16 @@ ABOUT = {
 }
 
 
-def _about(name: str) -> str:
-    return ABOUT[name]
+def _quantity(model: Model, name: str, program: Program, procedure: Procedure) -> Quantity:
+    results, unit = _results(name, model, program), _unit(name, model)
+    return Quantity(name, ABOUT[name], program, procedure, results, program.shape, unit)
+
+
+def _unit(name: str, model: Model) -> str:
+    """Return the unit of the results of a quantity, or "" if it is not stated or not the same for all."""
+    if name in ("energy", "energies"):
+        return energy_unit(model.statement)
+    return length_unit(model.statement) if name == "positions" else ""
 
 
 def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
@@ -340,3 +347,58 @@ def _run(model: Model) -> Run:
     settings = model.statement.run
     rtol = MAIN_RTOL if settings.rtol is None else min(MAIN_RTOL, settings.rtol)
     return Run(model.statement.initial, settings.t_end, INTERVALS, rtol)
+
+
+# --- blocks of the matrix of one unknown, which is a quotient: a zero divisor is tested separately
+
+
+def divisors(model: Model) -> Program | None:
+    """Return a program of the matrix entries of blocks with one unknown, or None without any to test.
+
+    An entry that is a nonzero constant is left out.
+    """
+    equations = model.equations
+    alone = [equations.matrix[block[0]][block[0]] for block in equations.plan.blocks if len(block) == 1]
+    entries = tuple(dict.fromkeys(one for one in alone if one.kind is not node.Kind.CONSTANT or not one.data))
+    return model.function("divisors", entries).program if entries else None
+
+
+def fixed(entries: Program, prepared: Prepared) -> list[int]:
+    """Return the indices among the prepared numbers of the entries that depend on parameters alone."""
+    slots, code = prepared.of_program(entries), entries.instructions
+    return [
+        code[ref].place if code[ref].op == "parameter" else slots[ref]
+        for ref in entries.outputs
+        if code[ref].op == "parameter" or ref in slots
+    ]
+
+
+def results_of(quantity: Procedure) -> int:
+    """Return the number of results of a quantity."""
+    (size,) = (one.type.size for one in quantity.parameters if one.name == "out" and isinstance(one.type, Array))
+    assert size is not None
+    return size
+
+
+def guarded(quantity: Procedure, entries: Procedure) -> Procedure:
+    """Return a quantity that also reports a singular matrix if a result is not finite and a divisor is zero.
+
+    Formulas are simplified, so they need not compute the divisors; `entries` computes them.
+    """
+    p = Builder(quantity.name, quantity.about)
+    t, y, held, out = (
+        p.given(one.name, one.type) for one in quantity.parameters if isinstance(one.type, (Kind, Array))
+    )
+    formulas = replace(quantity, name=f"{quantity.name}_formulas")
+    singular = p.variable(p.call(formulas, t, y, held, out), "singular")
+    zero_or_nan = p.variable(p.constant(0.0, REAL), "zero_or_nan")
+    with p.loop(0, results_of(quantity)) as k:
+        zero_or_nan.value = zero_or_nan.value + 0.0 * out[k]
+    with p.when(~zero_or_nan.value.equals(0.0), likely=False):
+        count = results_of(entries)
+        found = p.reserve(count, name="divisors")
+        p.call(entries, t, y, held, found)
+        with p.loop(0, count) as k:
+            singular.value = singular.value | found[k].equals(0.0)
+    p.leave(singular.value)
+    return p.finish(FLAG)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
-from lagrange.export.comments import TOGETHER, plain
+from lagrange.export.comments import TOGETHER, commented, plain
+from lagrange.export.identifiers import distinct
 from lagrange.export.module import Integrator, Run, SourceModule
 from lagrange.procedure.form import Array, Procedure, Record, ReserveRecord, inner
 from lagrange.procedure.outcome import Outcome
@@ -23,6 +24,18 @@ def places(array: str, names: Sequence[str], element: str = "{0}[{1}]", first: i
     """
     shown = [f"{element.format(array, k)}{TOGETHER}{name}" for k, name in enumerate(names, first)]
     return ", ".join(shown) or f"{array} is empty"
+
+
+def named_places(module: SourceModule, array: str) -> Iterator[str]:
+    """Yield lines of Python: comments on the entries of the state and of an array of parameters, names and values."""
+    yield ""
+    yield from commented(places("y", module.state), "#")
+    yield from commented(places(array, module.parameters), "#")
+    for name, names in (("STATE_NAMES", module.state), ("PARAMETER_NAMES", module.parameters)):
+        yield f"{name} = {tuple(names)!a}"
+    yield f"DEFAULT_PARAMETERS = {module.values!a}"
+    yield from (f"{name} = {k}" for name, k in indices(module))
+    yield ""
 
 
 OUTCOMES: Mapping[Outcome, str] = {
@@ -55,6 +68,19 @@ def outcomes() -> str:
     return "Integrators return " + ", ".join(f"{int(code)}: {text}" for code, text in OUTCOMES.items()) + "."
 
 
+def outcome_codes() -> list[tuple[str, int, str]]:
+    """Return the codes that integrators return: a name such as "NON_FINITE", the number, and the meaning."""
+    return [(code.name, int(code), text) for code, text in OUTCOMES.items()]
+
+
+def indices(module: SourceModule, first: int = 0) -> list[tuple[str, int]]:
+    """Return names of the indices of states and parameters, such as ("Y_THETA", 0) and ("PARAMETER_M", 0)."""
+    named = [*((f"Y_{name}", k) for k, name in enumerate(module.state, first))]
+    named += [(f"PARAMETER_{name}", k) for k, name in enumerate(module.parameters, first)]
+    names = distinct([name for name, _ in named], key=str.upper)
+    return [(name.upper(), k) for name, (_, k) in zip(names, named, strict=True)]
+
+
 def outcome_texts(quote: str = '"') -> list[str]:
     """Return the meaning of each code of integrators, from 0 on, as quoted strings; quotes inside are doubled."""
     texts = [OUTCOMES.get(code, "the run ended early") for code in Outcome]
@@ -69,12 +95,16 @@ def about_of(module: SourceModule, procedure: Procedure) -> str:
     return f"{quantity.about} out: {', '.join(quantity.results)}."
 
 
-def sizes(module: SourceModule) -> list[tuple[str, int, str]]:
-    """Return the lengths of all arrays: a name, the length, and a description of the counted numbers."""
+def sizes(module: SourceModule, prepared: int | None = None) -> list[tuple[str, int, str]]:
+    """Return the lengths of all arrays: a name, the length, and a description of the counted numbers.
+
+    `prepared` is the length of p, by default that of languages with loops.
+    """
+    length = module.prepared if prepared is None else prepared
     return [
         ("state", len(module.state), "numbers in y: coordinates, then velocities"),
         ("parameters", len(module.parameters), "numbers in parameters"),
-        ("prepared", max(module.prepared, 1), "numbers in p: parameters, and what depends on them alone"),
+        ("prepared", max(length, 1), "numbers in p: parameters, and what depends on them alone"),
         *((one.name, len(one.results), f"numbers in out of {one.name}") for one in module.quantities),
     ]
 

@@ -21,7 +21,7 @@ def continued(line: str, room: int = LONGEST, mark: str = "") -> list[str]:
     return [*lines, line]
 
 
-def number_lines(values: Iterable[str], indent: str, width: int = 110) -> list[str]:
-    """Return literals on lines of a width, each followed by a comma."""
-    text = textwrap.wrap(" ".join(f"{value}," for value in values), width - len(indent), break_long_words=False)
+def number_lines(values: Iterable[str], indent: str, width: int = 110, end: str = ",") -> list[str]:
+    """Return literals on lines of a width, each followed by `end`, a comma."""
+    text = textwrap.wrap(" ".join(f"{value}{end}" for value in values), width - len(indent), break_long_words=False)
     return [f"{indent}{line}" for line in text]

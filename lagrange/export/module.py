@@ -12,7 +12,7 @@ from lagrange.program.program import Program
 
 @dataclass(frozen=True, eq=False)
 class Quantity:
-    """A function of time, state and prepared numbers: its results by name, in C order, and their shape.
+    """A function of time, state and prepared numbers: its results by name, in C order, their shape, and their unit.
 
     `program` is its formula, for languages without assignment; `procedure` is its code, for the other languages.
     """
@@ -23,6 +23,7 @@ class Quantity:
     procedure: Procedure
     results: tuple[str, ...]
     shape: tuple[int, ...]
+    unit: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +84,8 @@ class SourceModule:
     `state` and `parameters` are the names of the entries of the arrays `y` and `parameters`, as stated. `values` are
     the values of the parameters, `inputs` the names of those that may change during a run. `units` are the stated
     units of state, parameters and t. `statement` are lines of text about the system. `prepare` computes the numbers
-    that depend on parameters alone; there are `prepared` of them, the parameters first.
+    that depend on parameters alone; there are `prepared` of them, the parameters first. `divisors` computes the entries
+    of the matrix that are divided by without a test.
     """
 
     name: str
@@ -100,6 +102,7 @@ class SourceModule:
     step_checks: tuple[StepCheck, ...] = ()
     run: Run | None = None
     inputs: tuple[str, ...] = ()
+    divisors: Program | None = None
 
     def quantity(self, name: str) -> Quantity | None:
         """Return a quantity by name, or None if it is not exported."""

@@ -1,13 +1,17 @@
-"""Numbers and calls in the test and the run of an exported file, as text of a language."""
+"""The programs beside an exported file: its self-test, and `main`, which runs the initial state.
+
+What they do is described once: a `Script` spells it in a language, as templates with fields in braces.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
 
-from lagrange.export.descriptions import integrator_of, outcome_texts, run_of
+from lagrange.export.comments import commented
+from lagrange.export.descriptions import TEST, columns, integrator_of, outcome_texts, run_of
 from lagrange.export.lines import number_lines
 from lagrange.export.module import SourceModule, StepCheck
-from lagrange.procedure.form import Parameter, Procedure
 from lagrange.procedure.spelling import Literals
 
 MOST_STEPS = 10_000_000
@@ -17,71 +21,117 @@ TEST_TOLERANCE, TEST_STEPS = 1e-13, 100_000
 """Tolerances of an adaptive run in the test, and its largest number of steps."""
 
 
-def macro(module: SourceModule, program: str) -> str:
-    """Return the name of the macro that enables a program of a file, "test" or "main"."""
-    return f"{module.name.upper()}_{program.upper()}"
+@dataclass(frozen=True)
+class Script:
+    """The self-test and `main` in a language.
 
-
-def compiled(module: SourceModule, program: str, compiler: str, source: str) -> list[str]:
-    """Return shell lines that compile and run a program that a macro enables; `source` ends the compiler's line."""
-    name = f"{module.name}_{program}"
-    return [f"{compiler} -D{macro(module, program)} -o {name} {source}", f"./{name}"]
-
-
-def tested(module: SourceModule) -> list[str]:
-    """Return the names of the functions that are tested."""
-    return [*(one.name for one in module.checks), *(one.name for one in module.step_checks)]
-
-
-def results_tested(module: SourceModule) -> int:
-    """Return the number of results that the test compares."""
-    quantities = sum(len(one.results) * len(one.results[0]) for one in module.checks)
-    return quantities + sum(len(one.result) for one in module.step_checks)
-
-
-def arguments_in_test(
-    module: SourceModule,
-    check: StepCheck,
-    literals: Literals,
-    time: str,
-    y: str = "y",
-    order: Callable[[Procedure], Sequence[Parameter]] = lambda procedure: procedure.parameters,
-) -> str:
-    """Return the arguments of an integrator in its test, in the order of parameters that a language has.
-
-    `time` is a template with the start time of an adaptive run in place of "{}".
+    `comment` writes a comment. `head` and `tail` enclose the tests. `quantity` is the test of a function of time and
+    state, `integrator` that of a step or run; {tables} in them are the lists of numbers, each by the template `table`,
+    in several parts if it has more than `chunk` numbers. `more` ends a line that the next one continues. `time` writes
+    the start time of a run, which changes during it. `main` is empty in languages without integrators.
     """
-    integrator, begin = integrator_of(module, check.name), literals.real(check.time)
-    given = {"y": y, "p": "p"}
+
+    comment: Callable[[str], Sequence[str]]
+    head: str
+    quantity: str
+    table: str
+    tail: str
+    literals: Literals
+    integrator: str = ""
+    time: str = "{0}"
+    main: str = ""
+    more: str = ""
+    chunk: int = 0
+    quoted: Callable[[str], str] = '"{}"'.format
+
+
+def marked(mark: str) -> Callable[[str], Sequence[str]]:
+    """Return a function that writes a comment, each line after a mark."""
+    return lambda text: commented(text, mark)
+
+
+def test_text(module: SourceModule, script: Script, **given: object) -> str:
+    """Return the self-test: a program that compares results with those of multiple precision.
+
+    `given` are fields of the templates beside those of `fields_of`.
+    """
+    fields = {**fields_of(module), **given}
+    text = ["\n".join([*script.comment(f"Self-test of {module.name}. {TEST} Exit status 0 if all are right."), "", ""])]
+    text.append(script.head.format(**fields))
+    for check in module.checks:
+        lists = dict(zip(("times", "states", "expected", "allowed"), check.flat, strict=True))
+        sizes = {"results": len(check.results[0]), "samples": len(check.times)}
+        text.append(script.quantity.format(**fields, **sizes, **_named(check.name, script, lists)))
+    for step in module.step_checks:
+        lists = {"state": step.state, "expected": step.result, "allowed": step.allowed}
+        call = {"arguments": _arguments(module, step, script), "time": script.literals.real(step.time)}
+        text.append(script.integrator.format(**fields, **call, **_named(step.name, script, lists)))
+    return "".join([*text, script.tail.format(**fields)])
+
+
+def fields_of(module: SourceModule) -> dict[str, object]:
+    """Return the fields that all templates have: names, lengths, and the number of results that the test compares."""
+    quantities = sum(len(one.results) * len(one.results[0]) for one in module.checks)
+    return {
+        "module": module.name,
+        "states": len(module.state),
+        "prepared": max(module.prepared, 1),
+        "count": quantities + sum(len(one.result) for one in module.step_checks),
+    }
+
+
+def _named(name: str, script: Script, lists: Mapping[str, Sequence[float]]) -> dict[str, str]:
+    return {"name": name, "quoted": script.quoted(name), "tables": "".join(_tables(script, lists))}
+
+
+def _tables(script: Script, lists: Mapping[str, Sequence[float]]) -> Iterator[str]:
+    """Yield lists of numbers in the template of a language."""
+    for table, values in lists.items():
+        for begin in range(0, len(values), script.chunk or len(values) or 1):
+            part = values[begin : begin + script.chunk] if script.chunk else values
+            numbers = number_lines(map(script.literals.real, part), " " * 12)
+            yield script.table.format(
+                table=table,
+                numbers=f"{script.more}\n".join(numbers).removesuffix(","),
+                first=begin + 1,
+                last=begin + len(part),
+                size=len(values),
+            )
+
+
+def _arguments(module: SourceModule, check: StepCheck, script: Script) -> str:
+    """Return the arguments of an integrator in its test, in order."""
+    integrator, literals = integrator_of(module, check.name), script.literals
+    begin = literals.real(check.time)
+    given = {"y": "y", "p": "p"}
     if integrator.adaptive:
         tolerances = dict.fromkeys(("rtol", "atol"), literals.real(TEST_TOLERANCE))
         end = literals.real(check.time + check.length)
-        given |= {"t": time.format(begin), "t_end": end, **tolerances, "max_steps": literals.whole(TEST_STEPS)}
+        given |= {"t": script.time.format(begin), "t_end": end, **tolerances, "max_steps": literals.whole(TEST_STEPS)}
     else:
         given |= {"t": begin, "h": literals.real(check.length)}
-    return ", ".join(given[one.name] for one in order(integrator.procedure))
+    return ", ".join(given[one.name] for one in integrator.procedure.parameters)
 
 
-def main_fields(module: SourceModule, literals: Literals) -> dict[str, str] | None:
-    """Return the fields of the template of `main` as text, by name, or None if `main` is not exported."""
-    exported_run = run_of(module)
-    if exported_run is None:
-        return None
-    run, integrator = exported_run
-    return {
+def main_text(module: SourceModule, script: Script, **given: object) -> str:
+    """Return the program that runs the initial state and writes a table, for a module with a run."""
+    exported = run_of(module)
+    assert exported is not None
+    run, integrator = exported
+    literals = script.literals
+    about = (
+        f"Integrate the initial state of {module.name} and write a table with commas. Arguments: [t_end [intervals]]."
+    )
+    fields = {
+        **fields_of(module),
         "initial": ", ".join(map(literals.real, run.initial)),
         "t_end": literals.real(run.t_end),
         "intervals": literals.whole(run.intervals),
         "method": integrator.name,
         "rtol": literals.real(run.rtol),
         "steps": literals.whole(MOST_STEPS),
-        "outcomes": "".join(f"        {text},\n" for text in outcome_texts()).rstrip(),
+        "outcomes": "".join(f"    {text},\n" for text in outcome_texts()).rstrip(),
+        "columns": columns(module),
+        **given,
     }
-
-
-def tables(rows: Sequence[Sequence[float]], literals: Literals, opening: str = "[") -> Iterator[str]:
-    """Yield lines with lists of numbers, the arguments of a call that is indented by four spaces."""
-    for values in rows:
-        yield f"        {opening}"
-        yield from number_lines(map(literals.real, values), "            ")
-        yield "        ],"
+    return "\n".join([*script.comment(about), "", script.main.format(**fields)])

@@ -1,26 +1,15 @@
-"""Find a target of `System.export` by name or alias, and refuse models it cannot express; `target.py` has the list."""
+"""Find a target of `System.export` by name or alias, and refuse models it cannot express."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
 from lagrange.errors import StatementError, listing
+from lagrange.export.languages import ALIASES
 from lagrange.export.module import SourceModule
 from lagrange.export.target import Target, every_target, target_names, target_of
 from lagrange.show.notebook.html_card import table
 from lagrange.statement.choice import one_of
-
-ALIASES: Mapping[str, str] = {
-    **dict.fromkeys(("c99", "ansi-c", "cpp", "c++", "cxx"), "c"),
-    **dict.fromkeys(("js", "node", "es", "esm"), "javascript"),
-    **dict.fromkeys(("rs",), "rust"),
-    **dict.fromkeys(("numpy", "py"), "python"),
-    **dict.fromkeys(("f90", "f08", "fortran2008"), "fortran"),
-    **dict.fromkeys(("jl",), "julia"),
-    **dict.fromkeys(("matlab", "m"), "octave"),
-    **dict.fromkeys(("fmi", "fmi2", "fmi3"), "fmu"),
-}
-"""Target by alias."""
 
 
 class TargetTable(Mapping[str, str]):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cache
+from importlib.metadata import version
 from typing import Any
 
 from sympy import count_ops
@@ -29,15 +30,25 @@ LONG = 300
 """Number of operations above which terms keep SymPy's order: textbook order takes seconds for thousands."""
 
 
-def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Iterator[str]:
-    """Yield lines: name, energies, forces, constraints, events, coordinates in order, parameters with values, units.
+LICENSE = "BSD-3-Clause"
+"""License of the text of exported files that is ours; the equations are the user's."""
 
-    Given functions of time appear by name, as stated.
+
+def generator() -> str:
+    """Return the name and the version of this package."""
+    return f"lagrange {version('lagrange-mechanics')}"
+
+
+def statement_lines(statement: Statement, events: Sequence[Event] = ()) -> Iterator[str]:
+    """Yield lines: name, version, license, energies, forces, constraints, events, coordinates, parameters, units.
+
+    Coordinates are in order, parameters have their values. Given functions of time appear by name, as stated.
     """
     inputs = [symbol.name for symbol, _ in statement.inputs]
     statement = statement.open_form or statement
     write = _writer(statement)
-    yield from wrapped(f"{statement.name}: equations of motion, made by lagrange", WIDTH)
+    yield from wrapped(f"{statement.name}: equations of motion, made by {generator()}", WIDTH)
+    yield f"SPDX-License-Identifier: {LICENSE}"
     if statement.about:
         yield from wrapped(statement.about, WIDTH)
     yield ""

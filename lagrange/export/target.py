@@ -1,4 +1,4 @@
-"""The base class of targets, and the targets by name; the module of a language is loaded at its first use."""
+"""The base class of targets; `languages/__init__.py` lists them, and a language is loaded at its first use."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import ClassVar
 
 from lagrange.errors import StatementError
+from lagrange.export.languages import TARGETS
 from lagrange.export.module import SourceModule
 
 QUANTITIES = (
@@ -15,6 +16,9 @@ QUANTITIES = (
     "events",
 )
 """Contents that are functions of time and state."""
+
+SOLVED = ("rhs", "accelerations", "jacobian")
+"""The quantities that divide by entries of the matrix."""
 
 
 class Target(ABC):
@@ -50,32 +54,17 @@ class Target(ABC):
 REGISTERED: dict[str, Target] = {}
 """The targets whose modules are loaded, by name."""
 
-BUILT_IN: Mapping[str, str] = {
-    "c": "lagrange.export.languages.c",
-    "fortran": "lagrange.export.languages.fortran",
-    "julia": "lagrange.export.languages.julia",
-    "octave": "lagrange.export.languages.octave",
-    "javascript": "lagrange.export.languages.javascript",
-    "rust": "lagrange.export.languages.rust",
-    "python": "lagrange.export.languages.python",
-    "jax": "lagrange.export.languages.jax",
-    "casadi": "lagrange.export.languages.casadi",
-    "modelica": "lagrange.export.languages.modelica",
-    "fmu": "lagrange.export.languages.fmu",
-}
-"""The modules of targets by name; each registers its target."""
-
 
 def target_of(name: str) -> Target:
     """Return a target by its name, which is one of `target_names`."""
     if name not in REGISTERED:
-        import_module(BUILT_IN[name])
+        import_module(TARGETS[name])
     return REGISTERED[name]
 
 
 def target_names() -> list[str]:
     """Return the names of all targets, the built-in ones first."""
-    return list(dict.fromkeys((*BUILT_IN, *REGISTERED)))
+    return list(dict.fromkeys((*TARGETS, *REGISTERED)))
 
 
 def every_target() -> dict[str, Target]:
@@ -90,7 +79,7 @@ def register(target: type[Target]) -> type[Target]:
     """
     if not (isinstance(target, type) and issubclass(target, Target)):
         raise StatementError(f"{target!r} is no target: give a subclass of lagrange.export.target.Target.")
-    if BUILT_IN.get(target.name, target.__module__) != target.__module__:
+    if TARGETS.get(target.name, target.__module__) != target.__module__:
         target_of(target.name)
     known = REGISTERED.get(target.name)
     if known is not None and type(known).__qualname__ != target.__qualname__:

@@ -71,5 +71,5 @@ def motion_source(model: Model, parameters: Mapping[Any, Any] | None) -> MotionS
             f"a page of {model.statement.name} cannot be made: its {quantity} contains {function}, which JavaScript "
             "has no function for."
         )
-    (text,) = target.files(module).values()
+    text = target.files(module)[f"{module.name}.mjs"]
     return MotionSource(str(text), module.values, asked, len(model.equations.constraints) > 0)

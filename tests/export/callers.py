@@ -11,12 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from lagrange.export.languages import (
-    fortran,
-    javascript_spelling,
-    octave,
-    rust,
-)
+from lagrange.export.languages import fortran, javascript_printer, octave, rust
 from lagrange.export.module import SourceModule
 from lagrange.export.registry import find
 from lagrange.machine import python_source
@@ -141,7 +136,7 @@ told(m.prepare([{parameters}], p), p[:0])
     ),
     "fortran": Language(
         tool="gfortran",
-        suffix="F90",
+        suffix="f90",
         head="""\
 program caller
   use, intrinsic :: iso_fortran_env, only: dp => real64, int64
@@ -168,11 +163,11 @@ contains
 end program caller
 """,
         commands=(
-            "gfortran -std=f2008 -fcheck=all -O1 -ffree-line-length-none -o caller {module}.F90 caller.F90",
+            "gfortran -std=f2008 -fcheck=all -O1 -ffree-line-length-none -o caller {module}.f90 caller.f90",
             "./caller",
         ),
         strict=tuple(
-            f"gfortran -std=f2008 -pedantic -Wall -Wextra -Werror -O{level} -c {{module}}.F90" for level in (0, 2)
+            f"gfortran -std=f2008 -pedantic -Wall -Wextra -Werror -O{level} -c {{module}}.f90" for level in (0, 2)
         ),
         first=1,
     ),
@@ -198,10 +193,20 @@ told(status, []);
 LITERALS = {
     "fortran": fortran.LITERALS.real,
     "octave": octave.LITERALS.real,
-    "javascript": javascript_spelling.LITERALS.real,
+    "javascript": javascript_printer.LITERALS.real,
     "rust": rust.LITERALS.real,
     "python": python_source.LITERALS.real,
 }
+
+
+PAGES = Path(__file__).resolve().parents[2] / "docs" / "export"
+
+
+def section(title: str) -> str:
+    """Return a section of the pages on exports, such as "Rust"."""
+    pages = [(PAGES / name).read_text("utf-8") for name in ("README.md", "languages.md")]
+    (found,) = (part for page in pages for part in page.split("\n## ")[1:] if part.startswith(f"{title}\n"))
+    return found
 
 
 def missing(target: str) -> str:

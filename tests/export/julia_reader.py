@@ -10,14 +10,13 @@ import keyword
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 
 from lagrange.machine.python_source import defined
 
-WORDS = ("function", "for", "while", "if", "module", "mutable struct")
+WORDS = ("function", "for", "while", "if", "module")
 """What opens a block that `end` closes."""
 
 TOKEN = re.compile(r"\s+|[A-Za-z_]\w*!?(?!=)|[A-Za-z_]\w*|\d+(?:\.\d+)?(?:e[+-]?\d+)?|&&|\|\||[-+*/%^<>=!?:(),.\[\]]")
@@ -38,53 +37,51 @@ def _real(function: Callable[..., Any]) -> Callable[..., Any]:
     return found
 
 
-NAMED = ("sin", "cos", "tan", "sqrt", "log", "exp", "sinh", "cosh", "tanh", "copysign")
+NAMED = ("sin", "cos", "tan", "sqrt", "log", "exp", "sinh", "cosh", "tanh")
 BASE: Mapping[str, Any] = {
     **{name: _real(getattr(np, name)) for name in NAMED},
     **{f"a{name}": _real(getattr(np, f"arc{name}")) for name in ("sin", "cos", "sinh", "cosh", "tanh")},
     "atan": lambda a, b=None: np.arctan(a) if b is None else np.arctan2(a, b),
-    "round": np.rint,
     "abs": abs,
     "max": np.maximum,
     "min": np.minimum,
     "ifelse": lambda condition, a, b: a if condition else b,
-    "div": lambda a, b: int(a / b),
     "trunc": lambda x: int(x) if np.isfinite(x) else x,
     "isinf": np.isinf,
     "isfinite": np.isfinite,
-    "ldexp": np.ldexp,
-    "significand": lambda x: 2 * np.frexp(x)[0],
-    "exponent": lambda x: np.frexp(x)[1] - 1,
-    "floatmin": lambda _: 2.0**-1022,
     "oftype": lambda _, value: value,
     "one": lambda _: np.float64(1.0),
     "length": len,
     "Float64": np.float64,
-    "Int64": int,
+    "Int": int,
     "Inf": np.float64(math.inf),
     "NaN": np.float64(math.nan),
-    "nothing": None,
 }
 
 
 class Ones:
-    """An array whose first place is 1: a list, from one of its places on."""
+    """An array whose first place is 1; a matrix is a vector of rows."""
 
-    def __init__(self, values: list[Any], start: int = 0) -> None:
-        self.values, self.start = values, start
+    def __init__(self, values: list[Any]) -> None:
+        self.values = values
 
     def __len__(self) -> int:
-        return len(self.values) - self.start
+        return len(self.values)
 
     def _place(self, place: int) -> int:
         assert 1 <= place <= len(self), f"there is no place {place} among {len(self)}"
-        return self.start + place - 1
+        return place - 1
 
-    def __getitem__(self, place: int) -> Any:
+    def __getitem__(self, place: Any) -> Any:
+        if isinstance(place, tuple):
+            return self[place[0]][place[1]]
         return self.values[self._place(place)]
 
-    def __setitem__(self, place: int, value: Any) -> None:
-        self.values[self._place(place)] = value
+    def __setitem__(self, place: Any, value: Any) -> None:
+        if isinstance(place, tuple):
+            self[place[0]][place[1]] = value
+        else:
+            self.values[self._place(place)] = np.float64(value)
 
 
 def reals(values: Iterable[float]) -> Ones:
@@ -92,12 +89,18 @@ def reals(values: Iterable[float]) -> Ones:
     return Ones([np.float64(value) for value in values])
 
 
+def _zeros(*counts: int) -> Ones:
+    """Return a vector, or a matrix as the vector of its rows."""
+    if len(counts) == 1:
+        return reals([0.0] * counts[0])
+    return Ones([_zeros(*counts[1:]) for _ in range(counts[0])])
+
+
 KNOWN: Mapping[str, Any] = {
     **BASE,
-    "view": lambda array, begin, end: Ones(array.values, array._place(begin) if end == len(array) else -1),
-    "zeros": lambda kind, count: Ones([kind(0)] * count),
-    "_from_to": lambda start, *rest: range(start, rest[-1] + 1, *rest[:-1]),
-    "_record": SimpleNamespace,
+    "zeros": _zeros,
+    "_list": lambda *values: reals(values),
+    "_from_to": lambda start, *rest: range(start, rest[-1] + (1 if len(rest) == 1 else rest[0]), *rest[:-1]),
 }
 
 
@@ -180,13 +183,25 @@ def _used(node: ast.AST, known: Mapping[str, None]) -> None:
             assert one.id in known, f"{one.id} is not defined"
 
 
+def lists(text: str) -> str:
+    """Return a text with calls of `_list` in place of lists in brackets, which an index has, too."""
+    out, closing = "", []
+    for letter in text:
+        if letter == "[":
+            closing.append(")" if not re.search(r"\w$", out) else "]")
+            out += "_list(" if closing[-1] == ")" else letter
+        else:
+            out += closing.pop() if letter == "]" else letter
+    return out
+
+
 def expression(text: str) -> str:
     """Return an expression or an assignment in Python."""
     text = re.sub(r"\b[A-Za-z]\w*\b", lambda word: f"{word[0]}_word" if word[0] in PYTHON_ALONE else word[0], text)
     text = re.sub(r"(?<![\w.])(\d+\.\d+(?:e[+-]?\d+)?|\d+e[+-]?\d+)", r"Float64(\1)", text)
     text = re.sub(r"\b(\w+)!\(", r"\1_changes(", text).replace("::", ":").replace("^", "**")
-    text = text.replace("trunc(Int64, ", "trunc(").replace("&&", " and ").replace("||", " or ")
-    text = re.sub(r"view\((\w+), (.+?):length\((\w+)\)\)", r"view(\1, \2, length(\3))", text)
+    text = text.replace("&&", " and ").replace("||", " or ")
+    text = lists(text)
     text = re.sub(r"!(?!=)", " not ", text)
     return re.sub(r"\bfalse\b", "False", re.sub(r"\btrue\b", "True", text)).strip()
 
@@ -203,22 +218,12 @@ def chosen(text: str) -> str:
 def translated(text: str) -> str:
     """Return a module as Python: constants, records and functions; what changes its arguments is NAME_changes."""
     out: list[str] = []
-    fields: list[str] = []
     depth = 0
     for line in statements(text):
         word, _, rest = line.strip().partition(" ")
-        if word == "module" or (line == "end" and not depth and not fields):
+        if word == "module" or (line == "end" and not depth):
             continue
-        if word == "mutable":
-            fields = [rest.split()[-1]]
-        elif fields and "::" in word:
-            fields.append(word.partition("::")[0])
-        elif fields and word == "end":
-            out.append(f"def {fields[0]}(): return _record({', '.join(f'{one}=0' for one in fields[1:])})")
-            fields = []
-        elif fields:
-            assert line.strip() == f"{fields[0]}() = new({', '.join('0' for _ in fields[1:])})"
-        elif word == "end":
+        if word == "end":
             depth -= 1
         else:
             out.append("    " * (depth - (word == "else")) + _line(word, rest))

@@ -59,12 +59,15 @@ class Function:
 class Reader:
     """Reads packages, functions and models by recursive descent."""
 
-    def __init__(self, text: str) -> None:
-        self.words, self.at = tokens(text), 0
+    def __init__(self, *texts: str) -> None:
         self.functions: dict[str, Function] = {}
         self.models: dict[str, dict[str, Any]] = {}
-        self.package("")
-        assert self.at == len(self.words)
+        self.packages: list[str] = []
+        for text in texts:
+            self.words, self.at = tokens(text), 0
+            self.packages.append(self.words[1])
+            self.package("")
+            assert self.at == len(self.words)
 
     def peek(self) -> str:
         return self.words[self.at]
@@ -101,7 +104,7 @@ class Reader:
         self.take(";")
 
     def declaration(self) -> tuple[str, str, list[Any], Any]:
-        kind, name, sizes, value = self.take("Real", "Integer", "Boolean"), self.take(), [], None
+        kind, name, sizes, value = self.take("Real", "Integer", "Boolean", "String"), self.take(), [], None
         if self.found("["):
             sizes = self.several("]")
         if self.found("("):
@@ -171,8 +174,11 @@ class Reader:
                 first = self.expression()
                 self.take(":")
                 last = self.expression()
+                step = ("value", 1)
+                if self.found(":"):
+                    step, last = last, self.expression()
                 self.take("loop")
-                found.append(("for", index, first, last, self.statements()))
+                found.append(("for", index, first, step, last, self.statements()))
                 self.take("end")
                 self.take("for")
             elif self.found("if"):
@@ -194,6 +200,8 @@ class Reader:
                 found.append(("all",))
             else:
                 found.append(self.expression())
+                if self.found(":"):
+                    found[-1] = ("slice", found[-1], self.expression())
             if self.found("="):
                 assert named or closing == ")"
                 found[-1] = ("named", found[-1][1], self.expression())
@@ -273,8 +281,8 @@ class Reader:
 class Machine:
     """Runs functions, as Modelica says: arrays are values, and are counted from one."""
 
-    def __init__(self, text: str) -> None:
-        self.reader = Reader(text)
+    def __init__(self, *texts: str) -> None:
+        self.reader = Reader(*texts)
         self.warnings: list[str] = []
 
     def call(self, name: str, *args: Any) -> Any:
@@ -303,8 +311,9 @@ class Machine:
     def run(self, body: Sequence[Any], own: dict[str, Any]) -> None:
         for statement in body:
             match statement:
-                case ("for", index, first, last, inside):
-                    for k in range(self.value(first, own), self.value(last, own) + 1):
+                case ("for", index, first, step, last, inside):
+                    by = self.value(step, own)
+                    for k in range(self.value(first, own), self.value(last, own) + by, by):
                         own[index] = k
                         self.run(inside, own)
                 case ("if", condition, inside):
@@ -321,9 +330,16 @@ class Machine:
                     own["y"] = EXTERNAL[name](own["x"])
 
     def places(self, given: Sequence[Any], own: dict[str, Any]) -> tuple[Any, ...]:
-        found = tuple(slice(None) if one == ("all",) else self.value(one, own) - 1 for one in given)
+        found = tuple(self.place(one, own) for one in given)
         assert all(isinstance(one, slice) or one >= 0 for one in found)
         return found
+
+    def place(self, one: Any, own: dict[str, Any]) -> Any:
+        if one == ("all",):
+            return slice(None)
+        if one[0] == "slice":
+            return slice(self.value(one[1], own) - 1, self.value(one[2], own))
+        return self.value(one, own) - 1
 
     def truth(self, what: Any, own: dict[str, Any]) -> bool:
         found = self.value(what, own)
@@ -383,11 +399,14 @@ class Machine:
         if name in LIBRARY_ARC:
             return getattr(np, f"arc{name[1:]}")(np.float64(args[0]))
         own_name = f"{own['.']}.{name}" if own["."] else name
+        package, _, rest = name.partition(".")
+        own_name = rest if package in self.reader.packages else own_name
         simple: Mapping[str, Callable[..., Any]] = {
             "abs": abs,
             "div": lambda a, b: int(a / b),
             "integer": math.floor,
             "atan2": np.arctan2,
-            "fill": lambda value, count: np.full(count, value),
+            "fill": lambda value, *counts: np.full(counts, value),
+            "size": lambda array, place: np.shape(array)[place - 1],
         }
         return simple[name](*args) if name in simple else self.call(own_name, *args)

@@ -12,6 +12,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.errors import StatementError
+from tests.export.callers import section
 from tests.export.systems import held
 
 WARNINGS = "cc -std=c99 -O1 -Wall -Wextra -Wconversion -Werror"
@@ -37,8 +38,9 @@ def test_the_self_test_passes(scene: str, tmp_path: Path) -> None:
     system = lg.scene(scene)
     made = system.export("c", tmp_path, [*CONTENTS, *held(system)])
     name = scene.replace("-", "_")
-    assert [path.name for path in made.files] == [f"{name}.h", f"{name}.c"]
-    run(f"{WARNINGS} -D{name.upper()}_TEST -o warned {name}.c -lm", tmp_path)
+    assert [path.name for path in made.files] == [f"{name}{end}" for end in (".h", ".c", "_test.c", "_main.c")]
+    for program in ("test", "main"):
+        run(f"{WARNINGS} -o warned {name}.c {name}_{program}.c -lm", tmp_path)
     for command in made.commands:
         said = run(command, tmp_path)
     assert said.endswith("results are right\n")
@@ -61,7 +63,7 @@ def test_a_wrong_number_fails_the_self_test(tmp_path: Path) -> None:
 def test_main_writes_the_trajectory(tmp_path: Path) -> None:
     system = lg.scene("double-pendulum")
     system.export("c", tmp_path, ["main"])
-    run("cc -O1 -DDOUBLE_PENDULUM_MAIN -o main double_pendulum.c -lm", tmp_path)
+    run("cc -O1 -o main double_pendulum.c double_pendulum_main.c -lm", tmp_path)
     head, *rows = run("./main 2 4", tmp_path).splitlines()
     assert head == "t,theta1,theta2,theta1_dot,theta2_dot"
     found = [[float(cell) for cell in row.split(",")] for row in rows]
@@ -80,7 +82,7 @@ def test_the_taylor_integrator_passes_its_test(scene: str, tmp_path: Path) -> No
     """Written out, in a loop over orders, and with a projection onto constraints."""
     name = scene.replace("-", "_")
     made = lg.scene(scene).export("c", tmp_path, ["taylor"])
-    run(f"{WARNINGS} -D{name.upper()}_TEST -o warned {name}.c -lm", tmp_path)
+    run(f"{WARNINGS} -o warned {name}.c {name}_test.c -lm", tmp_path)
     for command in made.commands:
         said = run(command, tmp_path)
     assert said.endswith("results are right\n")
@@ -90,7 +92,7 @@ def test_the_taylor_integrator_passes_its_test(scene: str, tmp_path: Path) -> No
 def test_main_runs_by_taylor_series(tmp_path: Path) -> None:
     system = lg.scene("kepler")
     system.export("c", tmp_path, ["main", "taylor"])
-    run("cc -O2 -DKEPLER_MAIN -o main kepler.c -lm", tmp_path)
+    run("cc -O2 -o main kepler.c kepler_main.c -lm", tmp_path)
     _, *rows = run("./main 20 2", tmp_path).splitlines()
     ours = system.run(20.0, t_eval=[0.0, 10.0, 20.0], method="taylor", rtol=1e-10, atol=1e-10)
     for row, state in zip(rows, ours.y.T, strict=True):
@@ -104,8 +106,7 @@ def test_switching_surfaces_are_refused_by_name(tmp_path: Path) -> None:
 
 
 def test_the_program_of_the_page_runs(tmp_path: Path) -> None:
-    page = (Path(__file__).resolve().parents[2] / "docs" / "export" / "c.md").read_text("utf-8")
-    program, build = (re.findall(rf"```{kind}\n(.*?)```", page, re.DOTALL) for kind in ("c", "sh"))
+    program, build = (re.findall(rf"```{kind}\n(.*?)```", section("C"), re.DOTALL) for kind in ("c", "sh"))
     system = lg.scene("double-pendulum")
     system.export("c", tmp_path, ["rhs", "energy", "dop853"])
     (tmp_path / "program.c").write_text(program[0])
@@ -133,7 +134,7 @@ def test_events_are_functions(tmp_path: Path) -> None:
 @pytest.mark.parametrize("words", ["abc", "2 2.7", "nan", "2 0", "1 2 3"])
 def test_main_refuses_what_is_no_number(words: str, tmp_path: Path) -> None:
     lg.scene("pendulum").export("c", tmp_path, ["main"])
-    run("cc -O0 -DPENDULUM_MAIN -o main pendulum.c -lm", tmp_path)
+    run("cc -O0 -o main pendulum.c pendulum_main.c -lm", tmp_path)
     done = subprocess.run(["./main", *words.split()], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "give a" in done.stderr

@@ -57,7 +57,7 @@ def test_given_functions_stand_by_their_names_in_the_comment(tmp_path: Path) -> 
     u = lg.given("u", ([0, 1, 2, 3, 4], [0, 1, 0, 1, 0]))
     v = lg.given("v", k * sin(lg.t))
     carried = lg.System((x.dot + v.dot) ** 2 / 2, k * (x - u) ** 2 / 2, parameters={k: 2}, name="carried")
-    (_, source) = carried.export("c", tmp_path).files
+    (_, source, _) = carried.export("c", tmp_path).files
     comment = source.read_text().partition("*/")[0]
     assert "   V = k*(x - u)**2/2\n" in comment
     assert "   u is given by a table of 5 times from 0 to 4.\n" in comment and "   v = k*sin(t)\n" in comment

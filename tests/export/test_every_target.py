@@ -18,12 +18,12 @@ import pytest
 
 import lagrange as lg
 from lagrange.export.languages import (
-    c_spelling,
+    c_printer,
     fortran,
-    javascript_spelling,
+    javascript_printer,
     julia,
     octave,
-    python_spelling,
+    python,
     rust,
 )
 from lagrange.export.module import Check
@@ -85,12 +85,12 @@ WORDS = (
     *("a1", "A1", "a_1", "a__1", "M_PI", "NULL", "errno", "stdin", "model", "equation", "der", "time", "parameter"),
     *(f"{stem}{k}" for stem in ("x", "lam", "y", "p", "t", "s", "f", "r") for k in range(20)),
     *keyword.kwlist,
-    *c_spelling.RESERVED,
+    *c_printer.RESERVED,
     *fortran.RESERVED,
-    *javascript_spelling.RESERVED,
+    *javascript_printer.RESERVED,
     *julia.RESERVED,
     *octave.RESERVED,
-    *python_spelling.RESERVED,
+    *python.RESERVED,
     *rust.RESERVED,
 )
 TITLES = ("while", "θ", "a" * 64, "end", "math", "numpy", "class", "program", "stdio", "Main", "x0", "lambda", "julia")

@@ -120,7 +120,7 @@ def test_the_sources_compile_without_a_warning_by_the_headers_of_the_standard(tm
             with zipfile.ZipFile(path) as packed:
                 packed.extractall(sources.parent)
             for more in ("", f"-DFMI{major}_FUNCTION_PREFIX=pendulum_ ", f"-DFMI_STANDARD_HEADERS -I{HEADERS} "):
-                run(f"{WARNINGS} {more}fmi-{major}.c pendulum.c", sources)
+                run(f"{WARNINGS} {more}fmi-functions.c pendulum.c", sources)
 
 
 def test_parameters_and_states_are_set_and_results_are_read(tmp_path: Path) -> None:
@@ -243,11 +243,16 @@ def test_units_are_defined_and_given(tmp_path: Path) -> None:
         dimensions={x: "m", m: "kg", k: "N/m"},
         name="spring",
     )
-    for path in written(system, tmp_path).values():
+    for path in written(system, tmp_path, "energy").values():
         described = fmpy.read_model_description(str(path))
+        about = {one.name: one.description for one in described.modelVariables}
+        assert (about["x"], about["x_dot"], about["m"]) == ("coordinate", "velocity of x", "parameter")
         assert {one.name: one.unit for one in described.modelVariables if one.unit and one.name != "time"} == {
             "x": "m",
             "x_dot": "m/s",
+            "der(x)": "m/s",
+            "der(x_dot)": "m/s2",
+            "energy": "J",
             "m": "kg",
             "k": "N/m",
         }
@@ -273,7 +278,7 @@ def test_without_a_compiler_there_is_no_library(tmp_path: Path, monkeypatch: pyt
 def test_a_compiler_that_fails_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(target, "COMPILER", ("cc", "--no-such-option"))
     with pytest.raises(
-        LagrangeError, match=r"cc --no-such-option -o library fmi-2\.c pendulum\.c -lm failed: .*no-such"
+        LagrangeError, match=r"cc --no-such-option -o library fmi-functions\.c pendulum\.c -lm failed: .*no-such"
     ):
         lg.scene("pendulum").export("fmu", tmp_path)
     assert subprocess.run(["ls", str(tmp_path)], capture_output=True, text=True, check=True).stdout == ""

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from lagrange.export.languages.modelica import Hoisted, functions
+from lagrange.export.languages.modelica import LANGUAGE, function_lines
+from lagrange.export.straight_line import Functions
 from tests.covering import Share
 from tests.export.graphs import as_module, graph, points, wrong
 from tests.export.modelica_reader import Failed, Machine
@@ -21,12 +22,13 @@ CONTENTS = ("rhs", "energy", "jacobian", "mass_matrix", "momenta", "acceleration
 
 
 def exported(system: lg.System, folder: Path, *contents: str) -> Machine:
-    package, script = system.export("modelica", folder, contents or None).files
-    text = package.read_text()
-    assert text.isascii() and text.endswith(";\n")
-    assert all(len(line) <= 130 or line.lstrip().startswith("//") for line in text.splitlines())
-    assert f'loadFile("{package.name}");' in script.read_text()
-    return Machine(text)
+    *packages, script = system.export("modelica", folder, contents or None).files
+    texts = [package.read_text() for package in packages]
+    for package, text in zip(packages, texts, strict=True):
+        assert text.isascii() and text.endswith(";\n")
+        assert all(len(line) <= 130 or line.lstrip().startswith("//") for line in text.splitlines())
+        assert f'loadFile("{package.name}");' in script.read_text()
+    return Machine(*texts)
 
 
 @pytest.mark.parametrize("scene", every_scene("double-pendulum", "cartesian-pendulum"))
@@ -60,8 +62,8 @@ def test_a_scene_conforms(scene: str, tmp_path: Path) -> None:
 
 def test_a_wrong_number_fails_the_self_test(tmp_path: Path) -> None:
     lg.scene("pendulum").export("modelica", tmp_path)
-    text = (tmp_path / "pendulum.mo").read_text()
-    right, off = Machine(text), Machine(text.replace("out[2] := ", "out[2] := 1.00000000001 * ", 1))
+    text, test = ((tmp_path / f"pendulum{end}.mo").read_text() for end in ("", "_test"))
+    right, off = Machine(text, test), Machine(text.replace("out[2] := ", "out[2] := 1.00000000001 * ", 1), test)
     (condition, body) = off.reader.models["Test"]["equations"]
     assert condition == ("call", "initial", [])
     right.run(body, {".": "", "failures": None})
@@ -73,7 +75,7 @@ def test_a_wrong_number_fails_the_self_test(tmp_path: Path) -> None:
 def test_random_graphs(share: Share) -> None:
     programs = [graph(seed) for seed in range(share(60))]
     module = as_module(programs)
-    lines = functions(module, Hoisted(programs, 0))
+    lines = function_lines(Functions(module, LANGUAGE, statuses=False))
     machine = Machine("\n".join(["package graphs", *lines, "end graphs;"]))
     p = machine.call("Functions.prepare", np.zeros(0))
     for k, one in enumerate(programs):
@@ -125,24 +127,11 @@ def test_a_singular_matrix_is_an_assertion(stated: Callable[[], lg.System], tmp_
             machine.call(f"Functions.{name}", 0.0, np.array([0.0, 0.0, 0.5, 0.1]), p)
 
 
-def test_rows_are_exchanged(tmp_path: Path) -> None:
-    machine = exported(lg.scene("double-pendulum"), tmp_path)
-    rng = np.random.default_rng(3)
-    for n in (1, 2, 3, 5, 8) * 4:
-        matrix = rng.normal(size=(n, n))
-        matrix = matrix + matrix.T - np.diag(np.diagonal(matrix)) * 2.0 * (n > 1)  # nothing on the diagonal
-        units = 10.0 ** rng.integers(-4, 5, size=n)
-        wanted, scaled = rng.normal(size=n) / units, units[:, None] * matrix * units
-        factors = machine.call("Functions.factored", n, scaled[np.tril_indices(n)])
-        found = machine.call("Functions.solved", n, factors, scaled @ wanted)
-        assert found * units == pytest.approx(wanted * units, rel=1e-9, abs=1e-9)
-
-
 def test_a_grammar_of_another_reads_the_package(tmp_path: Path) -> None:
     parser: Any = pytest.importorskip("pymoca.parser", reason="pymoca is not installed")
     exported(lg.scene("cartesian-pendulum"), tmp_path, *CONTENTS, "multipliers")
     tree = parser.parse((tmp_path / "cartesian_pendulum.mo").read_text())
-    assert set(tree.classes["cartesian_pendulum"].classes) >= {"Functions", "Motion", "Test", "test_rhs"}
+    assert set(tree.classes["cartesian_pendulum"].classes) >= {"Functions", "Motion"}
 
 
 @pytest.mark.parametrize(

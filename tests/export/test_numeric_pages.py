@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 import lagrange as lg
-from tests.export.callers import run
+from tests.export.callers import run, section
 
-PAGES = Path(__file__).resolve().parents[2] / "docs" / "export"
 FILES = {"fortran": ("gfortran", "program.f90"), "octave": ("octave-cli", "program.m")}
 CASES = [
     pytest.param(name, marks=pytest.mark.skipif(shutil.which(tool) is None, reason=f"{tool} is not installed"))
@@ -20,7 +19,7 @@ CASES = [
 
 @pytest.mark.parametrize("target", CASES)
 def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
-    page = (PAGES / f"{target}.md").read_text("utf-8")
+    page = section(target.capitalize())
     program, _, behind = page.partition(f"```{target}\n")[2].partition("```")
     (tmp_path / FILES[target][1]).write_text(program)
     system = lg.scene("double-pendulum")
@@ -40,6 +39,6 @@ def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("target", ["fortran", "octave", "julia"])
 def test_the_commands_on_the_page_are_those_of_the_target(target: str, tmp_path: Path) -> None:
-    page = (PAGES / f"{target}.md").read_text("utf-8")
+    page = section(target.capitalize())
     made = lg.scene("double-pendulum").export(target, tmp_path, ["rhs"])
     assert " && ".join(made.commands) in page

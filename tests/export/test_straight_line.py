@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 
 from lagrange.errors import StatementError
-from lagrange.export.languages import casadi, jax
-from lagrange.export.languages.straight_line import LITERALS, STRUCTURE, StraightLinePrinter
+from lagrange.export.languages import casadi, fortran, jax, julia, modelica, octave, rust
+from lagrange.export.straight_line import STRUCTURE, Language, StraightLinePrinter
+from lagrange.export.traced import LITERALS
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_text import FLAG_OPERATIONS
 from lagrange.machine.python_source import defined
@@ -112,13 +113,22 @@ def test_every_regular_matrix_is_solved(package: str, everything: bool) -> None:
         assert off.max() < 1e-14, n  # elimination is off by some roundings for each unknown
 
 
-@pytest.mark.parametrize("table", [jax.OPERATIONS, casadi.OPERATIONS, sympy_recipe.OPERATIONS], ids=["jax", "ca", "sp"])
-def test_every_table_is_complete(table: dict[str, Any]) -> None:
-    assert set(table) == set(MATHEMATICS)
+LANGUAGES = (
+    *(jax.LIBRARY.language, casadi.LIBRARY.language, fortran.LANGUAGE, julia.LANGUAGE, modelica.LANGUAGE),
+    *(octave.LANGUAGE, rust.LANGUAGE),
+)
+
+
+@pytest.mark.parametrize("language", LANGUAGES, ids=[one.name for one in LANGUAGES])
+def test_every_table_is_complete(language: Language) -> None:
+    lacks = {"erf"} if language.name in ("Julia", "Rust") else set()
+    assert set(language.operations) - {"log1p"} == set(MATHEMATICS) - lacks
+    assert set(sympy_recipe.OPERATIONS) == set(MATHEMATICS)
 
 
 def test_mathematics_that_a_library_does_not_have_is_refused_by_name() -> None:
-    poorer = replace(casadi.LIBRARY, operations={op: one for op, one in casadi.OPERATIONS.items() if op != "erf"})
+    fewer = {op: one for op, one in casadi.OPERATIONS.items() if op != "erf"}
+    poorer = replace(casadi.LIBRARY.language, operations=fewer)
     with pytest.raises(StatementError, match="f contains erf, which CasADi does not have: state the system without it"):
         StraightLinePrinter(operations(["erf"], 1), poorer)
 

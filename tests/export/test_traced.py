@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 
 import lagrange as lg
-from tests.export.callers import run
+from tests.export.callers import run, section
 from tests.export.systems import held
 from tests.export.test_modules import coupled
 
 QUANTITIES = ("rhs", "energy", "jacobian", "mass_matrix", "momenta", "accelerations")
 STRICT = "python -W error"
-PAGES = Path(__file__).resolve().parents[2] / "docs" / "export"
 
 TARGETS = [
     pytest.param(
@@ -30,12 +29,11 @@ every_target = pytest.mark.parametrize("target", TARGETS)
 def printed(system: lg.System, target: str, contents: list[str], folder: Path) -> str:
     """Export a system, and return what its test prints."""
     made = system.export(target, folder, contents)
-    (file,) = made.files
-    text = file.read_text()
-    assert text.isascii() and text.endswith("\n") and not text.endswith("\n\n")
-    assert all(line == line.rstrip() for line in text.splitlines())
+    for text in (file.read_text() for file in made.files):
+        assert text.isascii() and text.endswith("\n") and not text.endswith("\n\n")
+        assert all(line == line.rstrip() for line in text.splitlines())
     (command,) = made.commands
-    assert command == f"python {file.name}"
+    assert command == f"python {made.files[1].name}"
     assert made.run_commands == ()
     return run(command.replace("python", STRICT), folder)
 
@@ -58,12 +56,13 @@ def test_every_scene_conforms(target: str, scene: str, tmp_path: Path) -> None:
 
 @every_target
 def test_wrong_numbers_and_singular_matrices_fail_the_self_test(target: str, tmp_path: Path) -> None:
-    (file,) = coupled().export(target, tmp_path, ["rhs"]).files
-    text, state, result = file.read_text(), "[1.0, 0.0, 0.0, 0.5],", "results = [y2, "
-    assert state in text and result in text
-    file.write_text(text.replace(state, "[0.0, 0.0, 0.5, 0.1],").replace(result, "results = [y2 + 1e-9, "))
+    file, test = coupled().export(target, tmp_path, ["rhs"]).files
+    state, result = "            1.0, 0.0, 0.0, 0.5,", "results = [y2, "
+    assert state in test.read_text() and result in file.read_text()
+    test.write_text(test.read_text().replace(state, "            0.0, 0.0, 0.5, 0.1,"))
+    file.write_text(file.read_text().replace(result, "results = [y2 + 1e-9, "))
     with pytest.raises(AssertionError, match="coupled: 15 of 24 results are right") as caught:
-        run(f"python {file.name}", tmp_path)
+        run(f"python {test.name}", tmp_path)
     said = str(caught.value)
     assert said.count("a matrix is singular") == 1
     assert len(re.findall(r"rhs, state \d, result 0: \S+ instead of", said)) == 5
@@ -75,13 +74,13 @@ def test_events_are_exported_and_steps_are_refused(target: str, tmp_path: Path) 
     theta = system.statement.coordinates[0]
     with pytest.raises(lg.StatementError, match=f"target '{target}' has no rk4: leave it out of contents"):
         system.export(target, tmp_path, ["rk4"])
-    (file,) = system.export(target, tmp_path, events=[theta.dot]).files
-    assert run(f"{STRICT} {file.name}", tmp_path).endswith("pendulum: 24 of 24 results are right\n")
+    _, test = system.export(target, tmp_path, events=[theta.dot]).files
+    assert run(f"{STRICT} {test.name}", tmp_path).endswith("pendulum: 24 of 24 results are right\n")
 
 
 @every_target
 def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
-    program = (PAGES / f"{target}.md").read_text("utf-8").split("```python\n")[2].partition("```")[0]
+    program = section({"jax": "JAX", "casadi": "CasADi"}[target]).split("```python\n")[2].partition("```")[0]
     (tmp_path / "program.py").write_text(program)
     system = lg.scene("double-pendulum")
     system.export(target, tmp_path, ["rhs", "energy"])

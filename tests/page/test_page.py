@@ -59,7 +59,7 @@ def test_a_double_pendulum_takes_less_than_200_kb_and_nothing_from_elsewhere(tmp
 @pytest.mark.parametrize("scene", ["double-pendulum", "four-bar", "two-point-vortices"])
 def test_the_page_has_the_exported_bytes(scene: str, tmp_path: Path) -> None:
     system = shared_scene(scene)
-    (file,) = system.export("javascript", tmp_path, contents(system.statement)).files
+    file, _ = system.export("javascript", tmp_path, contents(system.statement)).files
     page = system.to_page(tmp_path / "page.html")
     module = parts(page)[0][2]
     assert module.startswith(file.read_text())

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from importlib.metadata import version
 from xml.sax.saxutils import quoteattr
 
 from lagrange.export.descriptions import run_of
 from lagrange.export.fmu.variables import DERIVATIVE, INDICATOR, INPUT, PARAMETER, RESULT, STATE, Variable, variables
 from lagrange.export.module import SourceModule
+from lagrange.export.statement_lines import generator
 
 CAUSALITY = {
     STATE: ("output", "continuous", "exact"),
@@ -44,11 +44,6 @@ def element(name: str, attributes: Mapping[str, object], inside: Sequence[str] =
     yield f"</{name}>"
 
 
-def tool() -> str:
-    """Return the name of what made the file."""
-    return f"lagrange {version('lagrange-mechanics')}"
-
-
 def text_of(lines: Sequence[str]) -> str:
     """Return a document in ASCII: other characters by number."""
     return "\n".join([TITLE, *lines, ""]).encode("ascii", "xmlcharrefreplace").decode("ascii")
@@ -61,7 +56,7 @@ def _head(module: SourceModule, fmi: str, token: tuple[str, str]) -> dict[str, o
         "modelName": module.name,
         token[0]: token[1],
         "description": about,
-        "generationTool": tool(),
+        "generationTool": generator(),
         "variableNamingConvention": "flat",
     }
 
@@ -113,7 +108,7 @@ def fmi2_description(module: SourceModule, token: str) -> str:
     found = variables(module)
     index = {one.reference: k for k, one in enumerate(found, 1)}
     files = [
-        line for name in ("fmi-2.c", f"{module.name}.c") for line in element("File", {"name": name})
+        line for name in ("fmi-functions.c", f"{module.name}.c") for line in element("File", {"name": name})
     ]  # fmt: skip
     can = {
         "modelIdentifier": module.name,
@@ -191,7 +186,7 @@ def fmi3_description(module: SourceModule, token: str) -> str:
 
 def build_description(module: SourceModule) -> str:
     """Return sources/buildDescription.xml of FMI 3.0: how the sources are compiled."""
-    files = [line for name in ("fmi-3.c", f"{module.name}.c") for line in element("SourceFile", {"name": name})]
+    files = [line for name in ("fmi-functions.c", f"{module.name}.c") for line in element("SourceFile", {"name": name})]
     inside = [*element("SourceFileSet", {"language": "C99"}, files), *element("Library", {"name": "m"})]
     configuration = list(element("BuildConfiguration", {"modelIdentifier": module.name}, inside))
     return text_of(list(element("fmiBuildDescription", {"fmiVersion": "3.0"}, configuration)))

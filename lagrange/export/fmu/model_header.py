@@ -4,15 +4,14 @@ from __future__ import annotations
 
 from lagrange.export.descriptions import OUTCOMES, run_of
 from lagrange.export.fmu.variables import places
-from lagrange.export.languages.c import statement_comment
-from lagrange.export.languages.c_programs import numbers
-from lagrange.export.languages.c_spelling import LITERALS
+from lagrange.export.languages.c import numbers, statement_comment
+from lagrange.export.languages.c_printer import LITERALS
 from lagrange.export.lines import continued
 from lagrange.export.module import SourceModule
 
 
-def model_header(module: SourceModule, token: str) -> str:
-    """Return the header: sizes, functions, and the initial state."""
+def model_header(module: SourceModule, token: str, version: int) -> str:
+    """Return the header: the version of the standard, sizes, functions, and the initial state."""
     asked = run_of(module)
     assert asked is not None  # an FMU always has a run
     run, integrator = asked
@@ -44,6 +43,7 @@ def model_header(module: SourceModule, token: str) -> str:
         "",
         f'#include "{name}.h"',
         "",
+        f"#define FMI_VERSION {version}",
         *(f"#define Model_{key} {value}" for key, value in sizes.items()),
         "",
         "/* A function of time, state and prepared numbers, and the place of its first result. */",

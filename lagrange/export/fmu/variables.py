@@ -48,14 +48,15 @@ def variables(module: SourceModule) -> list[Variable]:
     exported_run = run_of(module)
     assert exported_run is not None  # an FMU always has a run
     initial = exported_run[0].initial
-    first = [
-        Variable(named(name), 1 + k, STATE, unit=module.units.get(name, ""), start=initial[k])
-        for k, name in enumerate(module.state)
-    ]
+    half, first = len(module.state) // 2, []
+    for k, name in enumerate(module.state):
+        about = f"velocity of {module.state[k - half]}" if k >= half else "coordinate"
+        first.append(Variable(named(name), 1 + k, STATE, about, module.units.get(name, ""), initial[k]))
     for k, name in enumerate(module.parameters, 1 + len(module.state)):
         value = module.values[k - 1 - len(module.state)]
         kind = INPUT if name in module.inputs else PARAMETER
-        first.append(Variable(named(name), k, kind, unit=module.units.get(name, ""), start=value))
+        about = "input: may change at any time" if kind == INPUT else "parameter"
+        first.append(Variable(named(name), k, kind, about, module.units.get(name, ""), value))
     return [*first, *_results(module, named)]
 
 
@@ -66,10 +67,21 @@ def _results(module: SourceModule, named: Callable[[str], str]) -> Iterator[Vari
         for k, name in enumerate(one.results):
             reference = first[one.name] + k
             if one.name == "rhs":
-                yield Variable(named(f"der({module.state[k]})"), reference, DERIVATIVE, of=1 + k)
+                state = module.state[k]
+                about = f"time derivative of {state}"
+                yield Variable(named(f"der({state})"), reference, DERIVATIVE, about, _rate_unit(module, k), of=1 + k)
             elif one.name not in HIDDEN:
                 kind = INDICATOR if one.name == "events" else RESULT
-                yield Variable(named(name), reference, kind, one.about)
+                yield Variable(named(name), reference, kind, one.about, one.unit)
+
+
+def _rate_unit(module: SourceModule, k: int) -> str:
+    """Return the unit of the derivative of an entry of the state, or "" if it is not stated."""
+    half = len(module.state) // 2
+    if k < half:
+        return module.units.get(module.state[k + half], "")
+    unit, time = module.units.get(module.state[k - half], ""), module.units.get("t", "")
+    return f"{unit}/{time}2" if unit and time.isalpha() else ""
 
 
 def _namer() -> Callable[[str], str]:

@@ -5,16 +5,18 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping, Sequence
 
-from lagrange.export.languages.straight_line import (
+from lagrange.export.module import SourceModule
+from lagrange.export.target import Target, register
+from lagrange.export.traced import (
     ELIMINATION,
     OPERATORS,
     Library,
-    StraightLinePrinter,
     described,
-    straight_line_module,
+    function_body,
+    language,
+    module_files,
+    script,
 )
-from lagrange.export.module import SourceModule
-from lagrange.export.target import Target, register
 from lagrange.procedure.spelling import Operator, call
 from lagrange.program.program import Program
 from lagrange.statement.elementary import ELEMENTARY
@@ -69,7 +71,7 @@ def _solved(factors, *right):
     return [unit * x for unit, x in zip(units, _substituted(eliminated, scaled))]
 """
 
-LIBRARY = Library("CasADi", "import casadi as ca", OPERATIONS, HELPERS, SYSTEMS)
+LIBRARY = Library(language("CasADi", OPERATIONS, HELPERS), "import casadi as ca", SYSTEMS)
 
 
 @register
@@ -81,12 +83,12 @@ class CasADi(Target):
     contents = frozenset()
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the module, which tests itself when it is run."""
-        return {f"{module.name}_casadi.py": straight_line_module(module, LIBRARY, "", functions, USE, EVALUATED)}
+        """Return the module, and that of its test."""
+        return module_files(module, LIBRARY, "casadi", "", functions, USE, script(EVALUATED))
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return the shell line that runs the test."""
-        return [f"python {module.name}_casadi.py"]
+        return [f"python {module.name}_casadi_test.py"]
 
 
 USE = """\
@@ -96,11 +98,14 @@ it is singular and 0 elsewhere. Given numbers for p and symbols for y, a functio
 computed that depends on p alone."""
 
 EVALUATED = '''\
-def _evaluated(make, times, states):
-    """Return the results at some states, a list for each, and whether a matrix is singular there."""
+
+
+def evaluated(make, times, states):
+    """Yield the results at some states, a list for each, and whether a matrix is singular there."""
     function = make()
-    found = [function(t, y, DEFAULT_PARAMETERS) for t, y in zip(times, states)]
-    return [result.T.elements() for result, _ in found], [float(singular) != 0.0 for _, singular in found]'''
+    for t, y in zip(times, states):
+        result, singular = function(t, y, model.DEFAULT_PARAMETERS)
+        yield result.T.elements(), float(singular) != 0.0'''
 
 
 def source(program: Program, name: str, about: Sequence[str] = ()) -> str:
@@ -126,8 +131,8 @@ mass matrix is singular; {name}_checked() makes one with a second result, 1 wher
 
 def functions(program: Program, name: str) -> str:
     """Return the text of `name` and `name_checked`."""
-    printer = StraightLinePrinter(program, LIBRARY)
-    body = textwrap.indent("\n".join(printer.body()), "    ")
+    lines, singular = function_body(program, LIBRARY)
+    body = textwrap.indent("\n".join(lines), "    ")
     results = "ca.vertcat(*results)"
     if len(program.shape) > 1:
         rows, columns = program.shape
@@ -138,7 +143,7 @@ def {name}_checked(kind=ca.SX):
     inputs = t, *vectors = kind.sym("t"), kind.sym("y", {program.states}), kind.sym("p", {program.parameters})
     y, p = map(ca.vertsplit, vectors)
 {body}
-    result, singular = kind({results}), kind({printer.status()})
+    result, singular = kind({results}), kind({singular})
     return ca.Function("{name}_checked", list(inputs), [result, singular], ["t", "y", "p"], ["{name}", "singular"])
 
 

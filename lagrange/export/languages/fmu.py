@@ -18,9 +18,8 @@ from pathlib import Path
 from lagrange.errors import LagrangeError
 from lagrange.export.fmu.description import build_description, fmi2_description, fmi3_description
 from lagrange.export.fmu.model_header import model_header
-from lagrange.export.languages.c import header, source
+from lagrange.export.languages.c import compiled, header, programs, source
 from lagrange.export.module import SourceModule
-from lagrange.export.programs import compiled
 from lagrange.export.target import Target, register
 
 DATE = (1980, 1, 1, 0, 0, 0)
@@ -57,8 +56,7 @@ class Fmu(Target):
 def _commands(module: SourceModule, program: str) -> list[str]:
     """Return shell lines that compile and run a program in the sources of the FMU of FMI 3.0."""
     unpacked = f"{module.name}_fmi3"
-    source = f"{unpacked}/sources/{module.name}.c -lm"
-    return [f"python3 -m zipfile -e {unpacked}.fmu {unpacked}", *compiled(module, program, "cc -std=c99 -O2", source)]
+    return [f"python3 -m zipfile -e {unpacked}.fmu {unpacked}", *compiled(module, program, f"{unpacked}/sources/")]
 
 
 def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
@@ -67,19 +65,19 @@ def contents(module: SourceModule, major: int) -> dict[str, str | bytes]:
     own = {
         f"{module.name}.h": header(module),
         f"{module.name}.c": source(module),
-        **{name: inside.joinpath(name).read_text("ascii") for name in ("fmi-instance.h", f"fmi-{major}.c")},
+        **{name: inside.joinpath(name).read_text("ascii") for name in ("fmi-instance.h", "fmi-functions.c")},
     }
     digest = hashlib.sha256("".join([*module.statement, *own.values()]).encode()).hexdigest()
     token = f"{{{uuid.UUID(digest[:32])}}}"
-    own["fmi-model.h"] = model_header(module, token)
+    own["fmi-model.h"] = model_header(module, token, major)
     described = fmi2_description(module, token) if major == 2 else fmi3_description(module, token)
     found: dict[str, str | bytes] = {"modelDescription.xml": described}
-    found |= {f"sources/{name}": text for name, text in own.items()}
+    found |= {f"sources/{name}": text for name, text in (own | programs(module)).items()}
     if major == 3:
         found["sources/buildDescription.xml"] = build_description(module)
     where = binary_path(module.name, major)
     if where and shutil.which(COMPILER[0]):
-        found[where] = library(module.name, own, major)
+        found[where] = library(module.name, own)
     return found
 
 
@@ -95,13 +93,13 @@ def binary_path(name: str, major: int) -> str | None:
     return f"binaries/{system}64/{name}.{suffix}" if architecture == "x86_64" or system == "darwin" else None
 
 
-def library(name: str, sources: Mapping[str, str], major: int) -> bytes:
+def library(name: str, sources: Mapping[str, str]) -> bytes:
     """Return the shared library of some sources. Raises LagrangeError where the compiler fails."""
     with tempfile.TemporaryDirectory() as given:
         folder = Path(given)
         for file, text in sources.items():
             folder.joinpath(file).write_text(text, "ascii")
-        command = [*COMPILER, "-o", "library", f"fmi-{major}.c", f"{name}.c", "-lm"]
+        command = [*COMPILER, "-o", "library", "fmi-functions.c", f"{name}.c", "-lm"]
         done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
         if done.returncode:
             raise LagrangeError(f"{' '.join(command)} failed: {done.stderr.strip()}")

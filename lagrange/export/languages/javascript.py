@@ -7,22 +7,27 @@ from collections.abc import Iterator, Mapping
 
 from lagrange.export.comments import commented
 from lagrange.export.descriptions import (
-    TEST,
     about_of,
     columns,
+    indices,
     lengths,
-    outcomes,
+    outcome_codes,
     places,
     sizes,
     statement_comment,
     statuses,
 )
-from lagrange.export.languages.javascript_printer import File, function
-from lagrange.export.languages.javascript_spelling import LITERALS, helper_lines
+from lagrange.export.languages.javascript_printer import (
+    LITERALS,
+    File,
+    Shifted,
+    function,
+    helper_lines,
+    shifted_parameters,
+)
 from lagrange.export.lines import continued
-from lagrange.export.module import Check, SourceModule, StepCheck
-from lagrange.export.offsets import Shifted, shifted_parameters
-from lagrange.export.programs import arguments_in_test, main_fields, tables
+from lagrange.export.module import SourceModule
+from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register
 from lagrange.procedure.form import Procedure
 
@@ -36,22 +41,20 @@ class JavaScript(Target):
     inexpressible = frozenset(("erf",))
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the module; the test and the run are functions of it."""
-        return {f"{module.name}.mjs": source(module)}
+        """Return the module, and the programs that test it and run the initial state."""
+        found = {f"{module.name}.mjs": source(module), f"{module.name}_test.mjs": test_text(module, SCRIPT)}
+        if module.run is not None:
+            text = main_text(module, SCRIPT, head=json.dumps(columns(module))).splitlines()
+            found[f"{module.name}_main.mjs"] = "\n".join([*(part for line in text for part in continued(line)), ""])
+        return found
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return the shell line that runs the test."""
-        return [_node(module, "test", "")]
+        return [f"node {module.name}_test.mjs"]
 
     def run_commands(self, module: SourceModule) -> list[str]:
         """Return the shell line that runs `main`."""
-        return [_node(module, "main", "process.argv.slice(1)")]
-
-
-def _node(module: SourceModule, function: str, given: str) -> str:
-    """Return a shell line that calls a function of the module and ends with its status."""
-    script = f'import {{ {function} }} from "./{module.name}.mjs"; process.exitCode = {function}({given});'
-    return f"node --input-type=module -e '{script}'"
+        return [f"node {module.name}_main.mjs"]
 
 
 def source(module: SourceModule) -> str:
@@ -77,8 +80,6 @@ def source(module: SourceModule) -> str:
         *helper_lines(file.needed),
         *(["// Local arrays and records: calls make none.", *_memory(file), ""] if file.memory else []),
         *functions,
-        *test(module),
-        *run(module),
     ]
     return "\n".join(lines).rstrip("\n") + "\n"
 
@@ -115,6 +116,7 @@ def constants(module: SourceModule) -> Iterator[str]:
     yield from commented(places("parameters", module.parameters), "//")
     for name, names in (("state_names", module.state), ("parameter_names", module.parameters)):
         yield from continued(f"export const {name} = Object.freeze({json.dumps(list(names))});")
+    yield from (f"export const {name} = {k};" for name, k in indices(module))
     values = ", ".join(map(LITERALS.real, module.values))
     yield from continued(f"export const default_parameters = Object.freeze([{values}]);")
     yield ""
@@ -124,7 +126,9 @@ def constants(module: SourceModule) -> Iterator[str]:
         "//",
     )
     if module.integrators:
-        yield from commented(outcomes(), "//")
+        yield "// The codes that integrators return:"
+        codes = (f"    {name}: {code}, // {text}" for name, code, text in outcome_codes())
+        yield from ("export const OUTCOMES = Object.freeze({", *codes, "});")
     for procedure in module.public:
         yield from commented(f"{_call(procedure)}: {about_of(module, procedure)}", "//")
 
@@ -133,88 +137,71 @@ def _call(procedure: Procedure) -> str:
     return f"{procedure.name}({', '.join(one.name for one in procedure.parameters)})"
 
 
-# --- the test
+# --- the programs
 
-COMPARE = """\
-    const p = new Float64Array(PREPARED);
-    let checked = 0;
-    let failures = 0;
-    const compare = (name, state, found, wanted, allowed) => {
-        wanted.forEach((value, i) => {
-            if (!(Math.abs(found[i] - value) <= allowed[i])) {
-                print(`${name}, state ${state}, result ${i}: ${found[i]} instead of ${value}`);
-                failures += 1;
-            }
-        });
-    };
-    const quantity = (name, evaluate, times, states, wanted, allowed) => {
-        const count = wanted.length / times.length;
-        times.forEach((t, k) => {
-            const y = Float64Array.from(states.slice(STATE * k, STATE * (k + 1)));
-            const out = new Float64Array(count);
-            checked += count;
-            if (evaluate(t, y, p, out)) {
-                print(`${name}, state ${k}: a matrix is singular`);
-                failures += count;
-            } else {
-                const row = [count * k, count * (k + 1)];
-                compare(name, k, out, wanted.slice(...row), allowed.slice(...row));
-            }
-        });
-    };
-    const integrator = (name, run, state, wanted, allowed) => {
-        const y = Float64Array.from(state);
-        const outcome = run(y);
-        checked += STATE;
-        if (outcome !== 0) {
-            print(`${name}: outcome ${outcome}`);
-            failures += STATE;
-        } else {
-            compare(name, 0, y, wanted, allowed);
-        }
-    };
-    if (prepare(default_parameters, p)) {
-        print("prepare: a matrix is singular");
-        failures += 1;
-    }
-"""
+SCRIPT = Script(
+    comment=marked("//"),
+    head="""\
+import * as model from "./{module}.mjs";
 
+const p = new Float64Array(model.PREPARED);
+let failures = 0;
+const fail = (text, count) => {{
+    console.log(text);
+    failures += count;
+}};
+const compare = (name, state, found, expected, allowed) => {{
+    expected.forEach((value, i) => {{
+        if (!(Math.abs(found[i] - value) <= allowed[i])) {{
+            fail(`${{name}}, state ${{state}}, result ${{i}}: ${{found[i]}} instead of ${{value}}`, 1);
+        }}
+    }});
+}};
+const quantity = (name, evaluate, times, states, expected, allowed) => {{
+    const count = expected.length / times.length;
+    times.forEach((t, k) => {{
+        const y = Float64Array.from(states.slice({states} * k, {states} * (k + 1)));
+        const out = new Float64Array(count);
+        const row = [count * k, count * (k + 1)];
+        if (evaluate(t, y, p, out)) {{
+            fail(`${{name}}, state ${{k}}: a matrix is singular`, count);
+        }} else {{
+            compare(name, k, out, expected.slice(...row), allowed.slice(...row));
+        }}
+    }});
+}};
+const integrator = (name, run, state, expected, allowed) => {{
+    const y = Float64Array.from(state);
+    const outcome = run(y);
+    if (outcome !== 0) {{
+        fail(`${{name}}: outcome ${{outcome}}`, {states});
+    }} else {{
+        compare(name, 0, y, expected, allowed);
+    }}
+}};
 
-def test(module: SourceModule) -> Iterator[str]:
-    """Yield the test: a function that compares results with those of multiple precision."""
-    yield from commented(f"{TEST} Failures are printed; returns 0 if all are right, else 1.", "//")
-    yield "export function test(print = console.log) {"
-    yield COMPARE.rstrip("\n")
-    for check in module.checks:
-        yield from _quantity_test(check)
-    for step in module.step_checks:
-        yield from _integrator_test(module, step)
-    yield f"    print(`{module.name}: ${{checked - failures}} of ${{checked}} results are right`);"
-    yield "    return failures === 0 ? 0 : 1;"
-    yield "}"
+if (model.prepare(model.default_parameters, p)) {{
+    fail("prepare: a matrix is singular", 1);
+}}
+""",
+    quantity="quantity(\n    {quoted},\n    model.{name},\n{tables});\n",
+    integrator="integrator(\n    {quoted},\n    (y) => model.{name}({arguments}),\n{tables});\n",
+    time="[{0}]",
+    table="    [\n{numbers},\n    ],\n",
+    tail="""\
+console.log(`{module}: ${{{count} - failures}} of {count} results are right`);
+process.exitCode = failures === 0 ? 0 : 1;
+""",
+    literals=LITERALS,
+    main="""\
+import * as model from "./{module}.mjs";
 
-
-def _quantity_test(check: Check) -> Iterator[str]:
-    yield f'    quantity("{check.name}", {check.name},'
-    yield from tables(check.flat, LITERALS)
-    yield "    );"
-
-
-def _integrator_test(module: SourceModule, check: StepCheck) -> Iterator[str]:
-    given = arguments_in_test(module, check, LITERALS, "[{0}]")
-    yield f'    integrator("{check.name}", (y) => {check.name}({given}),'
-    yield from tables((check.state, check.result, check.allowed), LITERALS)
-    yield "    );"
-
-
-# --- the run of the initial state
-
-MAIN = """\
-export function main(words = [], print = console.log) {{
-    const outcomes = [
+const outcomes = [
 {outcomes}
-    ];
-    const p = new Float64Array(PREPARED);
+];
+
+function main(words) {{
+    const p = new Float64Array(model.PREPARED);
     const t = new Float64Array(1);
     const y = Float64Array.of({initial});
     const t_end = words.length > 0 ? Number(words[0]) : {t_end};
@@ -223,34 +210,23 @@ export function main(words = [], print = console.log) {{
         console.error("give t_end, a number, and intervals, a whole number from 1");
         return 2;
     }}
-    if (prepare(default_parameters, p)) {{
+    if (model.prepare(model.default_parameters, p)) {{
         console.error("prepare: a matrix is singular");
         return 1;
     }}
-    print({columns});
+    console.log({head});
     for (let k = 0; k <= intervals; k++) {{
         const end = k === intervals ? t_end : (t_end * k) / intervals;
-        const outcome = {method}(t, end, y, p, {rtol}, {rtol}, {steps});
+        const outcome = model.{method}(t, end, y, p, {rtol}, {rtol}, {steps});
         if (outcome !== 0) {{
             console.error(`the run stopped at t = ${{t[0]}}: ${{outcomes[outcome]}}`);
             return 1;
         }}
-        print([t[0], ...y].join(","));
+        console.log([t[0], ...y].join(","));
     }}
     return 0;
-}}"""
+}}
 
-
-def run(module: SourceModule) -> Iterator[str]:
-    """Yield a function that integrates the initial state and writes a table."""
-    fields = main_fields(module, LITERALS)
-    if fields is None:
-        return
-    yield ""
-    yield from commented(
-        "Integrate the initial state and print a table with commas; words may be [t_end, intervals]. Returns 0, or 1 "
-        "where the run stopped.",
-        "//",
-    )
-    for line in MAIN.format(**fields, columns=json.dumps(columns(module))).splitlines():
-        yield from continued(line)
+process.exitCode = main(process.argv.slice(2));
+""",
+)

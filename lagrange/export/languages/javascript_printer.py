@@ -6,17 +6,158 @@ where it begins.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
+from typing import NamedTuple
 
 from lagrange.export.braced import BracedPrinter
 from lagrange.export.comments import commented
-from lagrange.export.languages.javascript_spelling import FUNCTIONS, HELPERS, LITERALS, OPERATORS, RESERVED
-from lagrange.export.offset_printer import OffsetPrinter, Place
-from lagrange.export.offsets import Shifted
-from lagrange.procedure.form import FLAG, Array, Call, Kind, Let, Procedure, Record
+from lagrange.export.languages.c_printer import OPERATORS as C_OPERATORS
+from lagrange.procedure.form import FLAG, WHOLE, Array, Block, Call, Kind, Let, Part, Procedure, Record, calls, inner
 from lagrange.procedure.source_printer import results_of
-from lagrange.procedure.spelling import ATOM
+from lagrange.procedure.spelling import ATOM, Literals, Operator
+
+OPERATORS: Mapping[str, Operator] = {
+    **C_OPERATORS,
+    "equal": C_OPERATORS["equal"]._replace(text="{0} === {1}"),
+    "quotient": Operator(ATOM, "Math.trunc({0} / {1})", C_OPERATORS["div"].operands),
+}
+
+LITERALS = Literals("Infinity", "NaN")
+
+_MATH = (
+    *("abs", "sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "exp", "log"),
+    *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "min", "max", "sign"),
+)
+FUNCTIONS: Mapping[str, str] = {name: f"Math.{name}" for name in _MATH}
+"""Functions of the language: what has no value is NaN or infinite."""
+
+_BITS = "const bits = new DataView(new ArrayBuffer(8));"
+
+HELPERS: Mapping[str, tuple[str, tuple[str, ...]]] = {
+    "power": (
+        "power",
+        (
+            "// Math.pow(1, NaN) and Math.pow(-1, Infinity) are NaN: here they are 1, as in C.",
+            "function power(x, y) {",
+            "    return x === 1 || (x === -1 && Math.abs(y) === Infinity) ? 1 : Math.pow(x, y);",
+            "}",
+        ),
+    ),
+    "magnitude": (
+        "magnitude",
+        ("function magnitude(a, b) {", "    return Math.max(Math.abs(a), Math.abs(b));", "}"),
+    ),
+    "copysign": (
+        "copysign",
+        (
+            "function copysign(x, y) {",
+            "    const size = Math.abs(x);",
+            "    return y < 0 || Object.is(y, -0) ? -size : size;",
+            "}",
+        ),
+    ),
+    "round": (
+        "round_even",
+        (
+            "// The sum has no digits behind the point, and is rounded to the nearest, ties to even.",
+            "function round_even(x) {",
+            "    if (!(Math.abs(x) < 4503599627370496)) {",
+            "        return x;",
+            "    }",
+            "    const size = Math.abs(x) + 4503599627370496 - 4503599627370496;",
+            "    return x < 0 || Object.is(x, -0) ? -size : size;",
+            "}",
+        ),
+    ),
+    "two_to": (
+        "two_to",
+        (
+            "function two_to(k) {",
+            "    bits.setUint32(0, (k + 1023) << 20);",
+            "    bits.setUint32(4, 0);",
+            "    return bits.getFloat64(0);",
+            "}",
+        ),
+    ),
+    "exponent": (
+        "exponent",
+        (
+            "function exponent(x) {",
+            "    bits.setFloat64(0, x);",
+            "    return ((bits.getUint32(0) >>> 20) & 2047) - 1023;",
+            "}",
+        ),
+    ),
+    "mantissa": (
+        "mantissa",
+        (
+            "function mantissa(x) {",
+            "    bits.setFloat64(0, x);",
+            "    bits.setUint32(0, (bits.getUint32(0) & 0xfffff) | 0x3ff00000);",
+            "    return bits.getFloat64(0);",
+            "}",
+        ),
+    ),
+}
+"""Operations that JavaScript has no function for, or another one: a name, and its definition."""
+
+
+def helper_lines(ops: Mapping[str, None]) -> list[str]:
+    """Return the definitions of helpers."""
+    lines = [_BITS, ""] if any("bits." in line for op in ops for line in HELPERS[op][1]) else []
+    for op in sorted(ops):
+        lines += [*HELPERS[op][1], ""]
+    return lines
+
+
+_RESERVED = (
+    "arguments async await break case catch class const continue debugger default delete do else enum eval "
+    "export extends false finally for function get if implements import in instanceof interface let new null "
+    "of package private protected public return set static super switch this throw true try typeof var void "
+    "while with yield Array ArrayBuffer DataView Float64Array Infinity Math NaN Number Object String "
+    "console globalThis process undefined bits check_length test main default_parameters state_names parameter_names "
+    "y p out t h parameters "
+)
+RESERVED = (*_RESERVED.split(),)
+"""Words that are not names of values: keywords, what the file uses, and what parameters of functions are called."""
+
+
+Shifted = Mapping[Procedure, frozenset[int]]
+"""Indices of the array parameters of each procedure for which the caller passes an offset, too."""
+
+
+def shifted_parameters(procedures: Sequence[Procedure], always: Shifted) -> Shifted:
+    """Return the array parameters to which some call passes a subarray, and those of `always`.
+
+    `procedures` are ordered, callees before their callers.
+    """
+    found = {one: always.get(one, frozenset[int]()) for one in procedures}
+    for caller in reversed(procedures):
+        own = [one.ref for place, one in enumerate(caller.parameters) if place in found[caller]]
+        moved = frozenset((*own, *(part.ref for part in _parts(caller.body))))
+        for call in calls(caller.body):
+            if isinstance(call.callee, Procedure):
+                found[call.callee] |= {place for place, arg in enumerate(call.args) if arg in moved}
+    return found
+
+
+def _parts(block: Block) -> Iterator[Part]:
+    for statement in block:
+        if isinstance(statement, Part):
+            yield statement
+        for one in inner(statement):
+            yield from _parts(one)
+
+
+class Place(NamedTuple):
+    """An index into an array: the sum of some variables, by name, and of a number."""
+
+    array: int
+    names: tuple[str, ...] = ()
+    number: int = 0
 
 
 @dataclass(frozen=True)
@@ -46,7 +187,7 @@ def results_name(procedure: Procedure) -> str:
     return f"{procedure.name}_results"
 
 
-class _JavaScriptPrinter(BracedPrinter, OffsetPrinter):
+class _JavaScriptPrinter(BracedPrinter):
     language = "JavaScript"
     operators = OPERATORS
     literals = LITERALS
@@ -138,3 +279,58 @@ class _JavaScriptPrinter(BracedPrinter, OffsetPrinter):
         for k, value in enumerate(values):
             self.write(f"{name}.r{k} = {self.text(value)};")
         self.put("return;")
+
+    @cached_property
+    def _parts(self) -> dict[int, Place]:
+        return {}
+
+    def part(self, part: Part) -> None:
+        """Record the whole array and the offset of a subarray; print a variable for an offset that is not constant."""
+        whole = self.place_of(part.array)
+        if part.start in self.constants:
+            self._parts[part.ref] = whole._replace(number=whole.number + self.constants[part.start])
+            return
+        text = self.text(part.start)
+        self.write(self.define(self.name(part.ref), WHOLE, text))
+        self._parts[part.ref] = whole._replace(names=(*whole.names, self.text(part.ref)))
+
+    def begins(self, array: int, place: Place) -> None:
+        """Record the whole array of a subarray, and its offset there."""
+        self._parts[array] = place
+
+    def place_of(self, array: int) -> Place:
+        """Return the whole array of a subarray with its offset; an array itself has the offset 0."""
+        return self._parts.get(array, Place(array))
+
+    def index(self, array: int, place: int) -> tuple[int, str]:
+        """Return the whole array of an element, and the text of its index there."""
+        begin = self.place_of(array)
+        number = begin.number + 0
+        if place in self.constants:
+            text, number = "", number + self.constants[place]
+        else:
+            text = self.whole_text(self.text(place, self.operators["add"].binds))
+        return begin.array, summed([*begin.names, *([text] if text else [])], number)
+
+    def beginning(self, array: int) -> tuple[int, str | None]:
+        """Return the whole array of a subarray, and the index of its first element, or None if the two begin alike."""
+        begin = self.place_of(array)
+        if not begin.names and not begin.number:
+            return begin.array, None
+        return begin.array, summed(begin.names, begin.number + 0)
+
+    def whole_text(self, text: str) -> str:
+        """Return the text of an index as a term of a sum."""
+        return text
+
+
+def summed(terms: list[str] | tuple[str, ...], number: int) -> str:
+    """Return a sum of texts and a number, which is merged with a number at the end of the last text."""
+    if not terms:
+        return str(number)
+    *rest, last = terms
+    found = re.fullmatch(r"(.*\S) \+ (\d+)", last)
+    if found:
+        last, number = found.group(1), number + int(found.group(2))
+    text = " + ".join([*rest, last])
+    return text if number == 0 else f"{text} {'+' if number > 0 else '-'} {abs(number)}"

@@ -5,16 +5,18 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Mapping, Sequence
 
-from lagrange.export.languages.straight_line import (
+from lagrange.export.module import SourceModule
+from lagrange.export.target import Target, register
+from lagrange.export.traced import (
     ELIMINATION,
     OPERATORS,
     Library,
-    StraightLinePrinter,
     described,
-    straight_line_module,
+    function_body,
+    language,
+    module_files,
+    script,
 )
-from lagrange.export.module import SourceModule
-from lagrange.export.target import Target, register
 from lagrange.procedure.spelling import Operator, call
 from lagrange.program.program import Program
 from lagrange.statement.elementary import ELEMENTARY
@@ -110,7 +112,7 @@ def _solved(factors, *right):
     return list(units * jax.scipy.linalg.lu_solve(factors[1], units * b / factors[2]))
 """
 
-LIBRARY = Library("JAX", HEAD, OPERATIONS, HELPERS, SYSTEMS)
+LIBRARY = Library(language("JAX", OPERATIONS, HELPERS), HEAD, SYSTEMS)
 
 
 @register
@@ -122,12 +124,12 @@ class Jax(Target):
     contents = frozenset()
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the module, which tests itself when it is run."""
-        return {f"{module.name}_jax.py": straight_line_module(module, LIBRARY, DOUBLE, functions, USE, EVALUATED)}
+        """Return the module, and that of its test."""
+        return module_files(module, LIBRARY, "jax", DOUBLE, functions, USE, script(EVALUATED))
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return the shell line that runs the test."""
-        return [f"python {module.name}_jax.py"]
+        return [f"python {module.name}_jax_test.py"]
 
 
 DOUBLE = 'jax.config.update("jax_enable_x64", True)  # double precision, for all of JAX in this process'
@@ -139,11 +141,15 @@ arrays alone: take jax.jit, jax.grad, jax.jacfwd and jax.vmap of them. What depe
 batch of states where p is not in the batch: jax.vmap(rhs, (None, 0, None))."""
 
 EVALUATED = '''\
-def _evaluated(function, times, states):
+import jax
+import jax.numpy as jnp
+
+
+def evaluated(function, times, states):
     """Return the results at some states, a list for each, and whether a matrix is singular there."""
     batch = jax.jit(jax.vmap(function, (0, 0, None)))
-    results, singular = batch(jnp.array(times), jnp.array(states), jnp.array(DEFAULT_PARAMETERS))
-    return results.reshape(len(times), -1).tolist(), singular.tolist()'''
+    results, singular = batch(jnp.array(times), jnp.array(states), jnp.array(model.DEFAULT_PARAMETERS))
+    return zip(results.reshape(len(times), -1).tolist(), singular.tolist())'''
 
 
 def source(program: Program, name: str, about: Sequence[str] = ()) -> str:
@@ -168,8 +174,8 @@ mass matrix is singular; {name}_checked returns (result, whether it is singular)
 
 def functions(program: Program, name: str) -> str:
     """Return the text of `name` and `name_checked`."""
-    printer = StraightLinePrinter(program, LIBRARY)
-    body = textwrap.indent("\n".join(printer.body()), "    ")
+    lines, singular = function_body(program, LIBRARY)
+    body = textwrap.indent("\n".join(lines), "    ")
     wanted = f"(), ({program.states},), ({program.parameters},)"
     shape = "" if program.shape == (len(program.outputs),) else f".reshape({program.shape!r})"
     return f'''\
@@ -179,7 +185,7 @@ def {name}_checked(t, y, p):
     if t.shape or y.shape != ({program.states},) or p.shape != ({program.parameters},):
         raise ValueError(f"t, y, p have the shapes {{t.shape}}, {{y.shape}}, {{p.shape}}: give {wanted} (see jax.vmap)")
 {body}
-    return jnp.stack(results){shape}, jnp.asarray({printer.status()})
+    return jnp.stack(results){shape}, jnp.asarray({singular})
 
 
 def {name}(t, y, p):

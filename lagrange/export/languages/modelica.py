@@ -1,323 +1,84 @@
-"""Modelica: one package with functions, a model of the motion, and a model that tests the functions.
-
-Functions are printed straight from programs: they have no loops and no memory but their results.
-"""
+"""Modelica: one package with functions and a model of the motion, and a package that tests the functions."""
 
 from __future__ import annotations
 
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 
-from lagrange.export.comments import plain, wrapped
-from lagrange.export.descriptions import TEST, places, statement_comment
+from lagrange.export.comments import commented, plain
+from lagrange.export.descriptions import about_of, places, statement_comment
+from lagrange.export.elimination import ROWS, Statements, body, factored, solved
 from lagrange.export.identifiers import distinct
-from lagrange.export.module import Check, Quantity, SourceModule
-from lagrange.export.target import Target, register
-from lagrange.machine.kernel.python_text import FLAG_OPERATIONS, uses_of
-from lagrange.procedure.form import REAL
-from lagrange.procedure.linear.pivoted import PIVOT
-from lagrange.procedure.source_printer import LONGEST_VALUE
-from lagrange.procedure.spelling import ATOM, WORDS, Literals, Operator, call
-from lagrange.procedure.spelling import OPERATORS as COMMON
-from lagrange.program.program import Instruction, Program
-from lagrange.statement.elementary import ELEMENTARY
+from lagrange.export.module import SourceModule
+from lagrange.export.programs import Script, marked, test_text
+from lagrange.export.straight_line import Function, Functions, Language
+from lagrange.export.target import QUANTITIES, Target, register
+from lagrange.procedure.spelling import OPERATORS, WORDS, Literals, Operator, call
 
-SYSTEMS = ("factor", "solve", "component")
+_DIRECT = ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "sinh", "cosh", "tanh", "abs")
+EXTERNAL = ("asinh", "acosh", "atanh", "erf")
+"""Functions of the C library, which the language gives access to."""
 
-OPERATORS: Mapping[str, Operator] = {
-    **COMMON,
+OPERATIONS: Mapping[str, Operator] = {
+    **OPERATORS,
     **WORDS,
+    **{op: call(f"{op}({{0}})") for op in (*_DIRECT, *EXTERNAL)},
+    "atan2": call("atan2({0}, {1})"),
     "select": Operator(1, "if {0} then {1} else {2}"),
     "neg": Operator(6, "-{0}", (7,)),
     "power": Operator(8, "{0} ^ {1}", (9, 9)),
+    "min": call("smaller({0}, {1})"),
+    "max": call("larger({0}, {1})"),
+    "sign": call("sign_of({0})"),
 }
-"""Operators with precedences; a sign applies to the whole sum after it."""
+"""Operations with precedences; a sign applies to the whole sum after it."""
 
-LITERALS = Literals("exp(1000.0)", "sqrt(-1.0)", signed=OPERATORS["neg"].binds)
+LITERALS = Literals("exp(1000.0)", "sqrt(-1.0)", signed=OPERATIONS["neg"].binds)
 """Literals; infinity and NaN are expressions, since Modelica has no literals for them."""
 
-SUM = OPERATORS["add"].binds
 
-_BUILT_IN = ("sin", "cos", "tan", "asin", "acos", "atan", "exp", "log", "sinh", "cosh", "tanh")
+def _helper(name: str, inputs: str, text: str) -> str:
+    return f"""
+function {name}
+  input Real {inputs};
+  output Real c;
+algorithm
+  c := {text};
+end {name};
+"""
 
-EXTERNAL = tuple(name for name in ELEMENTARY if name not in _BUILT_IN)
-"""Functions of the C library, which the language gives access to."""
 
-CHOSEN = {
-    "min": ("smaller", "if a < b or a <> a then a else b"),
-    "max": ("larger", "if a > b or a <> a then a else b"),
-    "sign": ("sign_of", "if a > 0.0 then 1.0 elseif a < 0.0 then -1.0 else a"),
+def _external(op: str) -> str:
+    return f"""
+function {op}
+  input Real x;
+  output Real y;
+  external "C" y = {op}(x) annotation(Include = "#include <math.h>");
+end {op};
+"""
+
+
+HELPERS: Mapping[str, str] = {
+    **{op: _external(op) for op in EXTERNAL},
+    "min": _helper("smaller", "a;\n  input Real b", "if a < b or a <> a then a else b"),
+    "max": _helper("larger", "a;\n  input Real b", "if a > b or a <> a then a else b"),
+    "sign": _helper("sign_of", "a", "if a > 0.0 then 1.0 elseif a < 0.0 then -1.0 else a"),
 }
 """Operations that are functions of the package, in which NaN stays NaN."""
 
-CONDITIONS: Mapping[str, tuple[int, ...]] = {"select": (0,), "and": (0, 1), "or": (0, 1), "not": (0,)}
-
-ELIMINATION = f"""
-// L U of a symmetric matrix in units in which its diagonal is one, if that is positive; behind it where each row
-// stood, and the units. A matrix that is singular to round-off ends the simulation.
-function factored
-  input Integer n;
-  input Real lower[:];
-  output Real a[n + 2, n];
-protected
-  Real largest[n];
-  Real kept;
-  Integer best;
-  Boolean positive;
-algorithm
-  positive := true;
-  for i in 1:n loop
-    for j in 1:i loop
-      a[i, j] := lower[div(i * (i - 1), 2) + j];
-      a[j, i] := a[i, j];
-    end for;
-    positive := positive and a[i, i] > 0.0;
-  end for;
-  for i in 1:n loop
-    a[n + 1, i] := i;
-    a[n + 2, i] := if positive then 1.0 / sqrt(a[i, i]) else 1.0;
-  end for;
-  for i in 1:n loop
-    largest[i] := 0.0;
-    for j in 1:n loop
-      a[i, j] := a[n + 2, i] * a[i, j] * a[n + 2, j];
-      largest[i] := if abs(a[i, j]) > largest[i] then abs(a[i, j]) else largest[i];
-    end for;
-  end for;
-  for j in 1:n loop
-    best := j;
-    for i in j + 1:n loop
-      best := if abs(a[i, j]) * largest[best] > abs(a[best, j]) * largest[i] then i else best;
-    end for;
-    assert(not abs(a[best, j]) <= {PIVOT!r} * largest[best], "a matrix is singular to round-off");
-    kept := largest[j];
-    largest[j] := largest[best];
-    largest[best] := kept;
-    kept := a[n + 1, j];
-    a[n + 1, j] := a[n + 1, best];
-    a[n + 1, best] := kept;
-    for k in 1:n loop
-      kept := a[j, k];
-      a[j, k] := a[best, k];
-      a[best, k] := kept;
-    end for;
-    for i in j + 1:n loop
-      a[i, j] := a[i, j] / a[j, j];
-      for k in j + 1:n loop
-        a[i, k] := a[i, k] - a[i, j] * a[j, k];
-      end for;
-    end for;
-  end for;
-end factored;
-
-// The solution of a system whose matrix is factored.
-function solved
-  input Integer n;
-  input Real a[n + 2, n];
-  input Real right[n];
-  output Real x[n];
-protected
-  Integer row;
-algorithm
-  for i in 1:n loop
-    row := integer(a[n + 1, i] + 0.5);
-    x[i] := a[n + 2, row] * right[row];
-    for k in 1:i - 1 loop
-      x[i] := x[i] - a[i, k] * x[k];
-    end for;
-  end for;
-  for j in 1:n loop
-    for k in n + 2 - j:n loop
-      x[n + 1 - j] := x[n + 1 - j] - a[n + 1 - j, k] * x[k];
-    end for;
-    x[n + 1 - j] := x[n + 1 - j] / a[n + 1 - j, n + 1 - j];
-  end for;
-  for i in 1:n loop
-    x[i] := a[n + 2, i] * x[i];
-  end for;
-end solved;
-"""
-
-
-FINITE = """\
-  for k in 1:{count} loop
-    assert(abs(out[k]) <= 1.7976931348623157e+308, "a matrix is singular to round-off, or a result is not finite");
-  end for;
-"""
-"""Behind what divides by inertias: where one is zero, results are not finite, and a simulation could not go on."""
-
-
-def broken(line: str, width: int) -> list[str]:
-    """Return a line as several lines of a width; all but the first are indented."""
-    indent = " " * (len(line) - len(line.lstrip()) + 4)
-    return textwrap.wrap(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
-
-
-def helpers_of(programs: Sequence[Program]) -> Iterator[str]:
-    """Yield the functions that some programs need beside those of the language."""
-    used = dict.fromkeys(one.op for program in programs for one in program.instructions)
-    for op in sorted(used):
-        if op in EXTERNAL:
-            yield from ("", f"function {op}", "  input Real x;", "  output Real y;")
-            yield f'  external "C" y = {op}(x) annotation(Include = "#include <math.h>");'
-            yield f"end {op};"
-        elif op in CHOSEN:
-            name, chosen = CHOSEN[op]
-            inputs = ["  input Real a;", *(["  input Real b;"] if op != "sign" else [])]
-            yield from ("", f"function {name}", *inputs, "  output Real c;", "algorithm", f"  c := {chosen};")
-            yield f"end {name};"
-    if "factor" in used:
-        yield from ELIMINATION.rstrip().splitlines()
-
-
-class Hoisted:
-    """Values that depend on parameters alone and are read by other values, numbered after the parameters, from 1 on.
-
-    Linear systems and values that read them are not hoisted: their factors are not numbers.
-    """
-
-    def __init__(self, programs: Sequence[Program], parameters: int) -> None:
-        self.programs = programs
-        self.places: dict[tuple[Program, int], int] = {}
-        self.early: dict[Program, dict[int, None]] = {}
-        self.size = parameters
-        for program in programs:
-            early: dict[int, None] = {}
-            for i, one in enumerate(program.instructions[: program.hoisted]):
-                if one.op not in SYSTEMS and all(arg in early for arg in one.args):
-                    early[i] = None
-            read = [arg for i, one in enumerate(program.instructions) if i not in early for arg in one.args]
-            for i in dict.fromkeys((*read, *program.outputs)):
-                one = program.instructions[i]
-                if i in early and one.op not in ("constant", "parameter", *FLAG_OPERATIONS):
-                    self.size += 1
-                    self.places[program, i] = self.size
-            self.early[program] = early
-        self.parameters = parameters
-
-
-def _read(program: Program, kept: Mapping[int, int]) -> dict[int, None]:
-    """Return the values that the outputs need where some are known."""
-    found: dict[int, None] = {}
-    todo = list(program.outputs)
-    while todo:
-        ref = todo.pop()
-        if ref not in found and ref not in kept:
-            found[ref] = None
-            todo += program.instructions[ref].args
-    return found
-
-
-def _call_of(one: Instruction) -> Operator:
-    """Return an operation as a call, of a function of the package where the language has none."""
-    name = CHOSEN[one.op][0] if one.op in CHOSEN else one.op
-    return call(f"{name}({', '.join(f'{{{k}}}' for k in range(len(one.args)))})")
-
-
-class FunctionPrinter:
-    """Prints the part of a function after its inputs: declarations, and the statements of its algorithm."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-        self.declared: list[str] = []
-        self.texts: dict[int, tuple[int, str]] = {}
-
-    def preparation(self, hoisted: Hoisted) -> list[str]:
-        """Return the lines of the function that computes the hoisted values."""
-        self.lines = [f"  p[{k}] := parameters[{k}];" for k in range(1, hoisted.parameters + 1)]
-        for which, program in enumerate(hoisted.programs, 1):
-            self.texts = {}
-            self.values(program, list(hoisted.early[program]), "parameters", f"x{which}_")
-            for (owner, ref), place in hoisted.places.items():
-                if owner is program:
-                    self.lines.append(f"  p[{place}] := {self.text(ref)};")
-        return self.ended()
-
-    def function(self, program: Program, hoisted: Hoisted) -> list[str]:
-        """Return the lines of the function of a program."""
-        kept = {ref: place for (owner, ref), place in hoisted.places.items() if owner is program}
-        self.texts = {ref: (ATOM, f"p[{place}]") for ref, place in kept.items()}
-        self.values(program, sorted(_read(program, kept)), "p", "x")
-        self.lines += [f"  out[{k}] := {self.number(program, ref)};" for k, ref in enumerate(program.outputs, 1)]
-        if program.solved:
-            self.lines += FINITE.format(count=len(program.outputs)).splitlines()
-        return self.ended()
-
-    def ended(self) -> list[str]:
-        """Return the declarations and the lines."""
-        head = ["protected", *(f"  {one};" for one in self.declared)] if self.declared else []
-        return [*head, "algorithm", *(part for line in self.lines for part in broken(line, 110))]
-
-    def values(self, program: Program, refs: Sequence[int], parameters: str, stem: str) -> None:
-        """Print some values of a program, those that are read once where they are read."""
-        uses = uses_of(program)
-        for i in refs:
-            one = program.instructions[i]
-            match one.op:
-                case "state":
-                    self.texts[i] = ATOM, f"y[{one.place + 1}]"
-                case "parameter":
-                    self.texts[i] = ATOM, f"{parameters}[{one.place + 1}]"
-                case "time":
-                    self.texts[i] = ATOM, "t"
-                case "constant":
-                    self.texts[i] = LITERALS.spelled(REAL, one.value)
-                case "factor" | "solve" | "component":
-                    self.system(program, i, one, stem)
-                case _:
-                    self.operation(program, i, one, stem, uses[i])
-
-    def system(self, program: Program, i: int, one: Instruction, stem: str) -> None:
-        """Print the factors of a matrix, a solution, or keep an entry of one."""
-        if one.op == "component":
-            self.texts[i] = ATOM, f"{self.text(one.args[0])}[{one.place + 1}]"
-            return
-        name, n = f"{stem}{i}", one.order
-        if one.op == "factor":
-            entries = ", ".join(self.text(arg) for arg in one.args)
-            self.declared.append(f"Real {name}[{n + 2}, {n}]")
-            self.lines.append(f"  {name} := factored({n}, {{{entries}}});")
-        else:
-            entries = ", ".join(self.text(arg) for arg in one.args[1:])
-            n = len(one.args) - 1
-            self.declared.append(f"Real {name}[{n}]")
-            self.lines.append(f"  {name} := solved({n}, {self.text(one.args[0])}, {{{entries}}});")
-        self.texts[i] = ATOM, name
-
-    def operation(self, program: Program, i: int, one: Instruction, stem: str, uses: int) -> None:
-        """Print an operation, or keep it for the one place where it is read."""
-        conditions = CONDITIONS.get(one.op, ())
-        operator = OPERATORS.get(one.op) or _call_of(one)
-        args = [
-            self.condition(program, arg, need) if k in conditions else self.text(arg, need)
-            for k, (arg, need) in enumerate(zip(one.args, operator.operands or (0,) * len(one.args), strict=True))
-        ]
-        level, found = operator.binds, operator.text.format(*args)
-        if uses > 1 or len(found) >= LONGEST_VALUE:
-            kind = "Boolean" if one.op in FLAG_OPERATIONS else "Real"
-            self.declared.append(f"{kind} {stem}{i}")
-            self.lines.append(f"  {stem}{i} := {found};")
-            level, found = ATOM, f"{stem}{i}"
-        self.texts[i] = level, found
-
-    def text(self, ref: int, least: int = 0) -> str:
-        """Return a value as an operand, in parentheses where it binds less tightly than it must."""
-        level, found = self.texts[ref]
-        return found if level >= least else f"({found})"
-
-    def condition(self, program: Program, ref: int, least: int) -> str:
-        """Return a condition; a number is one unless it is zero."""
-        if program.instructions[ref].op in FLAG_OPERATIONS:
-            return self.text(ref, least)
-        found = f"{self.text(ref, SUM)} <> 0.0"
-        return found if least <= OPERATORS["equal"].binds else f"({found})"
-
-    def number(self, program: Program, ref: int) -> str:
-        """Return a result: a condition is one or zero."""
-        if program.instructions[ref].op in FLAG_OPERATIONS:
-            return f"if {self.text(ref)} then 1.0 else 0.0"
-        return self.text(ref)
-
+STATEMENTS = Statements(
+    first=1,
+    assign="{0} := {1};",
+    entry="{0}[{1}, {2}]",
+    element="{0}[{1}]",
+    loop="for {0} in {1}:{2} loop",
+    back="for {0} in {2}:-1:{1} loop",
+    when="if {0} then",
+    end_loop="end for;",
+    end_when="end if;",
+    to_index="integer({0} + 0.5)",
+    leave='assert(not ({0}), "a matrix is singular to round-off");',
+)
 
 TAKEN = """
     algorithm and annotation assert block break class connect connector constant constrainedby der discrete each else
@@ -332,41 +93,79 @@ TAKEN = """
 RESERVED = tuple(TAKEN.split())
 """Words that are not names of variables: keywords, functions of the language, and names of the package."""
 
+_OWN = "t y out parameters prepare factored solved smaller larger sign_of fill integer"
+
+LANGUAGE = Language(
+    name="Modelica",
+    operations=OPERATIONS,
+    literals=LITERALS,
+    helpers=HELPERS,
+    define="{name} := {value};",
+    store="{name} := {value};",
+    first=1,
+    condition=Operator(5, "{0} <> 0.0", (6,)),
+    number=Operator(1, "if {0} then 1.0 else 0.0"),
+    matrix="{name} := fill(0.0, {rows}, {order});",
+    entry=lambda name, i, j: f"{name}[{i + 1}, {j + 1}]",
+    factor="{name} := factored({order}, {name});",
+    solve="{name} := solved({order}, {other}, {{{entries}}});",
+    reserved=(*RESERVED, *_OWN.split(), *EXTERNAL, *QUANTITIES),
+)
+
+FACTORED = f"""
+// L U of a symmetric matrix, given by its lower triangle, in units in which its diagonal is one, if that is positive;
+// behind it where each row stood, the units, and the largest entries. A singular matrix ends the simulation.
+function factored
+  input Integer n;
+  input Real lower[n + {ROWS}, n];
+  output Real a[n + {ROWS}, n];
+protected
+  Boolean positive;
+  Boolean singular;
+  Integer best;
+  Real nan_or_zero;
+  Real pivot;
+  Real factor;
+  Real scale;
+  Real kept;
+algorithm
+    a := lower;"""
+
+SOLVED = f"""
+// The solution of a system whose matrix is factored.
+function solved
+  input Integer n;
+  input Real a[n + {ROWS}, n];
+  input Real right[n];
+  output Real x[n];
+protected
+  Integer row;
+algorithm"""
+
+FINITE = """\
+  for k in 1:{count} loop
+    assert(abs(out[k]) <= 1.7976931348623157e+308, "a matrix is singular to round-off, or a result is not finite");
+  end for;
+"""
+"""After divisions by inertias: if one is zero, results are not finite, and a simulation could not go on."""
+
 WIDTH = 100
 
 
-@register
-class Modelica(Target):
-    """Modelica 3.3; see `Target`. A singular matrix ends a simulation by an assertion."""
+def broken(line: str, width: int = WIDTH) -> list[str]:
+    """Return a line as several lines of a width; all but the first are indented."""
+    indent = " " * (len(line) - len(line.lstrip()) + 4)
+    return textwrap.wrap(line, width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
 
-    name = "modelica"
-    about = "Modelica: a package with functions, a model of the motion and a test, without a library"
-    contents = frozenset(("main",))
-    always = ("rhs", "main")
 
-    def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the package, and a script that has OpenModelica run its test."""
-        name = package(module)
-        return {f"{name}.mo": "\n".join([*text(module), ""]), f"{name}_test.mos": script(name)}
-
-    def commands(self, module: SourceModule) -> list[str]:
-        """Return the shell line that runs the test."""
-        return [f"omc {package(module)}_test.mos"]
+def remark(about: str) -> list[str]:
+    """Return the lines of a comment."""
+    return commented(about, "//", WIDTH + 3)
 
 
 def package(module: SourceModule) -> str:
     """Return the name of the package."""
     return distinct([module.name], RESERVED)[0]
-
-
-def script(name: str) -> str:
-    """Return a script of OpenModelica that runs the test, with exit status 1 where it fails."""
-    return (
-        f'loadFile("{name}.mo");\n'
-        f"found := simulate({name}.Test, startTime = 0.0, stopTime = 1.0, numberOfIntervals = 1);\n"
-        "getErrorString();\n"
-        'exit(if found.resultFile == "" then 1 else 0);\n'
-    )
 
 
 def text(module: SourceModule) -> Iterator[str]:
@@ -375,55 +174,53 @@ def text(module: SourceModule) -> Iterator[str]:
     yield ""
     yield f"package {package(module)}"
     yield ""
-    hoisted = Hoisted([one.program for one in module.quantities], len(module.parameters))
-    yield from (f"  {line}".rstrip() for line in functions(module, hoisted))
-    yield ""
-    for line in (*motion(module, hoisted), "", *test(module, hoisted)):
+    functions = Functions(module, LANGUAGE, statuses=False)
+    for line in (*function_lines(functions), "", *motion(module, functions.hoisted.size)):
         yield f"  {line}".rstrip()
     yield f"end {package(module)};"
 
 
-def functions(module: SourceModule, hoisted: Hoisted) -> Iterator[str]:
+def function_lines(functions: Functions) -> Iterator[str]:
     """Yield the package of the functions."""
+    module, size = functions.module, functions.hoisted.size
+    state = places("y", module.state, first=1)
+    lines = ["", *remark(module.prepare.about), *remark(places("parameters", module.parameters, first=1))]
+    given = {"parameters": len(module.parameters)}
+    lines += _function("prepare", given, f"p[{size}]", functions.prepare(), "")
+    for one in module.quantities:
+        lines += ["", *remark(about_of(module, one.procedure)), *remark(state)]
+        given = {"t": 0, "y": len(module.state), "p": size}
+        count = len(one.results)
+        finite = FINITE.format(count=count) if one.program.solved else ""
+        lines += _function(one.name, given, f"out[{count}]", functions.quantity(one), finite)
+    if "factor" in functions.needed:
+        lines += [*FACTORED.splitlines(), *body(factored, STATEMENTS, OPERATIONS, LITERALS), "end factored;"]
+        lines += [*SOLVED.splitlines(), *body(solved, STATEMENTS, OPERATIONS, LITERALS), "end solved;"]
+    lines += [line for text in LANGUAGE.definitions(functions.needed) for line in text.rstrip().splitlines()]
     yield "package Functions"
-    for line in (*helpers_of(hoisted.programs), *prepare(module, hoisted), *quantities(module, hoisted)):
-        yield f"  {line}".rstrip()
+    yield from (f"  {line}".rstrip() for line in lines)
     yield "end Functions;"
 
 
-def remark(about: str) -> list[str]:
-    """Return the lines of a comment."""
-    return [f"// {line}" for line in wrapped(about, WIDTH)]
+def _function(name: str, given: Mapping[str, int], made: str, function: Function, finite: str) -> Iterator[str]:
+    """Yield a function: its arguments by name with their lengths (0 for a number), and the array that it makes."""
+    yield f"function {name}"
+    yield from (f"  input Real {one};" if one == "t" else f"  input Real {one}[{size}];" for one, size in given.items())
+    yield f"  output Real {made};"
+    if function.declared:
+        yield "protected"
+    for kind, local, sizes in function.declared:
+        if not local.startswith("singular"):
+            shape = f"[{', '.join(map(str, sizes))}]" if sizes else ""
+            yield f"  {'Boolean' if kind == 'flag' else 'Real'} {local}{shape};"
+    yield "algorithm"
+    for line in function.lines:
+        yield from broken(f"  {line}", 110)
+    yield from finite.splitlines()
+    yield f"end {name};"
 
 
-def prepare(module: SourceModule, hoisted: Hoisted) -> Iterator[str]:
-    """Yield the function that computes once what depends on parameters alone."""
-    yield ""
-    yield from remark("The parameters, and behind them what depends on them alone.")
-    yield from remark(places("parameters", module.parameters, first=1))
-    yield "function prepare"
-    yield f"  input Real parameters[{len(module.parameters)}];"
-    yield f"  output Real p[{hoisted.size}];"
-    yield from FunctionPrinter().preparation(hoisted)
-    yield "end prepare;"
-
-
-def quantities(module: SourceModule, hoisted: Hoisted) -> Iterator[str]:
-    """Yield a function for each quantity."""
-    for one in module.quantities:
-        yield ""
-        yield from remark(f"{one.about} out: {', '.join(one.results)}.")
-        yield from remark(places("y", module.state, first=1))
-        yield f"function {one.name}"
-        yield "  input Real t;"
-        yield f"  input Real y[{len(module.state)}];"
-        yield f"  input Real p[{hoisted.size}];"
-        yield f"  output Real out[{len(one.results)}];"
-        yield from FunctionPrinter().function(one.program, hoisted)
-        yield f"end {one.name};"
-
-
-def motion(module: SourceModule, hoisted: Hoisted) -> Iterator[str]:
+def motion(module: SourceModule, prepared: int) -> Iterator[str]:
     """Yield the model of the motion from the initial state."""
     shown = [one for one in module.quantities if one.name not in ("rhs", "jacobian")]
     every = (*module.state, *module.parameters, *(one.name for one in shown))
@@ -444,14 +241,14 @@ def motion(module: SourceModule, hoisted: Hoisted) -> Iterator[str]:
     for name, one in zip(results, shown, strict=True):
         yield f"  Real {name}[{len(one.results)}];"
     yield "protected"
-    prepared = "Real" if module.inputs else "parameter Real"
-    yield from broken(f"  {prepared} p[{hoisted.size}] = Functions.prepare({_array(parameters)});", WIDTH)
+    kind = "Real" if module.inputs else "parameter Real"
+    yield from broken(f"  {kind} p[{prepared}] = Functions.prepare({_array(parameters)});")
     yield f"  Real rates[{len(state)}];"
     yield "equation"
-    yield from broken(f"  rates = Functions.rhs(time, {_array(state)}, p);", WIDTH)
+    yield from broken(f"  rates = Functions.rhs(time, {_array(state)}, p);")
     yield from (f"  der({name}) = rates[{k}];" for k, name in enumerate(state, 1))
     for name, one in zip(results, shown, strict=True):
-        yield from broken(f"  {name} = Functions.{one.name}(time, {_array(state)}, p);", WIDTH)
+        yield from broken(f"  {name} = Functions.{one.name}(time, {_array(state)}, p);")
     yield f"  annotation(experiment(StopTime = {LITERALS.real(run.t_end)}, Tolerance = {LITERALS.real(run.rtol)}));"
     yield "end Motion;"
 
@@ -465,52 +262,102 @@ def _unit(module: SourceModule, name: str, before: str = "") -> str:
     return "" if not unit else f'{before}unit = "{unit}"' if before else f'(unit = "{unit}")'
 
 
-def test(module: SourceModule, hoisted: Hoisted) -> Iterator[str]:
-    """Yield the model that tests the functions: it warns of every wrong result, and fails if there is one."""
-    yield from remark(f"{TEST} The simulation fails unless all are right.")
-    yield "model Test"
-    yield "  Integer failures;"
-    yield "algorithm"
-    yield "  when initial() then"
-    counted = " + ".join(f"test_{one.name}()" for one in module.quantities)
-    yield from broken(f"    failures := {counted};", WIDTH)
-    yield '    assert(failures == 0, String(failures) + " results are wrong");'
-    yield "  end when;"
-    by_name = {check.name: check for check in module.checks}
-    yield "end Test;"
-    for one in module.quantities:
-        yield ""
-        yield from _check(module, one, by_name[one.name], hoisted)
+TEST = Script(
+    comment=marked("//"),
+    head="""\
+package {package}_test
+
+  function wrong
+    input String name;
+    input Integer state;
+    input Real found[:];
+    input Real expected[size(found, 1)];
+    input Real allowed[size(found, 1)];
+    output Integer failures;
+  algorithm
+    failures := 0;
+    for i in 1:size(found, 1) loop
+      if not abs(found[i] - expected[i]) <= allowed[i] then
+        failures := failures + 1;
+        assert(false,
+            name + ", state " + String(state) + ", result " + String(i) + ": " +
+            String(found[i], significantDigits = 17),
+            AssertionLevel.warning);
+      end if;
+    end for;
+  end wrong;
+""",
+    quantity="""\
+
+  function test_{name}
+    output Integer failures;
+  protected
+{tables}    constant Real parameters[{size}] = {defaults};
+    Real p[{prepared_size}];
+    Real out[{results}];
+  algorithm
+    p := {package}.Functions.prepare(parameters);
+    failures := 0;
+    for k in 1:{samples} loop
+      out := {package}.Functions.{name}(times[k], states[{states} * (k - 1) + 1:{states} * k], p);
+      failures := failures + wrong({quoted}, k, out, expected[{results} * (k - 1) + 1:{results} * k],
+          allowed[{results} * (k - 1) + 1:{results} * k]);
+    end for;
+  end test_{name};
+""",
+    table="    constant Real {table}[{size}] = {{\n{numbers}\n    }};\n",
+    tail="""\
+
+  model Test
+    Integer failures;
+  algorithm
+    when initial() then
+      failures := {calls};
+      assert(failures == 0, String(failures) + " results are wrong");
+    end when;
+  end Test;
+
+end {package}_test;
+""",
+    literals=LITERALS,
+)
 
 
-def _check(module: SourceModule, one: Quantity, check: Check, hoisted: Hoisted) -> Iterator[str]:
-    """Yield the test of a quantity, a function that counts the failures."""
-    yield f"function test_{one.name}"
-    yield "  output Integer failures;"
-    yield "protected"
-    yield from broken(f"  constant Real times[{len(check.times)}] = {_row(check.times)};", WIDTH)
-    for name, rows in (("states", check.states), ("wanted", check.results), ("allowed", check.allowed)):
-        table = f"{{{', '.join(map(_row, rows))}}}"
-        yield from broken(f"  constant Real {name}[{len(rows)}, {len(rows[0])}] = {table};", WIDTH)
-    yield f"  Real p[{hoisted.size}];"
-    yield f"  Real out[{len(one.results)}];"
-    yield "algorithm"
-    values = f"{{{', '.join(map(LITERALS.real, module.values))}}}" if module.values else "fill(0.0, 0)"
-    yield from broken(f"  p := Functions.prepare({values});", WIDTH)
-    yield "  failures := 0;"
-    yield f"  for k in 1:{len(check.times)} loop"
-    yield f"    out := Functions.{one.name}(times[k], states[k, :], p);"
-    yield f"    for i in 1:{len(one.results)} loop"
-    yield "      if not abs(out[i] - wanted[k, i]) <= allowed[k, i] then"
-    yield "        failures := failures + 1;"
-    found = "String(out[i], significantDigits = 17)"
-    message = f'"{one.name}, state " + String(k) + ", result " + String(i) + ": " + {found}'
-    yield from ("        assert(false,", f"            {message},", "            AssertionLevel.warning);")
-    yield "      end if;"
-    yield "    end for;"
-    yield "  end for;"
-    yield f"end test_{one.name};"
+@register
+class Modelica(Target):
+    """Modelica 3.3; see `Target`. A singular matrix ends a simulation by an assertion."""
+
+    name = "modelica"
+    about = "Modelica: a package with functions and a model of the motion, without a library"
+    contents = frozenset(("main",))
+    always = ("rhs", "main")
+
+    def files(self, module: SourceModule) -> Mapping[str, str]:
+        """Return the package, that of its test, and a script that has OpenModelica run the test."""
+        name = package(module)
+        fields = {
+            "package": name,
+            "size": len(module.parameters),
+            "defaults": "\n".join(broken(f"    {_array(list(map(LITERALS.real, module.values)))}")).strip(),
+            "prepared_size": Functions(module, LANGUAGE, statuses=False).hoisted.size,
+            "calls": " +\n          ".join(f"test_{one.name}()" for one in module.checks),
+        }
+        return {
+            f"{name}.mo": "\n".join([*text(module), ""]),
+            f"{name}_test.mo": test_text(module, TEST, **fields),
+            f"{name}_test.mos": SCRIPT.format(name=name),
+        }
+
+    def commands(self, module: SourceModule) -> list[str]:
+        """Return the shell line that runs the test."""
+        return [f"omc {package(module)}_test.mos"]
 
 
-def _row(values: Sequence[float]) -> str:
-    return f"{{{', '.join(map(LITERALS.real, values))}}}"
+SCRIPT = """\
+loadFile("{name}.mo");
+loadFile("{name}_test.mo");
+found := simulate({name}_test.Test, startTime = 0.0, stopTime = 1.0, numberOfIntervals = 1);
+getErrorString();
+exit(if found.resultFile == "" then 1 else 0);
+"""
+"""A script of OpenModelica that runs the test, with exit status 1 where it fails."""

@@ -1,21 +1,131 @@
-"""Python with NumPy only: one module."""
+"""Python with NumPy only: a module, its self-test, and the run of the initial state."""
 
 from __future__ import annotations
 
+import keyword
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from lagrange.errors import LagrangeError
 from lagrange.export.comments import commented
-from lagrange.export.descriptions import TEST, about_of, columns, lengths, outcomes, sizes, statement_comment, statuses
+from lagrange.export.descriptions import (
+    about_of,
+    columns,
+    lengths,
+    named_places,
+    outcome_codes,
+    sizes,
+    statement_comment,
+    statuses,
+)
 from lagrange.export.identifiers import ascii_name, distinct
-from lagrange.export.languages.python_spelling import FILES, HELPERS, RESERVED, helper_lines
-from lagrange.export.module import Check, SourceModule, StepCheck
-from lagrange.export.programs import arguments_in_test, main_fields, tables
-from lagrange.export.python_module import named_places
+from lagrange.export.module import SourceModule
+from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register
-from lagrange.machine.python_source import LITERALS, Printer
+from lagrange.machine.python_source import LITERALS, OPERATORS, Printer
 from lagrange.procedure.form import REAL, Array, Part, Procedure
+
+_TOTAL = (
+    "def _total(function, x, pole=nan):",
+    '    """Return a function of x: NaN outside of its domain, infinite where it overflows, `pole` at 0."""',
+    "    try:",
+    "        return function(x)",
+    "    except OverflowError:",
+    "        return inf if x > 0.0 or function is math.cosh else -inf",
+    "    except ValueError:",
+    "        return pole if x == 0.0 else nan",
+)
+
+
+def _of_total(name: str, rest: str = "") -> tuple[str, ...]:
+    return (f"def _{name}(x):", f"    return _total(math.{name}, x{rest})")
+
+
+HELPERS: Mapping[str, tuple[str, ...]] = {
+    "total": _TOTAL,
+    **{name: _of_total(name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "exp", "sinh", "cosh", "acosh")},
+    **{name: (f"_{name} = math.{name}",) for name in ("atan", "atan2", "tanh", "asinh", "erf", "copysign")},
+    "log": _of_total("log", ", -inf"),
+    "atanh": (
+        "def _atanh(x):",
+        "    return math.copysign(inf, x) if abs(x) == 1.0 else _total(math.atanh, x)",
+    ),
+    "div": (
+        "def _div(a, b):",
+        "    if b:",
+        "        return a / b",
+        "    if a == 0.0 or a != a:",
+        "        return nan",
+        "    return math.copysign(inf, a) * math.copysign(1.0, b)",
+    ),
+    "power": (
+        "def _power(a, b):",
+        "    try:",
+        "        return math.pow(a, b)",
+        "    except OverflowError:",
+        "        return -inf if a < 0.0 and math.fmod(b, 2.0) in (1.0, -1.0) else inf",
+        "    except ValueError:",
+        "        if a != 0.0:",
+        "            return nan",
+        "        return math.copysign(inf, a) if math.fmod(b, 2.0) in (1.0, -1.0) else inf",
+    ),
+    "min": ("def _min(a, b):", "    return a if a < b or a != a else b"),
+    "max": ("def _max(a, b):", "    return a if a > b or a != a else b"),
+    "magnitude": ("def _magnitude(a, b):", "    return _max(abs(a), abs(b))"),
+    "sign": ("def _sign(x):", "    return 1.0 if x > 0.0 else -1.0 if x < 0.0 else x"),
+    "round": (
+        "def _round(x):",
+        "    return math.copysign(float(round(x)), x) if x - x == 0.0 else x",
+    ),
+    "quotient": ("def _quotient(a, b):", "    return abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)"),
+    "two_to": ("def _two_to(k):", "    return math.ldexp(1.0, k)"),
+    "exponent": (
+        "def _exponent(x):",
+        "    if not abs(x) < inf:",
+        "        return 1024",
+        "    return max(math.frexp(x)[1] - 1, -1023) if x else -1023",
+    ),
+    "mantissa": ("def _mantissa(x):", "    return 2.0 * math.frexp(abs(x))[0]"),
+}
+"""Operations defined in the file. They return NaN or infinity, as machine code does, where Python raises an error."""
+
+NEEDS: Mapping[str, tuple[str, ...]] = {
+    **dict.fromkeys(("sqrt", "sin", "cos", "tan", "asin", "acos", "exp", "sinh", "cosh", "acosh"), ("total",)),
+    **dict.fromkeys(("log", "atanh"), ("total",)),
+    "magnitude": ("max",),
+}
+"""The helpers that others use."""
+
+_RESERVED = "abs float int range math np numpy sys nan inf SimpleNamespace test main y p out t h parameters "
+RESERVED = (
+    *keyword.kwlist,
+    *_RESERVED.split(),
+)
+"""Words that are not names of values."""
+
+_FILES = (
+    "abc array ast asyncio base64 bisect bz2 calendar code codecs collections contextlib copy csv ctypes "
+    "dataclasses datetime decimal enum fractions functools gc gzip hashlib heapq inspect io itertools json "
+    "keyword locale logging math numbers numpy operator os pathlib pickle platform posixpath queue random re "
+    "secrets select shutil signal site socket stat statistics string struct subprocess symbol sys tempfile "
+    "test textwrap threading time token tokenize traceback types typing unittest uuid warnings weakref zlib "
+)
+FILES = (
+    *keyword.kwlist,
+    *_FILES.split(),
+)
+"""Names that no module of a user's may have, since NumPy would import it instead of its own."""
+
+
+def helper_lines(ops: Mapping[str, None]) -> list[str]:
+    """Return the definitions of helpers and of those that they use."""
+    wanted = {op for op in ops if op not in OPERATORS}
+    wanted |= {one for op in wanted for one in NEEDS.get(op, ())}
+    lines = []
+    for op in HELPERS:
+        if op in wanted:
+            lines += [*HELPERS[op], "", ""]
+    return lines
 
 
 @register
@@ -26,16 +136,20 @@ class Python(Target):
     about = "Python: one module that needs NumPy only"
 
     def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the module, which tests itself when it is run."""
-        return {f"{file_name(module)}.py": source(module)}
+        """Return the module, and the programs that test it and run the initial state."""
+        name = file_name(module)
+        found = {f"{name}.py": source(module), f"{name}_test.py": test_text(module, SCRIPT, file=name)}
+        if module.run is not None:
+            found[f"{name}_main.py"] = main_text(module, SCRIPT, file=name, head=ascii(columns(module)))
+        return found
 
     def commands(self, module: SourceModule) -> list[str]:
         """Return the shell line that runs the test."""
-        return [f"python {file_name(module)}.py"]
+        return [f"python {file_name(module)}_test.py"]
 
     def run_commands(self, module: SourceModule) -> list[str]:
         """Return the shell line that runs `main`."""
-        return [f"python {file_name(module)}.py main"]
+        return [f"python {file_name(module)}_main.py"]
 
 
 def file_name(module: SourceModule) -> str:
@@ -85,7 +199,6 @@ def source(module: SourceModule) -> str:
         *statement_comment(module, "#"),
         "",
         "import math",
-        "import sys",
         "from types import SimpleNamespace as _record",
         "",
         "import numpy as np",
@@ -101,9 +214,6 @@ def source(module: SourceModule) -> str:
         "",
         *helper_lines(file.needed),
         *(line for text in functions for line in [*text.splitlines(), "", ""]),
-        *test(module),
-        *run(module),
-        *START.format(run="main(words[1:]) if words[:1] == ['main'] else " if module.run else "").splitlines(),
     ]
     return "\n".join(lines).rstrip("\n") + "\n"
 
@@ -128,13 +238,6 @@ def _check_lengths(**arrays):
         if len(shape) != 1 or shape[0] < length:
             raise ValueError(f"{name} has shape {shape}: give {length} numbers") from None'''
 
-START = """\
-
-
-if __name__ == "__main__":
-    words = sys.argv[1:]
-    sys.exit({run}test())"""
-
 
 def constants(module: SourceModule) -> Iterator[str]:
     """Yield sizes, names, and comments on arrays and functions."""
@@ -146,7 +249,8 @@ def constants(module: SourceModule) -> Iterator[str]:
         "#",
     )
     if module.integrators:
-        yield from commented(outcomes(), "#")
+        yield "# The codes that integrators return:"
+        yield from (f"{name} = {code}  # {text}" for name, code, text in outcome_codes())
 
 
 def wrapper(module: SourceModule, procedure: Procedure) -> Iterator[str]:
@@ -175,91 +279,87 @@ def _passed(name: str, kind: object) -> str:
     return f"float({name})" if kind is REAL else f"int({name})"
 
 
-# --- the test
+# --- the programs
 
-COMPARE = '''\
-class _Tests:
-    """Counts results and failures, and prints these."""
+SCRIPT = Script(
+    comment=marked("#"),
+    head='''\
+import sys
+
+import numpy as np
+
+import {file} as model
+
+
+class Tests:
+    """Counts failures, and prints them."""
 
     def __init__(self):
-        self.p = np.zeros(PREPARED)
-        self.checked = self.failures = 0
-        if prepare(DEFAULT_PARAMETERS, self.p):
-            print("prepare: a matrix is singular")
-            self.failures += 1
+        self.p = np.zeros(model.PREPARED)
+        self.failures = 0
+        if model.prepare(model.DEFAULT_PARAMETERS, self.p):
+            self.fail("prepare: a matrix is singular", 1)
 
-    def compare(self, name, state, found, wanted, allowed):
+    def fail(self, text, count):
+        print(text)
+        self.failures += count
+
+    def compare(self, name, state, found, expected, allowed):
         for i, value in enumerate(found.tolist()):
-            if not abs(value - wanted[i]) <= allowed[i]:
-                print(f"{name}, state {state}, result {i}: {value!r} instead of {wanted[i]!r}")
-                self.failures += 1
+            if not abs(value - expected[i]) <= allowed[i]:
+                self.fail(f"{{name}}, state {{state}}, result {{i}}: {{value!r}} instead of {{expected[i]!r}}", 1)
 
-    def quantity(self, name, evaluate, times, states, wanted, allowed):
-        count = len(wanted) // len(times)
+    def quantity(self, name, evaluate, times, states, expected, allowed):
+        count = len(expected) // len(times)
         for k, t in enumerate(times):
             out, row = np.zeros(count), slice(count * k, count * (k + 1))
-            self.checked += count
-            if evaluate(t, states[STATE * k : STATE * (k + 1)], self.p, out):
-                print(f"{name}, state {k}: a matrix is singular")
-                self.failures += count
+            if evaluate(t, states[{states} * k : {states} * (k + 1)], self.p, out):
+                self.fail(f"{{name}}, state {{k}}: a matrix is singular", count)
             else:
-                self.compare(name, k, out, wanted[row], allowed[row])
+                self.compare(name, k, out, expected[row], allowed[row])
 
-    def integrator(self, name, run, state, wanted, allowed):
+    def integrator(self, name, run, state, expected, allowed):
         y = np.array(state)
         outcome = run(y, self.p)
-        self.checked += STATE
         if outcome != 0:
-            print(f"{name}: outcome {outcome}")
-            self.failures += STATE
+            self.fail(f"{{name}}: outcome {{outcome}}", {states})
         else:
-            self.compare(name, 0, y, wanted, allowed)
+            self.compare(name, 0, y, expected, allowed)
 
 
 def test():
     """Compare results with those of multiple precision; return 0 if all are right, else 1."""
-    tests = _Tests()'''
+    tests = Tests()
+''',
+    quantity="    tests.quantity(\n        {quoted},\n        model.{name},\n{tables}    )\n",
+    integrator=(
+        "    tests.integrator(\n        {quoted},\n        lambda y, p: model.{name}({arguments}),\n{tables}    )\n"
+    ),
+    time="np.array([{0}])",
+    table="        [\n{numbers},\n        ],\n",
+    tail="""\
+    print(f"{module}: {{{count} - tests.failures}} of {count} results are right")
+    return 0 if tests.failures == 0 else 1
 
 
-def test(module: SourceModule) -> Iterator[str]:
-    """Yield the test: a function that compares results with those of multiple precision."""
-    yield from commented(f"{TEST} Failures are printed. Exit status 0 if all are right, else 1.", "#")
-    yield from COMPARE.splitlines()
-    for check in module.checks:
-        yield from _quantity_test(check)
-    for step in module.step_checks:
-        yield from _integrator_test(module, step)
-    given = f'f"{module.name}: {{tests.checked - tests.failures}} of {{tests.checked}} results are right"'
-    yield f"    print({given})"
-    yield "    return 0 if tests.failures == 0 else 1"
+if __name__ == "__main__":
+    sys.exit(test())
+""",
+    literals=LITERALS,
+    main='''\
+import sys
 
+import numpy as np
 
-def _quantity_test(check: Check) -> Iterator[str]:
-    yield "    tests.quantity("
-    yield f'        "{check.name}",'
-    yield f"        {check.name},"
-    yield from tables(check.flat, LITERALS)
-    yield "    )"
+import {file} as model
 
-
-def _integrator_test(module: SourceModule, check: StepCheck) -> Iterator[str]:
-    yield "    tests.integrator("
-    yield f'        "{check.name}",'
-    yield f"        lambda y, p: {check.name}({arguments_in_test(module, check, LITERALS, 'np.array([{0}])')}),"
-    yield from tables((check.state, check.result, check.allowed), LITERALS)
-    yield "    )"
-
-
-# --- the run of the initial state
-
-MAIN = '''\
+OUTCOMES = (
+{outcomes}
+)
 
 
 def main(words):
-    """Integrate the initial state and write a table with commas: main [t_end [intervals]]."""
-    outcomes = (
-{outcomes}
-    )
+    """Integrate the initial state and write a table with commas: [t_end [intervals]]."""
     try:
         t_end = float(words[0]) if words else {t_end}
         intervals = int(words[1]) if len(words) > 1 else {intervals}
@@ -268,24 +368,22 @@ def main(words):
     if intervals < 1:
         print("give t_end, a number, and intervals, a whole number from 1", file=sys.stderr)
         return 2
-    p, t, y = np.zeros(PREPARED), np.zeros(1), np.array([{initial}])
-    if prepare(DEFAULT_PARAMETERS, p):
+    p, t, y = np.zeros(model.PREPARED), np.zeros(1), np.array([{initial}])
+    if model.prepare(model.DEFAULT_PARAMETERS, p):
         print("prepare: a matrix is singular", file=sys.stderr)
         return 1
-    print({columns})
+    print({head})
     for k in range(intervals + 1):
         end = t_end if k == intervals else t_end * k / intervals
-        outcome = {method}(t, end, y, p, {rtol}, {rtol}, {steps})
+        outcome = model.{method}(t, end, y, p, {rtol}, {rtol}, {steps})
         if outcome != 0:
-            print(f"the run stopped at t = {{t[0]}}: {{outcomes[outcome]}}", file=sys.stderr)
+            print(f"the run stopped at t = {{t[0]}}: {{OUTCOMES[outcome]}}", file=sys.stderr)
             return 1
         print(",".join(map(repr, [*t.tolist(), *y.tolist()])))
-    return 0'''
+    return 0
 
 
-def run(module: SourceModule) -> Iterator[str]:
-    """Yield a function that integrates the initial state and writes a table."""
-    fields = main_fields(module, LITERALS)
-    if fields is None:
-        return
-    yield from MAIN.format(**fields, columns=ascii(columns(module))).splitlines()
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
+''',
+)

@@ -1,0 +1,259 @@
+"""Solve symmetric linear systems: two plain functions, and their text in languages that print straight lines.
+
+Matrices that are not definite, as those of constraints, need row exchanges, which depend on numbers: these two
+functions are all that has loops in such a file.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import math
+import textwrap
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from lagrange.procedure.form import FLAG, REAL
+from lagrange.procedure.linear.pivoted import PIVOT
+from lagrange.procedure.spelling import ATOM, Literals, Operator
+
+ROWS = 3
+"""Rows of a factored matrix after its n rows: row numbers, units, and largest entries."""
+
+
+def factored(n: int, a: Any) -> bool:
+    """Replace the lower triangle in `a` (n + 3, n) by factors L U; return True if the matrix is singular to round-off.
+
+    Rows and columns are scaled by the units, so that the diagonal is one if it is positive. A positive definite matrix
+    is eliminated in its upper triangle, which takes half of the time. Otherwise rows are exchanged.
+    """
+    positive = True
+    singular = False
+    nan_or_zero = 0.0
+    for i in range(n):
+        positive = positive and a[i, i] > 0.0
+        a[n, i] = float(i)
+        a[n + 1, i] = 1.0
+        a[n + 2, i] = a[i, i]
+    if positive:
+        for i in range(n):
+            a[n + 1, i] = 1.0 / math.sqrt(a[i, i])
+            a[i, i] = 1.0
+            for j in range(i):
+                a[j, i] = a[n + 1, j] * a[i, j] * a[n + 1, i]
+        for j in range(n):
+            positive = positive and a[j, j] > PIVOT
+            pivot = 1.0 / a[j, j]
+            for i in range(j + 1, n):
+                factor = a[j, i] * pivot
+                for k in range(i, n):
+                    a[i, k] = a[i, k] - factor * a[j, k]
+    if positive:
+        for j in range(n):
+            scale = 1.0 / a[j, j]
+            for i in range(j + 1, n):
+                a[i, j] = a[j, i] * scale
+    if not positive:
+        for i in range(n):
+            a[i, i] = a[n + 2, i]
+            for j in range(i):
+                a[j, i] = a[i, j]
+        for i in range(n):
+            a[n + 2, i] = 0.0
+            for j in range(n):
+                a[i, j] = a[n + 1, i] * a[i, j] * a[n + 1, j]
+                nan_or_zero = nan_or_zero + 0.0 * a[i, j]
+                if abs(a[i, j]) > a[n + 2, i]:
+                    a[n + 2, i] = abs(a[i, j])
+        for j in range(n):
+            best = j
+            for i in range(j + 1, n):
+                if abs(a[i, j]) * a[n + 2, best] > abs(a[best, j]) * a[n + 2, i]:
+                    best = i
+            if abs(a[best, j]) <= PIVOT * a[n + 2, best]:
+                singular = True
+            for k in range(n):
+                a[j, k], a[best, k] = a[best, k], a[j, k]
+            a[n, j], a[n, best] = a[n, best], a[n, j]
+            a[n + 2, j], a[n + 2, best] = a[n + 2, best], a[n + 2, j]
+            for i in range(j + 1, n):
+                a[i, j] = a[i, j] / a[j, j]
+                for k in range(j + 1, n):
+                    a[i, k] = a[i, k] - a[i, j] * a[j, k]
+    return singular and nan_or_zero == 0.0
+
+
+def solved(n: int, a: Any, right: Any, x: Any) -> None:
+    """Write the solution of a system with the right-hand side `right` (n,) into `x` (n,); `a` is factored."""
+    for i in range(n):
+        row = int(a[n, i])
+        x[i] = a[n + 1, row] * right[row]
+    for j in range(n):
+        for i in range(j + 1, n):
+            x[i] = x[i] - a[i, j] * x[j]
+    for j in reversed(range(n)):
+        x[j] = x[j] / a[j, j]
+        for i in range(j):
+            x[i] = x[i] - a[i, j] * x[j]
+    for i in range(n):
+        x[i] = a[n + 1, i] * x[i]
+
+
+@dataclass(frozen=True)
+class Statements:
+    """How a language writes the statements of these functions.
+
+    `first` is the index of the first element; if it is 1, the last index of a loop belongs to it. `assign` is a
+    template of a target and a value; `define` that of a local variable at its first assignment, with {mut} for a Rust
+    variable that changes; `element` and `entry` those of a vector and a matrix. `loop` and `back` are templates of an
+    index, its first value and its end, `when` that of a condition. `to_real` and `to_index` convert indices.
+    """
+
+    first: int
+    assign: str
+    entry: str
+    element: str
+    loop: str
+    back: str
+    when: str
+    end_loop: str
+    end_when: str
+    define: str = ""
+    to_real: str = "{0}"
+    to_index: str = "{0}"
+    leave: str = ""
+
+
+def body(
+    function: Callable[..., Any], statements: Statements, operations: Mapping[str, Operator], literals: Literals
+) -> list[str]:
+    """Return the lines of the body of one of the functions above in a language, indented by one level."""
+    (tree,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
+    assert isinstance(tree, ast.FunctionDef)
+    printer = _Printer(statements, operations, literals, _changed(tree))
+    return [f"    {line}" for line in printer.block(tree.body[1:])]
+
+
+def _changed(tree: ast.FunctionDef) -> dict[str, bool]:
+    """Return the local variables, and whether each is assigned more than once."""
+    names = [
+        target.id
+        for one in ast.walk(tree)
+        if isinstance(one, ast.Assign)
+        for target in one.targets
+        if isinstance(target, ast.Name)
+    ]
+    return {name: names.count(name) > 1 for name in names}
+
+
+class _Printer:
+    """Prints statements; indices of loops are those of the language."""
+
+    def __init__(
+        self,
+        statements: Statements,
+        operations: Mapping[str, Operator],
+        literals: Literals,
+        changed: Mapping[str, bool],
+    ) -> None:
+        self.statements, self.operations, self.literals, self.changed = statements, operations, literals, changed
+        self.indices: dict[str, None] = {}
+        self.defined: dict[str, None] = {}
+
+    def block(self, body: Sequence[ast.stmt]) -> Iterator[str]:
+        """Yield the lines of statements."""
+        style = self.statements
+        for one in body:
+            match one:
+                case ast.For(target=ast.Name(id=index), iter=ast.Call(func=ast.Name(id=kind), args=args)):
+                    self.indices[index] = None
+                    inner = args[0].args if kind == "reversed" and isinstance(args[0], ast.Call) else args
+                    start, stop = self._range(inner)
+                    yield (style.back if kind == "reversed" else style.loop).format(index, start, stop)
+                    yield from (f"    {line}" for line in self.block(one.body))
+                    yield style.end_loop
+                case ast.If():
+                    yield style.when.format(self.text(one.test))
+                    yield from (f"    {line}" for line in self.block(one.body))
+                    yield style.end_when
+                case ast.Assign(targets=[ast.Name(id=name)]):
+                    yield self._assigned(name, one.value)
+                case ast.Assign(targets=[ast.Tuple(elts=[first, second])]):
+                    yield (style.define or style.assign).format("kept", self.text(first), mut="")
+                    yield style.assign.format(self.text(first), self.text(second))
+                    yield style.assign.format(self.text(second), "kept")
+                case ast.Assign(targets=[target]):
+                    yield style.assign.format(self.text(target), self.text(one.value))
+                case ast.Return(value=ast.expr() as value):
+                    yield style.leave.format(self.text(value))
+
+    def _range(self, args: Sequence[ast.expr]) -> tuple[str, str]:
+        start = self.text(args[0]) if len(args) > 1 else str(self.statements.first)
+        stop = self.text(args[-1])
+        return start, f"{stop} - 1" if self.statements.first and stop != "n" else stop
+
+    def _assigned(self, name: str, value: ast.expr) -> str:
+        if isinstance(value, ast.Name) and value.id in self.indices:
+            self.indices[name] = None
+        if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == "int":
+            self.indices[name] = None
+        template = self.statements.assign if name in self.defined else self.statements.define or self.statements.assign
+        self.defined[name] = None
+        return template.format(name, self.text(value), mut="mut " * self.changed[name])
+
+    def index(self, one: ast.expr) -> str:
+        """Return an index: variables that hold one as they are, others from the first index on."""
+        added, base = self.statements.first, one
+        if isinstance(one, ast.BinOp) and isinstance(one.right, ast.Constant) and isinstance(one.right.value, int):
+            added, base = added + one.right.value, one.left
+        assert isinstance(base, ast.Name)
+        added -= self.statements.first * (base.id in self.indices)
+        return f"{base.id} + {added}" if added else base.id
+
+    def text(self, one: ast.expr, least: int = 0) -> str:
+        """Return an expression, in parentheses if it binds less tightly than `least`."""
+        binds, text = self._spelled(one)
+        return text if binds >= least else f"({text})"
+
+    def _spelled(self, one: ast.expr) -> tuple[int, str]:
+        style = self.statements
+        match one:
+            case ast.Name(id="PIVOT"):
+                return ATOM, self.literals.real(PIVOT)
+            case ast.Name(id=name):
+                return ATOM, name
+            case ast.Constant(value=bool() as value):
+                return self.literals.spelled(FLAG, value)
+            case ast.Constant(value=float() as value):
+                return self.literals.spelled(REAL, value)
+            case ast.Constant(value=value):
+                return ATOM, str(value)
+            case ast.Subscript(value=ast.Name(id=array), slice=ast.Tuple(elts=[row, column])):
+                return ATOM, style.entry.format(array, self.index(row), self.index(column))
+            case ast.Subscript(value=ast.Name(id=array), slice=place):
+                return ATOM, style.element.format(array, self.index(place))
+            case ast.BinOp(left=a, op=op, right=b):
+                return self._operation(
+                    {ast.Add: "add", ast.Sub: "sub", ast.Mult: "mul", ast.Div: "div"}[type(op)], a, b
+                )
+            case ast.UnaryOp(op=ast.Not(), operand=value):
+                return self._operation("not", value)
+            case ast.BoolOp(values=[a, b]):
+                return self._operation("and", a, b)
+            case ast.Compare(left=a, ops=[ast.Gt()], comparators=[b]):
+                return self._operation("less", b, a)
+            case ast.Compare(left=a, ops=[op], comparators=[b]):
+                return self._operation({ast.LtE: "less_equal", ast.Eq: "equal"}[type(op)], a, b)
+            case ast.Call(func=ast.Name(id="float" | "int" as kind), args=[value]):
+                return ATOM, (style.to_real if kind == "float" else style.to_index).format(self.text(value))
+            case ast.Call(func=ast.Name(id="abs"), args=[value]):
+                return self._operation("abs", value)
+            case ast.Call(args=[value]):
+                return self._operation("sqrt", value)
+        raise NotImplementedError(ast.dump(one))
+
+    def _operation(self, op: str, *args: ast.expr) -> tuple[int, str]:
+        operator = self.operations[op]
+        texts = [self.text(arg, need) for arg, need in zip(args, operator.operands or (0,) * len(args), strict=True)]
+        return operator.binds, operator.text.format(*texts)

@@ -1,0 +1,416 @@
+"""Print programs as functions without loops, for every language that needs no integrator.
+
+A `Language` is a table of spellings; its file adds the frame of a module and of a function. Names are made here and
+literals are exact, so nothing of a user's text is run.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from lagrange.errors import StatementError
+from lagrange.export.descriptions import indices
+from lagrange.export.elimination import ROWS, Statements
+from lagrange.export.identifiers import ascii_name, distinct
+from lagrange.export.module import Quantity, SourceModule
+from lagrange.export.target import SOLVED
+from lagrange.machine.kernel.python_text import FLAG_OPERATIONS, GIVEN, uses_of
+from lagrange.procedure.form import FLAG, REAL
+from lagrange.procedure.interpreter import OPERATIONS
+from lagrange.procedure.source_printer import LONGEST_VALUE
+from lagrange.procedure.spelling import ATOM, Literals, Operator
+from lagrange.program.program import Instruction, Program, ProgramBlock
+
+CONDITIONS: Mapping[str, tuple[int, ...]] = {"select": (0,), "and": (0, 1), "or": (0, 1), "not": (0,)}
+"""Operands that are conditions, by operation."""
+
+SYSTEMS = ("factor", "solve", "component")
+STRUCTURE = (*GIVEN, *SYSTEMS)
+"""Operations other than functions of numbers: arguments, and linear systems."""
+
+GENERATED = re.compile(r"(?:[xfsd]|singular)\d+")
+"""Names that the printer makes for values, factors, solutions and conditions."""
+
+
+@dataclass(frozen=True)
+class Language:
+    """The spellings of a language, or of a library of Python.
+
+    `operations` has a template for every operation. `helpers` are definitions that a file contains if it uses the
+    operation; `needs` are operations that a definition uses. `define` and `store` are templates of a name and a value
+    ({type} is one of `types`, of numbers and conditions), `element` one of an array and an index, which begins with
+    `first`. `condition` makes a condition of a number, `number` a number of a condition; languages that need neither
+    have None. `matrix`, `entry`, `factor` and `solve` are the lines that factor a matrix and solve a linear system;
+    without `entry` the call of `factor` takes all entries.
+    """
+
+    name: str
+    operations: Mapping[str, Operator]
+    literals: Literals
+    helpers: Mapping[str, str]
+    factor: str
+    solve: str
+    define: str = "{name} = {value}"
+    store: str = "{name} = {value}"
+    types: tuple[str, str] = ("", "")
+    element: str = "{0}[{1}]"
+    first: int = 0
+    condition: Operator | None = None
+    number: Operator | None = None
+    matrix: str = ""
+    entry: Callable[[str, int, int], str] | None = None
+    reserved: Sequence[str] = ()
+    needs: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    statements: Statements | None = None
+    key: Callable[[str], str] = str
+
+    def with_needs(self, ops: Iterable[str]) -> list[str]:
+        """Return some operations in alphabetical order, with those that their definitions use."""
+        return sorted({need for op in ops for need in (op, *self.needs.get(op, ()))})
+
+    def definitions(self, ops: Iterable[str]) -> list[str]:
+        """Return the definitions that functions with some operations need."""
+        return [self.helpers[op] for op in self.with_needs(ops) if op in self.helpers]
+
+
+class StraightLinePrinter:
+    """Prints the instructions of a program, each value that is read more than once under a name.
+
+    `names` are those of entries of the state and of parameters, by operation and place; without them `y0` and `p0` are
+    names that the frame defines. `kept` are the indices in p of values that are prepared.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        language: Language,
+        names: Mapping[tuple[str, int], str] | None = None,
+        kept: Mapping[int, int] | None = None,
+        parameters: str = "p",
+    ) -> None:
+        self.program, self.language, self.names, self.kept = program, language, names or {}, kept or {}
+        self.lines: list[str] = []
+        self.declared: list[tuple[str, str, tuple[int, ...]]] = []
+        """Local variables: the type, the name and the dimensions of each."""
+        self.texts: dict[int, tuple[int, str]] = {}
+        self.vectors: dict[int, str] = {}
+        self.constants: dict[int, float | bool] = {}
+        self.needed: dict[str, None] = {}
+        """The operations that are printed; "condition" is the test of a number."""
+        self.singular: list[str] = []
+        """The names of conditions that say that a matrix is singular."""
+        self.uses, self.parameters = uses_of(program), parameters
+        self.unused = dict.fromkeys(("t", "y", parameters))
+        """Arguments that no line reads."""
+        self._refuse()
+
+    def _refuse(self) -> None:
+        """Raise StatementError for mathematics that the language does not have, by name."""
+        for one in self.program.instructions:
+            if one.op not in STRUCTURE and one.op not in self.language.operations:
+                raise StatementError(
+                    f"{self.program.name} contains {one.op}, which {self.language.name} does not have: state the "
+                    "system without it, or choose another target."
+                )
+
+    def values(self) -> list[str]:
+        """Return the lines that compute the outputs, without indentation."""
+        for i in self._read():
+            self._value(i, self.program.instructions[i])
+        return self.lines
+
+    def _read(self) -> list[int]:
+        """Return the values that the outputs need and that are not prepared."""
+        found: dict[int, None] = {}
+        todo = list(self.program.outputs)
+        while todo:
+            ref = todo.pop()
+            if ref in self.kept:
+                self.texts[ref] = ATOM, self.element("p", self.kept[ref])
+            elif ref not in found:
+                found[ref] = None
+                todo += self.program.instructions[ref].args
+        order = {"state": 0, "parameter": 1}
+        code = self.program.instructions
+        return sorted(
+            found, key=lambda ref: (order.get(code[ref].op, 2), code[ref].place if code[ref].op in order else ref)
+        )
+
+    def element(self, array: str, place: int) -> str:
+        """Return an entry of an argument."""
+        self.unused.pop(array, None)
+        return self.language.element.format(array, place + self.language.first)
+
+    def _value(self, i: int, one: Instruction) -> None:
+        match one.op:
+            case "state" | "parameter" if not self.names:
+                self.texts[i] = ATOM, f"{'y' if one.op == 'state' else 'p'}{one.place}"
+            case "state" | "parameter":
+                array = "y" if one.op == "state" else self.parameters
+                self._define(i, self.names[one.op, one.place], self.element(array, one.place))
+            case "time":
+                self.unused.pop("t", None)
+                self.texts[i] = ATOM, "t"
+            case "constant":
+                self.constants[i] = one.value
+                self.texts[i] = self.language.literals.spelled(REAL, one.value)
+            case "component":
+                name = self.vectors[one.args[0]]
+                self.texts[i] = ATOM, self.language.element.format(name, one.place + self.language.first)
+            case "factor":
+                self._factor(i, one)
+            case "solve":
+                self.vectors[i] = f"s{i}"
+                self.declared.append(("real", f"s{i}", (one.order or len(one.args) - 1,)))
+                right = ", ".join(self.text(ref) for ref in one.args[1:])
+                self._system(self.language.solve, f"s{i}", len(one.args) - 1, self.vectors[one.args[0]], right)
+            case _:
+                self._operation(i, one)
+
+    def _factor(self, i: int, one: Instruction) -> None:
+        """Print the factors of a matrix."""
+        name, n, language = f"f{i}", one.order, self.language
+        self.needed["factor"] = None
+        self.vectors[i] = name
+        self.singular.append(f"singular{i}")
+        self.declared += [("real", name, (n + ROWS, n)), ("flag", f"singular{i}", ())]
+        entries = ", ".join(self.text(ref) for ref in one.args)
+        if language.entry is not None:
+            self._system(language.matrix, name, n)
+            for k, ref in enumerate(one.args):
+                row = int(((8 * k + 1) ** 0.5 - 1) / 2)
+                if self.constants.get(ref, 1.0) != 0.0:
+                    place = language.entry(name, row, k - row * (row + 1) // 2)
+                    self.lines.append(language.store.format(name=place, value=self.text(ref)))
+        self._system(language.factor, name, n, f"singular{i}", entries)
+
+    def _system(self, template: str, name: str, order: int, other: str = "", entries: str = "") -> None:
+        given = {"name": name, "order": order, "rows": order + ROWS}
+        self.lines += template.format(**given, other=other, entries=entries).splitlines()
+
+    def _operation(self, i: int, one: Instruction) -> None:
+        """Print an operation, or keep it for the one place where it is read."""
+        kind = FLAG if one.op in FLAG_OPERATIONS else REAL
+        if all(arg in self.constants for arg in one.args):
+            # A compiler may refuse 1.0/0.0 and what overflows, where all of it is constant.
+            with np.errstate(all="ignore"):
+                self.constants[i] = OPERATIONS[one.op](*(self.constants[arg] for arg in one.args))
+            self.texts[i] = self.language.literals.spelled(kind, self.constants[i])
+            return
+        operator = self.language.operations[one.op]
+        self.needed[one.op] = None
+        conditions = CONDITIONS.get(one.op, ())
+        texts = [
+            self.condition(arg, least) if k in conditions else self.number(arg, least)
+            for k, (arg, least) in enumerate(zip(one.args, operator.operands or (0,) * len(one.args), strict=True))
+        ]
+        self.texts[i] = operator.binds, operator.text.format(*texts)
+        if self.uses[i] > 1 or len(self.texts[i][1]) >= LONGEST_VALUE:
+            self._define(i, f"x{i}", self.texts[i][1], kind is FLAG)
+
+    def _define(self, i: int, name: str, value: str, flag: bool = False) -> None:
+        self.declared.append(("flag" if flag else "real", name, ()))
+        self.lines.append(self.language.define.format(name=name, value=value, type=self.language.types[flag]))
+        self.texts[i] = ATOM, name
+
+    def _is_flag(self, ref: int) -> bool:
+        return self.program.instructions[ref].op in FLAG_OPERATIONS
+
+    def _wrapped(self, ref: int, least: int, operator: Operator | None) -> str:
+        """Return a value, converted by an operator if there is one."""
+        if operator is None:
+            return self.text(ref, least)
+        text = operator.text.format(self.text(ref, (operator.operands or (0,))[0]))
+        return text if operator.binds >= least else f"({text})"
+
+    def number(self, ref: int, least: int = 0) -> str:
+        """Return a value as a number: a condition is one or zero."""
+        return self._wrapped(ref, least, self.language.number if self._is_flag(ref) else None)
+
+    def condition(self, ref: int, least: int = 0) -> str:
+        """Return a value as a condition: a number is true unless it is zero."""
+        if not self._is_flag(ref):
+            self.needed["condition"] = None
+        return self._wrapped(ref, least, None if self._is_flag(ref) else self.language.condition)
+
+    def text(self, ref: int, least: int = 0) -> str:
+        """Return a value as an operand, in parentheses where it binds less tightly than it must."""
+        level, found = self.texts[ref]
+        return found if level >= least else f"({found})"
+
+    def status(self, more: Sequence[int] = ()) -> str:
+        """Return the condition that a matrix is singular; `more` are values that say so, too."""
+        either = self.language.operations["or"]
+        parts = [(ATOM, name) for name in self.singular] + [self.texts[ref] for ref in more]
+        level, found = parts[0] if parts else (ATOM, self.language.literals.flags[0])
+        for part in parts[1:]:
+            texts = [
+                text if binds >= least else f"({text})"
+                for (binds, text), least in zip(((level, found), part), either.operands or (0, 0), strict=True)
+            ]
+            level, found = either.binds, either.text.format(*texts)
+        return found
+
+
+def with_outputs(
+    program: Program, code: tuple[Instruction, ...], outputs: tuple[int, ...], hoisted: int = 0
+) -> Program:
+    """Return a program with other instructions and outputs; the first `hoisted` need parameters alone."""
+    return replace(
+        program,
+        instructions=code,
+        hoisted=hoisted,
+        outputs=outputs,
+        results=(ProgramBlock("values", len(outputs)),),
+        shape=(len(outputs),),
+        returned=(),
+    )
+
+
+# --- what depends on parameters alone
+
+
+class Hoisted:
+    """Values of some programs that depend on parameters alone: they stand behind the parameters in p, `size` in all.
+
+    `program` computes them. Linear systems and what reads them are not hoisted: factors are not numbers.
+    """
+
+    def __init__(self, programs: Sequence[Program], parameters: int) -> None:
+        self._kept: dict[Program, dict[int, int]] = {}
+        self._merged: dict[Program, dict[int, int]] = {}
+        merged: dict[Instruction, int] = {}
+        places: dict[int, int] = {}
+        for program in programs:
+            table: dict[int, int] = {}
+            for i, one in enumerate(program.instructions[: program.hoisted]):
+                if one.op not in SYSTEMS and all(arg in table for arg in one.args):
+                    moved = one._replace(args=tuple(table[arg] for arg in one.args))
+                    table[i] = merged.setdefault(moved, len(merged))
+            read = [arg for i, one in enumerate(program.instructions) if i not in table for arg in one.args]
+            kept = {}
+            for i in dict.fromkeys((*read, *program.outputs)):
+                if i in table and program.instructions[i].op not in ("constant", "parameter", *FLAG_OPERATIONS):
+                    kept[i] = places.setdefault(table[i], parameters + len(places))
+            self._kept[program], self._merged[program] = kept, table
+        self.size, self.parameters = parameters + len(places), parameters
+        outputs = tuple(places)
+        self.program = with_outputs(Program("prepare", (), parameters, (), 0, (), (), (0,)), tuple(merged), outputs)
+
+    def zeros(self, program: Program) -> list[Instruction]:
+        """Return instructions behind those of `program`: the zero, and which results known here are equal to it."""
+        zero, table = len(self.program.instructions), self._merged[program]
+        known = dict.fromkeys(table[ref] for ref in program.outputs if ref in table)
+        return [Instruction("constant", value=0.0), *(Instruction("equal", (ref, zero)) for ref in known)]
+
+    def kept(self, program: Program) -> Mapping[int, int]:
+        """Return the indices in p of the prepared values of a program."""
+        return self._kept.get(program, {})
+
+
+def checked(program: Program, divisors: Program) -> Program:
+    """Return a program with one more result: a condition that a divisor is zero and a result is not finite.
+
+    Blocks of one unknown are solved by a division, and formulas are simplified, so they need not compute a divisor.
+    """
+    code: dict[Instruction, int] = {}
+    tables: tuple[list[int], list[int]] = ([], [])
+
+    def put(one: Instruction) -> int:
+        return code.setdefault(one, len(code))
+
+    def add(*parts: Sequence[Instruction]) -> None:
+        for table, part in zip(tables, parts, strict=True):
+            for one in part:
+                table.append(put(one._replace(args=tuple(table[arg] for arg in one.args))))
+
+    add(program.instructions[: program.hoisted], divisors.instructions[: divisors.hoisted])
+    hoisted = len(code)
+    add(program.instructions[program.hoisted :], divisors.instructions[divisors.hoisted :])
+    results = [tables[0][ref] for ref in program.outputs]
+    zero = put(Instruction("constant", value=0.0))
+    total, known = zero, list(code)
+    for ref in results:
+        if known[ref].op not in GIVEN:
+            total = put(Instruction("add", (total, ref))) if total != zero else ref
+    nothing = put(Instruction("mul", (zero, total)))
+    not_finite = put(Instruction("not", (put(Instruction("equal", (nothing, zero))),)))
+    singular = [put(Instruction("equal", (tables[1][ref], zero))) for ref in divisors.outputs]
+    either = singular[0]
+    for ref in singular[1:]:
+        either = put(Instruction("or", (either, ref)))
+    outputs = (*results, put(Instruction("and", (not_finite, either))))
+    return with_outputs(program, tuple(code), outputs, hoisted)
+
+
+@dataclass(frozen=True, eq=False)
+class Function:
+    """A printed function: its lines, the condition that a matrix is singular, and the operations that it needs.
+
+    `declared` are its local variables, `unused` the arguments that it does not read.
+    """
+
+    lines: list[str]
+    status: str
+    needed: Mapping[str, None]
+    declared: list[tuple[str, str, tuple[int, ...]]]
+    unused: tuple[str, ...]
+
+
+class Functions:
+    """The functions of a module in a language; without `statuses` they do not say that a divisor is zero."""
+
+    def __init__(self, module: SourceModule, language: Language, *, statuses: bool = True) -> None:
+        self.module, self.language = module, language
+        self.needed: dict[str, None] = {}
+        """The operations of the functions that are printed; "factor" if they solve linear systems."""
+        self.divisors = module.divisors if statuses else None
+        self.programs = {one.name: self._checked(one) for one in module.quantities}
+        listed = [*self.programs.values(), *([self.divisors] if self.divisors else [])]
+        self.hoisted = Hoisted(listed, len(module.parameters))
+        given = [("state", k) for k in range(len(module.state))] + [
+            ("parameter", k) for k in range(len(module.parameters))
+        ]
+        stated = (*module.state, *module.parameters)
+        taken = [
+            *language.reserved,
+            *(name for name, _ in indices(module)),
+            *(one for one in map(ascii_name, stated) if GENERATED.fullmatch(language.key(one))),
+        ]
+        self.names = dict(zip(given, distinct(stated, taken, key=language.key), strict=True))
+
+    def _checked(self, one: Quantity) -> Program:
+        return checked(one.program, self.divisors) if self.divisors and one.name in SOLVED else one.program
+
+    def quantity(self, one: Quantity) -> Function:
+        """Return the function of a quantity."""
+        program = self.programs[one.name]
+        printer = StraightLinePrinter(program, self.language, self.names, self.hoisted.kept(program))
+        return self._function(printer, "out", range(len(one.results)))
+
+    def prepare(self) -> Function:
+        """Return the function that writes the parameters and what depends on them alone into p."""
+        hoisted, count = self.hoisted, len(self.module.parameters)
+        tests = hoisted.zeros(self.divisors) if self.divisors else []
+        code = (*hoisted.program.instructions, *tests)
+        outputs = (*hoisted.program.outputs, *range(len(hoisted.program.instructions) + 1, len(code)))
+        program = with_outputs(hoisted.program, code, outputs)
+        printer = StraightLinePrinter(program, self.language, self.names, parameters="parameters")
+        printer.lines += [self._stored("p", k, printer.element("parameters", k)) for k in range(count)]
+        return self._function(printer, "p", range(count, hoisted.size))
+
+    def _function(self, printer: StraightLinePrinter, array: str, places: Sequence[int]) -> Function:
+        printer.values()
+        stored, flags = printer.program.outputs[: len(places)], printer.program.outputs[len(places) :]
+        lines = [self._stored(array, k, printer.number(ref)) for k, ref in zip(places, stored, strict=True)]
+        self.needed |= printer.needed
+        status = printer.status(flags)
+        return Function([*printer.lines, *lines], status, printer.needed, printer.declared, tuple(printer.unused))
+
+    def _stored(self, array: str, place: int, value: str) -> str:
+        name = self.language.element.format(array, place + self.language.first)
+        return self.language.store.format(name=name, value=value)

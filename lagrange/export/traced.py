@@ -1,0 +1,265 @@
+"""Python functions for libraries that trace what a function does: straight lines, a module of them, and its test.
+
+A library gives the spelling of every operation, and the text of `_factored(order, *lower)` and
+`_solved(factors, *right)`, which return the factors of a symmetric matrix, whether it is singular, and the solution of
+a linear system, a list.
+"""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from lagrange.export.comments import commented
+from lagrange.export.descriptions import named_places, statement_comment
+from lagrange.export.module import SourceModule
+from lagrange.export.programs import Script, marked, test_text
+from lagrange.export.straight_line import Language, StraightLinePrinter
+from lagrange.machine.kernel.python_text import OPERATORS as PYTHON
+from lagrange.machine.python_source import LITERALS as PYTHON_LITERALS
+from lagrange.procedure.linear.pivoted import PIVOT
+from lagrange.procedure.spelling import Operator
+from lagrange.program.program import Program, ProgramBlock
+
+OPERATORS: Mapping[str, Operator] = {
+    op: PYTHON[op] for op in ("neg", "add", "sub", "mul", "div", "fma", "less", "less_equal", "equal")
+}
+"""The operations that are operators of Python, whatever the library."""
+
+LITERALS = replace(PYTHON_LITERALS, infinity='float("inf")', nan='float("nan")')
+
+WIDTH = 110
+"""Largest length of a line, except for single operations on long operands."""
+
+ELIMINATION = f'''
+PIVOT = {PIVOT!r}  # a matrix is singular where a pivot is at most this part of its row's largest entry
+
+
+def _is_zero(x):
+    return isinstance(x, float) and x == 0.0
+
+
+def _rows(n, lower):
+    """Return the rows of the matrix in units that make its diagonal one if it is positive, and the units.
+
+    These are NaN where an entry is not finite: such a matrix is not singular, and the solution is NaN.
+    """
+    a = [[lower[max(i, j) * (max(i, j) + 1) // 2 + min(i, j)] for j in range(n)] for i in range(n)]
+    positive, finite = a[0][0] > 0.0, True
+    for x in lower:
+        finite = finite if _is_zero(x) else _both(finite, abs(x) <= {sys.float_info.max!r})
+    for i in range(1, n):
+        positive = _both(positive, a[i][i] > 0.0)
+    units = [_where(positive, 1.0 / _sqrt(_where(positive, a[i][i], 1.0)), 1.0) for i in range(n)]
+    units = [_fixed(_where(finite, unit, float("nan"))) for unit in units]
+    rows = [[0.0 if _is_zero(x) else units[i] * x * units[j] for j, x in enumerate(a[i])] for i in range(n)]
+    return rows, units
+
+
+def _eliminated(n, rows):
+    """Return P A = L U with scaled row exchanges, and whether a pivot vanishes; entries known to be zero are left.
+
+    Of two rows the determinant takes the place of the exchanges.
+    """
+    a, exchanges, largest = [list(row) for row in rows], [], []
+    for row in a:
+        size = 0.0
+        for x in row:
+            size = size if _is_zero(x) else _most(size, abs(x))
+        largest.append(_fixed(size))
+    singular = False
+    if n == 2:
+        determinant = a[0][0] * a[1][1] - a[0][1] * a[1][0]
+        pivot = _most(abs(a[0][0]) * largest[1], abs(a[1][0]) * largest[0])
+        singular = _either(abs(determinant) <= PIVOT * pivot, pivot <= PIVOT * largest[0] * largest[1])
+        return (a, determinant), singular
+    for j in range(n):
+        for i in range(j + 1, n):
+            if not _is_zero(a[i][j]):
+                swap = abs(a[i][j]) * largest[j] > abs(a[j][j]) * largest[i]
+                pairs = [_exchanged(swap, x, y) for x, y in zip(a[j], a[i])]
+                a[j], a[i] = [x for x, _ in pairs], [y for _, y in pairs]
+                largest[j], largest[i] = _exchanged(swap, largest[j], largest[i])
+                exchanges.append((j, i, swap))
+        vanishes = _either(abs(a[j][j]) <= PIVOT * largest[j], a[j][j] == 0.0)
+        singular = _either(singular, vanishes)
+        for i in range(j + 1, n):
+            if not _is_zero(a[i][j]):
+                a[i][j] = a[i][j] / a[j][j]
+                for k in range(j + 1, n):
+                    if not _is_zero(a[j][k]):
+                        a[i][k] = a[i][k] - a[i][j] * a[j][k]
+    return (a, exchanges), singular
+
+
+def _exchanged(swap, x, y):
+    return (x, y) if _is_zero(x) and _is_zero(y) else (_where(swap, y, x), _where(swap, x, y))
+
+
+def _substituted(eliminated, right):
+    """Return the solution of an eliminated system."""
+    (a, exchanges), b = eliminated, list(right)
+    if len(b) == 2:
+        determinant = exchanges
+        return [(a[1][1] * b[0] - a[0][1] * b[1]) / determinant, (a[0][0] * b[1] - a[1][0] * b[0]) / determinant]
+    for j, i, swap in exchanges:
+        b[j], b[i] = _exchanged(swap, b[j], b[i])
+    for i in range(len(b)):
+        for k in range(i):
+            if not _is_zero(a[i][k]):
+                b[i] = b[i] - a[i][k] * b[k]
+    for i in reversed(range(len(b))):
+        for k in range(i + 1, len(b)):
+            if not _is_zero(a[i][k]):
+                b[i] = b[i] - a[i][k] * b[k]
+        b[i] = b[i] / a[i][i]
+    return b
+'''
+"""Elimination with row exchanges in place of loops that a library cannot trace. It needs `_where`, `_both`, `_either`,
+`_most`, `_sqrt` and `_fixed`, which keeps a factor out of derivatives that it has no part in."""
+
+
+@dataclass(frozen=True)
+class Library:
+    """A library of array functions: its spellings, and text around them.
+
+    `head` are the lines that a file begins with; `systems` is the text of functions for linear systems.
+    """
+
+    language: Language
+    head: str
+    systems: str
+
+    def text_before(self, *programs: Program) -> str:
+        """Return the text before the functions of some programs: imports and the helpers that they need."""
+        used = dict.fromkeys(one.op for program in programs for one in program.instructions)
+        parts = [self.head, *self.language.definitions(used), *([self.systems.strip()] if "factor" in used else [])]
+        return "\n\n\n".join(parts)
+
+
+def language(name: str, operations: Mapping[str, Operator], helpers: Mapping[str, str]) -> Language:
+    """Return the spellings of a library from those of its functions."""
+    return Language(
+        name=name,
+        operations=operations,
+        literals=LITERALS,
+        helpers=helpers,
+        factor="{name}, {other} = _factored({order}, {entries})",
+        solve="{name} = _solved({other}, {entries})",
+    )
+
+
+def function_body(program: Program, library: Library) -> tuple[list[str], str]:
+    """Return the lines that compute every result and list them in `results`, and the status, without indentation."""
+    printer = StraightLinePrinter(program, library.language)
+    lines = []
+    for letter, count in (("y", program.states), ("p", program.parameters)):
+        if count:
+            lines += bracketed("(", [f"{letter}{i}" for i in range(count)], f"{',' * (count == 1)}) = {letter}")
+    for line in printer.values():
+        before, opened, after = line.partition("(")
+        lines += bracketed(before + opened, after[:-1].split(", "), ")") if line[0] in "fs" else [line]
+    return [*lines, *bracketed("results = [", [printer.text(ref) for ref in program.outputs], "]")], printer.status()
+
+
+def bracketed(before: str, items: Sequence[str], after: str) -> list[str]:
+    """Return the lines of a list or a call, broken between its items, and inside of them, where it is long."""
+    line = f"{before}{', '.join(items)}{after}"
+    if len(line) <= WIDTH:
+        return [line]
+    inside = textwrap.wrap(", ".join(items), WIDTH - 4, break_long_words=False, break_on_hyphens=False)
+    return [before, *(f"    {one}" for one in inside), after]
+
+
+def described(program: Program) -> str:
+    """Return a description of the results of a program, as a line of a docstring."""
+    inputs = ", ".join(map(block, program.inputs))
+    shape = f" as {list(program.shape)}" if len(program.shape) > 1 else ""
+    return f"[{', '.join(map(block, program.results))}]{shape}, of y = [{inputs}] and p[{program.parameters}]"
+
+
+def block(named: ProgramBlock) -> str:
+    """Return a block of numbers, as its name with their count."""
+    return f"{named.name}[{named.size}]"
+
+
+def module_files(
+    module: SourceModule,
+    library: Library,
+    suffix: str,
+    setting: str,
+    functions: Callable[[Program, str], str],
+    use: str,
+    test: Script,
+) -> dict[str, str]:
+    """Return the file of a module of functions without loops, and that of its test.
+
+    `setting` is a line after the imports. `functions` returns the functions of a program under a name, and `use`
+    documents their call.
+    """
+    head, *helpers = library.text_before(*(one.program for one in module.quantities)).split("\n\n\n")
+    lines = [
+        *statement_comment(module, "#"),
+        "",
+        *head.splitlines(),
+        "",
+        *([setting, ""] if setting else []),
+        f"STATE = {len(module.state)}  # numbers in y: coordinates, then velocities",
+        f"PARAMETERS = {len(module.parameters)}  # numbers in p",
+        *named_places(module, "p"),
+        *commented(" ".join(use.split()), "#"),
+        *(line for text in helpers for line in ("", "", *text.splitlines())),
+    ]
+    for one in module.quantities:
+        lines += ["", "", *commented(f"{one.about} Results: {', '.join(one.results)}.", "#")]
+        lines += functions(one.program, one.name).splitlines()
+    name = f"{module.name}_{suffix}"
+    return {f"{name}.py": "\n".join([*lines, ""]), f"{name}_test.py": test_text(module, test, file=name)}
+
+
+def script(evaluated: str) -> Script:
+    """Return the test; `evaluated` is the text of `_evaluated(function, times, states)`, which calls the function."""
+    return Script(
+        comment=marked("#"),
+        head="import sys\n\nimport {file} as model\n" + evaluated.replace("{", "{{").replace("}", "}}") + COMPARED,
+        quantity="    failures += wrong(\n        {quoted},\n        model.{name}_checked,\n{tables}    )\n",
+        table="        [\n{numbers},\n        ],\n",
+        tail="""\
+    print(f"{module}: {{{count} - failures}} of {count} results are right")
+    return 0 if failures == 0 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(test())
+""",
+        literals=LITERALS,
+    )
+
+
+COMPARED = '''
+
+
+def wrong(name, function, times, states, expected, allowed):
+    """Print the results that are not within what they may be off; return how many these are."""
+    count = len(expected) // len(times)
+    failures = 0
+    rows = [states[{states} * k : {states} * (k + 1)] for k in range(len(times))]
+    for k, (found, singular) in enumerate(evaluated(function, times, rows)):
+        if singular:
+            print(f"{{name}}, state {{k}}: a matrix is singular")
+            failures += count
+            continue
+        for i, value in enumerate(found):
+            j = count * k + i
+            if not abs(value - expected[j]) <= allowed[j]:
+                print(f"{{name}}, state {{k}}, result {{i}}: {{value!r}} instead of {{expected[j]!r}}")
+                failures += 1
+    return failures
+
+
+def test():
+    """Compare results with those of multiple precision; return 0 if all are right, else 1."""
+    failures = 0
+'''

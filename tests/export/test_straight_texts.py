@@ -1,0 +1,170 @@
+"""The text of languages without loops: a golden function in each, and what only one of them has."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+from lagrange.export.elimination import ROWS, factored, solved
+from tests.export.callers import run
+from tests.export.systems import named
+from tests.export.test_modules import coupled
+
+ENERGY = {
+    "fortran": """\
+  pure subroutine energy(t, y, p, out, singular)
+    ! The energy v.p - L, which is T + V where T is quadratic in the velocities. out: energy.
+    real(dp), intent(in) :: t
+    real(dp), intent(in) :: y(*), p(*)
+    real(dp), intent(inout) :: out(*)
+    logical, intent(out) :: singular
+    real(dp) :: theta, theta_dot, m, x9
+    associate (unused => t)
+    end associate
+    theta = y(1)
+    theta_dot = y(2)
+    m = p(1)
+    x9 = p(4) * (theta_dot * theta_dot)
+    out(1) = m * (x9 - (p(5) * cos(theta) + 0.5_dp * x9))
+    singular = .false.
+  end subroutine energy
+""",
+    "octave": """\
+    out = zeros(1, 1);
+    theta = y(1);
+    theta_dot = y(2);
+    m = p(1);
+    x9 = p(4) * (theta_dot * theta_dot);
+    out(1) = m * (x9 - (p(5) * cos(theta) + 0.5 * x9));
+    singular = false;
+end
+""",
+    "julia": '''\
+"""
+    energy!(out, t, y, p)
+
+The energy v.p - L, which is T + V where T is quadratic in the velocities. out: energy.
+"""
+function energy!(out, t, y, p)
+    length(y) < 2 && throw(DimensionMismatch("y has fewer than 2 numbers"))
+    length(p) < 5 && throw(DimensionMismatch("p has fewer than 5 numbers"))
+    length(out) < 1 && throw(DimensionMismatch("out has fewer than 1 numbers"))
+    theta = y[1]
+    theta_dot = y[2]
+    m = p[1]
+    x9 = p[4] * (theta_dot * theta_dot)
+    out[1] = m * (x9 - (p[5] * cos_of(theta) + 0.5 * x9))
+    return false
+end
+''',
+    "rust": """\
+/// The energy v.p - L, which is T + V where T is quadratic in the velocities. out: energy.
+pub fn energy(t: f64, y: &[f64], p: &[f64], out: &mut [f64]) -> bool {
+    let (y, p, out) = (&y[..STATE], &p[..5], &mut out[..1]);
+    let _ = t;
+    let theta: f64 = y[0];
+    let theta_dot: f64 = y[1];
+    let m: f64 = p[0];
+    let x9: f64 = p[3] * (theta_dot * theta_dot);
+    out[0] = m * (x9 - (p[4] * math::cos(theta) + 0.5 * x9));
+    false
+}
+""",
+    "modelica": """\
+    function energy
+      input Real t;
+      input Real y[2];
+      input Real p[6];
+      output Real out[1];
+    protected
+      Real theta;
+      Real theta_dot;
+      Real m;
+      Real x9;
+    algorithm
+      theta := y[1];
+      theta_dot := y[2];
+      m := p[1];
+      x9 := p[5] * (theta_dot * theta_dot);
+      out[1] := m * (x9 - (p[6] * cos(theta) + 0.5 * x9));
+    end energy;
+""",
+}
+
+
+@pytest.mark.parametrize("target", ENERGY)
+def test_the_energy_of_the_pendulum(target: str, tmp_path: Path) -> None:
+    made = lg.scene("pendulum").export(target, tmp_path, ["energy"])
+    texts = [file.read_text() for file in made.files]
+    assert any(f"\n{ENERGY[target]}" in text for text in texts)
+    for text in texts:
+        assert text.isascii() and text.endswith("\n") and not text.endswith("\n\n")
+        assert max(map(len, text.splitlines())) <= 132
+
+
+@pytest.mark.parametrize("name", ["test", "random", "dict", "base", "sin"])
+def test_no_julia_module_has_the_name_of_one_of_the_library(name: str, tmp_path: Path) -> None:
+    x = lg.coordinate("x")
+    lg.System(kinetic=x.dot**2 / 2, potential=x**2, name=name).export("julia", tmp_path, ["rhs"])
+    own = f"{name.capitalize()}_2" if name != "sin" else "Sin"  # sin is a function, and Sin nothing
+    assert f"\nmodule {own}\n" in (tmp_path / f"{name}.jl").read_text()
+    assert f"{own}.rhs!,\n" in (tmp_path / f"{name}_test.jl").read_text()
+
+
+@pytest.mark.skipif(shutil.which("octave-cli") is None, reason="octave-cli is not installed")
+def test_results_in_octave_are_nan_where_a_matrix_is_singular(tmp_path: Path) -> None:
+    coupled().export("octave", tmp_path, ["rhs"])
+    p = "p = coupled_prepare(coupled_default_parameters());"
+    program = f"{p} disp(isnan(coupled_rhs(0, [0; 0; 0.5; 0.1], p).')); disp(isnan(coupled_rhs(0, [1 0 0 1], p).'));"
+    said = run(f'octave-cli --quiet --no-history --eval "{program}"', tmp_path)
+    assert said.split() == ["1"] * 4 + ["0"] * 4
+
+
+def test_names_of_functions_of_octave_have_63_letters_at_most(tmp_path: Path) -> None:
+    made = named(["x"], ["k"], "a" * 64).export("octave", tmp_path, ["rhs", "jacobian"])
+    assert max(len(path.stem) for path in made.files) == 63
+    assert len({path.stem for path in made.files}) == len(made.files)
+
+
+def test_large_local_arrays_of_fortran_are_no_static_ones(tmp_path: Path) -> None:
+    for count, word in ((2, "pure subroutine rhs("), (65, "pure recursive subroutine rhs(")):
+        q = [lg.coordinate(f"q{k}") for k in range(count)]
+        kinetic = sum(a.dot**2 for a in q) + sum(a.dot for a in q) ** 2 / 2
+        lg.System(kinetic, sum(a**2 for a in q), name="many").export("fortran", tmp_path, ["rhs"])
+        assert word in (tmp_path / "many.f90").read_text()
+
+
+# --- linear systems
+
+
+@pytest.mark.parametrize("kind", ["definite", "indefinite", "nothing on the diagonal"])
+def test_every_regular_matrix_is_solved(kind: str) -> None:
+    """Solve random systems in units that differ by 1e8; elimination is off by some roundings for each unknown."""
+    rng = np.random.default_rng(3)
+    for n in (1, 2, 3, 5, 8) * 4:
+        matrix = rng.normal(size=(n, n))
+        matrix = matrix @ matrix.T + np.eye(n) if kind == "definite" else matrix + matrix.T
+        if kind.startswith("nothing"):
+            matrix -= np.diag(np.diagonal(matrix)) * (n > 1)
+        units = 10.0 ** rng.integers(-4, 5, size=n)
+        wanted, scaled = rng.normal(size=n) / units, units[:, None] * matrix * units
+        a, x = np.zeros((n + ROWS, n)), np.zeros(n)
+        a[:n] = np.tril(scaled)
+        assert not factored(n, a)
+        solved(n, a, scaled @ wanted, x)
+        off = 1e-14 * np.linalg.cond(matrix) * n
+        assert x * units == pytest.approx(wanted * units, rel=off, abs=off)
+
+
+@pytest.mark.parametrize("entries", [[0.0], [1.0, 1.0, 1.0], [0.0] * 6, [1.0, 2.0, 4.0, 3.0, 6.0, 9.0]])
+def test_a_singular_matrix_is_recognized(entries: list[float]) -> None:
+    n = {1: 1, 3: 2, 6: 3}[len(entries)]
+    for value, expected in ((1.0, True), (np.nan, False)):
+        a = np.zeros((n + ROWS, n))
+        a[np.tril_indices(n)] = np.multiply(entries, value)
+        with np.errstate(all="ignore"):
+            assert factored(n, a) == expected
