@@ -118,7 +118,7 @@ def test_a_run_without_values_of_inputs_is_refused(tmp_path: Path) -> None:
     assert len(str(refusal.value)) <= 400 and list(tmp_path.iterdir()) == []
     held = {"X": 0, "X_dot": 0, "X_ddot": 0, "u": 0.5}
     driven().export("c", tmp_path, ["main"], parameters=held)
-    subprocess.run(["cc", "-O1", "-DDRIVEN_MAIN", "-o", "main", "driven.c", "-lm"], cwd=tmp_path, check=True)
+    subprocess.run(["cc", "-O1", "-o", "main", "driven.c", "driven_main.c", "-lm"], cwd=tmp_path, check=True)
     rows = subprocess.run(["./main", "1.0"], cwd=tmp_path, check=True, capture_output=True, text=True).stdout.split()
     other = driven().substitute({X: 0, u: 0.5}).run(1.0, rtol=1e-10)
     # main has a tolerance of 1e-8.
