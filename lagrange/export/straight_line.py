@@ -409,7 +409,9 @@ class Functions:
         lines = [self._stored(array, k, printer.number(ref)) for k, ref in zip(places, stored, strict=True)]
         self.needed |= printer.needed
         status = printer.status(flags)
-        return Function([*printer.lines, *lines], status, printer.needed, printer.declared, tuple(printer.unused))
+        written = [*printer.lines, *lines]
+        unused = (*printer.unused, *([] if written else [array]))
+        return Function(written, status, printer.needed, printer.declared, unused)
 
     def _stored(self, array: str, place: int, value: str) -> str:
         name = self.language.element.format(array, place + self.language.first)

@@ -10,7 +10,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.export.elimination import ROWS, factored, solved
-from tests.export.callers import run
+from tests.export.callers import LANGUAGES, missing, run
 from tests.export.systems import named
 from tests.export.test_modules import coupled
 
@@ -136,6 +136,14 @@ def test_large_local_arrays_of_fortran_are_no_static_ones(tmp_path: Path) -> Non
         kinetic = sum(a.dot**2 for a in q) + sum(a.dot for a in q) ** 2 / 2
         lg.System(kinetic, sum(a**2 for a in q), name="many").export("fortran", tmp_path, ["rhs"])
         assert word in (tmp_path / "many.f90").read_text()
+
+
+@pytest.mark.parametrize(("target", "text"), [("rust", "let _ = p;"), ("fortran", "unused1 => p(1)")])
+def test_without_parameters_compilers_do_not_warn(target: str, text: str, tmp_path: Path) -> None:
+    file, *_ = lg.scene("henon-heiles").export(target, tmp_path, ["rhs"]).files
+    assert text in file.read_text().partition("prepare(parameters")[2].partition("rhs(")[0]
+    for command in LANGUAGES[target].strict if not missing(target) else ():
+        run(command.format(module=file.stem), tmp_path)
 
 
 # --- linear systems

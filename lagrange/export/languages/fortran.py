@@ -229,7 +229,7 @@ def _subroutine(name: str, given: str, about: str, function: Function) -> Iterat
             if each == kind
         ]
         yield from listed(head, names)
-    unused = [one if one == "t" else f"{one}(1)" for one in function.unused if one in arrays]
+    unused = [one if one == "t" else f"{one}(1)" for one in function.unused if one in (*arrays, made)]
     if unused:
         # Compilers warn of arguments that are not used.
         pairs = ", ".join(f"unused{k or ''} => {one}" for k, one in enumerate(unused))
