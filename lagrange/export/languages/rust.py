@@ -201,7 +201,7 @@ def source(module: SourceModule) -> str:
         "",
         "#![cfg_attr(no_std, no_std)]",
         "// Names are those of the statement. A program may leave functions unused.",
-        "#![allow(dead_code, non_snake_case, unexpected_cfgs, unused_parens)]",
+        "#![allow(dead_code, non_snake_case, unexpected_cfgs, unused_parens, unknown_lints, invalid_nan_comparisons)]",
         "",
         *constants(module, functions.hoisted.size),
         "",
