@@ -157,14 +157,14 @@ class System:
         return [*self.laws.structure.sentences(), *self.statement.remarks()]
 
     def derivation(self, detail: str = "full") -> ShownDerivation:
-        """Return the textbook derivation in SymPy, independent of the compiled equations.
+        """Return the textbook derivation, independent of the compiled equations; its attributes are SymPy expressions.
 
-        Its attributes are SymPy expressions. print() shows it as text, a notebook as formulas; `.text()`, `.unicode()`,
-        `.latex()`, `.markdown()` and `.html()` return it in that format. `detail` is "full", or "short" without the
-        steps for each coordinate. Raises StatementError for another detail.
+        print() shows it as text, a notebook as formulas; `.text()`, `.unicode()`, `.latex()`, `.markdown()` and
+        `.html()` return it in that format. `detail` is "full", or "short" without steps; another is a StatementError.
         """
-        chosen = one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")
-        return replace(self._derivation, findings=tuple(self.structure), detail=chosen)
+        one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")
+        remarks = (*self.laws.structure.remarks(), *self.statement.remarks())
+        return replace(self._derivation, remarks=remarks, detail=detail)
 
     @cached_property
     def _derivation(self) -> ShownDerivation:

@@ -280,7 +280,7 @@ def test_derive(scene: str, capsys: pytest.CaptureFixture[str]) -> None:
     text = capsys.readouterr().out
     assert text.startswith("drop\n\nStated\n    A stone that falls.\n    Source: Galilei\n    T = m*y_dot**2/2\n")
     assert "\n    m*y_ddot + m*g = 0\n" in text
-    assert "\nStructure\n    The mass matrix is diagonal and constant.\n" in text
+    assert "\nRemarks\n    Nothing depends on time explicitly" in text
     assert main(["derive", scene, "--format", "latex"]) == 0
     assert r"\[ m \ddot{y} + m g = 0 \]" in capsys.readouterr().out
     assert main(["derive", scene, "--format", "markdown"]) == 0

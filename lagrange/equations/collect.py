@@ -206,6 +206,7 @@ class Collector:
         outside, rest = self._factors(shortened(self.algebra, below))
         above = shortened(self.algebra, self.algebra.divide(above, outside))
         divided = self.write(above)
+        held = divided.is_Add and self._divides_all(above)
         outside, above = self._factors(above)
         above, rest = cancelled(above, rest)
         ((monomial, number),) = outside.items()
@@ -217,7 +218,13 @@ class Collector:
         common = self.algebra.power(tuple(factor for factor in monomial if factor not in roots))
         fraction = Mul(number, common, numerator, 1 / self._together(self.write(rest)))
         one_term = rest == {ONE: S.One}
-        return divided if one_term and divided.count_ops() <= LONGER_SUM * fraction.count_ops() else fraction
+        apart = one_term and not held and divided.count_ops() <= LONGER_SUM * fraction.count_ops()
+        return divided if apart else fraction
+
+    def _divides_all(self, terms: MonomialSum) -> bool:
+        """Return True if the same moving factors divide every term, as r in -(2*v*w + g*sin(q))/r."""
+        below = {tuple((k, e) for k, e in term if e < 0 and self.algebra.free(k) & self.moving) for term in terms}
+        return len(below) == 1 and () not in below
 
     def _factors(self, terms: MonomialSum) -> tuple[MonomialSum, MonomialSum]:
         """Return the one-term common factor and the rest, in which sums that are now whole powers are expanded."""

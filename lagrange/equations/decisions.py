@@ -57,6 +57,16 @@ def _degree(node: Any, velocities: tuple[Any, ...]) -> int | None:
     return None if node.has(*velocities) else 0
 
 
+def seen_jacobi(statement: Statement, stated: StatedAlgebra) -> bool:
+    """Return True if v.p - L is seen to differ from T + V: T, or L stated alone, has the terms of a rotating frame.
+
+    Raises TooLargeError for a Lagrangian that is too long.
+    """
+    if visibly_homogeneous(statement):
+        return False
+    return seen_turning(stated) if statement.lagrangian_alone else seen_mixed(statement)
+
+
 def proven_homogeneous(stated: StatedAlgebra) -> bool:
     """Return True if v . dT/dv = 2 T is proven."""
     algebra, kinetic = stated.algebra, stated.read(stated.statement.kinetic)
@@ -234,11 +244,9 @@ class Decisions:
         if visibly_homogeneous(self.statement):
             return True
         try:
-            if self.statement.lagrangian_alone:
-                return False if seen_turning(self._stated) else None
-            if seen_mixed(self.statement):
+            if seen_jacobi(self.statement, self._stated):
                 return False
-            return proven_homogeneous(self._stated) or None
+            return None if self.statement.lagrangian_alone else proven_homogeneous(self._stated) or None
         except (TooLargeError, RecursionError):
             return None
 

@@ -2,38 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from random import Random
 from types import MappingProxyType
 from typing import Any, TypeVar
 
 from sympy import (
     Abs,
     Add,
-    Derivative,
     Dummy,
     Eq,
-    Float,
     Heaviside,
     ImmutableDenseMatrix,
     Max,
     Min,
     Piecewise,
-    Symbol,
     expand,
     factor_terms,
     sign,
 )
-from sympy.core.function import AppliedUndef
 
-from lagrange.equations.decisions import visibly_homogeneous
+from lagrange.equations.decisions import seen_jacobi
 from lagrange.equations.point import Point, moving_points
 from lagrange.equations.terms import TooLargeError
 from lagrange.equations.textbook_algebra import BUDGET, TextbookAlgebra
 from lagrange.errors import StatementError
-from lagrange.statement.coordinate import multiplier, t
+from lagrange.statement.coordinate import acceleration_of, multiplier, t
 from lagrange.statement.named_tables import with_named_tables
 from lagrange.statement.statement import Statement
 
@@ -44,9 +39,6 @@ STATED = 200
 
 KINKED = (Abs, sign, Heaviside, Max, Min, Piecewise)
 """Functions whose second derivatives contain Dirac deltas in SymPy, at their kinks."""
-
-ROUNDING = 1e-9
-"""Relative difference of two values of T that counts as rounding."""
 
 NAMED = 8
 """Largest number of coordinates that a message names."""
@@ -99,7 +91,9 @@ class Derivation:
     def momenta(self) -> Mapping[Any, Any]:
         """{coordinate: dL/dv}."""
         return self._short(
-            "the momenta", lambda page: page.momenta, lambda: self._stated_slopes(self.statement.velocities)
+            "the momenta",
+            lambda page: map(page.show, page.momenta),
+            lambda: self._stated_slopes(self.statement.velocities),
         )
 
     @cached_property
@@ -122,7 +116,7 @@ class Derivation:
         """{coordinate: d/dt dL/dv}, collected in the accelerations."""
         return self._short(
             "the rates of the momenta",
-            lambda page: page.rates,
+            lambda page: page.accelerated(page.drifts),
             lambda: [_by_terms(p.diff(t)) for p in self.momenta.values()],
         )
 
@@ -131,24 +125,26 @@ class Derivation:
         """{coordinate: dL/dq}."""
         return self._short(
             "the derivatives of the Lagrangian",
-            lambda page: page.pulls,
+            lambda page: map(page.show, page.pulls),
             lambda: self._stated_slopes(self.statement.coordinates),
         )
 
     @cached_property
     def drag(self) -> Mapping[Any, Any]:
         """{coordinate: dD/dv}."""
-        return self._each("the derivatives of the dissipation", lambda page: page.drags)
+        return self._each("the derivatives of the dissipation", lambda page: map(page.show, page.drags))
 
     @cached_property
     def right_sides(self) -> Mapping[Any, Any]:
         """{coordinate: h} of M a = h + G^T lambda, the terms without accelerations."""
-        return self._each("the equations of motion", lambda page: page.right_sides)
+        return self._each("the equations of motion", lambda page: map(page.show, page.right_sides))
 
     @cached_property
     def equations(self) -> tuple[Any, ...]:
         """One Eq per coordinate. Its right side has the generalized forces as stated, and those of the constraints."""
-        lefts = self._short("the equations of motion", lambda page: page.left_sides, self._stated_sides).values()
+        lefts = self._short(
+            "the equations of motion", lambda page: page.accelerated(page.remainders), self._stated_sides
+        ).values()
         exerted = self.constraint_forces.values()
         rights = [
             Add(force, *(forces[q] for forces in exerted))
@@ -198,7 +194,23 @@ class Derivation:
         With constraints the multipliers are solved for, too, and the formulas hold on the constraints. Raises
         StatementError for a singular matrix and for formulas that are too long to print.
         """
-        return self._written(ACCELERATIONS, lambda page: page.by_coordinate(page.motion[: len(page.q)]))
+        solved = self._written(ACCELERATIONS, lambda page: page.by_coordinate(page.motion[: len(page.q)]))
+        return MappingProxyType(
+            {q: _shorter(value, self._divided(i, value)) for i, (q, value) in enumerate(solved.items())}
+        )
+
+    def _divided(self, place: int, solved: Any) -> Any:
+        """Return a solved acceleration as its equation, as shown, divided by its mass term by term: g - k*(s - d)/m.
+
+        Return `solved` if the equation has other accelerations or multipliers, or L is long.
+        """
+        q, row = self.statement.coordinates[place], self.mass_matrix.row(place)
+        mass = row[place]
+        if self.statement.constraints or not self._is_short or mass == 0 or any(row[:place]) or any(row[place + 1 :]):
+            return solved
+        equation = self.equations[place]
+        rest = equation.lhs.xreplace({acceleration_of(q): 0})
+        return Add(equation.rhs / mass, *(-term / mass for term in Add.make_args(rest)))
 
     @cached_property
     def multipliers(self) -> Mapping[str, Any]:
@@ -210,19 +222,11 @@ class Derivation:
 
     @cached_property
     def energy_is_sum(self) -> bool:
-        """False if v.p - L is not T + V, as in a turning frame. T is doubled in velocity at a random state.
-
-        True if the Lagrangian was stated alone.
-        """
-        kinetic = self.statement.kinetic
-        if self.statement.lagrangian_alone or visibly_homogeneous(self.statement):
+        """False if v.p - L is seen to differ from T + V, as in a rotating frame."""
+        try:
+            return not seen_jacobi(self.statement, self._page)
+        except (TooLargeError, RecursionError):
             return True
-        dice = Random(1)
-        leaves = sorted(kinetic.atoms(Symbol, AppliedUndef, Derivative), key=str)
-        state = {leaf: Float(dice.uniform(0.5, 1.5)) for leaf in leaves}
-        doubled = {v: 2 * state[v] for v in self.statement.velocities if v in state}
-        single, double = (kinetic.xreplace(values) for values in (state, {**state, **doubled}))
-        return not single.is_Float or not double.is_Float or abs(double - 4 * single) <= ROUNDING * abs(double)
 
     @cached_property
     def _is_short(self) -> bool:
@@ -254,7 +258,7 @@ class Derivation:
     def _short(
         self,
         what: str,
-        parts: Callable[[TextbookAlgebra], Sequence[Any]],
+        parts: Callable[[TextbookAlgebra], Iterable[Any]],
         as_stated: Callable[[], Sequence[Any]],
     ) -> Mapping[Any, Any]:
         """Return parts by coordinate, each collected or in its stated form, whichever is shorter."""
@@ -268,8 +272,8 @@ class Derivation:
         merged = self._written(what, lambda page: page.show(page.algebra.merge_angles(page.read(stated))))
         return _shorter(merged, stated) if self._is_short else merged
 
-    def _each(self, what: str, parts: Callable[[TextbookAlgebra], Sequence[Any]]) -> Mapping[Any, Any]:
-        return self._written(what, lambda page: page.by_coordinate(map(page.show, parts(page))))
+    def _each(self, what: str, parts: Callable[[TextbookAlgebra], Iterable[Any]]) -> Mapping[Any, Any]:
+        return self._written(what, lambda page: page.by_coordinate(parts(page)))
 
     def _written(self, what: str, part: Callable[[TextbookAlgebra], Part]) -> Part:
         self._page.algebra.budget = BUDGET

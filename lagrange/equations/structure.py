@@ -80,14 +80,11 @@ class Structure:
 
     def sentences(self) -> list[str]:
         """Return the properties in words, one sentence each."""
-        return [
-            self._mass(),
-            *self._separation(),
-            *self._first_order(),
-            *self._constraints(),
-            self._energy(),
-            *self._momenta(),
-        ]
+        return [self._mass(), *self._separation(), *self.remarks()]
+
+    def remarks(self) -> list[str]:
+        """Return the sentences of a textbook: coordinates without inertia, constraints, conserved quantities."""
+        return [*self._first_order(), *self._constraints(), self._energy(), *self._momenta()]
 
     def _separation(self) -> list[str]:
         if self.separable:

@@ -8,7 +8,7 @@ zero may still vanish: it stays undecided.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, partial
 from math import gcd, lcm
 from types import MappingProxyType
@@ -173,11 +173,6 @@ class TextbookAlgebra(StatedAlgebra):
         return [self.at_constant_velocities(p) for p in self.momenta]
 
     @cached_property
-    def rates(self) -> list[MonomialSum]:
-        """dp/dt = M a + drift."""
-        return [self.accelerated(i, drift) for i, drift in enumerate(self.drifts)]
-
-    @cached_property
     def remainders(self) -> list[MonomialSum]:
         """Terms on the left other than M a: (dp/dq) v + dp/dt - dL/dq + dD/dv, for each coordinate."""
         algebra = self.algebra
@@ -195,16 +190,17 @@ class TextbookAlgebra(StatedAlgebra):
             for force, rest in zip(forces, self.remainders, strict=True)
         ]
 
-    @cached_property
-    def left_sides(self) -> list[MonomialSum]:
-        """M a + remainder."""
-        return [self.accelerated(i, rest) for i, rest in enumerate(self.remainders)]
-
-    def accelerated(self, i: int, rest: MonomialSum) -> MonomialSum:
-        """Return row i of M a, plus `rest`."""
-        multiply = self.algebra.multiply
-        row = (multiply(m, self.symbol(a)) for m, a in zip(self.mass[i], self.a, strict=True))
-        return self.algebra.add({}, *row, rest)
+    def accelerated(self, rests: Sequence[MonomialSum]) -> list[Any]:
+        """Return M a + rest for each coordinate in the stated symbols, each acceleration with one factor."""
+        return [
+            self.finish(
+                sympy.Add(
+                    *(self.collector.write(m) * a for m, a in zip(row, self.a, strict=True)),
+                    self.collector.write(shortened(self.algebra, rest)),
+                )
+            )
+            for row, rest in zip(self.mass, rests, strict=True)
+        ]
 
     @cached_property
     def gradient(self) -> list[list[MonomialSum]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import Any, ClassVar
@@ -48,7 +48,7 @@ LEFT_OUT = {"full": (), "short": ("Positions and velocities", "Coordinate", "Mat
 def render(
     derivation: Derivation,
     style: str = "text",
-    findings: Sequence[str] = (),
+    remarks: Sequence[str] = (),
     detail: str = "full",
     heading: Heading = NO_HEADING,
 ) -> str:
@@ -58,15 +58,16 @@ def render(
     multipliers are solved for together with the accelerations.
 
     `style` is "text", where formulas are spelled as in a scene file, "unicode", "latex", a complete document,
-    "markdown", with formulas between dollar signs, or "html", a complete page with MathML. `findings` are sentences
-    about the structure. `detail` is "full" or "short": the statement, L, the equations and the accelerations. A part
-    that is too large is replaced by a sentence that says so. Raises StatementError for any other style or detail.
+    "markdown", with formulas between dollar signs, or "html", a complete page with MathML. `remarks` are
+    sentences on conserved quantities and constraints. `detail` is "full" or "short": the statement, L, the equations
+    and the accelerations. A part that is too large is replaced by a sentence that says so. Raises StatementError for
+    any other style or detail.
     """
     one_of(style, FORMATS, "{given} is no format of a derivation; they are {known}.")
     left_out = LEFT_OUT[one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")]
     page: Page = PAGES[style](derivation.statement, heading)
     shown = [section for section in sections(derivation) if section.heading not in left_out]
-    return page.write([*shown, *([Section("Structure", tuple(findings))] if findings else [])])
+    return page.write([*shown, *([Section("Remarks", tuple(remarks))] if remarks else [])])
 
 
 class Page(ABC):
@@ -187,8 +188,15 @@ class LatexPage(Page):
             lines += ["", f"\\noindent\\textbf{{Problem.}} {latex_text(self.above.problem)}\\par"]
         for section in sections:
             lines += ["", f"\\section*{{{self.heading(section, latex_text, '${}$')}}}"]
-            lines += [self.row(row) for row in section.rows]
+            lines += map(self.row, section.rows) if section.symbol is None else self.steps(section.rows)
         return "\n".join([*lines, "", "\\end{document}"]) + "\n"
+
+    def steps(self, rows: Sequence[Formula | str]) -> Iterator[str]:
+        """Yield the steps of a derivation, short ones side by side."""
+        for group in self.lines.beside([row for row in rows if isinstance(row, Formula)]):
+            beside = ", \\qquad ".join(map(self.formula, group))
+            yield self.row(group[0]) if len(group) == 1 else f"\\[ {beside} \\]"
+        yield from (self.row(row) for row in rows if isinstance(row, str))
 
     def sentence(self, text: str, quoted: Callable[[str], str]) -> str:
         """Return a sentence with its symbols as formulas: Greek letters, and names that end with a digit."""

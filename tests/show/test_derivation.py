@@ -71,7 +71,7 @@ Equations of motion
     m*(l + x)**2*theta_ddot + 2*m*(l + x)*x_dot*theta_dot + c*theta_dot + m*g*(l + x)*sin(theta) = 0
 
 Matrix form
-    M*(x_ddot, theta_ddot) = h
+    M*(x_ddot, theta_ddot).T = h
     M = [m,  0           ]
         [0,  m*(l + x)**2]
     h = [m*(l + x)*theta_dot**2 - k*x + m*g*cos(theta) + sin(t)             ]
@@ -79,12 +79,12 @@ Matrix form
 
 Accelerations
     x_ddot = (l + x)*theta_dot**2 - k*x/m + g*cos(theta) + sin(t)/m
-    theta_ddot = -(2*m*(l + x)*x_dot*theta_dot + c*theta_dot + m*g*(l + x)*sin(theta))/(m*(l + x)**2)
+    theta_ddot = -2*x_dot*theta_dot/(l + x) - c*theta_dot/(m*(l + x)**2) - g*sin(theta)/(l + x)
 
 Energy
     E = m*(x_dot**2 + (l + x)**2*theta_dot**2)/2 + k*x**2/2 - m*g*(l + x)*cos(theta)
 
-Structure
+Remarks
     The energy is not conserved.
 """
 
@@ -121,7 +121,7 @@ Equations of motion
     m (l + x)² θ̈ + 2 m (l + x) ẋ θ̇ + c θ̇ + m g (l + x) sin θ = 0
 
 Matrix form
-    M (ẍ, θ̈) = h
+    M (ẍ, θ̈)ᵀ = h
     M = [m,  0         ]
         [0,  m (l + x)²]
     h = [m (l + x) θ̇² − k x + m g cos θ + sin t    ]
@@ -129,12 +129,12 @@ Matrix form
 
 Accelerations
     ẍ = (l + x) θ̇² − (k/m) x + g cos θ + (1/m) sin t
-    θ̈ = −(2 m (l + x) ẋ θ̇ + c θ̇ + m g (l + x) sin θ)/(m (l + x)²)
+    θ̈ = −2 ẋ θ̇/(l + x) − c θ̇/(m (l + x)²) − (g sin θ)/(l + x)
 
 Energy
     E = ½ m (ẋ² + (l + x)² θ̇²) + ½ k x² − m g (l + x) cos θ
 
-Structure
+Remarks
     The energy is not conserved.
 """
 
@@ -154,7 +154,7 @@ def test_latex_page_is_a_document() -> None:
     assert page.endswith("\\end{document}\n")
     assert "\\title{elastic pendulum}" in page
     assert r"\[ m \ddot{x} - m (l + x) \dot\theta^2 + k x - m g \cos \theta = \sin t \]" in page
-    assert r"\[ p_\theta = \frac{\partial L}{\partial \dot\theta} = m (l + x)^2 \dot\theta \]" in page
+    assert r"p_\theta = \frac{\partial L}{\partial \dot\theta} = m (l + x)^2 \dot\theta" in page
     assert r"\section*{Coordinate $\theta$}" in page
     assert r"50\% \& more" in page
     for begin, end in (("{", "}"), (r"\left", r"\right"), (r"\[", r"\]"), (r"\begin", r"\end")):
@@ -166,7 +166,7 @@ def test_markdown_page_has_its_formulas_between_dollars() -> None:
     assert page.startswith("# elastic pendulum\n\n## Stated\n\nA swinging spring\\.\n")
     assert "## Coordinate $x$\n\n$$\np_x = \\frac{\\partial L}{\\partial \\dot{x}} = m \\dot{x}\n$$\n" in page
     assert page.count("$$") % 2 == 0
-    assert page.endswith("## Structure\n\na\\_b is \\*odd\\*\n")
+    assert page.endswith("## Remarks\n\na\\_b is \\*odd\\*\n")
 
 
 def test_notebooks_show_the_equations() -> None:
@@ -178,7 +178,7 @@ def test_notebooks_show_the_equations() -> None:
 def test_a_lagrangian_is_shown_as_stated() -> None:
     page = render(derive(declare(lagrangian=m * x.dot**2 / 2 - k * x**2 / 2)))
     assert "Stated\n    L = m*x_dot**2/2 - k*x**2/2\n" in page
-    assert "V =" not in page and "Structure" not in page
+    assert "V =" not in page and "Remarks" not in page
 
 
 def test_what_is_too_large_is_said_in_its_place(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -234,7 +234,7 @@ def test_every_style_holds_every_section() -> None:
     for style in FORMATS:
         page = render(cart(), style, ["Found."])
         headings = ["Stated", "Lagrangian", "Coordinate", "Equations of motion", "Matrix form", "Accelerations"]
-        headings += ["Energy", "Structure"]
+        headings += ["Energy", "Remarks"]
         assert [page.index(heading) for heading in headings] == sorted(page.index(heading) for heading in headings)
 
 
@@ -257,7 +257,7 @@ def constrained(name: str = "rod", **more: Any) -> Derivation:
 
 def test_constraints_are_stated_and_follow_the_equations() -> None:
     page = render(constrained())
-    assert "    V = m*g*y\n    phi_rod = x**2 + y**2 - l**2\n    psi_slide = x_dot - c*y_dot\n" in page
+    assert "    V = m*g*y\n    f_rod = x**2 + y**2 - l**2\n    f_slide = x_dot - c*y_dot\n" in page
     assert (
         "Equations of motion\n"
         "    m*x_ddot = 2*lambda[rod]*x + lambda[slide]\n"
@@ -270,7 +270,7 @@ def test_constraints_are_stated_and_follow_the_equations() -> None:
 
 def test_multipliers_have_their_constraint_for_an_index() -> None:
     page = render(constrained(), "latex")
-    assert r"\[ \phi_{\mathrm{rod}} = x^2 + y^2 - l^2 \]" in page
+    assert r"\[ f_{\mathrm{rod}} = x^2 + y^2 - l^2 \]" in page
     assert r"\[ m \ddot{x} = 2 \lambda_{\mathrm{rod}} x + \lambda_{\mathrm{slide}} \]" in page
     assert r"\lambda_{\mathrm{rod}} = " in render(constrained(), "markdown")
 
@@ -284,7 +284,7 @@ def test_a_multiplier_and_a_parameter_never_look_the_same() -> None:
 
 def test_a_constraint_may_have_the_name_of_a_coordinate() -> None:
     page = render(constrained("x"), "latex")
-    assert r"\phi_x = " in page and r"2 \lambda_x x" in page
+    assert r"f_x = " in page and r"2 \lambda_x x" in page
 
 
 def test_the_page_says_where_chetaevs_rule_is_used() -> None:
@@ -301,11 +301,16 @@ def test_what_a_turning_frame_conserves_is_the_jacobi_integral() -> None:
     place = (R * sin(theta) * cos(w * lg.t), R * sin(theta) * sin(w * lg.t), -R * cos(theta))
     hoop = lg.System(lg.kinetic_energy(m, place), lg.gravity(m, place, g))
     text, paper = hoop.derivation().text(), hoop.derivation().latex()
-    assert "\nJacobi integral\n    J = m*R**2*theta_dot**2/2 - m*g*R*cos(theta) - m*R**2*w**2*sin(theta)**2/2\n" in text
+    assert "\nJacobi integral\n    J = m*R**2*theta_dot**2/2 - m*R**2*w**2*sin(theta)**2/2 - m*g*R*cos(theta)\n" in text
     assert "\nEnergy\n" not in text
     assert r"the Jacobi integral $\sum_i \dot q_i p_i - L$ is conserved" in paper
     assert "Jacobi" not in lg.scene("charge-in-field").derivation().text()
-    assert "Jacobi integral" not in hoop.derivation(detail="short").text().split("Structure")[0]
+    y = lg.coordinate("y")
+    free = lg.System(m * ((x.dot - w * y) ** 2 + (y.dot + w * x) ** 2) / 2, 0).derivation().text()
+    assert "\nJacobi integral\n    J = " in free and "\nEnergy\n" not in free
+    wound = lg.System(m * (x.dot**2 + y.dot**2) / 2 + w * (x * y.dot - y * x.dot), m * g * y).derivation().text()
+    assert "\nEnergy\n    E = " in wound and "the energy is conserved" in wound
+    assert "Jacobi integral" not in hoop.derivation(detail="short").text().split("Remarks")[0]
 
 
 def test_a_lagrangian_is_written_once_and_a_constant_of_a_constraint_last() -> None:
@@ -316,3 +321,39 @@ def test_a_lagrangian_is_written_once_and_a_constant_of_a_constraint_last() -> N
     assert "    x + y - L = 0\n" in text
     free = lg.System(m * (x.dot**2 + y.dot**2) / 2, m * x, coordinates=[x, y]).derivation().text()
     assert "    dL/dy = 0\n    d/dt(p_y) = 0\n" in free and "    d/dt(dL/dx_dot) - dL/dx = 0\n" in free
+
+
+def test_a_top_has_one_factor_for_each_acceleration_and_one_fraction() -> None:
+    phi, theta, psi = lg.coordinates("phi theta psi")
+    inertia, axial = lg.parameters("I1 I3")
+    m, g, l = lg.parameters("m g l")
+    spin = (
+        inertia * (theta.dot**2 + phi.dot**2 * sin(theta) ** 2) / 2 + axial * (psi.dot + phi.dot * cos(theta)) ** 2 / 2
+    )
+    text = lg.System(spin, m * g * l * cos(theta)).derivation().text()
+    assert (
+        "\n    (I1*sin(theta)**2 + I3*cos(theta)**2)*phi_ddot + I3*psi_ddot*cos(theta)\n        + 2*(I1 - I3)" in text
+    )
+    assert "\n    p_psi = dL/dpsi_dot = I3*(phi_dot*cos(theta) + psi_dot)\n" in text
+    phi_ddot = next(line for line in text.splitlines() if line.startswith("    phi_ddot = "))
+    assert phi_ddot.endswith("/(I1*sin(theta))") and phi_ddot.count("/") == 1
+
+
+def test_an_acceleration_is_its_equation_divided_by_its_mass_where_that_is_shorter() -> None:
+    s, (m, g, k, d) = lg.coordinate("s"), lg.parameters("m g k d")
+    hung = lg.System(m * s.dot**2 / 2, k * (s - d) ** 2 / 2 - m * g * s)
+    assert "\n    s_ddot = g - k*(s - d)/m\n" in hung.derivation().text()
+
+
+def test_matrices_are_multiplied_into_columns_and_one_of_zeros_is_left_out() -> None:
+    x, psi, (m, k) = lg.coordinate("x"), lg.coordinate("psi"), lg.parameters("m k")
+    free = lg.System(m * x.dot**2 / 2 + k * psi.dot**2 / 2, 0, constraints={"roll": x.dot - k * psi.dot}).derivation()
+    assert "\n    M*(x_ddot, psi_ddot).T = G.T*lambda[roll]\n    M = " in free.text() and "    h = " not in free.text()
+    assert r"M (\ddot{x}, \ddot\psi)^T = G^T \lambda_{\mathrm{roll}}" in free.latex()
+    assert r"f_{\mathrm{roll}} = " in free.latex() and r"\psi_{" not in free.latex()
+
+
+def test_short_steps_stand_side_by_side_on_paper() -> None:
+    s, m = lg.coordinate("s"), lg.parameters("m")
+    steps = next(line for line in lg.System(m * s.dot**2 / 2, 0).derivation().latex().splitlines() if "p_s" in line)
+    assert steps.count(r", \qquad ") == 3 and steps.endswith(r"\frac{d}{dt} p_s = 0 \]")

@@ -124,12 +124,12 @@ class Motion:
                 by = inside.by if isinstance(inside, Partial) else self.velocity(inside.indices[0])
                 return self.rate(partial(self.slope, self.statement.lagrangian, by))
             case Transpose():
-                return np.asarray(self.side(side.quantity)).T
+                return np.asarray(self.side(side.matrix)).T
             case Product():
                 factors = [np.asarray(self.side(factor)) for factor in side.factors]
                 value = factors[0]
                 for factor in factors[1:]:
-                    value = value @ factor.T if value.ndim and factor.ndim else value * factor
+                    value = value @ factor if value.ndim and factor.ndim else value * factor
                 return value
             case Sum():
                 return sum((-1 if negative else 1) * np.asarray(self.side(term)) for negative, term in side.terms)
@@ -153,7 +153,7 @@ class Motion:
         if letter == "T" and indices:
             masses = {point.name: point.mass for point in self.system.derivation().points}
             return self.number(masses[indices[0]]) * self.side(Square(ShownQuantity("v", indices))) / 2
-        if letter in ("L", "T", "V", "D", "phi", "psi"):
+        if letter in ("L", "T", "V", "D", "f"):
             return self.number(self.stated(ShownQuantity(letter, indices)))
         rows = [one.name for one in s.constraints] if letter == "G" else list(names)
         values = {

@@ -35,6 +35,7 @@ COMMANDS = GREEK | frozenset(
         "bigl",
         "bigr",
         "quad",
+        "qquad",
         "times",
         "sin",
         "cos",

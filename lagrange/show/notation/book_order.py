@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import cached_property
 from typing import Any
 
-from sympy import Add, Derivative
+from sympy import Add, Derivative, Mul
 from sympy.core.function import AppliedUndef
 
 from lagrange.show.notation.names import index_parts
@@ -20,6 +20,7 @@ Textbooks print m g l, m l^2 omega^2, and G m1 m2 with G first. In the same clas
 OTHERS = LETTERS.index("")
 CLASS_OF = {letter: place for place, letters in enumerate(LETTERS) for letter in letters.split()}
 PARAMETER, MULTIPLIER, POSITION, VELOCITY, ACCELERATION, FUNCTION = range(6)
+GRAVITY = (PARAMETER, LETTERS.index("g"))
 LAST = (POSITION, 0, 1_000_000)
 """Rank of time and of symbols that are not in the statement: after the coordinates."""
 
@@ -93,13 +94,30 @@ class BookOrder:
     def term(self, term: Any) -> Key:
         """Return the sort key of a term: accelerations come first, then velocities, then the rest.
 
-        In the rest squares and products of coordinates come first, as in x^2 + y^2 - l^2, then constants, as in l + x
-        and m1 + m2 sin(theta)^2.
+        Weights, then driving terms, come last. In the rest squares and
+        products of coordinates come first, as in x^2 + y^2 - l^2, then constants, as in l + x and m1 + m2 sin(theta)^2.
         """
         ranks = self.symbols(term)
         highest = max((rank[0] for rank in ranks), default=PARAMETER)
         places = [rank[2] for rank in ranks if rank[0] == highest for _ in range(self._power(term, rank))]
-        return (-max(highest, POSITION), self._place(term, highest), places, ranks)
+        degree = self._degree(term) if highest == VELOCITY else 0
+        last = self._last(ranks) if highest <= POSITION else 0
+        return (-max(highest, POSITION), degree, last, self._place(term, highest), places, ranks)
+
+    def _last(self, ranks: list[tuple[int, int, int]]) -> int:
+        """Return 1 for the ranks of a weight, 2 for those of a function of time alone, which is last, else 0."""
+        if ranks and ranks[-1] == LAST and not any(rank[0] == POSITION for rank in ranks if rank != LAST):
+            return 2
+        return int(len(ranks) > 1 and any(rank[:2] == GRAVITY for rank in ranks))
+
+    def _degree(self, term: Any) -> int:
+        """Return 1 for a product of several velocities, 2 for a term with one, 0 for squares, which come first."""
+        factors = term.as_powers_dict()
+        powers = [e for base, e in factors.items() if self.rank.get(base, LAST)[0] == VELOCITY]
+        if not powers:
+            sums = (base.args for base, e in factors.items() if base.is_Add and e == 1)
+            return max((self._degree(part) for parts in sums for part in parts), default=0)
+        return 1 if len(powers) > 1 else 2 if powers == [1] else 0
 
     def _power(self, term: Any, rank: tuple[int, int, int]) -> int:
         """Return the degree of a symbol in a product, so that x^2 comes before x y, and x y before y^2."""
@@ -125,13 +143,18 @@ class BookOrder:
         A constant that is subtracted comes last, as in x + y - l.
         """
         ordered = sorted(parts, key=self.term)
-        if not _negative(ordered[0]) or self.term(ordered[0])[0] == -ACCELERATION:
+        if not self.subtracted(ordered[0]) or self.term(ordered[0])[0] == -ACCELERATION:
             return ordered
         if not self.moves(ordered[0]):
             ordered.sort(key=lambda part: not self.moves(part))
-        first = next((part for part in ordered if not _negative(part)), ordered[0])
+        first = next((part for part in ordered if not self.subtracted(part)), ordered[0])
         ordered.remove(first)
         return [first, *ordered]
+
+    def subtracted(self, term: Any) -> bool:
+        """Return True if a term is written with a minus sign; a sum that is a factor may be written as its negative."""
+        turned = (f for f in Mul.make_args(term) if f.is_Add and self.turned(f)) if term.is_Mul else ()
+        return _negative(term) != (sum(1 for _ in turned) % 2 == 1)
 
     def turned(self, total: Any) -> bool:
         """Return True if a sum in parentheses is better written as its negative.

@@ -104,7 +104,7 @@ class Typesetter:
         number, rest = product.as_coeff_Mul()
         factors = list(sympy.Mul.make_args(rest))
         roots = [x for x in factors if x.is_Pow and abs(x.exp) == sympy.S.Half and not self.order.moves(x.base)]
-        if len(roots) < 2 or not all(x.base.is_Rational or x.base.free_symbols for x in roots):
+        if len(roots) < 2:
             return number, factors
         inside = sympy.Mul(*(x.base ** (2 * x.exp) for x in roots))
         factor = inside.as_coeff_Mul()[0]
@@ -252,8 +252,7 @@ MEANINGS = {
     "M": "mass_matrix",
     "h": "right_side",
     "G": "gradient",
-    "phi": "constraint",
-    "psi": "constraint",
+    "f": "constraint",
 }
 """Words for the letters of mechanics, written if a symbol of the statement looks like the letter."""
 
@@ -293,7 +292,7 @@ class SideWriter:
             case Rate():
                 return self.notation.rate(self.side(side.inside))
             case Transpose():
-                return self.notation.transposed(self.quantity(side.quantity))
+                return self.notation.transposed(self.side(side.matrix))
             case Product():
                 return self.notation.joined([self.factor(factor) for factor in side.factors])
             case Sum():
@@ -343,6 +342,20 @@ class LineWriter:
             return [*lines[:-1], Line("", whole, goes_on=lines[-1].goes_on)]
         first, *more = self.broken(last, WIDEST - width(measured) - 3)
         return [Line(left, first), *(Line("", line, goes_on=True) for line in more)]
+
+    def beside(self, rows: Sequence[Formula]) -> Iterator[list[Formula]]:
+        """Yield formulas in groups that fit side by side into one line each."""
+        group: list[Formula] = []
+        room = 0
+        for row in rows:
+            wide = width(" = ".join(self.ruler.side(side) for side in row.sides)) + SHORT // 2
+            if group and wide > room:
+                yield group
+                group = []
+            room = (room if group else WIDEST) - wide
+            group.append(row)
+        if group:
+            yield group
 
     def apart(self, left: str, last: Any) -> bool:
         """Return True if the last side goes below the left side: both are long, or the left one takes several lines."""

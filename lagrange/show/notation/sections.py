@@ -68,9 +68,9 @@ class Product:
 
 @dataclass(frozen=True)
 class Transpose:
-    """The transpose of a matrix."""
+    """The transpose of a matrix or of a row."""
 
-    quantity: ShownQuantity
+    matrix: Any
 
 
 @dataclass(frozen=True)
@@ -142,8 +142,8 @@ def sections(derivation: Derivation) -> Iterator[Section]:
 
 
 def constraint_quantity(one: Any) -> ShownQuantity:
-    """Return phi for a constraint on coordinates, psi for one on velocities, with its name as the index."""
-    return ShownQuantity("phi" if one.holonomic else "psi", (one.name,))
+    """Return f, with the name of the constraint as its index."""
+    return ShownQuantity("f", (one.name,))
 
 
 def _stated(statement: Statement) -> Iterator[Formula | str]:
@@ -252,19 +252,26 @@ def _matrices(derivation: Derivation) -> Iterator[Formula | str]:
         yield f"M a = h has {len(names)} rows, which are the equations of motion; mass_matrix has its matrix."
         return
     mass, right, gradient = (ShownQuantity(letter) for letter in "MhG")
-    accelerations = Grid((tuple(list(statement.plain.values())[2::3]),), vector=True)
-    multipliers = Grid((tuple(one.multiplier for one in statement.constraints),), vector=True)
-    pushed = [(False, Product((Transpose(gradient), multipliers)))] if statement.constraints else []
-    yield Formula((Product((mass, accelerations)), Sum(((False, right), *pushed))))
+    multipliers = [one.multiplier for one in statement.constraints]
+    accelerations = _column(list(statement.plain.values())[2::3])
+    pushed = [(False, Product((Transpose(gradient), _column(multipliers))))] if multipliers else []
+    rests = [(False, right)] if any(derivation.right_sides.values()) else []
+    yield Formula((Product((mass, accelerations)), Sum((*rests, *pushed))))
     entries = [tuple(derivation.mass_matrix.row(i)) for i in range(len(names))]
     yield from _matrix("M", entries, names, symmetric=True)
-    yield from _matrix("h", [(h,) for h in derivation.right_sides.values()], names)
+    if rests:
+        yield from _matrix("h", [(h,) for h in derivation.right_sides.values()], names)
     rows = [
         tuple(derivation.constraint_forces[one.name][q] / one.multiplier for q in statement.coordinates)
         for one in statement.constraints
     ]
     if rows:
         yield from _matrix("G", rows, [one.name for one in statement.constraints], names)
+
+
+def _column(entries: Sequence[Any]) -> Any:
+    """Return a column, written as the transpose of a row; a single entry is that entry."""
+    return entries[0] if len(entries) == 1 else Transpose(Grid((tuple(entries),), vector=True))
 
 
 def _matrix(

@@ -27,7 +27,7 @@ from lagrange.statement.coordinate import name_of
 from lagrange.statement.statement import Statement
 
 INSTEAD = "`print(system.derivation())` has it as text."
-OPEN = ("Stated", "Lagrangian", "Equations of motion", "Structure")
+OPEN = ("Stated", "Lagrangian", "Equations of motion", "Remarks")
 """Sections that a notebook shows unfolded if they are short."""
 
 
@@ -35,10 +35,10 @@ OPEN = ("Stated", "Lagrangian", "Equations of motion", "Structure")
 class ShownDerivation(Derivation):
     """A derivation that prints itself: str() returns its text, and a notebook shows it with rendered formulas.
 
-    `findings` are sentences about the structure. `detail` is "full" or "short".
+    `remarks` are sentences on conserved quantities and constraints. `detail` is "full" or "short".
     """
 
-    findings: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
     detail: str = "full"
 
     def text(self) -> str:
@@ -69,7 +69,7 @@ class ShownDerivation(Derivation):
         for another style.
         """
         chosen = terminal_style() if style is None else style
-        return render(self, chosen, self.findings, self.detail, heading)
+        return render(self, chosen, self.remarks, self.detail, heading)
 
     def __str__(self) -> str:
         return self.written()
@@ -78,16 +78,16 @@ class ShownDerivation(Derivation):
         return f"<Derivation of {plain_text(self.statement.name)}: print it, or .latex()>"
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return written_derivation, (self.statement, self.findings, self.detail)
+        return written_derivation, (self.statement, self.remarks, self.detail)
 
     def _repr_markdown_(self) -> str:
         return derivation_page(self)
 
 
-def written_derivation(statement: Statement, findings: tuple[str, ...] = (), detail: str = "full") -> ShownDerivation:
+def written_derivation(statement: Statement, remarks: tuple[str, ...] = (), detail: str = "full") -> ShownDerivation:
     """Return the derivation of a statement that prints itself. Raises StatementError for an unknown detail."""
     one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")
-    return ShownDerivation(statement, TextbookAlgebra(statement), findings, detail)
+    return ShownDerivation(statement, TextbookAlgebra(statement), remarks, detail)
 
 
 def derivation_page(derivation: ShownDerivation) -> str:
@@ -105,8 +105,8 @@ def _parts(derivation: ShownDerivation) -> Iterator[Part]:
         for section in sections(derivation):
             if section.heading not in LEFT_OUT[derivation.detail]:
                 yield section.heading, _section(section, writer)
-    if derivation.findings:
-        yield "the structure", _section(Section("Structure", derivation.findings), writer)
+    if derivation.remarks:
+        yield "the remarks", _section(Section("Remarks", derivation.remarks), writer)
 
 
 def _section(section: Section, writer: PageWriter) -> str:
