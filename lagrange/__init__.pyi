@@ -17,8 +17,8 @@ from lagrange.show.dynamics import poincare as poincare
 from lagrange.show.ensemble import Ensemble as Ensemble
 from lagrange.show.ensemble import ensemble as ensemble
 from lagrange.show.figures.new_figure import figure as figure
+from lagrange.show.figures.run_figure import plot as plot
 from lagrange.show.notebook.shown_lists import scenes as scenes
-from lagrange.show.plotting import plot as plot
 from lagrange.show.race import Race as Race
 from lagrange.show.race import race as race
 from lagrange.statement.coordinate import coordinate as coordinate
@@ -32,8 +32,8 @@ from lagrange.statement.energy import rotational_energy as rotational_energy
 from lagrange.statement.energy import spring as spring
 from lagrange.statement.event import Event as Event
 from lagrange.statement.event import event as event
-from lagrange.statement.given import given as given
-from lagrange.statement.motion import table as table
+from lagrange.statement.given.function import given as given
+from lagrange.statement.given.motion import table as table
 from lagrange.system import System as System
 from lagrange.system import load as load
 from lagrange.system import scene as scene

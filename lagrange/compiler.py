@@ -36,7 +36,7 @@ from lagrange.program.switching import Switched
 from lagrange.program.taylor import series_program
 from lagrange.recipes.model import Model
 from lagrange.statement.choice import one_of
-from lagrange.statement.given import require_formulas, with_inputs
+from lagrange.statement.given.function import require_formulas, with_inputs
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.projection import Projection
 

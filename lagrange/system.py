@@ -17,11 +17,11 @@ from lagrange.show.notation.sections import ShownQuantity
 from lagrange.show.notebook.shown_derivation import ShownDerivation, written_derivation
 from lagrange.show.notebook.shown_lists import EquationList, ExpressionDict
 from lagrange.show.notebook.system_page import system_page
-from lagrange.show.terminal.languages import DETAILS
+from lagrange.show.terminal import DETAILS
 from lagrange.statement.choice import ByName, one_of
 from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.declare import declare
-from lagrange.statement.given import require_values
+from lagrange.statement.given.function import require_values
 from lagrange.statement.number import flag
 from lagrange.statement.scene.library import load as library_scene
 from lagrange.statement.scene.scene_reader import read_scene, stored_statement
@@ -340,7 +340,7 @@ class System:
         to their bounds, {l: (0.5, 2), theta.dot: (-3, 3)}. Raises StatementError for names without a slider, for
         functions that JavaScript lacks, and for a path that cannot be written.
         """
-        from lagrange.page.write import write_page
+        from lagrange.page.web_page import write_page
 
         require_values(self.statement)
         return write_page(self.compile("numpy", check=False), self.derivation(), path, parameters, initial, sliders)

@@ -254,7 +254,7 @@ def test_every_module_is_reachable() -> None:
 
 def test_stating_a_system_loads_few_modules() -> None:
     loaded = loaded_by("lagrange.system", package())
-    assert {"lagrange.system", "lagrange.equations.regularity", "lagrange.show.derivation"} <= loaded
+    assert {"lagrange.system", "lagrange.equations.regularity", "lagrange.show.derivation_page"} <= loaded
     assert len(loaded) <= MOST_LOADED
     assert not {name for name in loaded if layer(name) in map(STAGES.index, ("machine", "trajectory", "mechanics"))}
 

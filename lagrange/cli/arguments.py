@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import lagrange as lg
 from lagrange.errors import LagrangeError, StatementError, suggestion
-from lagrange.show.terminal.fitting import fitted
+from lagrange.show.terminal import fitted
 from lagrange.statement.run_settings import DESCRIPTIONS
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ class Help(argparse.HelpFormatter):
             self._action_max_length += self._indent_increment
 
 
-class Parser(argparse.ArgumentParser):
+class CommandParser(argparse.ArgumentParser):
     """A parser whose error messages suggest the nearest known word, and fit the width of the terminal."""
 
     def error(self, message: str) -> NoReturn:

@@ -12,7 +12,7 @@ from lagrange.cli.arguments import DONE, FAILED, Answer, add_command, add_json, 
 from lagrange.errors import StatementError
 from lagrange.show.files.atomic_file import check_place, write_atomically
 from lagrange.show.files.csv_format import write_rows
-from lagrange.show.terminal.table import text_table
+from lagrange.show.terminal import text_table
 
 if TYPE_CHECKING:
     from lagrange.system import System

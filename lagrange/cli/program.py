@@ -20,8 +20,8 @@ from lagrange.cli.arguments import (
     INTERRUPTED,
     WRONG,
     Answer,
+    CommandParser,
     Help,
-    Parser,
     add_command,
     add_json,
     folder,
@@ -35,8 +35,7 @@ from lagrange.cli.streams import complain, output
 from lagrange.cli.writing import add_export, add_page, add_pictures
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.show.files.atomic_file import write_atomically
-from lagrange.show.terminal.fitting import fitted
-from lagrange.show.terminal.languages import DETAILS, FORMATS
+from lagrange.show.terminal import DETAILS, FORMATS, fitted
 
 STARTER = """\
 # A scene: one mechanical system, stated by its energies. Run it with:  lagrange run {file}
@@ -124,7 +123,7 @@ def _answer(request: argparse.Namespace) -> Answer:
 
 def parser() -> argparse.ArgumentParser:
     """Return the parser of the command line."""
-    top = Parser(
+    top = CommandParser(
         "lagrange",
         description="State kinetic and potential energy, get checked, compiled equations of motion and trajectories.",
         epilog="Exit codes: 0 done, 1 the run or the check failed, 2 the request was wrong, 130 "

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from lagrange.cli.arguments import DONE, Answer, add_command, add_json
-from lagrange.show.notation.names import plain_text
-from lagrange.show.terminal.table import text_table
+from lagrange.show.notation.symbols import plain_text
+from lagrange.show.terminal import text_table
 from lagrange.statement.run_settings import DEFAULT_METHOD, DEFAULT_T_END
 from lagrange.statement.scene.toml_document import Document
 

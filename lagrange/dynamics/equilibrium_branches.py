@@ -29,7 +29,7 @@ SAME = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Branch:
+class EquilibriumBranch:
     """An equilibrium along a parameter: `coordinates` (k, n) and `eigenvalues` (k, 2n), NaN where it does not exist.
 
     `values` (k,) are those of the parameter, with additional ones where a formula begins or ceases to hold. `formula`
@@ -57,7 +57,7 @@ class BranchesData:
     statement: Statement
     parameter: str
     values: FloatArray
-    branches: tuple[Branch, ...]
+    branches: tuple[EquilibriumBranch, ...]
     axis: str
     status: Status
     message: str
@@ -77,7 +77,7 @@ def equilibrium_branches(
     statement = model.statement
     symbol = next(p for p in statement.parameters if p.name == parameter)
     anchors = list(dict.fromkeys((0, len(values) // 2, len(values) - 1)))
-    made: list[Branch] = []
+    made: list[EquilibriumBranch] = []
     interrupted, refusal = False, ""
     turns = angles(statement)
     try:
@@ -111,7 +111,7 @@ def equilibrium_branches(
 
 
 def _add(
-    made: list[Branch],
+    made: list[EquilibriumBranch],
     place: Equilibrium,
     model: Model,
     along: tuple[str, FloatArray, int],
@@ -143,7 +143,7 @@ def _add(
         alone = np.isfinite(coordinates).all(axis=1) & ~np.isfinite(other.coordinates).all(axis=1)
         if both.any() and not alone.any() and (apart <= SAME * (1 + np.abs(coordinates[both]))).all():
             return
-    made.append(Branch(values, coordinates, eigenvalues, dict(place.coordinates) if place.exact else {}))
+    made.append(EquilibriumBranch(values, coordinates, eigenvalues, dict(place.coordinates) if place.exact else {}))
 
 
 def _with_ends(place: Equilibrium, statement: Statement, parameter: str, values: FloatArray) -> FloatArray:
@@ -173,7 +173,7 @@ def _with_ends(place: Equilibrium, statement: Statement, parameter: str, values:
     return np.array(sorted({*values.tolist(), *more}, key=lambda value: order * value))
 
 
-def _axis(statement: Statement, made: Sequence[Branch]) -> str:
+def _axis(statement: Statement, made: Sequence[EquilibriumBranch]) -> str:
     """Return the coordinate in which the branches differ most."""
     if not made:
         return statement.names[0]

@@ -44,7 +44,7 @@ ARRIVED = 5e-4
 
 
 @dataclass(frozen=True, eq=False)
-class Window:
+class PlaneWindow:
     """A rectangle in the plane of two entries of the state; `periodic` says which coordinates are angles."""
 
     plane: Plane
@@ -128,7 +128,7 @@ class Orbit:
 
 
 def orbit(
-    runs: Runs, window: Window, start: FloatArray, exits: Sequence[Event], begin: float, *, both_ways: bool
+    runs: Runs, window: PlaneWindow, start: FloatArray, exits: Sequence[Event], begin: float, *, both_ways: bool
 ) -> Orbit:
     """Return the orbit through a state, followed forwards and, unless it closes, backwards too."""
     forwards = runs(start, begin, begin + window.reach, events=exits)
@@ -171,7 +171,7 @@ def cut(run: Trajectory, end: float) -> Trajectory:
     return replace(short, t=np.append(short.t, end), y=np.hstack([short.y, at_end]), status=Status.SUCCESS)
 
 
-def _closed(window: Window, run: Trajectory) -> tuple[Trajectory, bool]:
+def _closed(window: PlaneWindow, run: Trajectory) -> tuple[Trajectory, bool]:
     """Return a run up to its first return to its start, and whether there is such a return."""
     times, states = sampled(run)
     if len(times) < 3:
@@ -199,7 +199,7 @@ def _closed(window: Window, run: Trajectory) -> tuple[Trajectory, bool]:
     return run, False
 
 
-def until_arrival(window: Window, run: Trajectory, places: Sequence[FixedPoint]) -> Trajectory:
+def until_arrival(window: PlaneWindow, run: Trajectory, places: Sequence[FixedPoint]) -> Trajectory:
     """Return a run up to its first arrival at an equilibrium, or unchanged if there is none."""
     times, states = sampled(run)
     best = math.inf
@@ -243,7 +243,7 @@ class Separatrix:
 
 
 def separatrices_of(
-    runs: Runs, window: Window, places: Sequence[FixedPoint], number: int, exits: Sequence[Event]
+    runs: Runs, window: PlaneWindow, places: Sequence[FixedPoint], number: int, exits: Sequence[Event]
 ) -> list[Separatrix]:
     """Return the four branches through a saddle: two along each eigenvector."""
     saddle = places[number]
@@ -265,7 +265,7 @@ def separatrices_of(
     return found
 
 
-def _distance(runs: Runs, saddle: FixedPoint, column: int, vector: FloatArray, window: Window) -> float:
+def _distance(runs: Runs, saddle: FixedPoint, column: int, vector: FloatArray, window: PlaneWindow) -> float:
     """Return the distance from a saddle, as a part of the window, at which a motion on an eigenvector may begin."""
     rates, inverse = saddle.eigenvalues.real, np.linalg.inv(saddle.eigenvectors.real)
     part = FIRST_DISTANCE

@@ -13,7 +13,7 @@ from lagrange.dynamics.angles import angles, wrapped
 from lagrange.dynamics.axes import Axis, Plane, plane_of, row_of
 from lagrange.dynamics.fixed_points import FixedPoint, fixed_points
 from lagrange.dynamics.nullclines import zero_lines
-from lagrange.dynamics.orbits import PERIODS, Orbit, Separatrix, Window, orbit, sampled, separatrices_of
+from lagrange.dynamics.orbits import PERIODS, Orbit, PlaneWindow, Separatrix, orbit, sampled, separatrices_of
 from lagrange.dynamics.runs import Report, Runs, depends_on_time, initial_of, starts_of, time_scale
 from lagrange.errors import RunError, StatementError, counted, listing, shown
 from lagrange.machine.backend import FloatArray
@@ -90,7 +90,7 @@ class _Portrait:
         self.driven = depends_on_time(model.statement)
         self.alone = len(model.statement.coordinates) == 1 and not self.driven
         periods = PERIODS if self.alone else FEW_PERIODS
-        self.window = Window(plane, self.periodic, periods * scale if reach is None else reach)
+        self.window = PlaneWindow(plane, self.periodic, periods * scale if reach is None else reach)
 
     def state(self, x: float, y: float) -> FloatArray:
         """Return the state of a point on the plane."""

@@ -21,7 +21,7 @@ from lagrange.members.keep import keep_of
 from lagrange.statement.coordinate import t
 from lagrange.statement.declare import initial_state
 from lagrange.statement.event import Event
-from lagrange.statement.given import with_values
+from lagrange.statement.given.function import with_values
 from lagrange.statement.number import real_array
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.statement.statement import Statement

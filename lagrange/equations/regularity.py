@@ -29,7 +29,7 @@ from lagrange.errors import StatementError, listing
 from lagrange.graph.evaluate import doubles
 from lagrange.graph.node import Node
 from lagrange.graph.term_size import term_sizes
-from lagrange.statement.given import with_values
+from lagrange.statement.given.function import with_values
 from lagrange.statement.statement import REFUSE, Statement
 
 POINTS = 8

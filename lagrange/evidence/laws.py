@@ -187,7 +187,7 @@ TRUSTED = 1e-12
 """Smallest pivot, relative to its diagonal entry, for which a factorization without row exchanges is assumed."""
 
 
-class Singular(OutsideDomain):
+class SingularMass(OutsideDomain):
     """The mass matrix is singular at the point."""
 
 
@@ -299,7 +299,7 @@ def residual_slopes(
 def solve(matrix: Sequence[Numbers], right: Sequence[Numbers], threshold: Any) -> list[Numbers]:
     """Return the solutions of matrix x = r for each r in `right`, by elimination with partial pivoting.
 
-    Raises Singular when a pivot is at most `threshold` times the largest entry of its row.
+    Raises SingularMass when a pivot is at most `threshold` times the largest entry of its row.
     """
     n = len(matrix)
     # Rows are sparse: for a net of masses most entries are zero.
@@ -309,7 +309,7 @@ def solve(matrix: Sequence[Numbers], right: Sequence[Numbers], threshold: Any) -
         best = max((i for i in range(k, n) if k in rows[i]), key=lambda i: abs(rows[i][k]) / sizes[i], default=k)
         rows[k], rows[best], sizes[k], sizes[best] = rows[best], rows[k], sizes[best], sizes[k]
         if abs(rows[k].get(k, 0)) <= threshold * sizes[k]:
-            raise Singular("the mass matrix is singular")
+            raise SingularMass("the mass matrix is singular")
         pivot = rows[k][k]
         for i in range(k + 1, n):
             if k in rows[i]:

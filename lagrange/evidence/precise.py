@@ -16,8 +16,8 @@ from mpmath import MPContext, libmp
 from sympy.core.function import AppliedUndef
 
 from lagrange.statement.coordinate import t as time
-from lagrange.statement.elementary import ELEMENTARY
 from lagrange.statement.statement import Statement
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 Operation = Callable[..., Any]
 

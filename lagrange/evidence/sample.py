@@ -16,7 +16,7 @@ from sympy import diff
 from lagrange.evidence.precise import children
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
-from lagrange.statement.given import with_values
+from lagrange.statement.given.function import with_values
 from lagrange.statement.statement import REFUSE, Statement
 
 

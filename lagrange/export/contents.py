@@ -32,7 +32,7 @@ from lagrange.show.units import energy_unit, length_unit, unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.event import Event
 from lagrange.statement.expression import entries
-from lagrange.statement.given import open_functions
+from lagrange.statement.given.function import open_functions
 from lagrange.statement.parameters import label_of, table_of
 from lagrange.trajectory.methods import registry
 from lagrange.trajectory.methods.splitting import check_separable

@@ -6,7 +6,7 @@ import re
 import unicodedata
 from collections.abc import Callable, Container, Iterable, Sequence
 
-from lagrange.statement.letters import GREEK
+from lagrange.statement.vocabulary.letters import GREEK
 
 LONGEST = 63
 """Longest name: the number of characters that C and Fortran distinguish."""

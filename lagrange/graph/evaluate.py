@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.graph.node import Kind, Node, reachable
-from lagrange.statement.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 BEYOND_DOUBLES = mpmath.mpf(2) ** 1024
 """Least number beyond all doubles; values from here on are refused. Their sine would need as many digits of pi."""

@@ -13,7 +13,7 @@ from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError, formula
 from lagrange.graph.node import Graph, Kind, Node
-from lagrange.statement.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 SINC_RADIUS = Fraction(1, 2)
 """Largest |a| at which sinc(a) is computed by its series."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 from lagrange.graph.node import Graph, Kind, Node, reachable
-from lagrange.statement.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 BOUNDED = frozenset(one.name for one in ELEMENTARY.values() if one.size == "bounded")
 """Functions with values up to 1; their size is 1."""

@@ -10,7 +10,7 @@ import sympy
 
 from lagrange.errors import StatementError
 from lagrange.graph.node import Kind, Node, reachable
-from lagrange.statement.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 
 def to_sympy(node: Node, symbols: Mapping[Node, Any]) -> Any:

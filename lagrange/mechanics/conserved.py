@@ -19,7 +19,7 @@ from lagrange.evidence.sample import Point
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters, some_of
 from lagrange.mechanics.symmetries import (
-    Place,
+    BodyPosition,
     Symmetry,
     SymmetryEquation,
     body_motions,
@@ -41,7 +41,7 @@ from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.trajectory import FloatArray
 
 
-def runge_lenz(stated: StatedAlgebra, place: Place) -> Iterator[tuple[str, MonomialSum]]:
+def runge_lenz(stated: StatedAlgebra, place: BodyPosition) -> Iterator[tuple[str, MonomialSum]]:
     """Yield the components of the Runge-Lenz vector by name; none unless the only force is that of a potential k/|r|.
 
     `place` is the position of the single body.
@@ -56,7 +56,7 @@ def runge_lenz(stated: StatedAlgebra, place: Place) -> Iterator[tuple[str, Monom
             return
 
 
-def _strength(stated: StatedAlgebra, place: Place, distance: Any) -> Any:
+def _strength(stated: StatedAlgebra, place: BodyPosition, distance: Any) -> Any:
     """Return k if L = mass |v|^2 / 2 + k/|r|, or None if L has another form."""
     algebra, moving = stated.algebra, frozenset((*stated.q, *stated.v, stated.time))
     strength = algebra.merge_angles(algebra.multiply(place.rest, algebra.read(distance)))
@@ -65,7 +65,7 @@ def _strength(stated: StatedAlgebra, place: Place, distance: Any) -> Any:
     return algebra.write(strength)
 
 
-def _distances(stated: StatedAlgebra, place: Place) -> list[Any]:
+def _distances(stated: StatedAlgebra, place: BodyPosition) -> list[Any]:
     """Return the forms in which |r| may occur in L: a coordinate if it equals |r|, and the square root."""
     square = stated.algebra.merge_angles(stated.algebra.read(sum((x**2 for x in place.r), S.Zero)))
     if not any(stated.algebra.free(k) & frozenset(stated.q) for monomial in square for k, _ in monomial):
@@ -75,7 +75,9 @@ def _distances(stated: StatedAlgebra, place: Place) -> list[Any]:
     return [*alone, root, differentiable(root)]
 
 
-def _components(stated: StatedAlgebra, place: Place, strength: Any, distance: Any) -> Iterator[tuple[str, MonomialSum]]:
+def _components(
+    stated: StatedAlgebra, place: BodyPosition, strength: Any, distance: Any
+) -> Iterator[tuple[str, MonomialSum]]:
     """Yield p x L - mass k r/|r|, where p x L is mass^2 times r v^2 - v (r . v)."""
     r, v = Matrix(place.r), Matrix(place.v)
     square, along = v.dot(v), r.dot(v)
@@ -152,7 +154,7 @@ def _proven_quantities(model: Model) -> Iterator[Conserved]:
 RUNGE_LENZ = "The force falls with the square of the distance, so the axis of the orbit does not turn."
 
 
-def _symmetries(model: Model, equation: SymmetryEquation, body: Place | None) -> Iterator[Symmetry]:
+def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | None) -> Iterator[Symmetry]:
     """Yield the proven symmetries, without those of ignorable coordinates and linear combinations of earlier shifts."""
     structure, stated = model.equations.structure, equation.stated
     n = len(stated.q)

@@ -241,7 +241,7 @@ def equilibria(statement: Statement, rates: Any, model: Model) -> list[Equilibri
             raise StatementError(problem.too_many(len(places)))
         records = [problem.record(values, exact=False) for values in places]
     else:
-        records = [problem.record(branch.values, exact=True) for branch in branches]
+        records = [problem.record(values, exact=True) for values in branches]
     if not records:
         raise StatementError(problem.none_found(symbolic=branches is not None))
     return sorted(records, key=problem.order)

@@ -225,10 +225,10 @@ _SIZE = sympy.Dummy("size", real=True)
 
 def small(statement: Statement, about: Any, order: Any) -> Statement:
     """Return the statement expanded to an order in changes of coordinates and velocities; see `System.small`."""
-    return _Expansion(stated_point(statement, about), whole_number(order, "order", 2, HIGHEST)).statement()
+    return _StatementExpansion(stated_point(statement, about), whole_number(order, "order", 2, HIGHEST)).statement()
 
 
-class _Expansion:
+class _StatementExpansion:
     """Expansion of a statement. L, D and the constraints have `order`, forces one less, as equations of motion do."""
 
     def __init__(self, point: StatedPoint, order: int) -> None:

@@ -33,7 +33,7 @@ from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.expansion import StatedPoint, edges, stated_point, with_inputs_as_parameters
 from lagrange.mechanics.plain_form import PlainForm, numeric, simplest
 from lagrange.statement.coordinate import t
-from lagrange.statement.given import require_values
+from lagrange.statement.given.function import require_values
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
@@ -330,7 +330,7 @@ Rows = Sequence[Sequence[Node]]
 
 
 @dataclass(frozen=True)
-class Expansion:
+class ConstrainedEquations:
     """M u' + C u + K z = (input matrix) u_input and z' = the rows `places` of N u + L z, SymPy matrices.
 
     `basis` is B, `velocity_basis` N and `velocity_slope` L. `places` are the indices of the independent coordinates,
@@ -471,7 +471,7 @@ def _pivots(gradient: Any) -> tuple[list[int], list[int]]:
     return sorted(rows), columns
 
 
-def expansion(point: StatedPoint) -> Expansion:
+def expansion(point: StatedPoint) -> ConstrainedEquations:
     """Return the equations of small changes about a point.
 
     Raises StatementError for a point off the constraints, and where these are dependent or leave no motion.
@@ -514,7 +514,7 @@ def expansion(point: StatedPoint) -> Expansion:
     N_rows, L_rows = (x.extract(places.independent, list(range(x.cols))) for x in (N, L))
     damping, stiffness = (here.matrix(here.slopes(residuals, x), here.n) for x in (e.v, e.q))
     inputs = [e.translate(u) for u in point.inputs]
-    return Expansion(
+    return ConstrainedEquations(
         M=reduced,
         C=product(N.T, product(mass, N_rate + product(L, N_rows)) + product(damping, N)),
         K=product(N.T, product(mass, L_rate + product(L, L_rows)) + product(damping, L) + product(stiffness, B)),

@@ -17,7 +17,7 @@ from lagrange.equations.terms import Algebra, TooLargeError, differentiable, pri
 from lagrange.evidence.agreement import ALL_KINDS, MOST_DRAWS, holds, random_points
 from lagrange.evidence.sample import Point, SampleKind
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
-from lagrange.statement.motion import motion_of
+from lagrange.statement.given.motion import motion_of
 from lagrange.statement.statement import Statement
 
 LONGEST_FACTORED = 400

@@ -16,8 +16,8 @@ from lagrange.mechanics.plain_form import PlainForm, in_fractions, simplest, van
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.declare import declare
 from lagrange.statement.expression import expression
-from lagrange.statement.given import given as given_function
-from lagrange.statement.motion import motion_of
+from lagrange.statement.given.function import given as given_function
+from lagrange.statement.given.motion import motion_of
 from lagrange.statement.parameters import in_own_parameters, label_of
 from lagrange.statement.statement import Constraint, Statement
 from lagrange.statement.survey import Survey

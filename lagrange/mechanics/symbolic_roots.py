@@ -6,8 +6,7 @@ factor is left, polynomial equations of low degree are solved together. If that 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import Any
 
 import sympy
@@ -34,15 +33,11 @@ class GivenUpError(Exception):
     """The equations cannot be solved by the methods of this module."""
 
 
-@dataclass(frozen=True)
-class Branch:
-    """One solution: {unknown: value}. Unknowns with arbitrary values are absent."""
+def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[dict[Any, Any]] | None:
+    """Return all real solutions {unknown: value} of the equations e = 0, or None if they are not solved in symbols.
 
-    values: Mapping[Any, Any]
-
-
-def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[Branch] | None:
-    """Return all real solutions of the equations e = 0, or None if they cannot be solved in symbols."""
+    Unknowns with arbitrary values are absent from a solution.
+    """
     if sum(map(size, equations)) > LONGEST_SYSTEM:
         return None
     try:
@@ -56,7 +51,7 @@ def solved(equations: Sequence[Any], unknowns: Sequence[Any]) -> list[Branch] | 
         # A root of the numerators may also be a root of the denominators, where the forces are infinite.
         if not any(e.xreplace(values).has(sympy.zoo, sympy.nan, sympy.oo) for e in equations):
             distinct.append(values)
-    return [Branch(values) for values in distinct]
+    return distinct
 
 
 def _is_complex(given: Any) -> bool:

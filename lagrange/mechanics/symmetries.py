@@ -41,7 +41,7 @@ counted from the pole or from the equator.
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
+class BodyPosition:
     """A single body at r with T = mass |v|^2 / 2, in plain symbols; `rest` is L - T, at most linear in velocities."""
 
     mass: Any
@@ -50,7 +50,7 @@ class Place:
     rest: MonomialSum
 
 
-def place(stated: StatedAlgebra) -> Place | None:
+def place(stated: StatedAlgebra) -> BodyPosition | None:
     """Return the position of the single body of a statement, or None if none of PLACINGS gives its kinetic energy."""
     mass = _mass(stated)
     for placing in PLACINGS.get(len(stated.q), ()) if mass is not None else ():
@@ -59,7 +59,7 @@ def place(stated: StatedAlgebra) -> Place | None:
             v = tuple(_rate(stated, x) for x in r)
             rest = _rest(stated, mass, v)
             if rest is not None:
-                return Place(mass, r, v, rest)
+                return BodyPosition(mass, r, v, rest)
     return None
 
 
@@ -96,7 +96,7 @@ AXES = {"xy": ("z", 1), "yz": ("x", 1), "zx": ("y", 1), "yx": ("z", -1), "zy": (
 
 
 def oriented(
-    stated: StatedAlgebra, symmetry: Symmetry, place: Place | None, energy: str = "energy"
+    stated: StatedAlgebra, symmetry: Symmetry, place: BodyPosition | None, energy: str = "energy"
 ) -> tuple[Symmetry, str]:
     """Return a symmetry in its standard direction, and the name of its conserved quantity.
 
@@ -113,7 +113,7 @@ def oriented(
     return Symmetry(tuple(-xi for xi in symmetry.xi), -symmetry.tau, -symmetry.gauge), name
 
 
-def _motion(stated: StatedAlgebra, symmetry: Symmetry, place: Place) -> tuple[str, int] | None:
+def _motion(stated: StatedAlgebra, symmetry: Symmetry, place: BodyPosition) -> tuple[str, int] | None:
     """Return the name of a rotation about a fixed axis or of a shift along one, as the body's place shows it."""
     moved = Matrix(
         [sum((x.diff(q) * xi for q, xi in zip(stated.q, symmetry.xi, strict=True)), S.Zero) for x in place.r]
@@ -384,7 +384,7 @@ def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
         yield _turned(stated.q, [pair])
 
 
-def body_motions(stated: StatedAlgebra, place: Place) -> Iterator[Symmetry]:
+def body_motions(stated: StatedAlgebra, place: BodyPosition) -> Iterator[Symmetry]:
     """Yield the shifts along fixed axes, and the rotations about them, of one body in curved coordinates."""
     if place.r == tuple(stated.q):
         return

@@ -27,7 +27,7 @@ from lagrange.show.animation.timing import Timing, timing
 from lagrange.show.between import known_alone
 from lagrange.show.figures.style import DARK, LIGHT
 from lagrange.show.files.atomic_file import check_place, write_atomically
-from lagrange.show.notation.names import plain_text
+from lagrange.show.notation.symbols import plain_text
 from lagrange.statement.choice import one_of
 from lagrange.statement.number import flag, whole_number
 from lagrange.trajectory.progress import progress_bar

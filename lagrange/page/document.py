@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import json
 import re
 from collections.abc import Mapping
 from functools import cache
 from html import escape
 from pathlib import Path
+from typing import Any
 
-from lagrange.page.description import moving_points
+from lagrange.page.script_data import moving_points
 from lagrange.show.figures.style import DARK, LIGHT, MOST_NAMED, Style, colours
-from lagrange.show.files.template import filled
 from lagrange.show.notation.text import UnicodeNotation
 from lagrange.statement.statement import Statement
 
@@ -126,3 +127,20 @@ def hash_of(text: str) -> str:
     """Return the hash of a script or a style, as a policy names it."""
     digest = hashlib.sha256(text.encode()).digest()
     return f"'sha256-{base64.b64encode(digest).decode()}'"
+
+
+FIELD = re.compile(r"\{\{(\w+)\}\}")
+
+
+def filled(template: str, parts: Mapping[str, str]) -> str:
+    """Return a template with its fields filled; text in a part that has the form of a field stays."""
+    return FIELD.sub(lambda match: parts[match[1]], template)
+
+
+_ESCAPED = str.maketrans({mark: f"\\u{ord(mark):04x}" for mark in "<>&"})
+"""Escapes in JSON of characters with a meaning in HTML. All characters beyond ASCII are escaped by json itself."""
+
+
+def as_json(data: Mapping[str, Any]) -> str:
+    """Return data as JSON that cannot end a script element or begin a comment. Raises ValueError for NaN."""
+    return json.dumps(data, allow_nan=False, separators=(",", ":")).translate(_ESCAPED)

@@ -10,13 +10,13 @@ from typing import Any
 from lagrange.errors import LagrangeError, StatementError, listing
 from lagrange.machine.model import Model
 from lagrange.page.animation import animate
-from lagrange.page.motion import METHOD, NoPage
+from lagrange.page.computed_motion import METHOD, NoPage
 from lagrange.page.player import in_frame
-from lagrange.page.write import page_of
+from lagrange.page.sliders import PARAMETER, Slider, asked_bounds, places
+from lagrange.page.web_page import page_of
 from lagrange.show.figures.style import style_of
-from lagrange.show.notation.names import plain_text
+from lagrange.show.notation.symbols import plain_text
 from lagrange.show.notebook.html_card import text
-from lagrange.show.sliders import PARAMETER, Slider, asked_bounds, places
 from lagrange.show.units import unit_of, with_unit
 from lagrange.statement.number import flag, real_number
 from lagrange.statement.run_settings import DEFAULT_METHOD

@@ -8,10 +8,10 @@ from html import escape
 import sympy
 
 from lagrange.equations.derivation import Derivation
-from lagrange.show.derivation import HtmlPage
-from lagrange.show.notation.names import plain_text
+from lagrange.page.sliders import PARAMETER, Slider
+from lagrange.show.derivation_page import HtmlPage
 from lagrange.show.notation.sections import Formula, Section, sections
-from lagrange.show.sliders import PARAMETER, Slider
+from lagrange.show.notation.symbols import plain_text
 from lagrange.statement.statement import Statement
 
 OPEN = ("Stated", "Equations of motion")

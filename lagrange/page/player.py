@@ -10,10 +10,10 @@ from html import escape
 
 import numpy as np
 
-from lagrange.page.description import ENERGIES, description
 from lagrange.page.document import (
     PICTURES,
     RECORDED,
+    as_json,
     colour_rules,
     hint,
     html,
@@ -23,10 +23,10 @@ from lagrange.page.document import (
     short,
     template,
 )
+from lagrange.page.script_data import ENERGIES, description
 from lagrange.show.animation.film import Film
 from lagrange.show.animation.recording import Recording, thinned
-from lagrange.show.files.template import as_json
-from lagrange.show.notation.names import plain_text
+from lagrange.show.notation.symbols import plain_text
 from lagrange.trajectory.trajectory import FloatArray
 
 BESIDES = 250

@@ -43,7 +43,7 @@ from lagrange.procedure.form import (
     When,
     Write,
 )
-from lagrange.statement.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 Results = tuple[Any, ...]
 Environment = dict[int, Any]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
-from lagrange.statement.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 Signature = tuple[tuple[Kind, ...], Kind]
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Node
 from lagrange.program.series import SeriesRule
-from lagrange.statement.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 if TYPE_CHECKING:
     from lagrange.program.recurrence import RecurrenceBuilder

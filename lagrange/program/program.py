@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from lagrange.errors import LagrangeError
 from lagrange.program.elimination import Elimination, elimination
-from lagrange.statement.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 ARITY: dict[str, int | None] = {
     "time": 0,

@@ -16,7 +16,7 @@ from lagrange.machine.kernel.python_text import FLAG_OPERATIONS, uses_of
 from lagrange.machine.model import Model
 from lagrange.program.program import Instruction, Program
 from lagrange.recipes.libraries import quantity_program
-from lagrange.statement.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 OPERATIONS: Mapping[str, Callable[..., Any]] = {
     "neg": lambda a: -a,

@@ -10,7 +10,7 @@ from lagrange.errors import counted, listing
 from lagrange.mechanics.conserved import drift_lines
 from lagrange.show.files.run_files import finite
 from lagrange.show.notebook.html_card import image, pairs
-from lagrange.show.terminal.table import duration, text_table
+from lagrange.show.terminal import duration, text_table
 from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import row_label
 from lagrange.trajectory.solution import Solution

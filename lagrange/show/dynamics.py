@@ -33,7 +33,7 @@ from lagrange.show.files.picture import picture
 from lagrange.show.notation.formula import SideWriter
 from lagrange.show.notation.text import AsciiNotation
 from lagrange.show.notebook.html_card import image, pairs, sentences
-from lagrange.show.terminal.table import text_table
+from lagrange.show.terminal import text_table
 from lagrange.statement.number import flag, real_number, whole_number
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.methods.registry import find

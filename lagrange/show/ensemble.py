@@ -49,7 +49,7 @@ from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.csv_format import write_rows
 from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import image, pairs, sentences
-from lagrange.show.terminal.table import duration, text_table
+from lagrange.show.terminal import duration, text_table
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.event import declare_events
 from lagrange.statement.number import whole_number

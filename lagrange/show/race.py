@@ -26,7 +26,7 @@ from lagrange.show.files.atomic_folder import write_together
 from lagrange.show.files.csv_format import write_rows
 from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
-from lagrange.show.terminal.table import text_table
+from lagrange.show.terminal import text_table
 from lagrange.statement.number import real_number
 from lagrange.trajectory.run import compiled
 

@@ -13,9 +13,9 @@ from sympy import Basic, Derivative, Symbol
 from sympy.core.function import Application, AppliedUndef, UndefinedFunction
 
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
-from lagrange.statement.letters import NAME
 from lagrange.statement.number import flag
-from lagrange.statement.words import FUNCTIONS
+from lagrange.statement.vocabulary.letters import NAME
+from lagrange.statement.vocabulary.words import FUNCTIONS
 
 
 class DeclaredOrder:

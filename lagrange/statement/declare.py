@@ -28,15 +28,15 @@ from lagrange.statement.coordinate import (
 )
 from lagrange.statement.energy import first_order_remedy, without_velocity
 from lagrange.statement.expression import TEXTS, entries, expression
-from lagrange.statement.given import check_given, coordinate_or_given
-from lagrange.statement.letters import NAME
-from lagrange.statement.motion import motion_of
+from lagrange.statement.given.function import check_given, coordinate_or_given
+from lagrange.statement.given.motion import motion_of
 from lagrange.statement.number import real_number
 from lagrange.statement.parameters import check_rate, default_values, label_of, parameter_symbols, table_of
 from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Constraint, Link, Statement
 from lagrange.statement.survey import Survey
 from lagrange.statement.units.dimension_check import with_dimensions
+from lagrange.statement.vocabulary.letters import NAME
 
 ORIGIN = "origin"
 """Name of the point at zero. Links may name it; no position may redefine it."""

@@ -12,7 +12,7 @@ from sympy.functions.elementary.trigonometric import InverseTrigonometricFunctio
 from lagrange.errors import StatementError, formula, listing
 from lagrange.statement.coordinate import name_of, t, velocity_of
 from lagrange.statement.expression import entries, expression, vector
-from lagrange.statement.motion import motion_of
+from lagrange.statement.given.motion import motion_of
 from lagrange.statement.parameters import label_of
 
 

@@ -9,7 +9,7 @@ import sympy
 
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.statement.coordinate import PARAMETERS, check_name, check_symbol, name_of, t
-from lagrange.statement.motion import motion_of
+from lagrange.statement.given.motion import motion_of
 from lagrange.statement.number import real_number
 from lagrange.statement.survey import Survey
 

@@ -13,7 +13,7 @@ from sympy import Expr, Symbol
 
 from lagrange.errors import abridged, listing
 from lagrange.statement.coordinate import acceleration_of, multiplier, name_of, velocity_of
-from lagrange.statement.motion import motion_of
+from lagrange.statement.given.motion import motion_of
 from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.units.dimension import Dimension
 

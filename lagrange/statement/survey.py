@@ -14,8 +14,8 @@ from sympy.logic.boolalg import ITE, And, BooleanAtom, Not, Or
 
 from lagrange.errors import StatementError, formula, listing
 from lagrange.statement.coordinate import check_symbol, constraint_of, name_of, t, velocity_of
-from lagrange.statement.motion import Motion, motion_of
-from lagrange.statement.words import SYMPY_CLASSES, WORDS
+from lagrange.statement.given.motion import Motion, motion_of
+from lagrange.statement.vocabulary.words import SYMPY_CLASSES, WORDS
 
 _PLAIN = (sympy.Add, sympy.Mul, sympy.Pow, ExprCondPair, Relational, And, Or, Not, ITE, BooleanAtom)
 

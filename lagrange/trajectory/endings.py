@@ -13,7 +13,7 @@ from lagrange.errors import formula
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.procedure.events.constants import TOGETHER
-from lagrange.statement.motion import ranges
+from lagrange.statement.given.motion import ranges
 from lagrange.trajectory.constraints.approach import Independence, regularity
 from lagrange.trajectory.constraints.discontinuities import Discontinuity
 from lagrange.trajectory.constraints.passage import dependent_passage

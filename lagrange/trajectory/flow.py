@@ -15,7 +15,7 @@ from lagrange.errors import RunError, StatementError, shown
 from lagrange.machine.backend import Driver
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.statement.given import check_span, require_values
+from lagrange.statement.given.function import check_span, require_values
 from lagrange.statement.number import real_array, real_number
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.constraints.consistent import consistent_start

@@ -17,7 +17,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.parameters import ordered
 from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
-from lagrange.statement.given import check_span, require_values
+from lagrange.statement.given.function import check_span, require_values
 from lagrange.statement.number import real_array, real_number
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.conservation import energy, verified

@@ -10,7 +10,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 
 from lagrange.machine.model import Model, Stated, stated
-from lagrange.statement.given import require_values
+from lagrange.statement.given.function import require_values
 from lagrange.statement.number import flag, real_number
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.flow import Flow

@@ -111,7 +111,7 @@ def test_numbers_that_doubles_cannot_hold_are_outside() -> None:
 
 def test_a_singular_mass_matrix_is_outside() -> None:
     statement = declare(kinetic=(x.dot + y.dot) ** 2 / 2, potential=x * y, coordinates=[x, y], name="singular")
-    with pytest.raises(laws.Singular):
+    with pytest.raises(laws.SingularMass):
         Reference(statement).at(Point((0.4, 0.3), (1.0, 0.2), 0.0, {}, ""), [0])
 
 

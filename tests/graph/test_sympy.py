@@ -16,7 +16,7 @@ from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Binding, Graph, Kind, Node
 from lagrange.graph.to_sympy import to_sympy
 from lagrange.statement.coordinate import coordinate
-from lagrange.statement.words import SYMPY_CLASSES
+from lagrange.statement.vocabulary.words import SYMPY_CLASSES
 from tests.graph.trees import KINKED, SMOOTH, SYMBOLS, Forms, evaluate, expressions, new_graph
 
 x, y, u, m = (SYMBOLS[name] for name in "xyum")

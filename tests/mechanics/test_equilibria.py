@@ -15,7 +15,7 @@ from lagrange.errors import RunError, StatementError
 from lagrange.mechanics import equilibria as equilibria_module
 from lagrange.mechanics.plain_form import PlainForm
 from lagrange.mechanics.stability import only_brakes
-from lagrange.mechanics.symbolic_roots import Branch, solved
+from lagrange.mechanics.symbolic_roots import solved
 from tests.models import shared_scene
 
 m, g, l, k, c, w, R, a = lg.parameters("m g l k c w R a")
@@ -195,9 +195,9 @@ def test_refusals(system: Any, rates: Any, words: str) -> None:
 
 
 def test_a_wrong_equilibrium_is_found_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
-    def wrong(equations: Any, unknowns: Any) -> list[Branch]:
+    def wrong(equations: Any, unknowns: Any) -> list[dict[Any, Any]]:
         right = solved(equations, unknowns) or []
-        return [Branch({q: x + sympy.Rational(1, 10**6) for q, x in one.values.items()}) for one in right]
+        return [{q: x + sympy.Rational(1, 10**6) for q, x in values.items()} for values in right]
 
     monkeypatch.setattr(equilibria_module, "solved", wrong)
     with pytest.raises(RunError, match=r"an equilibrium of hoop is wrong: a force of .* is left\. This is a fault of"):
@@ -208,8 +208,8 @@ def test_an_equilibrium_in_decimals_may_be_rounded(monkeypatch: pytest.MonkeyPat
     """All of the force that is left at pi as a double is rounding: it is tested against its slope."""
     place = {"angle": sympy.Float(float(pi))}
 
-    def rounded(equations: Any, unknowns: Any) -> list[Branch]:
-        return [Branch(dict.fromkeys(unknowns, place["angle"]))]
+    def rounded(equations: Any, unknowns: Any) -> list[dict[Any, Any]]:
+        return [dict.fromkeys(unknowns, place["angle"])]
 
     monkeypatch.setattr(equilibria_module, "solved", rounded)
     kinetic = m * R**2 * (theta.dot**2 + phi.dot**2) / 2

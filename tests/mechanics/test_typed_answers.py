@@ -11,7 +11,7 @@ import sympy as sp
 import lagrange as lg
 from lagrange.mechanics.grading.student_equations import read_equations
 from lagrange.show.notation.formula import Typesetter
-from lagrange.show.notation.latex import LatexNotation
+from lagrange.show.notation.latex_notation import LatexNotation
 from lagrange.show.notation.text import AsciiNotation, UnicodeNotation
 from tests.models import shared_scene
 

@@ -14,7 +14,7 @@ from sympy import erf
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.page.explore import explored_sliders
-from lagrange.show.sliders import PARAMETER
+from lagrange.page.sliders import PARAMETER
 from tests.page.test_page import data_of
 from tests.show.animations import in_page
 from tests.show.notebook.shown import HOSTILE

@@ -13,7 +13,7 @@ import pytest
 from sympy import Abs, sqrt
 
 import lagrange as lg
-from lagrange.page.motion import TOLERANCE
+from lagrange.page.computed_motion import TOLERANCE
 from lagrange.show.figures.curve import around
 from lagrange.show.figures.paths import Box
 from tests.models import shared_scene

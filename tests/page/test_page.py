@@ -15,13 +15,12 @@ from sympy import cos, erf, sin
 
 import lagrange as lg
 from lagrange.cli.program import main
-from lagrange.page.description import rate_of
-from lagrange.page.document import COMPUTED, PICTURES, RECORDED, TEMPLATE, in_script
+from lagrange.page.computed_motion import contents
+from lagrange.page.document import COMPUTED, PICTURES, RECORDED, TEMPLATE, as_json, in_script
 from lagrange.page.formulas import FoldedFormulas
-from lagrange.page.motion import contents
-from lagrange.page.slider_bounds import nice, parameter_bounds
+from lagrange.page.script_data import rate_of
+from lagrange.page.sliders import nice, parameter_bounds
 from lagrange.show.figures.space import AZIMUTH, ELEVATION, from_side, spring
-from lagrange.show.files.template import as_json
 from lagrange.show.notation.sections import sections
 from tests.models import shared_scene
 from tests.systems import pendulum

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from lagrange.show.figures.curve import BLOWN_UP
-from lagrange.show.plotting import plot
+from lagrange.show.figures.run_figure import plot
 from lagrange.statement.coordinate import coordinates
 from lagrange.statement.declare import declare
 from lagrange.trajectory.solution import Solution

@@ -12,9 +12,9 @@ import lagrange as lg
 from lagrange.equations import derivation as equations
 from lagrange.equations.derivation import Derivation, derive
 from lagrange.errors import StatementError
-from lagrange.show.derivation import render
+from lagrange.show.derivation_page import render
 from lagrange.show.notebook.shown_lists import EquationList
-from lagrange.show.terminal.languages import FORMATS
+from lagrange.show.terminal import FORMATS
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.system import System

@@ -12,14 +12,14 @@ import sympy
 from sympy import Abs, Float, Function, Max, Piecewise, Rational, cos, exp, log, pi, sin, sqrt
 
 import lagrange as lg
-from lagrange.show.derivation import render
+from lagrange.show.derivation_page import render
 from lagrange.show.notation.formula import LineWriter
-from lagrange.show.notation.latex import LatexNotation
-from lagrange.show.notation.mathml import MathmlNotation
+from lagrange.show.notation.latex_notation import LatexNotation
+from lagrange.show.notation.mathml_notation import MathmlNotation
 from lagrange.show.notation.pieces import Notation
 from lagrange.show.notation.sections import READABLE, Formula
 from lagrange.show.notation.text import AsciiNotation, UnicodeNotation
-from lagrange.show.terminal.languages import terminal_style
+from lagrange.show.terminal import terminal_style
 from lagrange.statement.declare import declare
 from tests.models import shared_scene
 

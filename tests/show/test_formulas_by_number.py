@@ -14,8 +14,8 @@ import sympy
 
 import lagrange as lg
 from lagrange.show.notation.formula import LineWriter
-from lagrange.show.notation.latex import LatexNotation
-from lagrange.show.notation.mathml import MathmlNotation
+from lagrange.show.notation.latex_notation import LatexNotation
+from lagrange.show.notation.mathml_notation import MathmlNotation
 from lagrange.show.notation.sections import (
     Formula,
     Grid,

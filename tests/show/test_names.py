@@ -4,7 +4,7 @@ import re
 
 import pytest
 
-from lagrange.show.notation.names import GREEK, latex_text, letters, markdown_text, plain_text
+from lagrange.show.notation.symbols import GREEK, latex_text, letters, markdown_text, plain_text
 
 
 @pytest.mark.parametrize(

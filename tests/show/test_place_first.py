@@ -13,7 +13,7 @@ import lagrange as lg
 from lagrange.cli.program import main
 from lagrange.export import write as export_write
 from lagrange.page import animation
-from lagrange.page import write as page_write
+from lagrange.page import web_page as page_write
 from lagrange.trajectory.solution import Solution
 from tests.systems import unit_pendulum
 

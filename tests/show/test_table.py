@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from lagrange.show.terminal.table import text_table
+from lagrange.show.terminal import text_table
 
 
 def test_text_is_aligned_and_numbers_are_flush_right() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from lagrange.show.files.template import filled
+from lagrange.page.document import filled
 
 
 def test_parts_stay_text() -> None:

@@ -10,7 +10,7 @@ from mpmath import libmp
 
 from lagrange.graph.evaluate import FUNCTIONS, precise, values
 from lagrange.graph.node import Binding, Graph
-from lagrange.statement.elementary import ELEMENTARY, Elementary
+from lagrange.statement.vocabulary.elementary import ELEMENTARY, Elementary
 
 PLACES = {"acosh": (1.25, 2.5, 40.0), "log": (0.1, 2.5, 40.0)}
 EVERY = pytest.mark.parametrize("function", ELEMENTARY.values(), ids=list(ELEMENTARY))

@@ -15,7 +15,7 @@ from sympy.core.cache import clear_cache
 from sympy.physics.mechanics import dynamicsymbols
 
 import lagrange as lg
-from lagrange.statement.motion import motion_of
+from lagrange.statement.given.motion import motion_of
 from lagrange.statement.scene.scene_reader import read_scene
 from tests.refusals import refusal
 from tests.statement.scenes import DROP, write

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from lagrange.errors import SceneError
 from lagrange.statement.coordinate import t
 from lagrange.statement.scene.expressions import number_from_text, read_expression, read_number
-from lagrange.statement.words import ALIASES, WORDS
+from lagrange.statement.vocabulary.words import ALIASES, WORDS
 from tests.statement.names import NAMES, PARAMETERS, g, k, m, v, x, y
 
 half = sympy.Rational(1, 2)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from lagrange.errors import SceneError
 from lagrange.statement.coordinate import t
 from lagrange.statement.scene.expressions import read_expression
-from lagrange.statement.words import WORDS
+from lagrange.statement.vocabulary.words import WORDS
 from tests.statement.names import NAMES
 
 Pair = tuple[str, Any]

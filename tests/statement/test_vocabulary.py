@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 import sympy
 
-from lagrange.statement.words import ALIASES, SYMPY_CLASSES, WORDS
+from lagrange.statement.vocabulary.words import ALIASES, SYMPY_CLASSES, WORDS
 
 REQUIRED = (
     "sin cos tan asin acos atan atan2 exp log sqrt sinh cosh tanh cot sec csc sinc asinh acosh atanh erf heaviside abs "

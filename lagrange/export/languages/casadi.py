@@ -19,7 +19,7 @@ from lagrange.export.traced import (
 )
 from lagrange.procedure.spelling import Operator, call
 from lagrange.program.program import Program
-from lagrange.statement.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,

@@ -19,7 +19,7 @@ from lagrange.export.traced import (
 )
 from lagrange.procedure.spelling import Operator, call
 from lagrange.program.program import Program
-from lagrange.statement.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 WRITTEN_OUT = 4
 """Largest matrix that is eliminated entry by entry. In a batch a matrix of order 2 then takes 30 ns instead of LAPACK's

@@ -25,8 +25,8 @@ from lagrange.machine.python_source import defined
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.program.program import Program
 from lagrange.program.simplify import simplified
-from lagrange.statement.elementary import ELEMENTARY
 from lagrange.statement.number import DOUBLE
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 CACHED = 2**17
 """Doubles of a block of columns: 1 MiB, which fits the second-level cache of most processors."""

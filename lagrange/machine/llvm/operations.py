@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from lagrange.machine.llvm.emitter import Emitter, literal, suffix
 from lagrange.procedure.form import FLAG, REAL, WHOLE, WIDTHS, Kind, Let, Type
 from lagrange.procedure.operations import OPERATIONS
-from lagrange.statement.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 KINDS = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
 """LLVM's type of each kind."""

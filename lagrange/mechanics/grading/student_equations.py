@@ -17,11 +17,11 @@ from lagrange.mechanics.grading.motion_samples import MotionSample
 from lagrange.mechanics.plain_form import vanishes_in_symbols as vanishes
 from lagrange.statement.coordinate import constraint_of, name_of, t
 from lagrange.statement.expression import TEXTS, entries, expression
-from lagrange.statement.letters import WORD
 from lagrange.statement.parameters import coordinate_name
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 from lagrange.statement.typed.reader import TypedEquation, TypedReader
+from lagrange.statement.vocabulary.letters import WORD
 
 MULTIPLIER = "lambda_"
 """Prefix that turns the name of a constraint into the name of its multiplier."""

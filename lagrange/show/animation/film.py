@@ -21,7 +21,7 @@ from lagrange.show.figures.paths import Box, draw_floor, is_slender
 from lagrange.show.figures.space import spring, view_of
 from lagrange.show.figures.style import MOST_NAMED, Style, colours, dress, legend, of_figure, point_look
 from lagrange.show.figures.ticks import few_ticks
-from lagrange.show.notation.names import plain_text
+from lagrange.show.notation.symbols import plain_text
 from lagrange.show.units import energy_unit, length_unit, unit_of, with_unit
 from lagrange.statement.number import real_number, whole_number
 from lagrange.statement.statement import SPRING
@@ -150,8 +150,8 @@ class Film:
         return self.plan.scene[3] if self.scene is not None else 0.7
 
     @cached_property
-    def _drawn(self) -> _Drawn:
-        return _Drawn(self)
+    def _drawn(self) -> _FilmFigure:
+        return _FilmFigure(self)
 
     @property
     def frames(self) -> int:
@@ -177,7 +177,7 @@ class Film:
         return f"t = {text.replace('-', '−')} {unit}".rstrip()
 
 
-class _Drawn:
+class _FilmFigure:
     """The figure of a film, its fixed parts as pixels, and its moving parts."""
 
     def __init__(self, film: Film) -> None:

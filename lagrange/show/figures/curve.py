@@ -69,7 +69,7 @@ _SAMPLES = 2001
 
 
 @dataclass(frozen=True)
-class Window:
+class AxisWindow:
     """Range (low, high) of values in the panel of a run that leaves it, and the largest value outside."""
 
     low: float
@@ -88,7 +88,7 @@ class Window:
         return self.low - room, self.high + room
 
 
-def window_of(solution: Solution, values: Rows) -> Window | None:
+def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
     """Return the window for rows (r, K) of a run at times (K,); None if the panel shows all values.
 
     The window is the middle of the values, weighted by time, and as much again on either side. A run that did not end
@@ -113,7 +113,7 @@ def window_of(solution: Solution, values: Rows) -> Window | None:
         return None
     least, most = float(everything.min()), float(everything.max())
     edge = EDGE * room
-    return Window(
+    return AxisWindow(
         max(float(low) - room, least - edge), min(float(high) + room, most + edge), most if most > -least else least
     )
 
@@ -123,13 +123,13 @@ def row_of(values: Rows, k: int) -> Rows:
     return lambda t: np.atleast_2d(values(t)[k])
 
 
-def clipped(windows: Sequence[Window | None], rows: FloatArray) -> FloatArray:
+def clipped(windows: Sequence[AxisWindow | None], rows: FloatArray) -> FloatArray:
     """Return rows (r, ..., K) in which values beyond the window of each are replaced by its bounds."""
     pairs = zip(windows, rows, strict=True)
     return np.array([row if window is None else np.clip(row, *window.bounds) for window, row in pairs])
 
 
-def cut(windows: Sequence[Window | None], rows: FloatArray) -> FloatArray:
+def cut(windows: Sequence[AxisWindow | None], rows: FloatArray) -> FloatArray:
     """Return clipped rows (r, ..., K) with NaN where a row is at its bounds, so that lines end there."""
     beyond = np.zeros(rows.shape[1:], dtype=bool)
     for window, row in zip(windows, rows, strict=True):
@@ -140,7 +140,7 @@ def cut(windows: Sequence[Window | None], rows: FloatArray) -> FloatArray:
     return np.where(inner, np.nan, rows)
 
 
-def limits_of(windows: Sequence[Window | None], drawn: Sequence[FloatArray]) -> tuple[float, float] | None:
+def limits_of(windows: Sequence[AxisWindow | None], drawn: Sequence[FloatArray]) -> tuple[float, float] | None:
     """Return the limits for several curves, each in its window or whole; None if all are whole."""
     if all(window is None for window in windows):
         return None
@@ -150,7 +150,7 @@ def limits_of(windows: Sequence[Window | None], drawn: Sequence[FloatArray]) -> 
     return min(ends), max(ends)
 
 
-def notes_of(windows: Iterable[Window | None]) -> str:
+def notes_of(windows: Iterable[AxisWindow | None]) -> str:
     """Return the note of the window with the largest value outside, or an empty text."""
     found = [window for window in windows if window is not None]
     return max(found, key=lambda window: abs(window.largest)).note if found else ""

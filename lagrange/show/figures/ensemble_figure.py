@@ -17,7 +17,7 @@ from lagrange.members.varied import MemberNumbers
 from lagrange.show.figures.panel import colour_bar, label_of_entry, panel_on, say_below
 from lagrange.show.figures.style import Style, colours, dress, style_of
 from lagrange.show.figures.ticks import angle_ticks
-from lagrange.show.notation.names import letter_of
+from lagrange.show.notation.symbols import letter_of
 from lagrange.show.units import unit_of, with_unit
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray
@@ -39,7 +39,7 @@ _EVENT = re.compile(r"t_event_([0-9]+)")
 
 
 @dataclass(frozen=True, eq=False)
-class Quantity:
+class MemberQuantity:
     """A number for each member, (members,): NaN if the member failed or has no value.
 
     `angle` is true for an angle, between -pi and pi.
@@ -67,7 +67,7 @@ class Quantity:
         return "; ".join(said)
 
 
-def quantity(runs: Ensemble, name: str) -> Quantity:
+def quantity(runs: Ensemble, name: str) -> MemberQuantity:
     """Return the quantity to draw, by name. Raises StatementError if it has more than a number for each member."""
     statement = runs.model.statement
     codes = np.asarray(runs.results.column(STATUS))
@@ -88,7 +88,7 @@ def quantity(runs: Ensemble, name: str) -> Quantity:
     angle = row is not None and is_angle(statement, row)
     values = np.where(COMPLETE[codes], wrapped(found, -np.pi) if angle else found, np.nan)
     unrun = int(np.count_nonzero((codes == INTERRUPTED) & np.isnan(runs.results.column(TIME))))
-    return Quantity(name, label, values, ~COMPLETE[codes], unrun, angle)
+    return MemberQuantity(name, label, values, ~COMPLETE[codes], unrun, angle)
 
 
 def label_of(runs: Ensemble, name: str) -> str:
@@ -178,7 +178,7 @@ def _title(runs: Ensemble, what: str) -> str:
     return f"{runs.model.statement.name}: {what}"
 
 
-def _map(axis: Axes, runs: Ensemble, found: Quantity, look: Style) -> str:
+def _map(axis: Axes, runs: Ensemble, found: MemberQuantity, look: Style) -> str:
     """Draw a colour for every combination of two axes, the first horizontal; return the remark below."""
     from matplotlib.colors import ListedColormap
 
@@ -221,7 +221,7 @@ def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> Scalar
     return axis.pcolormesh(x, y, values, shading="nearest", rasterized=True, **look)
 
 
-def _curve(axis: Axes, runs: Ensemble, found: Quantity, look: Style) -> None:
+def _curve(axis: Axes, runs: Ensemble, found: MemberQuantity, look: Style) -> None:
     """Draw a quantity against the varied one, with a cross at the bottom for each failed member."""
     (varied, values), *_ = ((name, one) for name, one in runs.table.varied.axes.items() if len(one) > 1)
     axis.plot(values, found.values, color=look.colours[0], linewidth=1.3, marker="." if len(values) <= 100 else "")
@@ -234,7 +234,7 @@ def _curve(axis: Axes, runs: Ensemble, found: Quantity, look: Style) -> None:
     axis.set_ylabel(found.label)
 
 
-def _histogram(axis: Axes, runs: Ensemble, found: Quantity, look: Style) -> None:
+def _histogram(axis: Axes, runs: Ensemble, found: MemberQuantity, look: Style) -> None:
     """Draw the distribution of the values, with their median and the middle nine tenths."""
     values = found.values[np.isfinite(found.values)]
     axis.hist(values, bins=min(BINS, max(8, round(len(values) ** 0.5))), color=look.colours[0], alpha=0.85)

@@ -16,7 +16,7 @@ from lagrange.show.figures.new_figure import new_figure
 from lagrange.show.figures.panel import panel_on, say_below
 from lagrange.show.figures.space import spring, view_of
 from lagrange.show.figures.style import Style, colours, dress, mixed, on_paper, style_of
-from lagrange.show.notation.names import letters
+from lagrange.show.notation.symbols import letters
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.number import real_number
 from lagrange.statement.statement import SPRING

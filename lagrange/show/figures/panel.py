@@ -16,8 +16,8 @@ from lagrange.errors import StatementError, listing, shown
 from lagrange.mechanics.conserved import MOST_LINES, invariant_sizes
 from lagrange.show.figures.curve import (
     MOST_ROUNDS,
+    AxisWindow,
     Pixels,
-    Window,
     around,
     base_of,
     clipped,
@@ -46,8 +46,8 @@ from lagrange.show.figures.style import (
 )
 from lagrange.show.figures.ticks import few_ticks, log_ticks
 from lagrange.show.notation.formula import Typesetter
-from lagrange.show.notation.latex import LatexNotation
-from lagrange.show.notation.names import letter_of, letters
+from lagrange.show.notation.latex_notation import LatexNotation
+from lagrange.show.notation.symbols import letter_of, letters
 from lagrange.show.notation.text import AsciiNotation
 from lagrange.show.units import energy_unit, unit_of, with_unit
 from lagrange.statement.coordinate import row_label
@@ -76,7 +76,7 @@ Values = Callable[["Solution"], FloatArray]
 
 
 @dataclass(frozen=True, eq=False)
-class Quantity:
+class PanelQuantity:
     """Rows over time in one panel: labels in mathematics or words, unit, and values.
 
     `name` is the title of the panel; if it is empty, the only label is beside the panel. `drift` is true if the values
@@ -90,26 +90,26 @@ class Quantity:
     drift: bool = False
 
 
-def coordinates(solution: Solution, chosen: Sequence[str], *, merged: bool = False) -> list[Quantity]:
+def coordinates(solution: Solution, chosen: Sequence[str], *, merged: bool = False) -> list[PanelQuantity]:
     """Return the chosen coordinates: one per panel, several if there are many, or all in one panel with `merged`."""
     return _entries(solution, chosen, merged=merged, rate=False)
 
 
-def velocities(solution: Solution, chosen: Sequence[str], *, merged: bool = False) -> list[Quantity]:
+def velocities(solution: Solution, chosen: Sequence[str], *, merged: bool = False) -> list[PanelQuantity]:
     """Return the velocities of the chosen coordinates, in panels as for `coordinates`."""
     return _entries(solution, chosen, merged=merged, rate=True)
 
 
-def _entries(solution: Solution, chosen: Sequence[str], *, merged: bool, rate: bool) -> list[Quantity]:
+def _entries(solution: Solution, chosen: Sequence[str], *, merged: bool, rate: bool) -> list[PanelQuantity]:
     together = len(chosen) if merged else ceil(len(chosen) / PANELS)
     groups = [chosen[k : k + together] for k in range(0, len(chosen), together)]
     return [_group(solution.model.statement, group, rate=rate) for group in groups]
 
 
-def _group(statement: Statement, names: Sequence[str], *, rate: bool) -> Quantity:
+def _group(statement: Statement, names: Sequence[str], *, rate: bool) -> PanelQuantity:
     keys = [f"{name}_dot" if rate else name for name in names]
     units = list(dict.fromkeys(unit_of(statement, key) for key in keys))
-    return Quantity(
+    return PanelQuantity(
         _above(names, rate=rate),
         tuple(f"${entry(statement, key)}$" for key in keys),
         lambda run: np.array([run[key] for key in keys]),
@@ -125,7 +125,7 @@ def _above(names: Sequence[str], *, rate: bool) -> str:
     return "" if len(names[0]) <= _SHORT else f"{what}{names[0]}"
 
 
-def energies(solution: Solution) -> Quantity:
+def energies(solution: Solution) -> PanelQuantity:
     """Return T, V and E = v.p - L, or only E if a Lagrangian was stated."""
     statement = solution.model.statement
     parts = [("T", statement.kinetic), ("V", statement.potential)]
@@ -135,48 +135,52 @@ def energies(solution: Solution) -> Quantity:
         return np.array([*(run.evaluate(part) for _, part in stated), run.energy])
 
     labels = (*(f"${name}$" for name, _ in stated), "$E$")
-    return Quantity("energies" if stated else "energy", labels, values, energy_unit(statement))
+    return PanelQuantity("energies" if stated else "energy", labels, values, energy_unit(statement))
 
 
-def energy(solution: Solution) -> Quantity:
+def energy(solution: Solution) -> PanelQuantity:
     """Return the drift of the energy if it is conserved, else the energy; no row if it has no value at some state."""
     if not solution.has_energy:
-        return Quantity("energy: it has no value at some state of the run", (), lambda run: np.empty((0, len(run.t))))
+        return PanelQuantity(
+            "energy: it has no value at some state of the run", (), lambda run: np.empty((0, len(run.t)))
+        )
     drift = solution.drift
     if not drift.conserved:
         title = f"energy ({drift.unkept})"
-        return Quantity(title, ("$E$",), lambda run: run.energy[None], energy_unit(solution.model.statement))
+        return PanelQuantity(title, ("$E$",), lambda run: run.energy[None], energy_unit(solution.model.statement))
     scale = drift.scale if drift.scale > 0 else 1.0
     title = f"energy drift: (E − E₀) relative to {drift.against}"
-    return Quantity(title, ("$E$",), lambda run: (run.energy[None] - drift.first) / scale, "", drift=True)
+    return PanelQuantity(title, ("$E$",), lambda run: (run.energy[None] - drift.first) / scale, "", drift=True)
 
 
-def momenta(solution: Solution) -> Quantity | None:
+def momenta(solution: Solution) -> PanelQuantity | None:
     """Return the changes of the momenta of ignorable coordinates from their first values; None if there are none."""
     found = list(solution.momentum_drift)[:MOST_LINES]
     if not found:
         return None
     title = f"drift of {listing(found)} relative to the largest term"
     labels = tuple(f"${letter_of(name)}$" for name in found)
-    return Quantity(title, labels, lambda run: np.array([run.momentum_drift[name] for name in found]), "", drift=True)
+    return PanelQuantity(
+        title, labels, lambda run: np.array([run.momentum_drift[name] for name in found]), "", drift=True
+    )
 
 
-def invariants(solution: Solution) -> list[Quantity]:
+def invariants(solution: Solution) -> list[PanelQuantity]:
     """Return the change of each conserved quantity from its first value, relative to the size of its terms."""
     sizes = invariant_sizes(solution.model, solution.t, solution.y, solution.parameters_at(solution.t))
     return [_invariant(name, values[0], sizes[name]) for name, values in solution.invariants.items()]
 
 
-def _invariant(name: str, first: float, size: float) -> Quantity:
+def _invariant(name: str, first: float, size: float) -> PanelQuantity:
     scale, against = (size, " relative to the size of its terms") if size > 0 else (1.0, ", which is 0 at every output")
 
     def values(run: Solution) -> FloatArray:
         return np.asarray((run.invariants[name][None] - first) / scale)
 
-    return Quantity(f"drift of {name}{against}", (name,), values, "", drift=True)
+    return PanelQuantity(f"drift of {name}{against}", (name,), values, "", drift=True)
 
 
-def multipliers(solution: Solution) -> list[Quantity]:
+def multipliers(solution: Solution) -> list[PanelQuantity]:
     """Return the multiplier of each constraint."""
     names = list(solution.multipliers)
     if not names:
@@ -184,23 +188,23 @@ def multipliers(solution: Solution) -> list[Quantity]:
     return [_multiplier(name) for name in names]
 
 
-def _multiplier(name: str) -> Quantity:
+def _multiplier(name: str) -> PanelQuantity:
     title = "" if len(name) <= _SHORT else f"multiplier of {name}"
     label = rf"$\lambda_{{{letter_of(name, literal=True)}}}$"
-    return Quantity(title, (label,), lambda run: run.multipliers[name][None])
+    return PanelQuantity(title, (label,), lambda run: run.multipliers[name][None])
 
 
-def violation(solution: Solution) -> Quantity:
+def violation(solution: Solution) -> PanelQuantity:
     """Return the largest violation of the constraints, relative to the sizes of their terms."""
     if not solution.model.statement.constraints:
         raise StatementError(
             f"{solution.model.statement.name} has no constraints, and so no violation of them to plot."
         )
     title = "largest violation of a constraint, relative to its terms"
-    return Quantity(title, ("violation",), lambda run: run.constraint_error[None], "", drift=True)
+    return PanelQuantity(title, ("violation",), lambda run: run.constraint_error[None], "", drift=True)
 
 
-def expression(solution: Solution, given: Any) -> Quantity:
+def expression(solution: Solution, given: Any) -> PanelQuantity:
     """Return the quantity of an expression in coordinates, velocities, accelerations, multipliers, parameters and t."""
     label = row_label(given)
     if label in solution.names:
@@ -208,7 +212,7 @@ def expression(solution: Solution, given: Any) -> Quantity:
     formula = expression_of(given, "what")
     solution.evaluate(formula)  # raises for symbols that the system does not have
     text = formula_label(solution.model.statement, formula)
-    return Quantity(text, (text,), lambda run: run.evaluate(formula)[None])
+    return PanelQuantity(text, (text,), lambda run: run.evaluate(formula)[None])
 
 
 def formula_label(statement: Statement, given: Any) -> str:
@@ -323,14 +327,14 @@ class Curves:
     lines: list[FloatArray]
     dots: bool = False
     note: str = ""
-    window: Window | None = None
+    window: AxisWindow | None = None
 
 
 @dataclass(frozen=True, eq=False)
 class TimePanel:
     """A quantity of some runs of systems with the same coordinates; `labels` distinguish the runs."""
 
-    quantities: tuple[Quantity, ...]
+    quantities: tuple[PanelQuantity, ...]
     solutions: tuple[Solution, ...]
     labels: tuple[str, ...]
     wide: bool = False
@@ -405,7 +409,7 @@ class TimePanel:
             legend(axis, style, title, size)
 
 
-def curves(quantity: Quantity, solution: Solution, pixels: Pixels) -> Curves:
+def curves(quantity: PanelQuantity, solution: Solution, pixels: Pixels) -> Curves:
     """Return a quantity of a run as lines exact within a pixel, for a panel size in pixels.
 
     A drift is that of the dense output, which equals the steps at their ends. If it changes much more between the steps
@@ -489,12 +493,12 @@ def _states(run: Solution, keys: tuple[str, str], t: FloatArray) -> FloatArray:
     return run.at(t)[[run.names.index(key) for key in keys]]
 
 
-def _windows(run: Solution, keys: tuple[str, str]) -> list[Window | None]:
+def _windows(run: Solution, keys: tuple[str, str]) -> list[AxisWindow | None]:
     """Return the windows of both axes for a run that leaves the panel."""
     return [window_of(run, row_of(lambda t: _states(run, keys, t), k)) for k in range(2)]
 
 
-def _line(run: Solution, keys: tuple[str, str], pixels: Pixels, windows: Sequence[Window | None]) -> FloatArray:
+def _line(run: Solution, keys: tuple[str, str], pixels: Pixels, windows: Sequence[AxisWindow | None]) -> FloatArray:
     """Return the path of a run in the phase plane, (2, K)."""
 
     def states(t: FloatArray) -> FloatArray:

@@ -13,8 +13,8 @@ import numpy as np
 from lagrange.show.figures.curve import (
     LEVEL,
     MARGIN,
+    AxisWindow,
     Pixels,
-    Window,
     around,
     base_of,
     clipped,
@@ -289,12 +289,12 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
     )
 
 
-def placed_points(solution: Solution, t: FloatArray, windows: Sequence[Window | None]) -> dict[str, FloatArray]:
+def placed_points(solution: Solution, t: FloatArray, windows: Sequence[AxisWindow | None]) -> dict[str, FloatArray]:
     """Return the positions of the named points; those beyond a window are moved to its bounds."""
     return {name: clipped(windows, point) for name, point in named_points(solution, t).items()}
 
 
-def _windows(solution: Solution) -> list[Window | None]:
+def _windows(solution: Solution) -> list[AxisWindow | None]:
     """Return the windows of each direction for a run whose points leave the panel; empty if no point is stated."""
     dimension = max(map(len, named_points(solution, solution.t[:1]).values()), default=0)
 

@@ -13,7 +13,7 @@ from lagrange.errors import StatementError, counted, listing, shown, suggestion
 from lagrange.show.figures import panel as quantities
 from lagrange.show.figures.curve import Pixels
 from lagrange.show.figures.new_figure import new_figure, size_of
-from lagrange.show.figures.panel import PhasePanel, Quantity, TimePanel, figure_of
+from lagrange.show.figures.panel import PanelQuantity, PhasePanel, TimePanel, figure_of
 from lagrange.show.figures.paths import PathPanel, common_view
 from lagrange.show.figures.style import Style, on_paper, style_of
 from lagrange.show.files.picture import LEAST_DPI, MOST_DPI
@@ -124,13 +124,13 @@ class Contents:
         view = common_view(self.solutions)
         return [] if view is None else [PathPanel(self.solutions, self.labels, view)]
 
-    def _over_time(self, of: Callable[[Solution], Quantity | None], *, wide: bool = False) -> list[Panel]:
+    def _over_time(self, of: Callable[[Solution], PanelQuantity | None], *, wide: bool = False) -> list[Panel]:
         """Return one panel of a quantity of each run; none if a run lacks it."""
         found = [of(run) for run in self.solutions]
         kept = [one for one in found if one is not None]
         return [TimePanel(tuple(kept), self.solutions, self.labels, wide)] if len(kept) == len(found) else []
 
-    def _each(self, of: Callable[[Solution], list[Quantity]]) -> list[Panel]:
+    def _each(self, of: Callable[[Solution], list[PanelQuantity]]) -> list[Panel]:
         """Return a panel for each of several quantities of the runs."""
         rows = zip(*(of(run) for run in self.solutions), strict=True)
         return [TimePanel(row, self.solutions, self.labels) for row in rows]
@@ -366,3 +366,28 @@ def _title(solutions: Sequence[Solution]) -> str:
         return title
     what = "not the motion" if first.status is Status.UNRELIABLE else "ended early"
     return f"{title}   {what}: {first.status.value}"
+
+
+def plot(
+    solutions: Sequence[Solution],
+    what: Any = None,
+    *,
+    labels: Sequence[str] | None = None,
+    of: Any = None,
+    ax: Any = None,
+    size: Any = None,
+    style: str = "light",
+    dpi: int | None = None,
+) -> Figure:
+    """Return a Matplotlib figure of several runs of systems with the same coordinates, as `Solution.plot` draws one.
+
+    `labels` are the names of the runs, one text each; by default their methods, or a parameter or a first value that
+    differs. In a panel with one row each run has a colour, else a kind of line. Raises StatementError for arguments
+    that are not solutions, and for those that `Solution.plot` refuses.
+    """
+    given = [solutions] if isinstance(solutions, Solution) else entries(solutions, "the solutions")
+    if not given or not all(isinstance(one, Solution) for one in given):
+        raise StatementError(
+            f"{shown(solutions)} is nothing to plot: give solutions, such as lg.plot([first, second])."
+        )
+    return plot_runs(given, what, of=of, ax=ax, size=size, style=style, labels=labels, dpi=dpi)

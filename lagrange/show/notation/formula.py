@@ -15,7 +15,7 @@ from lagrange.show.notation.sections import Formula, Grid, Partial, Product, Rat
 from lagrange.show.notation.text import UnicodeNotation, width
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
-from lagrange.statement.words import WORDS
+from lagrange.statement.vocabulary.words import WORDS
 
 NAMES = {word.build: name for name, word in WORDS.items()}
 RELATIONS = {

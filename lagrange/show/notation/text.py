@@ -5,8 +5,8 @@ from __future__ import annotations
 import unicodedata
 from collections.abc import Sequence
 
-from lagrange.show.notation.names import UNICODE_GREEK, index_parts, latin
 from lagrange.show.notation.pieces import ATOM, CIRCULAR, FRACTION, POWER, PRODUCT, SUM, Notation, Piece
+from lagrange.show.notation.symbols import UNICODE_GREEK, index_parts, latin
 
 SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from lagrange.errors import counted
 from lagrange.show.figures.new_figure import SCREEN_DPI
 from lagrange.show.files.picture import bounded_png
-from lagrange.show.notation.names import plain_text
+from lagrange.show.notation.symbols import plain_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -15,9 +15,9 @@ from typing import Any
 from sympy import Float
 
 from lagrange.errors import counted
-from lagrange.show.derivation import MarkdownPage
-from lagrange.show.notation.names import markdown_text, plain_text
+from lagrange.show.derivation_page import MarkdownPage
 from lagrange.show.notation.sections import Formula
+from lagrange.show.notation.symbols import markdown_text, plain_text
 from lagrange.statement.statement import Statement
 
 MOST_CHARACTERS = 20_000

@@ -15,8 +15,8 @@ from lagrange.mechanics.grading.comparison import EquationsComparison
 from lagrange.mechanics.hamilton import Hamiltonian
 from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.modes import Modes
-from lagrange.show.notation.names import markdown_text
 from lagrange.show.notation.sections import Formula, Grid, ShownQuantity
+from lagrange.show.notation.symbols import markdown_text
 from lagrange.show.notebook.page_writer import MOST_OPERATIONS, PageWriter, Part, bold, folded, joined, left_out
 from lagrange.statement.notebook_page import notebook_page
 

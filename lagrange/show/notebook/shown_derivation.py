@@ -8,9 +8,9 @@ from typing import Any
 
 from lagrange.equations.derivation import Derivation
 from lagrange.equations.textbook_algebra import TextbookAlgebra
-from lagrange.show.derivation import LEFT_OUT, NO_HEADING, Heading, render
-from lagrange.show.notation.names import plain_text
+from lagrange.show.derivation_page import LEFT_OUT, NO_HEADING, Heading, render
 from lagrange.show.notation.sections import Section, sections
+from lagrange.show.notation.symbols import plain_text
 from lagrange.show.notebook.page_writer import (
     MOST_OPERATIONS,
     PageWriter,
@@ -21,7 +21,7 @@ from lagrange.show.notebook.page_writer import (
     left_out,
     operations,
 )
-from lagrange.show.terminal.languages import DETAILS, terminal_style
+from lagrange.show.terminal import DETAILS, terminal_style
 from lagrange.statement.choice import one_of, text
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.statement import Statement

@@ -7,8 +7,8 @@ from typing import Any
 
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, counted
-from lagrange.show.notation.names import markdown_text
 from lagrange.show.notation.sections import LAGRANGIAN, Formula, ShownQuantity, constraint_quantity
+from lagrange.show.notation.symbols import markdown_text
 from lagrange.show.notebook.page_writer import (
     MOST_OPERATIONS,
     PageWriter,

@@ -15,7 +15,6 @@ import sympy
 
 from lagrange.errors import SceneError
 from lagrange.statement.coordinate import multiplier, t
-from lagrange.statement.elementary import ELEMENTARY
 from lagrange.statement.scene import lexer
 from lagrange.statement.scene.guard import (
     MOST_ARGUMENTS,
@@ -27,7 +26,8 @@ from lagrange.statement.scene.guard import (
     check_power,
     replaced,
 )
-from lagrange.statement.words import ALIASES, WORDS, Word
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
+from lagrange.statement.vocabulary.words import ALIASES, WORDS, FunctionWord
 
 MOST_CHAINED = 4
 """Most chained comparisons in a row that lead to the same value: SymPy makes 2**n clauses of n of them."""
@@ -292,7 +292,7 @@ class Reader:
             raise RefusalError(f"{name} has no arguments: write them, as in {name}(x)")
         return list(arguments), lambda parts: Value(sympy.Function(name)(*(part.expression for part in parts)))
 
-    def _apply(self, word: Word, parts: list[Value]) -> Value:
+    def _apply(self, word: FunctionWord, parts: list[Value]) -> Value:
         arguments = [part.expression for part in parts]
         double = _double(word, parts)
         check_arguments(word.build, arguments)
@@ -370,7 +370,7 @@ def _power(parts: list[Value]) -> Value:
     return Value(base.expression**exponent.expression, double)
 
 
-def _check_arity(word: Word, count: int) -> None:
+def _check_arity(word: FunctionWord, count: int) -> None:
     if word.fewest <= count <= (MOST_ARGUMENTS if word.most is None else word.most):
         return
     if word.most is None:
@@ -378,7 +378,7 @@ def _check_arity(word: Word, count: int) -> None:
     raise RefusalError(f"{word.name} takes {word.most} {'argument' if word.most == 1 else 'arguments'}, not {count}")
 
 
-def _double(word: Word, parts: list[Value]) -> float | None:
+def _double(word: FunctionWord, parts: list[Value]) -> float | None:
     doubles = [part.double for part in parts if part.double is not None]
     if len(doubles) < len(parts):
         return None

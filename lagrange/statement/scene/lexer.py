@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import NoReturn
 
 from lagrange.errors import SceneError, listing, suggestion
-from lagrange.statement.letters import LETTER, NAME, WORD
-from lagrange.statement.words import FUNCTIONS, WORDS
+from lagrange.statement.vocabulary.letters import LETTER, NAME, WORD
+from lagrange.statement.vocabulary.words import FUNCTIONS, WORDS
 
 LONGEST = 10_000
 """Most characters of an expression."""

@@ -18,8 +18,8 @@ from lagrange.statement.choice import printable
 from lagrange.statement.coordinate import check_name, check_symbol, coordinate_of, name_of, t, velocity_of
 from lagrange.statement.declare import ORIGIN, declare
 from lagrange.statement.energy import first_order_remedy, without_velocity
-from lagrange.statement.given import given
-from lagrange.statement.motion import table
+from lagrange.statement.given.function import given
+from lagrange.statement.given.motion import table
 from lagrange.statement.number import real_number
 from lagrange.statement.parameters import rate_name
 from lagrange.statement.run_settings import RunSettings

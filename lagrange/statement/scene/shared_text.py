@@ -14,7 +14,7 @@ from sympy.logic.boolalg import ITE, And, BooleanAtom, Not, Or
 from lagrange.errors import formula
 from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.lexer import FLOAT, LONGEST, LONGEST_CHAIN, PRODUCT, SUM
-from lagrange.statement.words import WORDS
+from lagrange.statement.vocabulary.words import WORDS
 
 SHARED = 40
 """Least characters of a part that occurs twice and has a definition."""

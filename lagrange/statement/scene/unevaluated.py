@@ -20,7 +20,7 @@ from sympy.logic.boolalg import ITE, And, BooleanAtom, BooleanFunction, Not, Or
 from lagrange.statement.scene import lexer
 from lagrange.statement.scene.expressions import COMPARISONS, PREDEFINED_VALUES, Plan, Reader, Value, spine
 from lagrange.statement.scene.guard import Guard, RefusalError, check_arguments, check_power
-from lagrange.statement.words import SYMPY_CLASSES, Word
+from lagrange.statement.vocabulary.words import SYMPY_CLASSES, FunctionWord
 
 MOST_EXPONENT, MOST_PRECISION = 2000, 1000
 """Limits on the exponent of two, and on the bits, of a number in the notation float(mantissa, exponent, bits)."""
@@ -157,7 +157,7 @@ class UnevaluatedReader(Reader):
             return list(arguments), lambda parts: Value(build(*map(_term_of, parts), evaluate=False))
         return super()._other_call(name, arguments)
 
-    def _apply(self, word: Word, parts: list[Value]) -> Value:
+    def _apply(self, word: FunctionWord, parts: list[Value]) -> Value:
         arguments = [_term_of(part) for part in parts]
         options = {"evaluate": False} if word.build in SYMPY_CLASSES or word.build is sympy.sqrt else {}
         return Value(word.build(*arguments, **options))

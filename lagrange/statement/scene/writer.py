@@ -10,8 +10,7 @@ import sympy
 
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import constraint_of, name_of, t
-from lagrange.statement.letters import NAME
-from lagrange.statement.motion import Table, motion_of
+from lagrange.statement.given.motion import Table, motion_of
 from lagrange.statement.parameters import rate_name
 from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.lexer import MULTIPLIER
@@ -19,6 +18,7 @@ from lagrange.statement.scene.scene_reader import MOST_RATES, NO_SIGN, OPEN
 from lagrange.statement.scene.shared_text import SharedText
 from lagrange.statement.statement import REFUSE, ROD, Statement
 from lagrange.statement.units.dimension import Dimension, named
+from lagrange.statement.vocabulary.letters import NAME
 
 BARE = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_")
 """The characters of a TOML key without quotation marks."""

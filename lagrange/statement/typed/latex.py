@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from lagrange.statement.letters import GREEK
+from lagrange.statement.vocabulary.letters import GREEK
 
 COMMAND_SIGNS = {
     **dict.fromkeys(("cdot", "times", "ast"), "*"),

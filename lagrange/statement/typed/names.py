@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
 
-from lagrange.statement.letters import GREEK
-from lagrange.statement.words import ALIASES, FUNCTIONS
+from lagrange.statement.vocabulary.letters import GREEK
+from lagrange.statement.vocabulary.words import ALIASES, FUNCTIONS
 
 RATES = ("", "_dot", "_ddot")
 """Endings of a coordinate, its velocity and its acceleration in the strict notation."""

@@ -17,7 +17,6 @@ import sympy
 
 from lagrange.errors import SceneError, StatementError, listing
 from lagrange.statement.coordinate import t
-from lagrange.statement.letters import WORD
 from lagrange.statement.scene.expressions import read_expression
 from lagrange.statement.typed.derivatives import with_derivatives
 from lagrange.statement.typed.faults import TypedFault, faults_of
@@ -26,6 +25,7 @@ from lagrange.statement.typed.lines import equation_spans
 from lagrange.statement.typed.names import Names
 from lagrange.statement.typed.remarks import Clause, Line, Word, clauses_of
 from lagrange.statement.typed.tokens import Token, tokens_of
+from lagrange.statement.vocabulary.letters import WORD
 
 LONGEST_TEXT = 6_000
 """Most characters of one equation: the longest that the package prints for its scenes has 2,517."""

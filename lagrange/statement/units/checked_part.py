@@ -1,4 +1,4 @@
-"""Expressions of a statement with their required quantities, and the parts of functions."""
+"""Expressions of a statement with their required quantities, the parts of functions, and bare numbers."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from typing import Any
 import sympy
 from sympy.core.function import AppliedUndef
 
-from lagrange.statement.motion import table_range
+from lagrange.statement.coordinate import t
+from lagrange.statement.given.motion import table_range
 from lagrange.statement.units.dimension import DIMENSIONLESS, Dimension, named
 
 SAME_DIMENSION = (sympy.Abs, sympy.Min, sympy.Max)
@@ -74,3 +75,27 @@ def inner_parts(expression: Any, dimension: Dimension | None) -> Iterator[tuple[
     elif not isinstance(expression, (sympy.Symbol, AppliedUndef, sympy.Derivative, sympy.Subs)):
         for argument in expression.args:
             yield argument, DIMENSIONLESS
+
+
+def without_own_numbers(expression: Any) -> Any:
+    """Return an expression without its parts made of numbers and time alone: the units of such numbers are not stated.
+
+    Such terms are left out, such factors are replaced by 1: `a*sin(2*t) + 0.1` becomes a, an event `x - 3` is x.
+    """
+    return sympy.S.Zero if _own(expression) else expression.replace(_replaced, _without)
+
+
+def _own(node: Any) -> bool:
+    """Return True if a node contains only numbers and time."""
+    return node.free_symbols <= {t} and not node.has(AppliedUndef)
+
+
+def _replaced(node: Any) -> bool:
+    return node.is_Add or (isinstance(node, (sympy.Function, sympy.Piecewise)) and _own(node))
+
+
+def _without(node: Any) -> Any:
+    if not node.is_Add:
+        return sympy.S.One
+    left = [term for term in node.args if not _own(term)]
+    return sympy.Add(*left) if left else sympy.S.One

@@ -14,10 +14,17 @@ from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import name_of, t
-from lagrange.statement.motion import motion_of, table_range
+from lagrange.statement.given.motion import motion_of, table_range
 from lagrange.statement.parameters import in_own_parameters, rate_name
 from lagrange.statement.statement import Statement
-from lagrange.statement.units.checked_part import SAME_DIMENSION, CheckedPart, in_short, inner_parts, number_of
+from lagrange.statement.units.checked_part import (
+    SAME_DIMENSION,
+    CheckedPart,
+    in_short,
+    inner_parts,
+    number_of,
+    without_own_numbers,
+)
 from lagrange.statement.units.dimension import (
     DIMENSIONLESS,
     Dimension,
@@ -26,7 +33,6 @@ from lagrange.statement.units.dimension import (
     read_dimensions,
     with_dimensions_of_rates,
 )
-from lagrange.statement.units.own_numbers import without_own_numbers
 from lagrange.statement.units.scale_check import with_scales
 
 MOST_PASSES = 20

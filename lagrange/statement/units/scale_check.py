@@ -19,7 +19,7 @@ from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import name_of
-from lagrange.statement.motion import table_range
+from lagrange.statement.given.motion import table_range
 from lagrange.statement.parameters import label_of
 from lagrange.statement.units.checked_part import SAME_DIMENSION, CheckedPart, in_short, inner_parts, number_of
 from lagrange.statement.units.dimension import BASE, Dimension, named, read_dimension, units_in
@@ -61,7 +61,7 @@ def with_scales(
     `plain` maps functions to symbols for messages. Raises StatementError for a term in another unit than required, and
     for a symbol whose unit would not be a product of the stated base units.
     """
-    scales = _Scales(dimensions)
+    scales = _UnitScales(dimensions)
     for part in parts:
         try:
             scales.check(part)
@@ -94,7 +94,7 @@ def _remedy(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], t
 def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimension], symbol: Any) -> str:
     """Return the unit of a symbol that fits the units of all other symbols, or an empty text."""
     others = {**dimensions, symbol: Dimension(dimensions[symbol].exponents)}
-    scales = _Scales(others)
+    scales = _UnitScales(others)
     try:
         for part in parts:
             scales.check(part)
@@ -114,7 +114,7 @@ def _fitting_unit(parts: Sequence[CheckedPart], dimensions: Mapping[Any, Dimensi
     return text if away <= SAME_FACTOR else ""
 
 
-class _Scales:
+class _UnitScales:
     """Scales of expressions, each found once, and the equations that follow from sums and functions."""
 
     def __init__(self, dimensions: Mapping[Any, Dimension]) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import sympy
 
-from lagrange.statement.motion import OVERHANG, table_range
+from lagrange.statement.given.motion import OVERHANG, table_range
 from lagrange.statement.statement import Statement
 
 LETTER = "S"

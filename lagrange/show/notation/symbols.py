@@ -9,7 +9,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from lagrange.statement.letters import GREEK as LETTERS
+from lagrange.statement.vocabulary.letters import GREEK as LETTERS
 
 UNICODE_GREEK = {name: letter for letter, name in LETTERS.items()} | {"Pi": "Π"}
 """Names with a letter in LaTeX, and the letter. Not pi, which is always printed as the number."""

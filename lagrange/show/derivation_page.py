@@ -11,13 +11,13 @@ from typing import Any, ClassVar
 
 from lagrange.equations.derivation import Derivation
 from lagrange.show.notation.formula import Line, LineWriter
-from lagrange.show.notation.latex import LatexNotation
-from lagrange.show.notation.mathml import MathmlNotation
-from lagrange.show.notation.names import GREEK, latex_text, markdown_text, plain_text
+from lagrange.show.notation.latex_notation import LatexNotation
+from lagrange.show.notation.mathml_notation import MathmlNotation
 from lagrange.show.notation.pieces import Notation
 from lagrange.show.notation.sections import Formula, Section, sections
+from lagrange.show.notation.symbols import GREEK, latex_text, markdown_text, plain_text
 from lagrange.show.notation.text import AsciiNotation, UnicodeNotation, width
-from lagrange.show.terminal.languages import DETAILS, FORMATS
+from lagrange.show.terminal import DETAILS, FORMATS
 from lagrange.statement.choice import one_of
 from lagrange.statement.statement import Statement
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import sympy
 
-from lagrange.statement.elementary import ELEMENTARY
 from lagrange.statement.expression import modulo
+from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 
 @dataclass(frozen=True)
-class Word:
+class FunctionWord:
     """A function: its name in texts, its constructor in SymPy, and the fewest and most arguments (None: no limit)."""
 
     name: str
@@ -22,22 +22,22 @@ class Word:
     most: int | None
 
 
-WORDS: dict[str, Word] = {
+WORDS: dict[str, FunctionWord] = {
     word.name: word
     for word in (
-        *(Word(one.name, one.symbolic, 1, 1) for one in ELEMENTARY.values()),
-        Word("atan2", sympy.atan2, 2, 2),
-        Word("sqrt", sympy.sqrt, 1, 1),
-        Word("cot", sympy.cot, 1, 1),
-        Word("sec", sympy.sec, 1, 1),
-        Word("csc", sympy.csc, 1, 1),
-        Word("sinc", sympy.sinc, 1, 1),
-        Word("heaviside", sympy.Heaviside, 1, 2),
-        Word("abs", sympy.Abs, 1, 1),
-        Word("sign", sympy.sign, 1, 1),
-        Word("min", sympy.Min, 1, None),
-        Word("max", sympy.Max, 1, None),
-        Word("mod", modulo, 2, 2),
+        *(FunctionWord(one.name, one.symbolic, 1, 1) for one in ELEMENTARY.values()),
+        FunctionWord("atan2", sympy.atan2, 2, 2),
+        FunctionWord("sqrt", sympy.sqrt, 1, 1),
+        FunctionWord("cot", sympy.cot, 1, 1),
+        FunctionWord("sec", sympy.sec, 1, 1),
+        FunctionWord("csc", sympy.csc, 1, 1),
+        FunctionWord("sinc", sympy.sinc, 1, 1),
+        FunctionWord("heaviside", sympy.Heaviside, 1, 2),
+        FunctionWord("abs", sympy.Abs, 1, 1),
+        FunctionWord("sign", sympy.sign, 1, 1),
+        FunctionWord("min", sympy.Min, 1, None),
+        FunctionWord("max", sympy.Max, 1, None),
+        FunctionWord("mod", modulo, 2, 2),
     )
 }
 

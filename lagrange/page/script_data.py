@@ -10,7 +10,7 @@ import numpy as np
 
 from lagrange.show.figures.space import AZIMUTH, ELEVATION, spring
 from lagrange.show.figures.style import MOST_NAMED, point_look
-from lagrange.show.notation.names import plain_text
+from lagrange.show.notation.symbols import plain_text
 from lagrange.show.notation.text import UnicodeNotation
 from lagrange.show.units import energy_unit, length_unit, unit_of
 from lagrange.statement.declare import ORIGIN

@@ -11,10 +11,11 @@ from typing import Any
 
 from lagrange.equations.derivation import Derivation
 from lagrange.machine.model import Model
-from lagrange.page.description import ENERGIES, description, rate_of
+from lagrange.page.computed_motion import MOST_STEPS, TOLERANCE, motion_source
 from lagrange.page.document import (
     COMPUTED,
     PICTURES,
+    as_json,
     colour_rules,
     hint,
     html,
@@ -25,11 +26,10 @@ from lagrange.page.document import (
     template,
 )
 from lagrange.page.formulas import FoldedFormulas, formulas, note, slider_groups
-from lagrange.page.motion import MOST_STEPS, TOLERANCE, motion_source
-from lagrange.page.slider_bounds import sliders
+from lagrange.page.script_data import ENERGIES, description, rate_of
+from lagrange.page.sliders import sliders
 from lagrange.show.files.atomic_file import write_atomically
-from lagrange.show.files.template import as_json
-from lagrange.show.notation.names import plain_text
+from lagrange.show.notation.symbols import plain_text
 from lagrange.statement.declare import initial_state
 
 

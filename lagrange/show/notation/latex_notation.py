@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from lagrange.show.notation.names import letter_of, upright
 from lagrange.show.notation.pieces import ATOM, CIRCULAR, POWER, Notation, Piece
+from lagrange.show.notation.symbols import letter_of, upright
 
 COMMANDS = CIRCULAR - frozenset(("sech", "csch"))
 """Functions with a LaTeX command of the same name, besides ln, min and max."""

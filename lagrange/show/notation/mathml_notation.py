@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from lagrange.show.notation.names import UNICODE_GREEK, index_parts, latin
 from lagrange.show.notation.pieces import ATOM, CIRCULAR, POWER, SUM, Notation, Piece
+from lagrange.show.notation.symbols import UNICODE_GREEK, index_parts, latin
 
 DOTS = ("", "\N{DOT ABOVE}", "\N{DIAERESIS}")
 RELATIONS = {"<=": "≤", ">=": "≥", "!=": "≠"}

@@ -1,0 +1,85 @@
+"""Text for a terminal: tables, durations, lines that fit its width, and the language of a derivation."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import sys
+import textwrap
+from collections.abc import Sequence
+from typing import TextIO
+
+
+def text_table(headings: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Return an aligned table with numbers to the right, and a rule under the headings if there are any."""
+    cells = [[*map(str, row)] for row in rows]
+    widths = [max(map(len, column)) for column in zip(headings, *cells, strict=True)]
+    right = _numeric(rows, len(headings))
+    lines = [_line(line, widths, right) for line in ([*headings], *cells)]
+    return "\n".join([lines[0], "  ".join("-" * width for width in widths), *lines[1:]] if any(headings) else lines[1:])
+
+
+def _line(cells: Sequence[str], widths: Sequence[int], right: Sequence[bool]) -> str:
+    padded = zip(cells, widths, right, strict=True)
+    return "  ".join(cell.rjust(width) if flush else cell.ljust(width) for cell, width, flush in padded).rstrip()
+
+
+def _numeric(rows: Sequence[Sequence[object]], columns: int) -> list[bool]:
+    """Return for each column whether it holds only numbers."""
+    return [bool(rows) and all(isinstance(row[j], (int, float)) for row in rows) for j in range(columns)]
+
+
+def duration(seconds: float) -> str:
+    """Return a time as text in seconds, milliseconds or microseconds."""
+    for limit, factor, unit in ((1e-3, 1e6, "us"), (1.0, 1e3, "ms")):
+        if seconds < limit:
+            return f"{seconds * factor:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
+LEAST_WIDTH = 40
+"""Width in columns below which lines are not wrapped: it would not make them easier to read."""
+
+_FIRST_COLUMN = re.compile(r"\s*\S+(?: \S+)*\s{2,}")
+"""Matches the first column of a table row."""
+
+
+def fitted(text: str, stream: TextIO | None) -> str:
+    """Return text for a stream: wrapped to the width of a terminal, unchanged for a pipe or a file."""
+    if stream is None or not stream.isatty():
+        return text
+    columns = shutil.get_terminal_size().columns
+    return text if columns < LEAST_WIDTH else "\n".join(_broken(line, columns) for line in text.split("\n"))
+
+
+def _broken(line: str, columns: int) -> str:
+    """Wrap a line to at most `columns` characters. A longer word stays whole; a rule of dashes is cut off."""
+    if len(line) <= columns:
+        return line
+    if not line.strip(" -"):
+        return line[:columns].rstrip()
+    match = _FIRST_COLUMN.match(line)
+    begin = match.end() if match and match.end() <= columns // 2 else len(line) - len(line.lstrip()) + 2
+    head, rest = (line[:begin], line[begin:]) if match and match.end() == begin else ("", line)
+    parts = textwrap.wrap(
+        rest,
+        columns,
+        initial_indent=" " * len(head),
+        subsequent_indent=" " * begin,
+        break_long_words=False,
+        break_on_hyphens=False,
+        drop_whitespace=True,
+    )
+    return "\n".join([head + parts[0][len(head) :], *parts[1:]])
+
+
+DETAILS = ("full", "short")
+FORMATS = ("text", "unicode", "latex", "markdown", "html")
+
+
+def terminal_style() -> str:
+    """Return "unicode" if standard output is a terminal that supports Unicode, else "text", which is plain ASCII."""
+    stream = sys.stdout
+    if stream is None or not stream.isatty():
+        return "text"
+    return "unicode" if (stream.encoding or "").lower().replace("-", "").startswith("utf") else "text"

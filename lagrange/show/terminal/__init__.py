@@ -1,1 +1,0 @@
-"""Output to a terminal: tables, progress, and the language of a document."""

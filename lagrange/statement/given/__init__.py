@@ -1,0 +1,1 @@
+"""Given functions: known motions, inputs, and tables of measured values."""

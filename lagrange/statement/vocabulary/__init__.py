@@ -1,0 +1,1 @@
+"""Words of expressions: letters of names, elementary functions, and the functions of texts."""
