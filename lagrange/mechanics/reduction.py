@@ -72,10 +72,14 @@ def rewritten(
 
 
 def with_origin(made: Statement, statement: Statement) -> Statement:
-    """Return a derived statement with the description, source, run settings and dimensions of the original."""
+    """Return a derived statement with the description, source, run settings and dimensions of the original.
+
+    Events are left out: they are stated in the original coordinates and parameters.
+    """
     left = {t, *made.coordinates, *made.parameters}
     sizes = MappingProxyType({symbol: size for symbol, size in statement.dimensions.items() if symbol in left})
-    return replace(made, about=statement.about, source=statement.source, run=statement.run, dimensions=sizes)
+    run = replace(statement.run, events=())
+    return replace(made, about=statement.about, source=statement.source, run=run, dimensions=sizes)
 
 
 def substituted(statement: Statement, given: Mapping[Any, Any]) -> Statement:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 DEFAULT_T_END = 10.0
 """Time at which a run ends if neither its caller nor its scene states one."""
@@ -26,10 +27,11 @@ DESCRIPTIONS = {
 
 @dataclass(frozen=True)
 class RunSettings:
-    """Settings of a run that a scene states; arguments of the caller override them."""
+    """Settings of a run that a scene states; arguments of the caller override them. `events` is a tuple of `Event`."""
 
     t_end: float = DEFAULT_T_END
     method: str | None = None
     rtol: float | None = None
     atol: float | None = None
     step: float | None = None
+    events: tuple[Any, ...] = ()

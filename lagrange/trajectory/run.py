@@ -104,7 +104,7 @@ def run_stated(
     began, scene = time.perf_counter(), system.statement.run
     end = scene.t_end if t_end is None else real_number(t_end, "t_end, the time at which the run ends,")
     chosen = scene.method or DEFAULT_METHOD if options.method is None else options.method
-    options = replace(options, method=chosen)
+    options = replace(options, method=chosen, events=scene.events if options.events is None else options.events)
     if isinstance(chosen, str):
         if find(chosen).claims.adaptive:
             rtol, atol = scene.rtol if options.rtol is None else options.rtol, options.atol

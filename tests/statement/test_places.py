@@ -62,7 +62,7 @@ FOUND = {
     ("date",): "1979-05-27",
     ("parameters", "g"): "9",
     ("run", "more", "t_end"): "1\n[[",
-    ("list", "x"): "1\n",
+    ("list", 0, "x"): "1\n",
 }
 
 

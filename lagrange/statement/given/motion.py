@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -61,7 +62,27 @@ def table(argument: Any, points: Any, values: Any) -> Any:
     plain = {part: sympy.Symbol(name_of(part)) for part in variable.atoms(AppliedUndef)}
     plain |= {part: sympy.Symbol(f"{name_of(part.expr)}_dot") for part in variable.atoms(sympy.Derivative)}
     name = formula(variable.xreplace(plain), 40)
-    return spline(checked_table(f"the table over {name}", (points, values), "points"), 0, variable)
+    found = checked_table(f"the table over {name}", (points, values), "points")
+    if found not in _LATEST:
+        _LATEST.append(found)
+    return spline(found, 0, variable)
+
+
+_LATEST: deque[Table] = deque(maxlen=256)
+"""The latest tables over expressions: a spline does not show all of their numbers exactly."""
+
+
+def table_of(node: Any) -> tuple[Any, Table] | None:
+    """Return the argument and the numbers of a spline that one of the latest tables gives exactly, else None."""
+    found = table_range(node)
+    same = [table for table in tuple(_LATEST) if found and _ends(table) == found[1:]]
+    return next(((found[0], table) for table in same if found and spline(table, 0, found[0]) == node), None)
+
+
+def _ends(table: Table) -> tuple[float, float]:
+    """Return the ends between which a spline has values, a little beyond the first and the last point."""
+    first, last = (OVERHANG * (table.points[i + 1] - table.points[i]) for i in (0, -2))
+    return table.points[0] - first, table.points[-1] + last
 
 
 def checked_table(what: str, columns: Sequence[Any] | Any, points: str) -> Table:
@@ -104,8 +125,7 @@ def spline(table: Table, order: int, variable: Any) -> Any:
         for coefficient in row.tolist():  # Horner's rule
             value = value * (variable - sympy.Float(start)) + sympy.Float(coefficient)
         branches.append((value, variable < sympy.Float(end)))
-    first, last = (OVERHANG * (table.points[i + 1] - table.points[i]) for i in (0, -2))
-    low, high = sympy.Float(table.points[0] - first), sympy.Float(table.points[-1] + last)
+    low, high = map(sympy.Float, _ends(table))
     branches[-1] = (branches[-1][0], True)
     inside = sympy.And(variable > low, variable < high)
     return sympy.Piecewise((sympy.Piecewise(*branches, evaluate=False), inside), evaluate=False)

@@ -46,7 +46,8 @@ def places(text: str) -> tuple[dict[KeyPath, int], dict[KeyPath, int]]:
     keys: dict[KeyPath, int] = {}
     values: dict[KeyPath, int] = {}
     frames = [_Frame((), "table")]
-    header = False
+    header = 0  # brackets at the beginning of a line: 1 for a table, 2 for an entry of a list of tables
+    counts: dict[KeyPath, int] = {}
     for match in _TOKEN.finditer(text):
         if not frames:
             break
@@ -55,12 +56,14 @@ def places(text: str) -> tuple[dict[KeyPath, int], dict[KeyPath, int]]:
             continue
         if kind == "line":
             if frame.kind == "table":
-                frames[-1] = _Frame(tuple(frame.keys) if header else frame.path, "table")
-                header = False
+                path = _numbered(frame.keys, counts, entry=header == 2) if header else frame.path
+                keys.setdefault(path, frame.start)
+                frames[-1] = _Frame(path, "table")
+                header = 0
         elif frame.valued and not header:
             _read_value(frames, token, offset, values)
         elif token == "[" and frame.kind == "table":
-            header = True
+            header += 1
         elif token == "=":
             frame.valued = True
             keys.setdefault(frame.here(), frame.start)
@@ -72,6 +75,21 @@ def places(text: str) -> tuple[dict[KeyPath, int], dict[KeyPath, int]]:
             if header:
                 keys.setdefault(tuple(frame.keys), frame.start)
     return keys, values
+
+
+def _numbered(names: list[str], counts: dict[KeyPath, int], *, entry: bool) -> KeyPath:
+    """Return the path of a table header; a name of a list of tables is followed by the index of its last entry.
+
+    `counts` has the index of the last entry of each list. With `entry` the header begins another one.
+    """
+    path: KeyPath = ()
+    for name in names:
+        path = (*path, name)
+        if entry and len(path) == len(names):
+            counts[path] = counts.get(path, -1) + 1
+        if path in counts:
+            path = (*path, counts[path])
+    return path
 
 
 def _read_value(frames: list[_Frame], token: str, offset: int, values: dict[KeyPath, int]) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import re
 from collections.abc import Callable, Collection, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,18 @@ from sympy.core.facts import InconsistentAssumptions
 
 from lagrange.errors import SceneError, StatementError, listing, shown, suggestion
 from lagrange.statement.choice import printable
-from lagrange.statement.coordinate import check_name, check_symbol, coordinate_of, name_of, t, velocity_of
+from lagrange.statement.coordinate import (
+    acceleration_of,
+    check_name,
+    check_symbol,
+    coordinate_of,
+    name_of,
+    t,
+    velocity_of,
+)
 from lagrange.statement.declare import ORIGIN, declare
 from lagrange.statement.energy import first_order_remedy, without_velocity
+from lagrange.statement.event import Event, declare_events, event
 from lagrange.statement.given.function import given
 from lagrange.statement.given.motion import table
 from lagrange.statement.number import real_number
@@ -33,7 +43,7 @@ from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Link, Stateme
 KEYS = (
     *("name", "about", "source", "coordinates", "kinetic", "potential", "lagrangian", "forces", "dissipation"),
     *("constraints", "redundant", "parameters", "given", "initial", "positions", "links", "run", "dimensions"),
-    *("signs", "tables", "definitions", "functions", "evaluate"),
+    *("signs", "tables", "definitions", "functions", "evaluate", "events"),
 )
 OPEN = "open"
 """Value of a parameter or a given function without one."""
@@ -43,6 +53,7 @@ TABLE_KEYS = ("argument", "points", "values")
 MOST_RATES = 6
 """Highest order of derivatives of a given function that a scene can state."""
 RUN_KEYS = ("t_end", "method", "rtol", "atol", "step")
+EVENT_KEYS = ("when", "direction", "terminal", "reset")
 
 _TITLE = re.compile(r"(?=.*[^\W_])(?![.\s]).{0,63}\S")
 _CONDITION = re.compile(r"\bif\b")
@@ -175,7 +186,7 @@ class SceneReader:
         dissipation = document.expression(reader, "dissipation") if "dissipation" in self.data else sympy.S.Zero
         self.check_velocities(coordinates, stated, applied, dissipation)
         try:
-            return declare(
+            declared = declare(
                 **stated,
                 coordinates=list(coordinates.values()),
                 forces=applied,
@@ -197,6 +208,38 @@ class SceneReader:
             raise
         except StatementError as error:
             raise SceneError(str(error), file=document.file) from None
+        if "events" not in self.data:
+            return declared
+        return replace(declared, run=replace(declared.run, events=self.events(reader, declared)))
+
+    def events(self, reader: ExpressionReader, declared: Statement) -> tuple[Event, ...]:
+        """Return the events of the list of tables [[events]]: `when` is zero there; the other keys are optional."""
+        tables = self.data["events"]
+        if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
+            self.document.refuse('events is no list of tables: write [[events]] and when = "y" below it.', "events")
+        for q, name in zip(declared.coordinates, declared.names, strict=True):
+            reader.enter(f"{name}_ddot", acceleration_of(q))
+        stated = [self.event(reader, i, table) for i, table in enumerate(tables)]
+        try:
+            return declare_events(stated, declared)
+        except StatementError as error:
+            self.document.refuse(str(error), "events")
+
+    def event(self, reader: ExpressionReader, i: int, table: Mapping[str, Any]) -> Event:
+        """Return the event in table number i of [[events]]."""
+        place = ("events", i)
+        self.document.check_keys(table, EVENT_KEYS, "key of an event", *place)
+        reset = table.get("reset", {})
+        if "when" not in table or not isinstance(reset, Mapping):
+            wrong = "reset is no table of names and new values" if "when" in table else "there is no when"
+            self.document.refuse(f'{wrong}: write when = "y" and, if need be, reset = {{ y_dot = "-y_dot" }}.', *place)
+        when = self.document.equation(reader, *place, "when")
+        direction = self.document.number(*place, "direction") if "direction" in table else 0
+        values = {name: self.document.expression(reader, *place, "reset", name) for name in reset}
+        try:
+            return event(when, direction=direction, terminal=table.get("terminal", False), reset=values)
+        except StatementError as error:
+            self.document.refuse(str(error), *place)
 
     def title(self) -> str:
         """Return the name of the scene, by default that of its file."""

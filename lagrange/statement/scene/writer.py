@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import count
 from typing import Any
 
 import sympy
 
 from lagrange.errors import StatementError
 from lagrange.statement.coordinate import constraint_of, name_of, t
-from lagrange.statement.given.motion import Table, motion_of
-from lagrange.statement.parameters import rate_name
+from lagrange.statement.event import Event
+from lagrange.statement.given.motion import Table, motion_of, table_of
+from lagrange.statement.parameters import label_of, rate_name
 from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.lexer import MULTIPLIER
 from lagrange.statement.scene.scene_reader import MOST_RATES, NO_SIGN, OPEN
@@ -60,7 +62,8 @@ class _SceneWriter:
         for symbol in set().union(*(root.free_symbols for root in self.roots())):
             if (constraint := constraint_of(symbol)) is not None:
                 self.leaves[symbol] = f"{MULTIPLIER}({constraint})"
-        self.shared = SharedText(self.roots(), self.leaves, taken)
+        self.measured = dict(self.named_tables(taken))
+        self.shared = SharedText(self.roots(), self.leaves, (*taken, *self.measured))
         own = {leaf: text for leaf, text in self.leaves.items() if leaf.is_Symbol}
         self.alone = SharedText((), own, taken)
 
@@ -70,7 +73,23 @@ class _SceneWriter:
         energies = [statement.kinetic] if statement.lagrangian_alone else [statement.kinetic, statement.potential]
         constraints = [constraint.expression for constraint in statement.constraints]
         points = [entry for point in statement.positions.values() for entry in point]
-        return [*energies, statement.dissipation, *statement.forces, *constraints, *points]
+        events = [
+            part for e in statement.run.events for part in (e.expression, *e.reset.values(), *e.settings.values())
+        ]
+        return [*energies, statement.dissipation, *statement.forces, *constraints, *points, *events]
+
+    def named_tables(self, taken: list[str]) -> Iterator[tuple[str, str]]:
+        """Yield (name, text) of each table of measured values, and enter its spline in the leaves under this name."""
+        plain = SharedText((), dict(self.leaves), taken)
+        nodes = dict.fromkeys(
+            node for root in self.roots() for node in sorted(root.atoms(sympy.Piecewise), key=sympy.default_sort_key)
+        )
+        for node, found in ((node, table_of(node)) for node in nodes):
+            if found is not None:
+                name = next(name for k in count(1) if (name := f"table_{k}") not in (*taken, *self.leaves.values()))
+                argument = self.text("the argument of a table", found[0], plain)
+                self.leaves[node] = name
+                yield name, f"{{ argument = {argument}, {_columns(found[1], ('points', 'values'))} }}"
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the file."""
@@ -92,10 +111,25 @@ class _SceneWriter:
         if statement.links:
             shown = ([link.start, link.end, *([link.kind] * (link.kind != ROD))] for link in statement.links)
             yield f"links = [{', '.join(f'[{_joined(map(_quoted, link))}]' for link in shown)}]"
+        events = [line for event in statement.run.events for line in self.event(event)]
         for key, entries in self.tables().items():
             if entries:
                 yield f"\n[{key}]"
                 yield from (f"{_key(name)} = {value}" for name, value in entries.items())
+        yield from events
+
+    def event(self, event: Event) -> Iterator[str]:
+        """Yield the lines of an event."""
+        yield "\n[[events]]"
+        yield f"when = {self.text('an event', event.expression)}"
+        if event.direction:
+            yield f"direction = {event.direction}"
+        if event.terminal:
+            yield f"terminal = {event.terminal}"
+        values = {label_of(key): value for key, value in {**event.reset, **event.settings}.items()}
+        if values:
+            texts = (f"{_key(name)} = {self.text('a reset', value)}" for name, value in values.items())
+            yield f"reset = {{ {_joined(texts)} }}"
 
     def tables(self) -> Mapping[str, Mapping[str, str]]:
         """Return the tables of the file, with the text of each value."""
@@ -121,6 +155,7 @@ class _SceneWriter:
                 label: f"[{_joined(self.text(f'the position of {label}', entry) for entry in point)}]"
                 for label, point in statement.positions.items()
             },
+            "tables": self.measured,
             "definitions": {name: f"'{text}'" for name, text in self.shared.definitions.items()},
             "dimensions": dict(self.dimensions()),
             "run": run,
@@ -146,9 +181,7 @@ class _SceneWriter:
         if motion is None or motion.values is None:
             return _quoted(OPEN)
         if isinstance(motion.values, Table):
-            return (
-                f"[{_joined(f'[{_joined(map(repr, row))}]' for row in (motion.values.points, motion.values.values))}]"
-            )
+            return f"[{_columns(motion.values)}]"
         text = self.text(f"the given function {name_of(function)}", motion.values, self.alone)
         return text if text != f"'{OPEN}'" else f"'({OPEN})'"
 
@@ -163,6 +196,12 @@ class _SceneWriter:
 
 def _powers(one: Dimension) -> str:
     return "*".join(f"{name}**({power})" if power != 1 else name for name, power in one.exponents) or "1"
+
+
+def _columns(table: Table, names: Sequence[str] = ("", "")) -> str:
+    """Return the points and the values of a table as lists, each with a name if it has one."""
+    rows = (f"[{_joined(map(repr, row))}]" for row in (table.points, table.values))
+    return _joined(f"{name} = {row}" if name else row for name, row in zip(names, rows, strict=True))
 
 
 def _joined(texts: Iterable[str]) -> str:
