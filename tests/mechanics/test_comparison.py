@@ -199,7 +199,7 @@ PENDULUM = "theta_ddot + g/l*sin(theta)"
         ),
         (
             "theta_ddot = \u2212g/l\u00b7(theta - theta**3/6)",
-            "In equation 1, that of theta, on the right side the term g*(theta**3/6 - theta)/l is wrong: it "
+            "In equation 1, that of theta, on the right side the term -g*(theta - theta**3/6)/l is wrong: it "
             "should be -g*sin(theta)/l.",
         ),
         ("theta_dot**2*l/2 - g*cos(theta) = 0", "Equation 1 does not hold, and contains no acceleration: it is no"),
@@ -304,6 +304,11 @@ def test_sympy_and_text_are_read_alike() -> None:
         ({"phi": "theta_ddot"}, "'phi' is no coordinate of this system; they are theta."),
         (["g = g = g"], "equation 1, column 7: there are 2 signs of equality: write one equation with two sides."),
         (["theta_ddot + (g = 0"], "equation 1, column"),
+        (
+            "m max(theta'', 0) = -g",
+            "equation 1 is not linear in theta_ddot: equations of motion are compared as linear",
+        ),
+        ("abs(theta'') = -g", "equation 1 is not linear in theta_ddot"),
         (["__import__('os')"], "equation 1"),
         ([True], "equation 1 is True: where == was meant, write sympy.Eq(left, right)."),
         (

@@ -248,6 +248,14 @@ LARGER: list[tuple[Callable[[], lg.System], str, str]] = [
     (orbit, "d/dt(m r^2 phi') = 0\nd/dt((M + m) r') = m r phi'^2 + M g", "the term M*g has the wrong sign"),
     (wedge, "s'' = g sin a\n(M + m) X'' + m s'' cos a = 0", "the term X_ddot*cos(a) is missing"),
     (strung, "m1 x'' = m1 g - T\nm2 y'' = m2 g + T", "the term T has the wrong sign: it is T, and should be -T."),
+    (wedge, "X'' = -m s'' cos(a)/M\ns'' = g sin a - X'' cos a", "the denominator M is wrong: it should be M + m."),
+    (wedge, "X'' = -m s'' cos(a)/(M - m)", "the denominator M - m is wrong: it should be M + m."),
+    (wedge, "s'' = (m + M) g sin a/(m + M sin(a)^2)", "the denominator M*sin(a)**2 + m is wrong: it should be M + m*"),
+    (wedge, "m (X'' + s'') = m g sin a", "the term m*X_ddot is wrong: it should be m*X_ddot*cos(a)."),
+    (strung, "m1 x'' + m2 y'' = m1 g - m2 g + 2 T", "the term -m2*g has the wrong sign: it is -m2*g, and should be"),
+    (oscillator, "m x'' + c x + k x = m g + F cos(w t)", "the term c*x is wrong: it should be c*x_dot."),
+    (oscillator, "m x'' + c x' + 2 k x = m g + F cos(w t)", "2 times what it should be, k*x."),
+    (orbit, "(m - M) g + (m + M) r'' = m r phi'^2", "the term (m - M)*g is wrong"),
     (strung, "x'' = g\ny'' = -g", "the term -lambda_string/m1, the force of the constraint string, is missing."),
 ]
 """Wrong answers, and what is said of a part that is larger than a term, or of a force of a constraint."""
@@ -259,3 +267,16 @@ def test_a_wrong_factor_momentum_or_force_is_named_as_a_whole(
 ) -> None:
     message = system().compare(text).message
     assert said in message.replace("w*t", "t*w"), message
+
+
+@pytest.mark.parametrize("right", ["C", "p_phi", "L_z", "const", "h_0"])
+def test_a_momentum_equated_with_an_unknown_name_is_constant(right: str) -> None:
+    result = orbit().compare(f"m r^2 phi' = {right}\n(m + M) r'' = m r phi'^2 - M g")
+    assert result and result.read.startswith("d/dt(m*r**2*phi_dot)\n")
+    assert not orbit().compare(f"m r phi' = {right}\n(m + M) r'' = m r phi'^2 - M g")
+
+
+@pytest.mark.parametrize("text", ["(m + M) r'' = C", "r phi = C", "m r^2 phi' = C D"])
+def test_no_other_equation_has_an_unknown_constant(text: str) -> None:
+    with pytest.raises(lg.StatementError, match="'C' is not a symbol"):
+        orbit().compare(text)

@@ -286,6 +286,10 @@ def unknowns_of(statement: Statement) -> list[Any]:
     return [*list(statement.plain.values())[2::3], *(constraint.multiplier for constraint in statement.constraints)]
 
 
+_JUMPS = (sympy.Heaviside, sympy.DiracDelta, sympy.sign, sympy.Abs, sympy.Max, sympy.Min, sympy.Piecewise)
+"""Functions in the slope of an equation that has a kink or a jump at some acceleration."""
+
+
 def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
     """Return an equation by its linear coefficients.
 
@@ -297,8 +301,8 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
     bent = [
         symbol
         for symbol in present
-        # The derivative of a jump, such as heaviside(theta_ddot), is a Dirac delta.
-        if slopes[symbol].has(sympy.DiracDelta) or any(not vanishes(sympy.diff(slopes[symbol], x)) for x in present)
+        if any(jump.has(*present) for jump in slopes[symbol].atoms(*_JUMPS))
+        or any(not vanishes(sympy.diff(slopes[symbol], x)) for x in present)
     ]
     if bent:
         raise StatementError(

@@ -45,6 +45,11 @@ class Difference:
     ratio: Fraction = Fraction(1)
     whole: bool = False
 
+    @property
+    def whole_is_wrong(self) -> bool:
+        """True if no single term explains the difference."""
+        return self.kind == WRONG and self.whole
+
     def told(self, product: Any, sign: int, write: Write) -> str:
         """Return the difference as the end of a sentence. Both parts are multiplied by `product` and by `sign`."""
         there, wanted = (sign * part * product for part in (self.there, self.wanted))

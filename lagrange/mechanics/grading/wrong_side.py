@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from typing import Any
 
 import sympy
@@ -41,27 +40,23 @@ LONGEST_QUOTIENT = 6
 def _wrong_denominator(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
     """Return a sentence if only the denominator of a solved equation's right side is wrong, else "".
 
-    At least one term of the typed denominator has to be right. Otherwise the numerator may be the wrong part.
+    At least one term of the typed denominator has to be right, or the whole numerator. Otherwise the numerator may be
+    the wrong part.
     """
-    form = _solved(row, derivation)
-    if form is None:
-        return ""
-    name, acceleration, solved = form
-    above, below = sympy.fraction(row.right)
+    above, below = sympy.fraction(sympy.factor_terms(row.right))
     typed = next((factor for factor in sympy.Mul.make_args(below) if factor.is_Add), below)
-    if not typed.free_symbols:
-        return ""
-    numerator, denominator = sympy.fraction(sympy.together(solved))
-    quotient = simplest(above * typed / below / numerator)
-    if quotient.count_ops() > LONGEST_QUOTIENT:
-        return ""
-    expected = sympy.Add(*summands(quotient * denominator))
-    if not set(summands(typed)) & set(sympy.Add.make_args(expected)):
-        return ""
-    right = above * typed / below / expected
-    if not replace(row, zero=acceleration - right, rest=-right, right=right).holds(samples):
-        return ""
-    return f"{place_of(name, row)} the denominator {write(typed)} is wrong: it should be {write(expected)}."
+    for name, acceleration, solved in _solutions(row, derivation) if typed.free_symbols else ():
+        numerator, denominator = sympy.fraction(sympy.together(solved))
+        quotient = simplest(above * typed / below / numerator)
+        if quotient.count_ops() > LONGEST_QUOTIENT:
+            continue
+        expected = sympy.Add(*summands(quotient * denominator))
+        same = quotient in (1, -1) and (typed.is_Add or above.is_Add)
+        if not same and not set(summands(typed)) & set(sympy.Add.make_args(expected)):
+            continue
+        if _holds(row, acceleration, above * typed / below / expected, samples):
+            return f"{place_of(name, row)} the denominator {write(typed)} is wrong: it should be {write(expected)}."
+    return ""
 
 
 def _wrong_factor(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
@@ -69,21 +64,23 @@ def _wrong_factor(row: EquationRow, derivation: Derivation, samples: Sequence[Mo
 
     A side with one term is left to the search for a wrong term.
     """
-    form, typed = _solved(row, derivation), summands(row.right)
-    if form is None or len(typed) < 2:
-        return ""
-    name, acceleration, solved = form
+    typed = summands(row.right)
     state = {*row.statement.plain.values(), t}
-    for term in summands(solved):
-        factor = sympy.cancel(typed[0] / term)
-        if factor.free_symbols & state or factor == 0:
-            continue
-        right = row.right / factor
-        if replace(row, zero=acceleration - right, rest=-right, right=right).holds(samples):
-            word = "sign" if factor == -1 else "factor"
-            told = f"has the wrong {word}: it is {write(factor)} times what it should be."
-            return f"{place_of(name, row)} the right side {told}"
+    for name, acceleration, solved in _solutions(row, derivation) if len(typed) > 1 else ():
+        for term in summands(solved):
+            factor = sympy.cancel(typed[0] / term)
+            if factor.free_symbols & state or factor == 0:
+                continue
+            if _holds(row, acceleration, row.right / factor, samples):
+                word = "sign" if factor == -1 else "factor"
+                told = f"has the wrong {word}: it is {write(factor)} times what it should be."
+                return f"{place_of(name, row)} the right side {told}"
     return ""
+
+
+def _holds(row: EquationRow, acceleration: Any, right: Any, samples: Sequence[MotionSample]) -> bool:
+    """Return True if the equation acceleration = right holds at all samples."""
+    return row_of(StudentEquation(row.label, acceleration - right, right), row.statement).holds(samples)
 
 
 def _wrong_momentum(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
@@ -117,19 +114,23 @@ def _momenta(derivation: Derivation, typed: Any) -> Iterator[tuple[str, Any]]:
                 yield name, sympy.Mul(constant, momentum) if momentum.is_Mul else constant * momentum
 
 
-def _solved(row: EquationRow, derivation: Derivation) -> tuple[str, Any, Any] | None:
-    """Return name, acceleration and right solution of an equation with an acceleration alone on its left side.
+def _solutions(row: EquationRow, derivation: Derivation) -> Iterator[tuple[str, Any, Any]]:
+    """Yield name, acceleration and right solution of an equation with an acceleration alone on its left side.
 
-    None for another form, and for a solution that is too long.
+    The solution is free of other accelerations, or that of one equation of motion. One that is too long is left out.
     """
     names, unknowns = row.statement.names, list(row.slopes)
-    place = next((k for k, slope in enumerate(row.slopes.values()) if slope != 0), len(names))
-    if place >= len(names) or row.zero + row.right != unknowns[place]:
-        return None
+    left = row.zero + row.right
+    if left not in unknowns[: len(names)] or row.right.has(left):
+        return
+    place = unknowns.index(left)
+    several = row.right.has(*unknowns)
     try:
-        solved = list(derivation.accelerations.values())[place].xreplace(row.statement.plain)
+        law = derivation.equations[place]
+        zero = (law.lhs - law.rhs).xreplace(row.statement.plain)
+        solved = left - zero / sympy.diff(zero, left) if several else list(derivation.accelerations.values())[place]
     except StatementError:
-        return None
-    return (
-        None if solved.count_ops() + row.right.count_ops() > LONGEST_SOLVED else (names[place], unknowns[place], solved)
-    )
+        return
+    solved = sympy.expand(solved) if several else solved.xreplace(row.statement.plain)
+    if solved.count_ops() + row.right.count_ops() <= LONGEST_SOLVED:
+        yield names[place], left, solved

@@ -27,6 +27,7 @@ from lagrange.mechanics.grading.student_equations import (
     values_at,
 )
 from lagrange.mechanics.grading.term_difference import (
+    EXTRA,
     MISSING,
     WRONG,
     Difference,
@@ -163,6 +164,9 @@ NEAR = 0.5
 LONGEST_FORMULA = 3_000
 """Largest number of operations in a solved acceleration that is compared: expanding a longer one takes seconds."""
 
+LONGEST_FACTOR = 60
+"""Largest number of operations of a factor that is simplified before its symbols are looked at."""
+
 BENT, SOLVED = 2, 100
 """Penalties, in differing terms, of a factor that depends on the state, and of a difference in the unknown alone on the
 left side, such as theta_ddot = ...: there the right side is wrong."""
@@ -191,24 +195,27 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     if given is None:
         return WrongTerm(f"{label} does not hold.")
     meant = _nearest(given, _candidates(given, _stated_rows(derivation)))
-    if meant is None or meant.differing_terms > NEAR * meant.agreeing:
-        others = (*_combined(row, given, derivation), *_candidates(given, _solved_rows(derivation)))
+    if meant is None or meant.differing_terms > 1:
+        others = list(_combined(row, given, derivation))
+        if meant is None or meant.differing_terms > NEAR * meant.agreeing:
+            others += _candidates(given, _solved_rows(derivation))
         nearest = [match for match in (meant, _nearest(given, others)) if match is not None]
         meant = min(nearest, key=lambda match: _rank(match)[:3], default=None)
     if meant is None or not meant.agreeing:
         return WrongTerm(f"{label} does not hold, and no term of it is that of an equation of motion.")
-    return WrongTerm(_sentence(meant, row, write), alone=meant.differing_terms == 1)
-
-
-def _sentence(meant: _Meant, row: EquationRow, write: Write) -> str:
-    """Return a sentence on the first product whose coefficient differs, with the signs as they were typed."""
     product, difference = meant.finding()
+    alone = meant.differing_terms == 1 or (len(meant.differing) == 1 and not difference.whole_is_wrong)
+    return WrongTerm(_sentence(meant.name, product, difference, row, write), alone)
+
+
+def _sentence(name: str, product: Any, difference: Difference, row: EquationRow, write: Write) -> str:
+    """Return a sentence on a product whose coefficient differs, with the signs as they were typed."""
     side, sign = _side(row, product, difference)
     told = difference.told(product, sign, write)
     constraint = constraint_of(product) if product.is_Symbol else None
     if difference.kind == MISSING and constraint is not None:
         told = told.replace(" is missing.", f", the force of the constraint {constraint}, is missing.")
-    return f"{place_of(meant.name, row)}{side} {told}"
+    return f"{place_of(name, row)}{side} {told}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -383,7 +390,7 @@ def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Itera
     if len(used) < 2 or None in constants or not stated:
         return
     zero = sympy.Add(*(_rational(constants[i] or Fraction(0)) * stated[i][1] for i in used))
-    yield from _candidates(given, [(f"{listing(stated[i][0] for i in used)} together", zero)])
+    yield from _candidates(given, [(f"{listing(stated[i][0] for i in used)} together", sympy.expand(zero))])
 
 
 def _stated_rows(derivation: Derivation) -> list[tuple[str, Any]]:
@@ -425,7 +432,8 @@ class _Meant:
         """True if the factor depends on the coordinates: equations are seldom multiplied by such a factor."""
         if self.factor.constant is not None:
             return False
-        return bool(self._quotient.has(*list(self.given.statement.plain.values())[::3]))
+        factor = self.multiple if self.length <= LONGEST_FACTOR else self._quotient
+        return bool(factor.has(*list(self.given.statement.plain.values())[::3]))
 
     def _terms(self, product: Any) -> int:
         """Return the number of terms of a coefficient that differ from the expected ones.
@@ -495,15 +503,26 @@ class _Meant:
         return 0 if self.factor.constant is not None else int(self._quotient.count_ops())
 
     def finding(self) -> tuple[Any, Difference]:
-        """Return the first product whose coefficient differs, and the difference."""
-        product = self.differing[0]
+        """Return the first product whose coefficient differs, and the difference.
+
+        A term too many and a missing one are one wrong term: b*x in place of b*x_dot.
+        """
+        product, *others = self.differing
+        difference = self._difference(product)
+        if len(others) == 1:
+            other = self._difference(others[0])
+            if (difference.kind, other.kind) == (MISSING, EXTRA):
+                return others[0], Difference(WRONG, other.there, difference.wanted * product / others[0])
+            if (difference.kind, other.kind) == (EXTRA, MISSING):
+                return product, Difference(WRONG, difference.there, other.wanted * others[0] / product)
+        return product, difference
+
+    def _difference(self, product: Any) -> Difference:
+        """Return the difference of a coefficient from the expected one times the factor."""
         there = self.given.coefficients.get(product, sympy.S.Zero)
         wanted = self.multiple * self.expected.coefficients.get(product, sympy.S.Zero)
         wanted = wanted if self.factor.constant is not None else simplest(wanted)
-        extra = [other for other in self.differing if other not in self.expected.coefficients]
-        if there == 0 and len(extra) == 1:
-            return extra[0], Difference(WRONG, self.given.coefficients[extra[0]], wanted * product / extra[0])
-        return product, difference_of(there, wanted, self.given.numbers)
+        return difference_of(there, wanted, self.given.numbers)
 
 
 def _rank(meant: _Meant) -> tuple[Any, ...]:

@@ -235,7 +235,7 @@ class TypedReader:
         """Return the sides of each equation of a part. Raises _Faults.
 
         For a = b = c these are a = b and a = c. A further side with an unknown name, as in p = m x' = const, is left
-        out. For a side equated with "const" the derivative is zero.
+        out. For a side equated with "const", or a velocity with a name that is no symbol, the derivative is zero.
         """
         tokens = with_derivatives(tokens_of(text, begin, end))
         places = [i for i, token in enumerate(tokens) if token.is_sign("=")]
@@ -250,7 +250,7 @@ class TypedReader:
         if len(sides) > 2 and not any(map(self._accelerates, sides)):
             many = f"there are {len(places)} signs of equality: write one equation with two sides"
             raise _Faults([TypedFault(many, tokens[places[1]].begin)])
-        if len(sides) > 1 and self._is_constant(sides[-1]):
+        if len(sides) > 1 and (self._is_constant(sides[-1]) or self._is_integral(*sides)):
             return [[[Token("rate", "1", begin, begin), *_bracketed(side)]] for side in sides[:-1]]
         return [[sides[0], side] for side in sides[1:]] or [sides]
 
@@ -258,17 +258,21 @@ class TypedReader:
     def _is_constant(side: Sequence[Token]) -> bool:
         return [token.text for token in side] in _CONSTANT
 
+    def _is_integral(self, side: Sequence[Token], *others: Sequence[Token]) -> bool:
+        """Return True if two sides are a formula with a velocity at most, and a name that is no symbol, as in p = C."""
+        names = [token.text for other in others for token in other]
+        unknown = len(names) == 1 and names[0].isidentifier() and not self._reads(names[0])
+        return unknown and not self.names.hint(names[0]) and self._order(side) == 1
+
     def _accelerates(self, side: Sequence[Token]) -> bool:
         """Return True if a formula contains a second derivative, or the derivative of an expression."""
-        return any(
-            token.kind == "rate"
-            or max(token.order, token.primes) > 1
-            or (
-                token.kind == "word"
-                and any(piece.order > 1 for reading in self.names.readings(token.text) for piece in reading)
-            )
-            for token in side
-        )
+        return self._order(side) > 1
+
+    def _order(self, side: Sequence[Token]) -> int:
+        """Return the highest order of the derivatives in a formula; that of an expression counts as 2."""
+        orders = [2 if token.kind == "rate" else max(token.order, token.primes) for token in side]
+        words = (reading for token in side if token.kind == "word" for reading in self.names.readings(token.text))
+        return max([*orders, *(piece.order for reading in words for piece in reading)], default=0)
 
     def _formulas(self, sides: Sequence[Sequence[Token]], choices: Choices) -> list[Formula]:
         formulas: list[Formula] = []
