@@ -1,8 +1,8 @@
 """Forces that contain multipliers of constraints, such as Coulomb friction: multipliers as functions of the state.
 
-With forces Q + B lambda the equations are M a = h + (G^T + B) lambda and G a + gamma = 0, so that
-G M^-1 (G^T + B) lambda = -(gamma + G M^-1 h). Put into the forces, these multipliers make a system whose forces depend
-on positions, velocities and time alone, and whose constraints have the same multipliers.
+With forces Q + B lambda the equations are M a = h + (G^T + B) lambda and G a + gamma = 0. Put into the forces, their
+multipliers make a system whose forces depend on positions, velocities and time alone, and whose constraints have the
+same multipliers.
 Source: P. Painleve, Lecons sur le frottement, 1895; F. Pfeiffer, C. Glocker, Multibody Dynamics with Unilateral
 Contacts, 1996, section 5.3.
 """
@@ -15,13 +15,17 @@ from typing import Any
 
 import sympy
 
-from lagrange.equations.terms import differentiable, printable
+from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.errors import StatementError, listing
-from lagrange.statement.coordinate import check_multipliers, constraint_of, t
+from lagrange.graph.differentiate import tangents
+from lagrange.graph.generic import generic_rank
+from lagrange.graph.node import Node
+from lagrange.graph.rebuild import substitute
+from lagrange.statement.coordinate import check_multipliers, constraint_of, multiplier
 from lagrange.statement.statement import REFUSE, Statement
 
 LONGEST = 20_000
-"""Most operations of the multipliers: the series of longer ones takes seconds to compile."""
+"""Most operations of the multipliers as formulas: a statement with longer ones takes seconds to analyse."""
 
 
 def with_solved_multipliers(statement: Statement) -> Statement:
@@ -41,9 +45,11 @@ def with_solved_multipliers(statement: Statement) -> Statement:
             f"the forces of {statement.name} contain multipliers, which redundant constraints share in many ways: "
             "leave out the constraints that follow from others, and redundant='allow'."
         )
-    table = dict(zip(_names(statement), _multipliers(statement), strict=True))
-    stated = {symbol: leaf for leaf, symbol in statement.plain.items()}
-    values = {symbol: printable(value).xreplace(stated) for symbol, value in table.items()}
+    symbols = [multiplier(name) for name in names]
+    _check_linear(statement, symbols)
+    equations = euler_lagrange(replace(statement, parameters=(*statement.parameters, *symbols)))
+    nodes = _multipliers(equations, statement.name, names)
+    values = dict(zip(symbols, map(equations.express, nodes), strict=True))
     if sum(int(value.count_ops()) for value in values.values()) > LONGEST:
         raise StatementError(
             f"the multipliers in the forces of {statement.name} are too long to be put in: state fewer coordinates, or "
@@ -52,96 +58,61 @@ def with_solved_multipliers(statement: Statement) -> Statement:
     return replace(statement, forces=tuple(force.xreplace(values) for force in statement.forces))
 
 
-def _names(statement: Statement) -> list[Any]:
-    return [constraint.multiplier for constraint in statement.constraints]
-
-
-def split_forces(statement: Statement, forces: Sequence[Any]) -> tuple[list[Any], list[list[Any]]]:
-    """Return Q and the rows of B of forces Q + B lambda. Raises StatementError for forces that are not linear."""
-    symbols = _names(statement)
-    slopes = [[force.diff(s) for s in symbols] for force in forces]
-    for name, force, row in zip(statement.names, forces, slopes, strict=True):
-        if any(slope.has(*symbols) for slope in row):
-            used = listing(str(s) for s in symbols if force.has(s))
+def _check_linear(statement: Statement, symbols: Sequence[Any]) -> None:
+    """Raise StatementError for a force that is not linear in the multipliers `symbols`."""
+    for name, force in zip(statement.names, statement.forces, strict=True):
+        if any(force.diff(symbol).has(*symbols) for symbol in symbols):
+            used = listing(str(symbol) for symbol in symbols if force.has(symbol))
             raise StatementError(
                 f"the force on {name} is not linear in {used}: give a coefficient in coordinates, velocities and "
                 f"parameters times the multiplier, as -mu*{used}*sign({name}_dot), and end the run by an event where "
                 "it changes sign."
             )
-    return [force.xreplace(dict.fromkeys(symbols, sympy.S.Zero)) for force in forces], slopes
 
 
-def _multipliers(statement: Statement) -> list[Any]:
-    """Return the multipliers in plain symbols, m of them."""
-    plain = statement.plain
-    q, v = ([plain[x] for x in leaves] for leaves in (statement.coordinates, statement.velocities))
-
-    def read(expression: Any) -> Any:
-        return differentiable(expression.xreplace(plain))
-
-    def drift(expression: Any) -> Any:
-        """Return the rate at constant velocities."""
-        rates = [expression.diff(x) * speed for x, speed in zip(q, v, strict=True)]
-        inputs = [expression.diff(u) * rate for u, rate in statement.inputs if rate is not None]
-        return sympy.Add(expression.diff(t), *rates, *inputs)
-
-    lagrangian, dissipation = read(statement.lagrangian), read(statement.dissipation)
-    applied, pushes = split_forces(statement, [read(force) for force in statement.forces])
-    momenta = [lagrangian.diff(speed) for speed in v]
-    mass = [[p.diff(speed) for speed in v] for p in momenta]
-    bias = [
-        lagrangian.diff(x) + force - dissipation.diff(speed) - drift(p)
-        for x, speed, force, p in zip(q, v, applied, momenta, strict=True)
-    ]
-    zeros = [read(constraint.expression) for constraint in statement.constraints]
-    rates = [
-        drift(phi) if constraint.holonomic else phi
-        for constraint, phi in zip(statement.constraints, zeros, strict=True)
-    ]
-    gradient = [[psi.diff(speed) for speed in v] for psi in rates]
-    along = [[line[i] + push for line, push in zip(gradient, row, strict=True)] for i, row in enumerate(pushes)]
-    solved = _solved(mass, [[h, *row] for h, row in zip(bias, along, strict=True)])
-    if solved is None:
+def _multipliers(equations: Equations, system: str, names: Sequence[str]) -> list[Node]:
+    """Return the multipliers of the constraints `names`; their symbols are the last parameters of the equations."""
+    e = equations
+    n, zero, symbols = len(e.q), e.graph.zero, e.parameters[-len(names) :]
+    right = [*e.motion.bias, *(-gamma for gamma in e.constraints.bias)]
+    relations = any(psi.depends & symbol.depends for psi in e.constraints.velocities for symbol in symbols)
+    if relations or generic_rank(e.matrix) < len(e.matrix):
         raise StatementError(
-            f"the forces of {statement.name} contain multipliers, and its mass matrix d2L/dv2 is singular: give every "
+            f"the forces of {system} contain multipliers, and its mass matrix d2L/dv2 is singular: give every "
             "coordinate kinetic energy, or state the force in coordinates and velocities."
         )
-    columns = list(zip(*solved, strict=True))
-    right = [[-drift(psi) - _dot(line, columns[0])] for psi, line in zip(rates, gradient, strict=True)]
-    square = [[_dot(line, column) for column in columns[1:]] for line in gradient]
-    multipliers = _solved(square, right)
-    if multipliers is None:
+    places = [n + e.stated.names.index(name) for name in names]
+    matrix = [list(row) for row in e.matrix]
+    for symbol, place in zip(symbols, places, strict=True):
+        slope = tangents(right, {symbol: e.graph.one})
+        for row, entry in zip(matrix, right, strict=True):
+            row[place] = row[place] + slope(entry)
+    if generic_rank(matrix) < len(matrix):
         raise StatementError(
-            f"the multipliers of {statement.name} are not determined: its constraints depend on one another, or the "
+            f"the multipliers of {system} are not determined: its constraints depend on one another, or the "
             "forces cancel those of a constraint. Change the forces that contain multipliers."
         )
-    return [row[0] for row in multipliers]
+    order = [unknown for block in e.plan.blocks for unknown in block]
+    solution = _eliminated(matrix, substitute(right, dict.fromkeys(symbols, zero)), order)
+    return [-solution[place] for place in places]
 
 
-def _dot(a: Sequence[Any], b: Sequence[Any]) -> Any:
-    return sympy.Add(*(x * y for x, y in zip(a, b, strict=True)))
+def _eliminated(matrix: Sequence[Sequence[Node]], right: Sequence[Node], order: Sequence[int]) -> dict[int, Node]:
+    """Return x of matrix x = right for a regular matrix, by elimination in this order, with exchange of rows.
 
-
-def _solved(matrix: Sequence[Sequence[Any]], right: Sequence[Sequence[Any]]) -> list[list[Any]] | None:
-    """Return X of A X = R by elimination with exchange of rows, or None if a column has no pivot."""
-    rows = [[*row, *others] for row, others in zip(matrix, right, strict=True)]
-    n = len(rows)
-    for k in range(n):
-        pivot = next((i for i in range(k, n) if not _is_zero(rows[i][k])), None)
-        if pivot is None:
-            return None
-        rows[k], rows[pivot] = rows[pivot], rows[k]
-        rows[k] = [x / rows[k][k] for x in rows[k]]
-        for i in range(n):
-            if i != k and rows[i][k] != 0:
-                rows[i] = [x - rows[i][k] * y for x, y in zip(rows[i], rows[k], strict=True)]
-    return [row[n:] for row in rows]
-
-
-def _is_zero(given: Any) -> bool:
-    """Return True if an expression vanishes at a point where its symbols have distinct values."""
-    if not given.args:
-        return bool(given == 0)
-    symbols = sorted(given.free_symbols, key=str)
-    value = given.xreplace({s: sympy.Rational(17 + 3 * k, 23 + 5 * k) for k, s in enumerate(symbols)})
-    return bool(abs(sympy.N(value, 20)) < 1e-12) if value.is_number else False
+    The result is made of sums and products: unlike that of a `SolvePlan` it has a Taylor series by itself.
+    """
+    graph, left = right[0].graph, list(order)
+    rows = [[*row, entry] for row, entry in zip(matrix, right, strict=True)]
+    pivots: list[list[Node]] = []
+    for k in order:
+        chosen = next(i for i in sorted(left, key=k.__ne__) if generic_rank([[rows[i][k]]]))
+        left.remove(chosen)
+        pivots.append([entry / rows[chosen][k] for entry in rows[chosen]])
+        for i in left:
+            if rows[i][k] is not graph.zero:
+                rows[i] = [a - rows[i][k] * b for a, b in zip(rows[i], pivots[-1], strict=True)]
+    solution: dict[int, Node] = {}
+    for k, pivot in zip(reversed(order), reversed(pivots), strict=True):
+        solution[k] = graph.sum([(1, pivot[-1]), *((-1, pivot[i] * x) for i, x in solution.items())])
+    return solution

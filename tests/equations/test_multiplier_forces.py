@@ -20,14 +20,17 @@ NORMAL = lg.multiplier("floor")
 
 
 def incline(**more: Any) -> lg.System:
-    stated = {"forces": {x: -mu * NORMAL * sign(x.dot)}, **more}
+    stated = {
+        "forces": {x: -mu * NORMAL * sign(x.dot)},
+        "constraints": {"floor": y},
+        "initial": {x.dot: 1.5},
+        **more,
+    }
     return lg.System(
         m * (x.dot**2 + y.dot**2) / 2,
         m * g * (y * cos(slope) - x * sin(slope)),
         coordinates=[x, y],
-        constraints={"floor": y},
         parameters={m: 2, g: 9.81, mu: 0.2, slope: 0.6},
-        initial={x.dot: 1.5},
         name="incline",
         **stated,
     )
@@ -207,9 +210,36 @@ def test_forces_whose_multipliers_cancel_in_a_sum_are_seen() -> None:
     np.testing.assert_allclose(pair.compile("numpy").multipliers([0.0, 0.0], [0.0, 0.0]), [3 / 4.5])
 
 
-def test_a_coordinate_without_inertia_is_refused() -> None:
+def test_a_coordinate_without_inertia_follows_a_constraint() -> None:
+    # lambda = x from the equation of y, so that 2 x'' = -y - lambda + lambda/2 = -3 x/2.
+    bound = lg.System(x.dot**2, x * y, coordinates=[x, y], constraints={"floor": y - x}, forces={x: NORMAL / 2})
+    model = bound.compile("numpy")
+    np.testing.assert_allclose(model.accelerations([0.4, 0.4], [0.0, 0.0]), [-0.3, -0.3], rtol=1e-14)
+    np.testing.assert_allclose(model.multipliers([0.4, 0.4], [0.0, 0.0]), [0.4], rtol=1e-14)
+
+
+def test_a_coordinate_of_first_order_that_a_multiplier_pushes_is_refused() -> None:
     with pytest.raises(StatementError, match=r"the forces of system contain multipliers, and its mass matrix d2L"):
-        lg.System(x.dot**2, x * y, coordinates=[x, y], constraints={"floor": y - x}, forces={x: NORMAL / 2})
+        lg.System(
+            x.dot**2 + y.dot**2,
+            coordinates=[x, y, z],
+            constraints={"floor": y - x},
+            forces={z: NORMAL},
+            dissipation=z.dot**2,
+        )
+
+
+@pytest.mark.parametrize("curve", [sympy.sinc(x), sympy.Piecewise((x**2, x > 0), (0, True))])
+def test_a_block_slides_on_a_floor_of_any_functions(curve: Any) -> None:
+    rough = incline(constraints={"floor": y - curve}, initial={x: 0.7, y: curve.subs(x, 0.7), x.dot: 0.5})
+    model = rough.compile("numpy")
+    q, v = [0.7, float(curve.subs(x, 0.7))], [0.5, 0.5 * float(curve.diff(x).subs(x, 0.7))]
+    slope, bend = (float(sympy.diff(curve, x, k).subs(x, 0.7)) for k in (1, 2))
+    # Rows: m x'' = m g sin - (mu + slope) lambda, m y'' = -m g cos + lambda, y'' = slope x'' + bend x'^2.
+    rows = np.array([[2, 0, 0.2 + slope], [0, 2, -1], [-slope, 1, 0]])
+    expected = np.linalg.solve(rows, [2 * 9.81 * np.sin(0.6), -2 * 9.81 * np.cos(0.6), bend * 0.25])
+    found = [*model.accelerations(q, v), *model.multipliers(q, v)]
+    np.testing.assert_allclose(found, expected, rtol=1e-12)  # a regular 3 x 3 system in doubles
 
 
 def test_a_scene_has_multipliers_in_forces(tmp_path: Any) -> None:
