@@ -359,7 +359,7 @@ def lane_engine(alone: RunEngine, plan: Plan, problem: Problem, *, varying: bool
 
 def _impacts(plan: Plan, problem: Problem) -> tuple[Impact, ...]:
     """Return the events of runs: those of the user, and for series the square roots in the equations of motion."""
-    return plan.impacts if isinstance(plan, TaylorPlan) else impacts_of(problem.model, problem.events, np.empty(0))
+    return plan.impacts if isinstance(plan, TaylorPlan) else impacts_of(problem.model, problem.events)
 
 
 def _path_kind(plan: Plan, problem: Problem, alone: RunEngine) -> StepPolynomial | None:

@@ -65,8 +65,12 @@ def rest_of(
 
 
 def _counted(event: Event, count: int) -> Event:
-    """Return an event whose limit `terminal` is reduced by the number of its occurrences so far."""
-    return replace(event, terminal=max(event.terminal - count, 1)) if event.terminal else event
+    """Return an event whose limit `terminal` is reduced by the number of its occurrences so far.
+
+    The event itself is returned if its limit stays: methods prepare an event object once.
+    """
+    limit = max(event.terminal - count, min(event.terminal, 1))
+    return event if limit == event.terminal else replace(event, terminal=limit)
 
 
 def joined(
@@ -352,9 +356,9 @@ def _last(problem: Problem, parts: Sequence[Trajectory]) -> Status | None:
 def _behind(segment: Problem, problem: Problem, acting: Sequence[int], t: float, before: FloatArray) -> _Behind:
     """Return the state and the parameters after the events `acting` at time t; `before` (2n,) is the state there."""
     model, y, resets = problem.model, before.copy(), [problem.events[i] for i in acting]
-    effects = impacts(model, resets, segment.parameter_array)
+    effects = impacts(model, resets)
     for impact in effects:
-        impact.apply(t, before, y)
+        impact.apply(t, before, segment.parameter_array, y)
     parameters = dict(segment.parameters)
     for event in resets:
         nodes = tuple(model.equations.translate(value) for value in event.settings.values())

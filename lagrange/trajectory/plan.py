@@ -314,8 +314,7 @@ def prepared(method: Planned, problem: Problem) -> Prepared:
     options = problem.rtol, problem.atol, problem.step
     if not (_is_key(options[0]) and _is_key(options[1]) and _is_key(options[2])):
         return Prepared(method.plan(problem))
-    # A plan with events has the parameters of their resets.
-    watched = (problem.events, problem.parameter_array.tobytes()) if problem.events else ()
+    watched = (problem.events,) if problem.events else ()
     kept, key, span = problem.model.prepared, (id(method), *options, *watched), (problem.t0, problem.t1)
     found: Prepared | None = kept.get(key)
     if found is None or found.span not in (None, span):

@@ -107,7 +107,7 @@ def test_bounces_that_grow_faster_end_where_they_accumulate(method: str, factor:
 def test_sides_behind_a_reset() -> None:
     """What stays keeps its side, what happened or was moved begins anew, and a contact forgets that it came near."""
     sides = [Side(1, near=True)] * 5
-    wall, plain = impacts(FALLING.compile(), [turn(y, y.dot), lg.event(y)], np.empty(0))
+    wall, plain = impacts(FALLING.compile(), [turn(y, y.dot), lg.event(y)])
     before, after = np.array([1e-17, 1e-17, 1e-17, 1.0, np.nan]), np.array([0.0, 0.0, 0.0, 0.0, 1.0])
     noise = np.full(5, 1e-16)
     behind = sides_behind(sides, [wall, plain, plain, wall, plain], (before, after), noise, {2})

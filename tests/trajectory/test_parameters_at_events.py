@@ -47,6 +47,14 @@ def test_a_stiffness_doubles_at_each_passage(method: str) -> None:
     assert run.energy == pytest.approx(np.full(len(run.t), 0.5), abs=4 * close)
 
 
+@pytest.mark.parametrize("method", ["taylor", "dop853"])
+def test_a_change_of_parameters_prepares_the_method_no_second_time(method: str) -> None:
+    model = lg.System(m * x.dot**2 / 2, k * x**2 / 2, parameters={m: 1, k: 1}).compile()
+    run = lg.integrate(model, (0.0, 15.0), {x: 1}, method=method, events=[doubling])
+    assert len(run.parameter_changes) == 4
+    assert len(model.prepared) == 1
+
+
 @pytest.mark.parametrize("method", ["rk4", "dop853"])
 def test_a_zero_that_rounding_leaves_ahead_of_a_segment_is_the_one_that_began_it(
     method: str, monkeypatch: pytest.MonkeyPatch

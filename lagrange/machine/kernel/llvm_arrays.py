@@ -17,6 +17,7 @@ and tells. Python calls them with its lock held.
 from __future__ import annotations
 
 import ctypes
+import math
 from collections.abc import Callable
 from functools import lru_cache
 from typing import Any
@@ -268,7 +269,7 @@ def _made(kernel: tuple[Module, int], prepared: FloatArray, size: int, shape: tu
     module, api, given = _module(), ctypes.pythonapi, (shape,)
     objects = (np.empty, given, None, np.ndarray, DOUBLE, float, np.float64)
     calls = (api.PyObject_CallObject, api.Py_DecRef, api.Py_IncRef)
-    numbers = (kernel[1], address(prepared), size, int(np.prod(shape)))
+    numbers = (kernel[1], address(prepared), size, math.prod(shape))
     entries = (*numbers, *map(id, objects), *(ctypes.cast(call, ctypes.c_void_p).value or 0 for call in calls))
     record: NDArray[Any] = np.array(entries, dtype=np.uint64)
     found = []

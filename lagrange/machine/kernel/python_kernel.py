@@ -179,19 +179,30 @@ class PythonKernel:
 
     def _calls_of(self, parameters: FloatArray) -> QuickCalls | None:
         """Return printed functions with their checks; that of two arrays is printed when it is first called."""
-        size, given = self._program.states, parameters.copy()
-        whole = self._checked({"y": size})(given)
+        values = parameters.copy()
+        whole = self._whole(values)
         if whole is None:
             return None
         made: list[Callable[..., Any]] = []
 
         def parts(t: Any, q: Any, v: Any) -> FloatArray | None:
             if not made:
-                made.append(self._checked({"q": size // 2, "v": size - size // 2})(given) or nothing)
+                made.append(self._parts(values) or nothing)
             found: FloatArray | None = made[0](t, q, v)
             return found
 
         return QuickCalls(whole, parts)
+
+    @cached_property
+    def _whole(self) -> _Prepared:
+        """The printed function of a state."""
+        return self._checked({"y": self._program.states})
+
+    @cached_property
+    def _parts(self) -> _Prepared:
+        """The printed function of coordinates and velocities."""
+        size = self._program.states
+        return self._checked({"q": size // 2, "v": size - size // 2})
 
     def _checked(self, arrays: Mapping[str, int]) -> _Prepared:
         """Return the function of one state as arrays, with checks of what comes and goes; see `checked_source`."""

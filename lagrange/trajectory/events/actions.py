@@ -41,7 +41,6 @@ class Impact:
     terminal: int
     rows: tuple[int, ...]
     kernel: Kernel | None
-    parameters: FloatArray
     first: int = 0
     root: bool = False
     model: Model | None = None
@@ -71,21 +70,25 @@ class Impact:
         """Return True if a zero with this direction is an event: 1, -1, or 0 for a touch."""
         return self.direction in (0, rising)
 
-    def apply(self, t: float, before: FloatArray, state: FloatArray) -> None:
-        """Write the reset entries into `state` (2n,), computed from the state before.
+    def apply(self, t: float, before: FloatArray, parameters: FloatArray, state: FloatArray) -> None:
+        """Write the reset entries into `state` (2n,), computed from the state and the parameters (k,) before.
 
         An entry that another event at the same time resets to a different value becomes nan.
         """
         if self.kernel is not None:
             rows = list(self.rows)
             with np.errstate(all="ignore"):
-                values = self.kernel(t, before, self.parameters)[self.first : self.first + len(rows)]
+                values = self.kernel(t, before, parameters)[self.first : self.first + len(rows)]
             agreed = np.isclose(values, state[rows], rtol=ALIKE, atol=0.0)
             state[rows] = np.where((state[rows] == before[rows]) | agreed, values, np.nan)
 
 
 def reset_state(
-    resets: Mapping[Impact, int], names: Callable[[], Sequence[str]], t: float, before: FloatArray
+    resets: Mapping[Impact, int],
+    names: Callable[[], Sequence[str]],
+    t: float,
+    before: FloatArray,
+    parameters: FloatArray,
 ) -> tuple[FloatArray, EventResult]:
     """Return the state (2n,) after resets, and the end of the run if the state is not valid.
 
@@ -93,7 +96,7 @@ def reset_state(
     state is treated like an initial state. The state before satisfies them only up to the error of the step, so the
     reset is judged by its effect on the nearest state that satisfies them exactly.
     """
-    after = _reset(resets, t, before)
+    after = _reset(resets, t, before, parameters)
     if not np.isfinite(after).all():
         return after, nowhere(names()[next(iter(resets.values()))])
     first = next(iter(resets))
@@ -101,14 +104,14 @@ def reset_state(
         return after, EventResult()
     hold = residuals_of(first.model).hold
     left = _left_open(first.model, resets)
-    if not left and hold(t, before, first.parameters) and hold(t, after, first.parameters):
+    if not left and hold(t, before, parameters) and hold(t, after, parameters):
         return after, EventResult()
-    projection = Projection(first.model, t, first.parameters)
+    projection = Projection(first.model, t, parameters)
     if left:
         solved = projection.solved_for(left, after)
         after = after if solved is None else solved
     exact = projection.reached(before) if projection.off(before) else before
-    judged = after if exact is None or exact is before else _reset(resets, t, exact)
+    judged = after if exact is None or exact is before else _reset(resets, t, exact, parameters)
     if left and judged is not after:
         solved = projection.solved_for(left, judged)
         judged = judged if solved is None else solved
@@ -127,19 +130,19 @@ def _left_open(model: Model, resets: Iterable[Impact]) -> list[int]:
     return [row for row in (model.layout.v.start + i for i in model.equations.first_order) if row not in named]
 
 
-def _reset(resets: Iterable[Impact], t: float, before: FloatArray) -> FloatArray:
+def _reset(resets: Iterable[Impact], t: float, before: FloatArray, parameters: FloatArray) -> FloatArray:
     after = before.copy()
     for impact in resets:
-        impact.apply(t, before, after)
+        impact.apply(t, before, parameters, after)
     return after
 
 
 def root_of(node: Node) -> Impact:
     """Return a square root as an event that ends the run: after its zero the series has the wrong sign."""
-    return Impact(node, 0, 1, (), None, np.empty(0), root=True)
+    return Impact(node, 0, 1, (), None, root=True)
 
 
-def impacts(model: Model, events: Sequence[Event], parameters: FloatArray) -> tuple[Impact, ...]:
+def impacts(model: Model, events: Sequence[Event]) -> tuple[Impact, ...]:
     """Return the events of a model; one kernel computes all resets."""
     equations, rows = model.equations, state_rows(model.statement.coordinates)
     values = [value for event in events for value in event.reset.values()]
@@ -149,7 +152,7 @@ def impacts(model: Model, events: Sequence[Event], parameters: FloatArray) -> tu
         places = tuple(rows[key] for key in event.reset)
         reset = kernel if places else None
         node = equations.translate(event.expression)
-        translated.append(Impact(node, event.direction, event.terminal, places, reset, parameters, first, model=model))
+        translated.append(Impact(node, event.direction, event.terminal, places, reset, first, model=model))
         first += len(places)
     return tuple(translated)
 

@@ -26,7 +26,7 @@ def passes_anyhow(model: Model, kernel: Kernel, impacts: Sequence[Impact], place
     """Return True if the motion passes an event in its direction even after its reset."""
     t, y, one, parameters = sample.t, sample.state(0.0), impacts[place], sample.batch.parameters
     after = y.copy()
-    one.apply(t, y, after)
+    one.apply(t, y, parameters, after)
     slope = model.rhs(t, after, parameters)
     h = SMALL_FRACTION * sample.h
     around = [float(kernel(t + s * h, after + s * h * slope, parameters)[place]) for s in (-1, 0, 1)]

@@ -77,7 +77,7 @@ class WatchedEvents:
     def of(cls, problem: Problem) -> WatchedEvents:
         """Return the events of a problem, translated."""
         model = problem.model
-        impacts = impacts_of(model, problem.events, problem.parameter_array)
+        impacts = impacts_of(model, problem.events)
         kernel = model.function("events", tuple(one.node for one in impacts))
         memory = StepEventMemory(len(problem.y0), [Reaction(one.direction, one.first, one.rows) for one in impacts])
         checked = any(one.constrained for one in impacts)

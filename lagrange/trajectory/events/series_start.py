@@ -111,7 +111,7 @@ class SeriesStart(SharedWatch):
             turns = impact.reset and impact.direction == self.zero_sides[which].sign != 0
             if which in self.starting and which not in happened and turns:
                 y = state.y.copy()
-                impact.apply(state.t, state.y, y)
+                impact.apply(state.t, state.y, self.parameters, y)
                 g = self.ahead(state, y).near[:, which]
                 passes = is_zero(g) and leaving(g) == (impact.direction, 1)
                 found += [] if passes else [EventZero(which, Root(0.0, impact.direction))]

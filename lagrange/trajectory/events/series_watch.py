@@ -297,7 +297,7 @@ class Watch(SeriesStart):
         """Reset the state by the events `zeros` among those found, from the state before, and start a new motion."""
         before = self.ahead(state)
         resets = {self.impact_of(m): m.which for m in sorted(zeros, key=lambda m: m.which)}
-        after, broken = reset_state(resets, self.names, state.t, state.y)
+        after, broken = reset_state(resets, self.names, state.t, state.y, self.parameters)
         if broken.status is not None:
             return broken
         state.y[:] = after

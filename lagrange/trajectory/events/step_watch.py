@@ -351,7 +351,8 @@ class StepWatch(EventLog):
         """Reset the state by the events `zeros` among those found, from the state before, and start a new motion."""
         before, model = state.y.copy(), self.problem.model
         values = self.kernel(state.t, before, self.parameters)
-        after, broken = reset_state({self.impacts[m.which]: m.which for m in zeros}, self.names, state.t, before)
+        resets = {self.impacts[m.which]: m.which for m in zeros}
+        after, broken = reset_state(resets, self.names, state.t, before, self.parameters)
         if broken.status is not None:
             return broken
         smooth = [m for m in zeros if not m.root.jump]

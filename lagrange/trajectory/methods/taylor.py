@@ -69,8 +69,7 @@ class Taylor:
         tolerances = adaptive_settings(
             self.name, problem, None, self.rtol, self.atol, least=SMALLEST_RTOL, margin=_margin
         )
-        parameters = problem.parameter_array if problem.events else np.empty(0)
-        events = impacts_of(problem.model, problem.events, parameters)
+        events = impacts_of(problem.model, problem.events)
         impacts = (*events, *map(root_of, _square_roots(problem.model, tuple(event.node for event in events))))
         series, _ = problem.model.series(tuple(one.node for one in impacts))
         return TaylorPlan(series, self.order or series.order(tolerances.rtol), tolerances, impacts)
