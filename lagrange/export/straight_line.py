@@ -18,12 +18,12 @@ from lagrange.export.elimination import ROWS, Statements
 from lagrange.export.identifiers import ascii_name, distinct
 from lagrange.export.module import Quantity, SourceModule
 from lagrange.export.target import SOLVED
-from lagrange.machine.kernel.python_text import FLAG_OPERATIONS, GIVEN, uses_of
+from lagrange.graph.functions import CONDITIONS as FLAGS
 from lagrange.procedure.form import FLAG, REAL
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.procedure.source_printer import LONGEST_VALUE
 from lagrange.procedure.spelling import ATOM, Literals, Operator
-from lagrange.program.program import Instruction, Program, ProgramBlock
+from lagrange.program.program import GIVEN, Instruction, Program, ProgramBlock, uses_of
 
 CONDITIONS: Mapping[str, tuple[int, ...]] = {"select": (0,), "and": (0, 1), "or": (0, 1), "not": (0,)}
 """Operands that are conditions, by operation."""
@@ -194,7 +194,7 @@ class StraightLinePrinter:
 
     def _operation(self, i: int, one: Instruction) -> None:
         """Print an operation, or keep it for the one place where it is read."""
-        kind = FLAG if one.op in FLAG_OPERATIONS else REAL
+        kind = FLAG if one.op in FLAGS else REAL
         if all(arg in self.constants for arg in one.args):
             # A compiler may refuse 1.0/0.0 and what overflows, where all of it is constant.
             with np.errstate(all="ignore"):
@@ -218,7 +218,7 @@ class StraightLinePrinter:
         self.texts[i] = ATOM, name
 
     def _is_flag(self, ref: int) -> bool:
-        return self.program.instructions[ref].op in FLAG_OPERATIONS
+        return self.program.instructions[ref].op in FLAGS
 
     def _wrapped(self, ref: int, least: int, operator: Operator | None) -> str:
         """Return a value, converted by an operator if there is one."""
@@ -294,7 +294,7 @@ class Hoisted:
             read = [arg for i, one in enumerate(program.instructions) if i not in table for arg in one.args]
             kept = {}
             for i in dict.fromkeys((*read, *program.outputs)):
-                if i in table and program.instructions[i].op not in ("constant", "parameter", *FLAG_OPERATIONS):
+                if i in table and program.instructions[i].op not in ("constant", "parameter", *FLAGS):
                     kept[i] = places.setdefault(table[i], parameters + len(places))
             self._kept[program], self._merged[program] = kept, table
         self.size, self.parameters = parameters + len(places), parameters

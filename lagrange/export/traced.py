@@ -17,14 +17,14 @@ from lagrange.export.descriptions import named_places, statement_comment
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, StraightLinePrinter
-from lagrange.machine.kernel.python_text import OPERATORS as PYTHON
 from lagrange.machine.python_source import LITERALS as PYTHON_LITERALS
+from lagrange.machine.python_source import RAISING
 from lagrange.procedure.linear.pivoted import PIVOT
 from lagrange.procedure.spelling import Operator
 from lagrange.program.program import Program, ProgramBlock
 
 OPERATORS: Mapping[str, Operator] = {
-    op: PYTHON[op] for op in ("neg", "add", "sub", "mul", "div", "fma", "less", "less_equal", "equal")
+    op: RAISING[op] for op in ("neg", "add", "sub", "mul", "div", "fma", "less", "less_equal", "equal")
 }
 """The operations that are operators of Python, whatever the library."""
 

@@ -10,7 +10,7 @@ from lagrange.machine.backend import DensePath, FloatArray, Kernel
 from lagrange.machine.dense.interpreted_dense import NumpyStepDense
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
-from lagrange.machine.kernel.python_text import fits
+from lagrange.machine.kernel.straight_lines import fits
 from lagrange.machine.printed_run import called
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.steps.interpreted_driver import NumpyDriver

@@ -31,6 +31,9 @@ OPERATORS: Mapping[str, Operator] = {
 }
 """Operators of Python. The other operations are functions; a division is one since it may raise."""
 
+RAISING: Mapping[str, Operator] = {**OPERATORS, "div": COMMON["div"]}
+"""Operators of Python where an error is wanted, or where numbers are not Python's."""
+
 LITERALS = Literals("inf", "nan", ("False", "True"))
 
 

@@ -55,6 +55,8 @@ the whole evaluation as singular.
 """
 
 PLACED, SYSTEMS = ("state", "parameter", "component"), ("factor", "solve")
+GIVEN = ("time", "state", "parameter", "constant")
+"""Operations that compute nothing."""
 
 
 class Instruction(NamedTuple):
@@ -201,3 +203,14 @@ def _problems(program: Program) -> Iterator[str]:
     given = [block.name for block in program.results if program.returned and block.name not in program.returned]
     if any(program.instructions[ref].op != "state" for name in given for ref in program.part(name)):
         yield f"{given} are not returned, and are no inputs"
+
+
+def uses_of(program: Program) -> list[int]:
+    """Return a lower bound of how often each result is used in printed text."""
+    uses = [0] * len(program.instructions)
+    for one in program.instructions:
+        for arg in one.args:
+            uses[arg] += 1 if one.op not in (*SYSTEMS, "select") else 2
+    for ref in program.outputs:
+        uses[ref] += 1
+    return uses

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple
 
-from lagrange.program.program import Instruction, Program
+from lagrange.program.program import GIVEN, Instruction, Program
 
 LARGEST = 4000
 """Programs with more instructions are left as they are: this takes 10 us an instruction."""
@@ -22,7 +22,7 @@ ODD, EVEN = ("mul", "div"), ("abs", "cos")
 """Operations that hand the signs of their operands on, and those that drop them."""
 
 SUMS = ("add", "sub")
-NO_OPERATION = ("time", "state", "parameter", "constant", "component")
+NO_OPERATION = (*GIVEN, "component")
 
 
 class Signed(NamedTuple):

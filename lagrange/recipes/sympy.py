@@ -12,9 +12,9 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError
-from lagrange.machine.kernel.python_text import FLAG_OPERATIONS, uses_of
+from lagrange.graph.functions import CONDITIONS
 from lagrange.machine.model import Model
-from lagrange.program.program import Instruction, Program
+from lagrange.program.program import Instruction, Program, uses_of
 from lagrange.recipes.libraries import quantity_program
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
@@ -154,10 +154,10 @@ class _Writer:
             return self.solved(args[0], args[1:])
         if one.op == "component":
             return args[0][one.place]
-        if one.op == "select" and self.program.instructions[one.args[0]].op not in FLAG_OPERATIONS:
+        if one.op == "select" and self.program.instructions[one.args[0]].op not in CONDITIONS:
             args[0] = sympy.Ne(args[0], 0)
         found = OPERATIONS[one.op](*args)
-        return self.named(found) if self.uses[i] > 1 and one.op not in FLAG_OPERATIONS else found
+        return self.named(found) if self.uses[i] > 1 and one.op not in CONDITIONS else found
 
     def factored(self, n: int, lower: Sequence[Any]) -> tuple[list[list[Any]], list[int]]:
         """Return L U of a symmetric matrix and the order of its rows; a pivot that is surely zero exchanges rows."""

@@ -16,8 +16,8 @@ from lagrange.errors import StatementError
 from lagrange.export.languages import casadi, fortran, jax, julia, modelica, octave, rust
 from lagrange.export.straight_line import STRUCTURE, Language, StraightLinePrinter
 from lagrange.export.traced import LITERALS
+from lagrange.graph.functions import CONDITIONS
 from lagrange.machine.kernel.interpreted import InterpretedKernel
-from lagrange.machine.kernel.python_text import FLAG_OPERATIONS
 from lagrange.machine.python_source import defined
 from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
 from lagrange.recipes import sympy as sympy_recipe
@@ -52,7 +52,7 @@ def operations(names: Sequence[str], count: int) -> Program:
         conditions = {"select": 1, "and": 2, "or": 2, "not": 1}.get(op, 0)
         args = [i + count + 3 if i < conditions else i for i in range(count)]
         code.append(Instruction(op, tuple(args)))
-        if op in FLAG_OPERATIONS:
+        if op in CONDITIONS:
             code.append(Instruction("select", (len(code) - 1, count + 1, count + 2)))
         found.append(len(code) - 1)
     return program_of(code, count, found)

@@ -19,8 +19,7 @@ from lagrange.errors import StatementError
 from lagrange.machine.backend import FloatArray, QuickCalls, SingularMassMatrix
 from lagrange.machine.calls import nothing
 from lagrange.machine.kernel.interpreted import InterpretedKernel
-from lagrange.machine.kernel.numpy_text import column_source
-from lagrange.machine.kernel.python_text import WRITTEN_OUT, checked_source, fits, scalar_source
+from lagrange.machine.kernel.straight_lines import WRITTEN_OUT, StraightLines, fits
 from lagrange.machine.python_source import defined
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.program.program import Program
@@ -105,10 +104,10 @@ def printed(program: Program) -> str:
             f"{program.name} solves a linear system of {orders} unknowns, which is not printed: {WRITTEN_OUT} are the "
             "most. Call the model, or take model.interpreted(name).program."
         )
-    inputs, shorter = ", ".join(block.name for block in program.inputs), simplified(program)
-    columns, buffers = column_source(shorter, half_angles=tangents_are_fast())
+    inputs, lines = ", ".join(block.name for block in program.inputs), StraightLines(simplified(program))
+    columns, buffers = lines.columns(half_angles=tangents_are_fast())
     note = SOURCE_NOTE.format(inputs=f"[{inputs}]", name=program.name, functions=", ".join(ELEMENTARY))
-    return note + scalar_source(shorter) + COLUMNS_NOTE.format(buffers=buffers) + columns
+    return note + lines.scalar() + COLUMNS_NOTE.format(buffers=buffers) + columns
 
 
 class _Prepared:
@@ -205,10 +204,10 @@ class PythonKernel:
         return self._checked({"q": size // 2, "v": size - size // 2})
 
     def _checked(self, arrays: Mapping[str, int]) -> _Prepared:
-        """Return the function of one state as arrays, with checks of what comes and goes; see `checked_source`."""
+        """Return the function of one state as arrays, with checks of what comes and goes; see `StraightLines`."""
         packed = struct.Struct(f"{len(self._program.outputs)}d").pack_into
         names = {**FUNCTIONS, **CHECKS, "pack": packed, "new": np.empty(self._program.shape).copy}
-        return _Prepared(defined(checked_source(self._shorter, arrays), self._program.name, names))
+        return _Prepared(defined(self._lines.checked(arrays), self._program.name, names))
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
         """Evaluate every column; see `Kernel`. Sines may be rounded otherwise than those of one state."""
@@ -249,13 +248,13 @@ class PythonKernel:
         return InterpretedKernel(self._program)
 
     @cached_property
-    def _shorter(self) -> Program:
+    def _lines(self) -> StraightLines:
         """What is printed."""
-        return simplified(self._program)
+        return StraightLines(simplified(self._program))
 
     @cached_property
     def _one_state(self) -> _Prepared:
-        return _Prepared(defined(scalar_source(self._shorter), self._program.name, FUNCTIONS))
+        return _Prepared(defined(self._lines.scalar(), self._program.name, FUNCTIONS))
 
     @cached_property
     def _exact_blocks(self) -> tuple[_Prepared, int]:
@@ -270,5 +269,5 @@ class PythonKernel:
         return self._printed_blocks(half_angles=True)
 
     def _printed_blocks(self, *, half_angles: bool) -> tuple[_Prepared, int]:
-        text, buffers = column_source(self._shorter, half_angles=half_angles)
+        text, buffers = self._lines.columns(half_angles=half_angles)
         return _Prepared(defined(text, f"{self._program.name}_columns", {**FUNCTIONS, "np": np})), buffers

@@ -15,7 +15,7 @@ from lagrange.machine.dense.interpreted_dense import NumpyDense, write_series
 from lagrange.machine.event_memory import EventMemory, idle
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.kernel.python_kernel import PythonKernel
-from lagrange.machine.kernel.python_text import fits
+from lagrange.machine.kernel.straight_lines import fits
 from lagrange.machine.printed_run import EMPTY, Recorded, Records, advance
 from lagrange.machine.python_source import loaded
 from lagrange.machine.series.interpreted_jet import Jet

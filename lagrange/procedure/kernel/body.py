@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import and_
 from typing import Any
 
 from lagrange.procedure.blocks import whole_blocks
@@ -16,7 +18,7 @@ from lagrange.procedure.linear.pivoted import band_size, factor_pivoted, pivoted
 from lagrange.procedure.operations import ANGLES, OPERATIONS
 from lagrange.procedure.values import Flag, Memory, Real, Variable
 from lagrange.program.elimination import Elimination
-from lagrange.program.program import Instruction, Program
+from lagrange.program.program import GIVEN, Instruction, Program
 from lagrange.program.solve_groups import SolveGroup, scheduled
 
 CONDITIONS = frozenset(op for op, signatures in OPERATIONS.items() if signatures[0][1] is FLAG)
@@ -86,6 +88,8 @@ class Body:
         self.rows: dict[int, Memory] = {}
         """Right-hand sides side by side, by the first solve of their group."""
         self.factors: dict[int, Factored] = {}
+        self.tested: dict[int, None] = {}
+        """Factors that have been tested once for all their systems, without pivoting."""
         self.singular: Variable | None = None
         """Flag of a singular matrix, None before the first matrix."""
 
@@ -208,7 +212,7 @@ class Body:
     def instruction(self, ref: int) -> None:
         """Add one instruction."""
         one = self.program.instructions[ref]
-        if one.op in ("constant", "parameter", "state", "time") or self.known(ref):
+        if one.op in GIVEN or self.known(ref):
             return
         if one.op == "factor":
             self.factor(ref, one)
@@ -348,13 +352,16 @@ class Body:
         entries = self.entries(one) if plan.negative else {}
         found = [elimination.solved(p, plan, held.entries, b) for b in right]
         assert held.trusted is not None
-        good = held.trusted
-        for x, b in zip(found, right, strict=True):
-            for satisfied in elimination.satisfied(p, plan, entries, x, b):
-                good = good & satisfied
+        satisfied = [
+            flag for x, b in zip(found, right, strict=True) for flag in elimination.satisfied(p, plan, entries, x, b)
+        ]
         if not self.style.pivoting:
-            failed.value = failed.value | ~good
+            tests = satisfied if factor in self.tested else [held.trusted, *satisfied]
+            self.tested[factor] = None
+            if tests:
+                failed.value = failed.value | ~reduce(and_, tests)
             return found
+        good = reduce(and_, satisfied, held.trusted)
         kept = [[p.variable(value) for value in x] for x in found]
         with p.when(~good, likely=False):
             before = dict(self.values)

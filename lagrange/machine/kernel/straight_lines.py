@@ -1,0 +1,395 @@
+"""Print a program as straight-line Python: on floats for one state, on NumPy rows for blocks of many.
+
+The procedures of `procedure.kernel` are printed, which LLVM runs as well. `prepare` becomes the outer function, of the
+parameters, and the kernel by value the function inside. Names are made here and literals are exact, so no text of a
+user is run. The source is for states at which all goes well: where Python would raise, or a pivot cannot be trusted,
+the caller evaluates the program in another way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from lagrange.machine.kernel.arithmetic import OPERATIONS
+from lagrange.machine.python_source import RAISING, Printer
+from lagrange.procedure.form import (
+    CONSTANT,
+    FLAG,
+    Declare,
+    Get,
+    Let,
+    Load,
+    Procedure,
+    Read,
+    Set,
+    SineCosine,
+    Statement,
+    Store,
+    Write,
+)
+from lagrange.procedure.kernel.body import Style
+from lagrange.procedure.kernel.kernels import kernel_by_value, prepare
+from lagrange.procedure.kernel.prepared import Prepared
+from lagrange.procedure.operations import ANGLES
+from lagrange.procedure.spelling import ATOM
+from lagrange.procedure.visit import FIELDS, operands, visits
+from lagrange.program.program import Program
+
+WRITTEN_OUT = 12
+"""Largest matrix whose factors L D L^T are written out."""
+
+STYLE = Style(largest=WRITTEN_OUT, substituted=1_000_000, systems=1, pivoting=False, early=False)
+"""Straight lines alone: all systems are written out, and one that needs pivoting is left to the interpreter."""
+
+MOST_ADDED = 12
+"""Largest number of results that are added one by one to test them, in less time than a tuple of them takes."""
+
+UFUNCS: Mapping[str, str] = {
+    **{op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)},
+    "select": "where",
+}
+"""NumPy's names of operations on rows."""
+
+
+def fits(program: Program) -> bool:
+    """Return whether every linear system of a program is small enough to be written out."""
+    return all(one.order <= WRITTEN_OUT for one in program.instructions if one.op in ("factor", "solve"))
+
+
+class StraightLines:
+    """A program as straight-line Python; each text is a function `name(p)` that returns one or None.
+
+    The outer function computes what needs parameters alone. It returns None where their values need the interpreter.
+    """
+
+    def __init__(self, program: Program) -> None:
+        held = Prepared.of([program], WRITTEN_OUT)
+        self.program = program
+        self.outer = _straight(prepare(held, "", in_place=True, style=STYLE))
+        self.inner = _straight(kernel_by_value(program, held, program.outputs, style=STYLE))
+
+    def scalar(self) -> str:
+        """Return `def name(p)`, which returns a function of (t, y): a number and a sequence of floats.
+
+        That returns a tuple of floats, or None where a pivot of the mass matrix cannot be trusted.
+        """
+        return _Floats(self.inner).source(self)
+
+    def checked(self, arrays: Mapping[str, int]) -> str:
+        """Return `def name(p)` as `scalar` does, for a function of t and of arrays with these numbers of entries.
+
+        It returns a new array with finite entries, or None: where an argument is no float or no plain array of doubles
+        of that length, where a result is not finite, and where Python raises. It is one function, since each call of
+        another takes as long as three operations.
+        """
+        return _Checked(self.inner, arrays).source(self)
+
+    def columns(self, *, half_angles: bool = False) -> tuple[str, int]:
+        """Return `def name_columns(p)`, which returns a function of (t, y, out, b), and the number of rows of b.
+
+        The function fills out (k, m) from m times t, m numbers y[i] for each input, and rows b to work with. It
+        returns False where a pivot cannot be trusted in some column, else True. With `half_angles` sines and cosines
+        are computed from the tangent of half the angle.
+        """
+        printer = _Rows(self.inner, half_angles=half_angles)
+        text = printer.source(self)
+        return text, printer.most
+
+
+def _straight(procedure: Procedure) -> Procedure:
+    """Return a procedure without branches with values in the place of its variables."""
+    known: dict[int, int] = {}
+    false: list[int] = []
+    body: list[Statement] = []
+
+    def value(part: Any) -> Any:
+        return tuple(map(value, part)) if isinstance(part, tuple) else known.get(part, part)
+
+    for statement in procedure.body:
+        match statement:
+            case Declare(ref=variable, value=ref) | Set(variable=variable, value=ref):
+                known[variable] = value(ref)
+            case Get(ref=ref, variable=variable):
+                known[ref] = known[variable]
+            case Let(ref=ref, op="or", args=(first, second)) if value(first) in false:
+                known[ref] = value(second)
+            case _:
+                if isinstance(statement, Let) and statement.data is False:
+                    false.append(statement.ref)
+                names = FIELDS[type(statement)].read
+                body.append(statement._replace(**{name: value(getattr(statement, name)) for name in names}))
+    return replace(procedure, body=tuple(body))
+
+
+class _Floats(Printer):
+    """Prints a procedure on floats, inside the function that prepares its numbers."""
+
+    operators = RAISING
+    suffix, arguments = "", "t, y"
+
+    def __init__(self, procedure: Procedure) -> None:
+        super().__init__(procedure)
+        self.once: list[str] = []
+        """Lines of the outer function."""
+        self.fixed: dict[int, None] = {}
+        """Values that need parameters alone: the outer function computes them."""
+
+    def source(self, program: StraightLines) -> str:
+        """Return the outer function with the inner one, of which this prints the lines."""
+        name, count = f"{program.program.name}{self.suffix}", program.program.parameters
+        outer = _Floats(program.outer)
+        for printer in (outer, self):
+            printer.name_parameters()
+            for statement in printer.procedure.body:
+                printer.statement(statement)
+        given = [f"{listed('p', count)} = p"] if count else []
+        inner = [f"def {name}({self.arguments}):", *("    " + line for line in self.unpacked()), *self.lines]
+        lines = [*given, *outer.once, *self.once, *inner, f"return {name}"]
+        return "\n".join([f"def {name}(p):", *(f"    {line}" for line in lines), ""])
+
+    def unpacked(self) -> list[str]:
+        """Return the lines that name the arguments."""
+        return [f"{listed('y', self.states)} = y"] if self.states else []
+
+    @property
+    def states(self) -> int:
+        """The number of inputs: the procedure takes them between the time and its numbers."""
+        return len(self.procedure.parameters) - 2
+
+    def function_of(self, op: str) -> str:
+        return op
+
+    @visits(Load, Store, Read, Write)
+    def memory(self, statement: Load | Store | Read | Write) -> None:
+        """Name a prepared number, or prepare it."""
+        assert isinstance(statement, (Load, Store))
+        slot = f"p{self.constants[statement.place]}"
+        if isinstance(statement, Load):
+            self.types[statement.ref], self.texts[statement.ref] = statement.kind, (ATOM, slot)
+            self.fixed[statement.ref] = None
+        else:
+            self.once.append(f"{slot} = {self.text(statement.value)}")
+
+    @visits(Let)
+    def let(self, let: Let) -> None:
+        """Print an operation, in the outer function if it needs parameters alone."""
+        fixed = all(arg in self.fixed for arg in let.args)
+        if fixed:
+            self.fixed[let.ref] = None
+        if not fixed or let.op == CONSTANT:
+            super().let(let)
+        elif let.ref in self.uses:
+            _, text = self.operation(let)
+            self.types[let.ref] = let.kind
+            self.once.append(f"{self.name(let.ref)} = {text}")
+
+    def leave(self, values: Sequence[int]) -> None:
+        *results, singular = values
+        self.refuse(singular)
+        self.give(results)
+
+    def refuse(self, singular: int, failure: str = "None") -> None:
+        """Leave where a pivot cannot be trusted."""
+        if singular in self.fixed:
+            if singular not in self.constants:
+                self.once += [f"if {self.text(singular)}:", "    return None"]
+        else:
+            self.leave_if(self.condition(singular), failure)
+
+    def condition(self, flag: int) -> str:
+        """Return the text of a flag as a condition."""
+        return self.text(flag)
+
+    def leave_if(self, condition: str, failure: str = "None") -> None:
+        """Print the end of the inner function on a condition."""
+        self.put(f"if {condition}:")
+        self.put(f"    return {failure}")
+
+    def give(self, results: Sequence[int]) -> None:
+        """Print the end of the function with its results."""
+        self.put(f"return ({''.join(f'{self.text(ref)}, ' for ref in results).rstrip()})")
+
+
+class _Checked(_Floats):
+    """Prints a procedure on arrays with checks of what comes and goes."""
+
+    def __init__(self, procedure: Procedure, arrays: Mapping[str, int]) -> None:
+        super().__init__(procedure)
+        self.arrays, self.arguments = arrays, ", ".join(["t", *arrays])
+        self.depth = 2
+
+    def unpacked(self) -> list[str]:
+        # The size is enough where no input is a result: the rows of a matrix are lists, which cannot be added to t.
+        *results, _ = operands(self.procedure.body[-1])
+        returned = any(one.ref in results for one in self.procedure.parameters[1:-1])
+        lines, names, first = [], [], 0
+        for name, size in self.arrays.items():
+            wrong = f"{name}.shape != ({size},)"
+            if returned and len(self.arrays) == 1:
+                wrong = f"{name}.size != {size}"
+            lines += [f"if type({name}) is not ndarray or {name}.dtype is not double or {wrong}:", "    return None"]
+            names += [f"    {listed('y', size, first)} = {name}.tolist()"] if size else []
+            first += size
+        lines += ["if not isinstance(t, float):", "    return None"]
+        reads_time = self.procedure.parameters[0] not in self.unused
+        return [*lines, *(["t = float(t)"] if reads_time else []), "try:", *names]
+
+    def give(self, results: Sequence[int]) -> None:
+        found = [self.named_result(k, ref) for k, ref in enumerate(results)]
+        given = ", ".join(found)
+        if len(found) <= MOST_ADDED:
+            self.leave_if(f"not isfinite({' + '.join([*found, 't'])})")
+        else:
+            self.put(f"r = ({given})")
+            self.leave_if("not isfinite(sum(r) + t)")
+            given = "*r"
+        self.depth = 1
+        for line in ("except NO_VALUE:", "    return None", "out = new()", f"pack(out, 0, {given})", "return out"):
+            self.put(line)
+
+    def named_result(self, k: int, ref: int) -> str:
+        """Return a result as a name or a number: it is read twice, and what is computed may raise."""
+        text = self.text(ref)
+        if not text.isidentifier() and ref not in self.constants:
+            self.put(f"r{k} = {text}")
+            return f"r{k}"
+        return text
+
+
+class _Rows(_Floats):
+    """Prints a procedure on rows, one number for each state.
+
+    An operation writes into a row that is free, an operand that it is the last to read before all others, and a result
+    into its place: so few rows are worked with, a block of columns stays in the cache, and little is moved.
+    """
+
+    suffix, arguments = "_columns", "t, y, out, b"
+
+    def __init__(self, procedure: Procedure, *, half_angles: bool) -> None:
+        super().__init__(procedure)
+        self.half_angles, self.most, self.place = half_angles, 0, 0
+        self.free: list[str] = []
+        self.rows: dict[int, str] = {}
+        """The row to work with that holds a value."""
+        self.last = {ref: i for i, one in enumerate(procedure.body) for ref in operands(one)}
+        """The place of the statement that reads a value last."""
+        *results, _ = operands(procedure.body[-1])
+        self.outputs = {ref: k for k, ref in enumerate(results)}
+        """The place of a value among the results: the last of several."""
+
+    def unpacked(self) -> list[str]:
+        given = ("y", "y", self.states), ("o", "out", len(operands(self.procedure.body[-1])) - 1), ("b", "b", self.most)
+        return [f"{listed(letter, count)} = {name}" for letter, name, count in given if count]
+
+    def statement(self, statement: Statement) -> None:
+        """Print a statement, and free the rows that nothing reads behind it."""
+        super().statement(statement)
+        self.release(list(self.rows))
+        self.place += 1
+
+    def release(self, refs: Iterable[int]) -> None:
+        """Free the rows of values that this statement is the last to read."""
+        self.free += [self.rows.pop(ref) for ref in refs if ref in self.rows and self.last[ref] <= self.place]
+
+    def row(self, ref: int | None = None) -> str:
+        """Return the row of a value, that of a result if it is one, or a row to work with."""
+        if ref in self.outputs:
+            row = f"o{self.outputs[ref]}"
+        elif self.free:
+            row = self.free.pop()
+        else:
+            row, self.most = f"b{self.most}", self.most + 1
+        if ref is not None:
+            self.texts[ref] = ATOM, row
+            if ref not in self.outputs:
+                self.rows[ref] = row
+        return row
+
+    @visits(Let)
+    def let(self, let: Let) -> None:
+        """Print an operation into a row; a condition is an array of its own."""
+        if all(arg in self.fixed for arg in let.args):
+            super().let(let)
+        elif let.ref in self.uses:
+            texts = [self.text(arg) for arg in let.args]
+            if let.kind is FLAG:
+                self.texts[let.ref] = ATOM, f"c{let.ref}"
+                self.put(f"c{let.ref} = np.{UFUNCS[let.op]}({', '.join(texts)})")
+            elif let.op in ANGLES and self.half_angles:
+                self.by_half_angle(let.args[0], **{let.op: let.ref})
+            else:
+                self.operation_on_rows(let, texts)
+
+    def operation_on_rows(self, let: Let, texts: Sequence[str]) -> None:
+        """Print an operation on numbers."""
+        a, *others = texts
+        match let.op:
+            case "fma" | "fnma":
+                b, c = others
+                self.release(ref for ref in let.args[:2] if ref != let.args[2])
+                row = self.row(let.ref)
+                self.put(f"np.multiply({a}, {b}, {row})")
+                self.put(f"np.add({row}, {c}, {row})" if let.op == "fma" else f"np.subtract({c}, {row}, {row})")
+            case "select":
+                b, c = others
+                row = self.row(let.ref)
+                self.put(f"np.copyto({row}, {c})")
+                self.put(f"np.copyto({row}, {b}, where={a})")
+            case "real":
+                self.put(f"np.copyto({self.row(let.ref)}, {a})")
+            case op if op in UFUNCS:
+                self.release(let.args)
+                row = self.row(let.ref)
+                # NumPy wants the row named where it takes any number of operands.
+                named = "out=" if op in ("min", "max") else ""
+                square = op == "mul" and let.args[0] == let.args[1]
+                self.put(f"np.square({a}, {row})" if square else f"np.{UFUNCS[op]}({', '.join(texts)}, {named}{row})")
+            case op:
+                self.put(f"{self.row(let.ref)}[:] = [{op}(one) for one in {a}.tolist()]")
+
+    @visits(SineCosine)
+    def pair(self, pair: SineCosine) -> None:
+        """Print a sine and a cosine."""
+        if self.half_angles and pair.angle not in self.fixed:
+            self.by_half_angle(pair.angle, sin=pair.sine, cos=pair.cosine)
+        else:
+            super().pair(pair)
+
+    def by_half_angle(self, angle: int, *, sin: int | None = None, cos: int | None = None) -> None:
+        """Print sine and cosine of an angle x from t = tan(x/2): 2 t/(1 + t^2) and 2/(1 + t^2) - 1."""
+        text = self.text(angle)
+        self.release([angle])
+        second = self.row(cos)
+        first = second if sin is None else self.row(sin)
+        self.put(f"np.multiply(0.5, {text}, {first})")
+        self.put(f"np.tan({first}, {first})")
+        self.put(f"np.square({first}, {second})")
+        self.put(f"np.add(1.0, {second}, {second})")
+        self.put(f"np.divide(2.0, {second}, {second})")
+        if sin is not None:
+            self.put(f"np.multiply({first}, {second}, {first})")
+        if cos is None:
+            self.free.append(second)
+        else:
+            self.put(f"np.subtract({second}, 1.0, {second})")
+
+    def condition(self, flag: int) -> str:
+        return f"{self.text(flag)}.any()"
+
+    def refuse(self, singular: int, failure: str = "False") -> None:
+        super().refuse(singular, failure)
+
+    def give(self, results: Sequence[int]) -> None:
+        for k, ref in enumerate(results):
+            if self.text(ref) != f"o{k}":
+                self.put(f"o{k}[:] = {self.text(ref)}")
+        self.put("return True")
+
+
+def listed(letter: str, count: int, first: int = 0) -> str:
+    """Return the names of numbered values, to unpack them into."""
+    return "".join(f"{letter}{i}, " for i in range(first, first + count)).rstrip()
