@@ -473,10 +473,10 @@ class System:
         that is missing from the list may still be conserved.
         """
         from lagrange.mechanics.conserved import conserved_quantities
-        from lagrange.show.notebook.result_pages import ConservedList
+        from lagrange.show.notebook.result_pages import ResultList
 
         require_values(self.statement)
-        return ConservedList(conserved_quantities(self.compile("numpy", check=False)))
+        return ResultList(conserved_quantities(self.compile("numpy", check=False)))
 
     def noether(self, generator: Mapping[Any, Any]) -> Any:
         """Return the conserved quantity of a symmetry, given its generator: {x: -y, y: x} for a rotation.
@@ -514,9 +514,9 @@ class System:
         at rest. Raises StatementError, with the attempts, where none is found.
         """
         from lagrange.mechanics.equilibria import equilibria
-        from lagrange.show.notebook.result_pages import EquilibriumList
+        from lagrange.show.notebook.result_pages import ResultList
 
-        return EquilibriumList(equilibria(self._known, rates, self.compile("numpy", check=False)))
+        return ResultList(equilibria(self._known, rates, self.compile("numpy", check=False)))
 
     def linearize(self, at: Mapping[Any, Any] | None = None, *, inputs: Any = ()) -> Linearization:
         """Return the linear equations of small changes about a point: SymPy matrices M, C, K and A, B.

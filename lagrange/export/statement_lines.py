@@ -12,7 +12,7 @@ from sympy.printing.str import StrPrinter
 
 from lagrange.export.comments import wrapped
 from lagrange.show.notation.formula import Typesetter
-from lagrange.show.notation.text import AsciiNotation
+from lagrange.show.notation.text import Notation
 from lagrange.show.units import unit_of
 from lagrange.statement.coordinate import name_of
 from lagrange.statement.event import Event
@@ -85,7 +85,7 @@ def _told(event: Event, write: Callable[[Any], str]) -> str:
 
 def _writer(statement: Statement) -> Callable[[Any], str]:
     """Return the function that writes an expression as text: in textbook order, or for long ones in SymPy's order."""
-    booklike = cache(lambda: Typesetter(statement, AsciiNotation()))
+    booklike = cache(lambda: Typesetter(statement, Notation()))
     printer, plain = StrPrinter({"order": "none"}), statement.plain
 
     def named(other: Callable[[Any], str]) -> Callable[[Any], str]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any, Protocol
+from functools import cached_property, partial
+from typing import Any
 
 import numpy as np
 import sympy
@@ -213,27 +213,8 @@ TOLERANCE = 1e-12
 """Largest difference of two rules, relative to the total change of the coordinate, at convergence."""
 
 
-class Run(Protocol):
-    """The attributes of a solution that `ignored` needs."""
-
-    @property
-    def t(self) -> FloatArray:
-        """The output times, (N,)."""
-
-    @property
-    def model(self) -> Model:
-        """The model that ran."""
-
-    @property
-    def parameters(self) -> Any:
-        """The values of its parameters."""
-
-    def at(self, t: Any) -> FloatArray:
-        """Return the states at times of the run, (2n, K)."""
-
-
-def ignored(statement: Statement, solution: Run) -> dict[Any, FloatArray]:
-    """Return ignored coordinates and their velocities at the output times of a run of the Routhian, (N,) each.
+def ignored(statement: Statement, solution: Any) -> dict[Any, FloatArray]:
+    """Return ignored coordinates and their velocities at the output times of a `Solution` of the Routhian, (N,) each.
 
     They start at the initial values of the statement. Raises StatementError for a run of another system.
     """
@@ -248,24 +229,19 @@ def ignored(statement: Statement, solution: Run) -> dict[Any, FloatArray]:
     found: dict[Any, FloatArray] = {}
     for i, rate in zip(routh.places, routh.rates, strict=True):
         q = statement.coordinates[i]
-        speed = _Speed(solution, routh.form.written(rate))
+        speed = partial(_speed, solution, routh.form.written(rate))
         found[q] = statement.initial[i] + _integral(speed, solution.t, statement.names[i])
         found[velocity_of(q)] = speed(solution.t)
     return found
 
 
-class _Speed:
-    """The velocity of an ignored coordinate at times of a run."""
-
-    def __init__(self, solution: Run, rate: Any) -> None:
-        self.solution, self.rate = solution, rate
-
-    def __call__(self, times: FloatArray) -> FloatArray:
-        run = self.solution
-        return run.model.evaluate_expression(self.rate, times, run.at(times), run.parameters)
+def _speed(solution: Any, rate: Any, times: FloatArray) -> FloatArray:
+    """Return the velocity of an ignored coordinate at times (K,) of a run."""
+    model: Model = solution.model
+    return model.evaluate_expression(rate, times, solution.at(times), solution.parameters)
 
 
-def _integral(speed: _Speed, times: FloatArray, name: str) -> FloatArray:
+def _integral(speed: Callable[[FloatArray], FloatArray], times: FloatArray, name: str) -> FloatArray:
     """Return the integral of a velocity from the first time to each, with parts halved until two rules agree."""
     parts, before = 1, _sums(speed, times, 1)
     while parts < MOST_PARTS:
@@ -281,7 +257,7 @@ def _integral(speed: _Speed, times: FloatArray, name: str) -> FloatArray:
     )
 
 
-def _sums(speed: _Speed, times: FloatArray, parts: int) -> FloatArray:
+def _sums(speed: Callable[[FloatArray], FloatArray], times: FloatArray, parts: int) -> FloatArray:
     """Return the integral from the first time to each, (N,), by Gauss's rule on `parts` parts of each interval."""
     nodes, weights = np.polynomial.legendre.leggauss(NODES)
     inside = ((np.arange(parts)[:, None] + (nodes + 1.0) / 2.0) / parts).ravel()

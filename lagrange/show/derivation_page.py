@@ -13,10 +13,9 @@ from lagrange.equations.derivation import Derivation
 from lagrange.show.notation.formula import Line, LineWriter
 from lagrange.show.notation.latex_notation import LatexNotation
 from lagrange.show.notation.mathml_notation import MathmlNotation
-from lagrange.show.notation.pieces import Notation
 from lagrange.show.notation.sections import Formula, Section, sections
 from lagrange.show.notation.symbols import GREEK, latex_text, markdown_text, plain_text
-from lagrange.show.notation.text import AsciiNotation, UnicodeNotation, width
+from lagrange.show.notation.text import Notation, UnicodeNotation, width
 from lagrange.show.terminal import DETAILS, FORMATS
 from lagrange.statement.choice import one_of
 from lagrange.statement.statement import Statement
@@ -71,17 +70,14 @@ def render(
 
 
 class Page(ABC):
-    """Writer of sections in one markup language."""
+    """Writer of sections in one markup language, with the class of its notation of formulas."""
+
+    notation: ClassVar[type[Notation]] = Notation
 
     def __init__(self, statement: Statement, heading: Heading = NO_HEADING) -> None:
         self.statement, self.above = statement, heading
         self.title = heading.title or statement.name
         self.lines = LineWriter(statement, self.notation)
-
-    @property
-    @abstractmethod
-    def notation(self) -> Callable[[Sequence[str]], Notation]:
-        """Class of the notation of the formulas; it is called with the names of all symbols."""
 
     @abstractmethod
     def write(self, sections: Sequence[Section]) -> str:
@@ -95,11 +91,6 @@ class Page(ABC):
 
 class TextPage(Page):
     """Plain text, in the spelling of scene files: theta_dot for a velocity, theta_ddot for an acceleration."""
-
-    @property
-    def notation(self) -> Callable[[Sequence[str]], Notation]:
-        """Plain ASCII."""
-        return AsciiNotation
 
     def write(self, sections: Sequence[Section]) -> str:
         """Return headings with indented rows."""
@@ -126,10 +117,7 @@ class TextPage(Page):
 class UnicodePage(TextPage):
     """Text in Unicode, with Greek letters, dots and superscripts."""
 
-    @property
-    def notation(self) -> Callable[[Sequence[str]], Notation]:
-        """Unicode in one line."""
-        return UnicodeNotation
+    notation = UnicodeNotation
 
 
 class LatexPage(Page):
@@ -142,10 +130,7 @@ class LatexPage(Page):
     }
     """Formulas in sentences about the structure, and their LaTeX."""
 
-    @property
-    def notation(self) -> Callable[[Sequence[str]], Notation]:
-        """LaTeX."""
-        return LatexNotation
+    notation = LatexNotation
 
     def aligned(self, lines: Sequence[Line], environment: str) -> str:
         """Return lines below one another."""
@@ -244,10 +229,7 @@ class HtmlPage(Page):
     cell = '<mtd style="text-align: {}">{}</mtd>'
     """A cell of a formula with several lines, aligned to the right or to the left."""
 
-    @property
-    def notation(self) -> Callable[[Sequence[str]], Notation]:
-        """MathML."""
-        return MathmlNotation
+    notation = MathmlNotation
 
     def write(self, sections: Sequence[Section]) -> str:
         """Return a complete page that loads no other file."""

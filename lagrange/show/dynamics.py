@@ -31,7 +31,7 @@ from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.picture import picture
 from lagrange.show.notation.formula import SideWriter
-from lagrange.show.notation.text import AsciiNotation
+from lagrange.show.notation.text import Notation
 from lagrange.show.notebook.html_card import image, pairs, sentences
 from lagrange.show.terminal import text_table
 from lagrange.statement.number import flag, real_number, whole_number
@@ -173,7 +173,7 @@ class ShownModes(Modes):
     """The modes of a system with their picture; see `System.modes`."""
 
     def __repr__(self) -> str:
-        written = SideWriter(self.linearization.statement, AsciiNotation).setter.write if self.symbolic else str
+        written = SideWriter(self.linearization.statement, Notation).setter.write if self.symbolic else str
         return self._summary(map(written, self.frequencies))
 
     def shapes_in_numbers(self) -> ModeShapes:

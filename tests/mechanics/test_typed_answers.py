@@ -12,11 +12,11 @@ import lagrange as lg
 from lagrange.mechanics.grading.student_equations import read_equations
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.latex_notation import LatexNotation
-from lagrange.show.notation.text import AsciiNotation, UnicodeNotation
+from lagrange.show.notation.text import Notation, UnicodeNotation
 from tests.models import shared_scene
 
 
-@pytest.mark.parametrize("notation", [AsciiNotation, UnicodeNotation, LatexNotation])
+@pytest.mark.parametrize("notation", [Notation, UnicodeNotation, LatexNotation])
 @pytest.mark.parametrize("name", lg.scenes())
 def test_printed_equations_are_read_back(name: str, notation: type) -> None:
     system = shared_scene(name)

@@ -28,7 +28,7 @@ from lagrange.show.notation.sections import (
     Transpose,
     sections,
 )
-from lagrange.show.notation.text import AsciiNotation, UnicodeNotation
+from lagrange.show.notation.text import Notation, UnicodeNotation
 from tests.models import shared_scene
 from tests.show import formula_readers
 
@@ -213,7 +213,7 @@ def size(motion: Motion, side: Any) -> float:
 
 
 NOTATIONS: dict[Any, Any] = {
-    AsciiNotation: formula_readers.ascii_text,
+    Notation: formula_readers.ascii_text,
     UnicodeNotation: formula_readers.unicode_text,
     LatexNotation: formula_readers.latex_text,
     MathmlNotation: formula_readers.mathml_text,

@@ -202,10 +202,14 @@ class _FilmFigure:
         self.pixels: Pixels = np.asarray(canvas.buffer_rgba())
         self.still = self.pixels.copy()
         self.charts = [part for part, _ in moving if isinstance(part, MovingChart)]
+
+    @cached_property
+    def clear(self) -> Pixels:
+        """The fixed parts with all curves clear, of which a frame after the first shows the part up to its time."""
         for chart in self.charts:
             for line in chart.clear:
                 line.draw(self.renderer)
-        self.clear = self.pixels.copy()
+        return self.pixels.copy()
 
     def header(self, film: Film) -> None:
         """Write the name, the speed if it is not real time, and make the clock."""
@@ -227,9 +231,11 @@ class _FilmFigure:
     def at(self, k: int, clock: str) -> Pixels:
         """Draw sample k and the text of the clock, and return the pixels."""
         self.pixels[...] = self.still
+        clear = self.clear if k else self.still
+        self.pixels[...] = self.still
         for chart in self.charts:
             part = chart.past(k, len(self.pixels))
-            self.pixels[part] = self.clear[part]
+            self.pixels[part] = clear[part]
         for moving, pen in self.moving:
             moving.draw(k, pen)
         self.clock.set_text(clock)

@@ -48,7 +48,7 @@ from lagrange.show.figures.ticks import few_ticks, log_ticks
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.latex_notation import LatexNotation
 from lagrange.show.notation.symbols import letter_of, letters
-from lagrange.show.notation.text import AsciiNotation
+from lagrange.show.notation.text import Notation
 from lagrange.show.units import energy_unit, unit_of, with_unit
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.expression import expression as expression_of
@@ -220,7 +220,7 @@ def formula_label(statement: Statement, given: Any) -> str:
     formula = f"${Typesetter(statement, LatexNotation()).write(given)}$"
     if len(formula) <= _LONGEST and "\\begin" not in formula:
         return formula
-    text = Typesetter(statement, AsciiNotation()).write(given)
+    text = Typesetter(statement, Notation()).write(given)
     return text if len(text) <= _WIDEST else f"{text[:_WIDEST]} ..."
 
 

@@ -10,9 +10,9 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.show.notation.book_order import BookOrder
-from lagrange.show.notation.pieces import ATOM, POWER, PRODUCT, SUM, Notation, Piece
+from lagrange.show.notation.pieces import ATOM, POWER, PRODUCT, SUM, Piece
 from lagrange.show.notation.sections import Formula, Grid, Partial, Product, Rate, ShownQuantity, Square, Sum, Transpose
-from lagrange.show.notation.text import UnicodeNotation, width
+from lagrange.show.notation.text import Notation, UnicodeNotation, width
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.words import WORDS

@@ -11,7 +11,7 @@ from lagrange.mechanics.grading.comparison import EquationsComparison, compare_e
 from lagrange.mechanics.grading.student_equations import MULTIPLIER, read_equations
 from lagrange.mechanics.plain_form import names_of
 from lagrange.show.notation.formula import Typesetter
-from lagrange.show.notation.text import AsciiNotation
+from lagrange.show.notation.text import Notation
 from lagrange.statement.statement import Statement
 
 
@@ -21,7 +21,7 @@ def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> 
     Sums in its messages have the signs that were typed, m1 - m2 or m2 - m1. Raises StatementError for an answer that
     cannot be read.
     """
-    typeset = Typesetter(statement, AsciiNotation(names_of(statement)))
+    typeset = Typesetter(statement, Notation(names_of(statement)))
     typeset.letters |= {one.multiplier: f"{MULTIPLIER}{one.name}" for one in statement.constraints}
     equations = read_equations(answer, statement)
     sides = [side for equation in equations for side in (equation.right, equation.zero + equation.right)]

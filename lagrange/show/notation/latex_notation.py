@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from typing import ClassVar
 
-from lagrange.show.notation.pieces import ATOM, CIRCULAR, POWER, Notation, Piece
+from lagrange.show.notation.pieces import ATOM, CIRCULAR, POWER, Piece
 from lagrange.show.notation.symbols import letter_of, upright
+from lagrange.show.notation.text import Notation
 
 COMMANDS = CIRCULAR - frozenset(("sech", "csch"))
 """Functions with a LaTeX command of the same name, besides ln, min and max."""
-RELATIONS = {"<=": r"\le", ">=": r"\ge", "!=": r"\ne"}
 
 
 class LatexNotation(Notation):
@@ -18,6 +19,9 @@ class LatexNotation(Notation):
 
     opening, closing = r"\bigl(", r"\bigr)"
     times = r"{} \times "
+    in_one_line, fractions_in_front, product_sign = False, True, " "
+    constants: ClassVar = {"pi": r"\pi", "infinity": r"\infty"}
+    relations: ClassVar = {"<=": r"\le", ">=": r"\ge", "!=": r"\ne"}
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
         r"""Return \ddot\theta_1, or p_\theta."""
@@ -37,17 +41,9 @@ class LatexNotation(Notation):
             return Piece(digits, simple=True)
         return Piece(f"{digits} \\cdot 10^{{{exponent}}}", POWER)
 
-    def constant(self, name: str) -> str:
-        r"""Return \pi, e or \infty."""
-        return {"pi": r"\pi", "infinity": r"\infty"}.get(name, name)
-
     def brackets(self, inside: str) -> str:
         r"""Return (inside), in parentheses that grow about a fraction: \left(inside\right)."""
         return f"\\left({inside}\\right)" if "\\frac" in inside or "\\begin" in inside else f"({inside})"
-
-    def joined(self, texts: Sequence[str]) -> str:
-        """Return factors with a space between them."""
-        return " ".join(texts)
 
     def fraction(self, above: Piece, below: Piece) -> Piece:
         r"""Return \frac{above}{below}."""
@@ -80,26 +76,14 @@ class LatexNotation(Notation):
         shown = shown or self.letter(name.rstrip("'")) + "'" * name.count("'")
         return self.power_of(shown + self.brackets(inside), exponent)
 
-    def power_of(self, value: str, exponent: str) -> Piece:
-        """Return the value of a function, raised to the exponent if there is one."""
-        return self.raised(value, exponent) if exponent else Piece(value)
-
     def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
         """Return a cases environment."""
         lines = [f"{value} & {condition or chr(92) + 'text{otherwise}'}" for value, condition in rows]
         return Piece("\\begin{cases} " + " \\\\ ".join(lines) + " \\end{cases}", ATOM)
 
-    def comparison(self, left: str, relation: str, right: str) -> str:
-        r"""Return left \le right."""
-        return f"{left} {RELATIONS.get(relation, relation)} {right}"
-
     def text(self, words: str) -> str:
         """Return words in a formula."""
         return f"\\text{{{words}}}"
-
-    def in_line(self, above: str, below: str) -> str:
-        """Return above/below."""
-        return f"{above}/{below}"
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
         """Return a matrix in parentheses."""
@@ -108,10 +92,6 @@ class LatexNotation(Notation):
     def transposed(self, matrix: str) -> str:
         """Return G^T."""
         return f"{matrix}^T"
-
-    def vector(self, entries: Sequence[str]) -> str:
-        """Return (a, b)."""
-        return self.brackets(", ".join(entries))
 
     def partial(self, above: str, below: str) -> str:
         r"""Return \frac{\partial L}{\partial \dot{\theta}}."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from lagrange.show.notation.pieces import ATOM, CIRCULAR, POWER, SUM, Notation, Piece
+from lagrange.show.notation.pieces import ATOM, CIRCULAR, POWER, SUM, Piece
 from lagrange.show.notation.symbols import UNICODE_GREEK, index_parts, latin
+from lagrange.show.notation.text import Notation
 
 DOTS = ("", "\N{DOT ABOVE}", "\N{DIAERESIS}")
 RELATIONS = {"<=": "≤", ">=": "≥", "!=": "≠"}
@@ -31,6 +32,8 @@ def operator(sign: str) -> str:
 
 class MathmlNotation(Notation):
     """MathML; every text is one element, except that a sum may be several."""
+
+    in_one_line, fractions_in_front = False, True
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
         """Return a letter with its dots above and its indices below."""
@@ -100,10 +103,6 @@ class MathmlNotation(Notation):
             return Piece(closed, call=True)
         shown = f"<mi>{({'log': 'ln'}).get(name, name)}</mi>"
         return self.power_of(row(shown, APPLY, self.brackets(inside)), exponent)
-
-    def power_of(self, value: str, exponent: str) -> Piece:
-        """Return the value of a function, raised to the exponent if there is one."""
-        return self.raised(value, exponent) if exponent else Piece(value)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
         """Return a table after a brace."""

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import unicodedata
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from typing import ClassVar
 
-from lagrange.show.notation.pieces import ATOM, CIRCULAR, FRACTION, POWER, PRODUCT, SUM, Notation, Piece
+from lagrange.show.notation.pieces import ATOM, CIRCULAR, FRACTION, POWER, PRODUCT, SUM, Piece
 from lagrange.show.notation.symbols import UNICODE_GREEK, index_parts, latin
 
 SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
@@ -34,36 +35,59 @@ def width(text: str) -> int:
     return sum(not unicodedata.combining(mark) for mark in text)
 
 
-class AsciiNotation(Notation):
-    """Plain text in the spelling of scene files, which reads it back: m*l**2*theta_ddot + m*g*l*sin(theta)."""
+class Notation:
+    """Spelling of formulas in plain text, as in scene files: m*l**2*theta_ddot + m*g*l*sin(theta).
 
-    fractions_in_front = False
+    Unicode, LaTeX and MathML override what they spell otherwise.
+    """
+
+    opening, closing = "(", ")"
+    """Parentheses around several lines."""
+    times = "* "
+    """Sign of a product whose second factor begins on a new line."""
     in_one_line = True
+    """True if fractions are written with a stroke, so that the width of the text is the width of the formula."""
+    fractions_in_front = False
+    """True if constants are a separate fraction in front, (g/l) sin(theta); false for one fraction, g*sin(theta)/l."""
+    level_inside_product = FRACTION
+    """Least precedence of a factor without parentheses before another factor."""
     product_sign, minus = "*", "-"
+    constants: ClassVar[Mapping[str, str]] = {"e": "exp(1)", "infinity": "oo"}
+    """Spellings of pi, e and infinity that are not their names."""
+    relations: ClassVar[Mapping[str, str]] = {}
+    """Spellings of <= and the like that differ from Python's."""
+
+    def __init__(self, names: Sequence[str] = ()) -> None:
+        """Store the names of all symbols, so that no two of them look the same."""
+        self.literal: frozenset[str] = frozenset()
+        seen: dict[str, str] = {}
+        for name in names:
+            seen.setdefault(self.letter(name), name)
+        self.literal = frozenset(name for name in names if seen[self.letter(name)] != name)
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
-        """Return theta_dot, or p_theta."""
+        """Return a name with dots for time derivatives and further names as indices: theta_dot, or p_theta."""
         spelled = name if name in self.literal else latin(name)
         return "_".join([spelled + RATES[dots], *map(latin, indices)])
 
     def script(self, letter: str, word: str, indices: Sequence[str] = ()) -> str:
-        """Return the word."""
+        """Return another spelling of a letter such as L if a user's symbol looks like it: the word."""
         return "_".join([word, *indices])
 
     def number(self, digits: str, exponent: int | None = None) -> Piece:
-        """Return 6.674e-11."""
+        """Return a number without a sign: 6.674e-11."""
         return Piece(digits if exponent is None else f"{digits}e{exponent}", simple=True)
 
     def constant(self, name: str) -> str:
-        """Return pi, exp(1) or oo."""
-        return {"e": "exp(1)", "infinity": "oo"}.get(name, name)
+        """Return the spelling of pi, e or infinity."""
+        return self.constants.get(name, name)
 
     def brackets(self, inside: str) -> str:
-        """Return (inside)."""
+        """Return a text in parentheses."""
         return f"({inside})"
 
     def joined(self, texts: Sequence[str]) -> str:
-        """Return factors with stars between them."""
+        """Return the product of texts that already have the necessary parentheses."""
         return self.product_sign.join(texts)
 
     def fraction(self, above: Piece, below: Piece) -> Piece:
@@ -71,32 +95,35 @@ class AsciiNotation(Notation):
         return Piece(f"{self.grouped(above, PRODUCT)}/{self.grouped(below, POWER)}", PRODUCT)
 
     def raised(self, base: str, exponent: str) -> Piece:
-        """Return base**exponent."""
+        """Return a power; the base already has the necessary parentheses."""
         return Piece(f"{base}**{exponent if exponent.isalnum() else self.brackets(exponent)}", POWER)
 
     def root(self, inside: Piece) -> Piece:
-        """Return sqrt(inside)."""
+        """Return the square root."""
         return Piece(f"sqrt({inside.text})")
 
     def function(self, name: str, arguments: Sequence[Piece], exponent: str = "") -> Piece:
-        """Return name(a, b)."""
-        value = Piece(f"{name}({', '.join(argument.text for argument in arguments)})")
-        return self.raised(value.text, exponent) if exponent else value
+        """Return the value of a function, raised to a whole number if an exponent is given."""
+        return self.power_of(f"{name}({', '.join(argument.text for argument in arguments)})", exponent)
+
+    def power_of(self, value: str, exponent: str) -> Piece:
+        """Return the value of a function, raised to the exponent if there is one."""
+        return self.raised(value, exponent) if exponent else Piece(value)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
-        """Return Piecewise((value, condition), ...), in SymPy's spelling."""
+        """Return pairs of value and condition as SymPy's Piecewise; the last condition may be empty."""
         return Piece(f"Piecewise({', '.join(f'({value}, {condition or True})' for value, condition in rows)})")
 
     def comparison(self, left: str, relation: str, right: str) -> str:
-        """Return left < right."""
-        return f"{left} {relation} {right}"
+        """Return a condition; the relation is one of <, <=, >, >=, =, !=."""
+        return f"{left} {self.relations.get(relation, relation)} {right}"
 
     def text(self, words: str) -> str:
         """Return words in a formula."""
         return words
 
     def in_line(self, above: str, below: str) -> str:
-        """Return above/below."""
+        """Return a fraction of two numbers with a stroke, for exponents."""
         return f"{above}/{below}"
 
     def matrix(self, rows: Sequence[Sequence[str]]) -> str:
@@ -106,7 +133,7 @@ class AsciiNotation(Notation):
         return "\n".join(f"[{',  '.join(line)}]" for line in lines)
 
     def transposed(self, matrix: str) -> str:
-        """Return G.T."""
+        """Return the transpose of a matrix, which is a letter: G.T."""
         return f"{matrix}.T"
 
     def vector(self, entries: Sequence[str]) -> str:
@@ -114,27 +141,54 @@ class AsciiNotation(Notation):
         return self.brackets(", ".join(entries))
 
     def partial(self, above: str, below: str) -> str:
-        """Return dL/dtheta."""
+        """Return the partial derivative of one letter by another: dL/dtheta."""
         return f"d{above}/d{below}"
 
     def rate(self, inside: str) -> str:
-        """Return d/dt(dL/dtheta_dot)."""
+        """Return d/dt of a partial derivative: d/dt(dL/dtheta_dot)."""
         return f"d/dt({inside})"
 
     def signs(self, terms: Sequence[tuple[bool, str]], *, leading: bool = True) -> str:
-        """Return a + b - c."""
+        """Return a sum of texts, each with True if it is subtracted.
+
+        With `leading` the first has no plus sign; without it the sum continues the line above.
+        """
         (negative, first), *rest = terms
         minus = self.minus
         start = (minus if negative else "") if leading else (f"{minus} " if negative else "+ ")
         return start + first + "".join(f" {minus if sign else '+'} {term}" for sign, term in rest)
 
+    def equal(self, sides: Sequence[str]) -> str:
+        """Return sides with signs of equality between them."""
+        return " = ".join(sides)
 
-class UnicodeNotation(AsciiNotation):
+    def grouped(self, piece: Piece, level: int) -> str:
+        """Return the text of a piece, in parentheses if its precedence is below `level`."""
+        return piece.text if piece.level >= level else self.brackets(piece.text)
+
+    def product(self, pieces: Sequence[Piece]) -> Piece:
+        """Return the product. A function without parentheses comes last, or before other functions."""
+        if len(pieces) == 1:
+            return pieces[0]
+        texts = []
+        for place, piece in enumerate(pieces):
+            last = place == len(pieces) - 1
+            text = self.grouped(piece, FRACTION if last else self.level_inside_product)
+            if piece.closed and not last and not pieces[place + 1].call:
+                text = piece.closed
+            texts.append(text)
+        simple = len(pieces) == 2 and pieces[0].text[:1].isdigit() and pieces[1].simple
+        return Piece(self.joined(texts), PRODUCT, simple=simple)
+
+
+class UnicodeNotation(Notation):
     """One line of Unicode in the spelling of textbooks: m l² θ̈ + m g l sin θ."""
 
     fractions_in_front = True
     level_inside_product = POWER
     product_sign, minus = " ", "\N{MINUS SIGN}"
+    constants: ClassVar = {"pi": "π", "infinity": "∞"}
+    relations: ClassVar = {"<=": "≤", ">=": "≥", "!=": "≠"}
 
     def letter(self, name: str, dots: int = 0, indices: Sequence[str] = ()) -> str:
         """Return θ̈₁, or m_bob: an index that is not a number follows an underscore."""
@@ -156,10 +210,6 @@ class UnicodeNotation(AsciiNotation):
         if exponent is None:
             return Piece(digits, simple=True)
         return Piece(f"{digits}·10{str(exponent).translate(SUPERSCRIPT)}", POWER)
-
-    def constant(self, name: str) -> str:
-        """Return π, e or ∞."""
-        return {"pi": "π", "infinity": "∞"}.get(name, name)
 
     def fraction(self, above: Piece, below: Piece) -> Piece:
         """Return ½, g/l or (a + b)/(c d)."""
@@ -183,7 +233,7 @@ class UnicodeNotation(AsciiNotation):
         """Return sin² θ, cos(a − b), |x|, or e^(−t)."""
         inside = ", ".join(argument.text for argument in arguments)
         if name == "abs":
-            return self.power_of(Piece(f"|{inside}|"), exponent)
+            return self.power_of(f"|{inside}|", exponent)
         if name == "exp":
             return (
                 Piece(f"e^{self.brackets(inside)}", POWER) if not exponent else self.raised(f"exp({inside})", exponent)
@@ -195,11 +245,7 @@ class UnicodeNotation(AsciiNotation):
             if arguments[0].simple:
                 return Piece(f"{head} {inside.replace(' ', '')}", closed=closed, call=True)
             return Piece(closed, call=True)
-        return self.power_of(Piece(f"{shown}({inside})"), exponent)
-
-    def power_of(self, value: Piece, exponent: str) -> Piece:
-        """Return the value of a function, raised to the exponent if there is one."""
-        return self.raised(value.text, exponent) if exponent else value
+        return self.power_of(f"{shown}({inside})", exponent)
 
     def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
         """Return {a if c; b otherwise}."""
@@ -209,10 +255,6 @@ class UnicodeNotation(AsciiNotation):
     def transposed(self, matrix: str) -> str:
         """Return Gᵀ."""
         return f"{matrix}ᵀ"
-
-    def comparison(self, left: str, relation: str, right: str) -> str:
-        """Return left ≤ right."""
-        return f"{left} {({'<=': '≤', '>=': '≥', '!=': '≠'}).get(relation, relation)} {right}"
 
     def partial(self, above: str, below: str) -> str:
         """Return ∂L/∂θ̇."""

@@ -174,23 +174,12 @@ def _rounded(value: Any) -> Any:
     return value.xreplace({one: sympy.Float(f"{float(one):.6g}") for one in value.atoms(sympy.Float)})
 
 
-class ConservedList(list[Conserved]):
-    """Conserved quantities; a notebook shows the list as formulas with the reason for each."""
+class ResultList(list[Any]):
+    """Conserved quantities, or equilibria; a notebook shows the list as formulas with the reason for each."""
 
     def _repr_markdown_(self) -> str | None:
         if not self:
             return None
         writer = PageWriter(self[0].statement)
-        parts = (part for one in self for part in conserved_parts(one, writer))
-        return joined(parts, "`.expression` has it.")
-
-
-class EquilibriumList(list[Equilibrium]):
-    """Equilibria; a notebook shows the list as formulas with the stability of each."""
-
-    def _repr_markdown_(self) -> str | None:
-        if not self:
-            return None
-        writer = PageWriter(self[0].statement)
-        parts = (part for one in self for part in equilibrium_parts(one, writer))
-        return joined(parts, "the fields of the record have it.")
+        parts = conserved_parts if isinstance(self[0], Conserved) else equilibrium_parts
+        return joined((part for one in self for part in parts(one, writer)), "the fields of the record have it.")

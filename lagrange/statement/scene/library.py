@@ -6,7 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from lagrange.statement.choice import one_of
-from lagrange.statement.scene.scene_reader import SceneReader, read_scene
+from lagrange.statement.scene.scene_reader import read_scene
+from lagrange.statement.scene.toml_document import Document
 from lagrange.statement.statement import Statement
 
 LIBRARY = Path(__file__).resolve().parents[2] / "scenes"
@@ -35,10 +36,5 @@ def library_path(name: str) -> Path:
 
 def library() -> list[LibraryScene]:
     """Return the scenes of the library, by name."""
-    scenes = [SceneReader(path) for path in sorted(LIBRARY.glob("*.toml"))]
-    return [
-        LibraryScene(
-            scene.title(), scene.document.words("about"), scene.document.words("source"), Path(scene.document.file)
-        )
-        for scene in scenes
-    ]
+    scenes = [(path, Document(path)) for path in sorted(LIBRARY.glob("*.toml"))]
+    return [LibraryScene(path.stem, scene.words("about"), scene.words("source"), path) for path, scene in scenes]

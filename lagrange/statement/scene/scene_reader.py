@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -101,17 +102,25 @@ def stored_statement(text: Any) -> Statement:
 class SceneDocument(Document):
     """A TOML file with numbers and expressions."""
 
+    @contextmanager
+    def located(self, *path: str | int, key: bool = False) -> Iterator[None]:
+        """Raise a StatementError inside as a SceneError at the value, or the key, of a path."""
+        try:
+            yield
+        except SceneError:
+            raise
+        except StatementError as error:
+            self.refuse(str(error), *path, key=key)
+
     def number(self, *path: str | int) -> float:
         """Return the number at a path, or the value of a constant expression such as "pi/6"."""
         value, what = self.value(*path), dotted(path)
         if not isinstance(value, (int, float, str)) or isinstance(value, bool):
             self.refuse(f'{what} is {kind_of(value)}: give a number, or a constant expression such as "pi/6".', *path)
-        try:
-            return read_number(value) if isinstance(value, str) else real_number(value, what)
-        except SceneError as error:
-            self.refuse(f"{what}: {error.reason}", *path, column=error.column)
-        except StatementError as error:
-            self.refuse(str(error), *path)
+        if isinstance(value, str):
+            return float(self._of_text(read_number, *path))
+        with self.located(*path):
+            return real_number(value, what)
 
     def expression(self, reader: ExpressionReader, *path: str | int) -> Any:
         """Return the text or number at a path as a SymPy expression."""
@@ -220,10 +229,8 @@ class SceneReader:
         for q, name in zip(declared.coordinates, declared.names, strict=True):
             reader.enter(f"{name}_ddot", acceleration_of(q))
         stated = [self.event(reader, i, table) for i, table in enumerate(tables)]
-        try:
+        with self.document.located("events"):
             return declare_events(stated, declared)
-        except StatementError as error:
-            self.document.refuse(str(error), "events")
 
     def event(self, reader: ExpressionReader, i: int, table: Mapping[str, Any]) -> Event:
         """Return the event in table number i of [[events]]."""
@@ -236,10 +243,8 @@ class SceneReader:
         when = self.document.equation(reader, *place, "when")
         direction = self.document.number(*place, "direction") if "direction" in table else 0
         values = {name: self.document.expression(reader, *place, "reset", name) for name in reset}
-        try:
+        with self.document.located(*place):
             return event(when, direction=direction, terminal=table.get("terminal", False), reset=values)
-        except StatementError as error:
-            self.document.refuse(str(error), *place)
 
     def title(self) -> str:
         """Return the name of the scene, by default that of its file."""
@@ -329,13 +334,8 @@ class SceneReader:
                 f'the table {name} is {kind_of(entry)}: write {{ argument = "x", points = [...], values = [...] }}.',
                 *("tables", name),
             )
-        try:
-            argument = self.document.expression(reader, "tables", name, "argument")
-            return table(argument, entry["points"], entry["values"])
-        except SceneError:
-            raise
-        except StatementError as error:
-            self.document.refuse(str(error), "tables", name)
+        with self.document.located("tables", name):
+            return table(self.document.expression(reader, "tables", name, "argument"), entry["points"], entry["values"])
 
     def given(self, coordinates: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str, Any]:
         """Return the given functions of time and their derivatives, by name."""
@@ -350,10 +350,8 @@ class SceneReader:
             values = motion
             if not isinstance(motion, list):
                 values = None if motion == OPEN else self.document.expression(reader, "given", name)
-            try:
+            with self.document.located("given", name):
                 function = given(name, values)
-            except StatementError as error:
-                self.document.refuse(str(error), "given", name)
             names[name] = function
             names |= {rate_name(name, k): sympy.Derivative(function, (t, k)) for k in range(1, MOST_RATES + 1)}
         return names
@@ -361,10 +359,8 @@ class SceneReader:
     def check_free(self, name: str, what: str, coordinates: Any, *path: str | int) -> None:
         """Raise SceneError for a name that is malformed, or that has a meaning already."""
         key = path[0] not in ("coordinates", "functions")
-        try:
+        with self.document.located(*path, key=key):
             check_symbol(name, what)
-        except StatementError as error:
-            self.document.refuse(str(error), *path, key=key)
         taken = ""
         rates = [f"{name}_dot", f"{name}_ddot"] if what == "coordinate" else []
         base, _, rate = name.rpartition("_")
@@ -413,10 +409,8 @@ class SceneReader:
             return [self.document.equation(reader, "constraints", i) for i in range(len(stated))]
         table = self.document.table("constraints")
         for name in table:
-            try:
+            with self.document.located("constraints", name, key=True):
                 check_name(name, "constraint")
-            except StatementError as error:
-                self.document.refuse(str(error), "constraints", name, key=True)
         return {name: self.document.equation(reader, "constraints", name) for name in table}
 
     def redundant(self) -> str:
@@ -439,10 +433,8 @@ class SceneReader:
         points: dict[str, tuple[Any, ...]] = {}
         table = self.document.table("positions")
         for name, entries in table.items():
-            try:
+            with self.document.located("positions", name, key=True):
                 check_name(name, "point")
-            except StatementError as error:
-                self.document.refuse(str(error), "positions", name, key=True)
             if name == ORIGIN:
                 self.document.refuse(
                     "'origin' is the point at zero already: choose another name.", "positions", name, key=True
