@@ -21,6 +21,9 @@ FloatArray = NDArray[np.float64]
 UNIT = 2.0**-53
 """The unit of round-off."""
 
+NO_PIVOT = 1e-12
+"""A pivot that is smaller, relative to the numbers it is the sum of, needs row exchanges."""
+
 EXACT = frozenset(("neg", "abs", "sign", "min", "max", "less", "less_equal", "equal", "and", "or", "not", "select"))
 """Operations without a rounding of their own."""
 
@@ -78,12 +81,31 @@ def _factor(order: int, *entries: Noisy) -> Noisy:
     return Noisy(value, noise)
 
 
+def _factorization_sizes(matrix: FloatArray) -> FloatArray:
+    """Return |L| |D| |L^T| (n, n) for M = L D L^T (n, n), or |M| if M has such factors with row exchanges only.
+
+    An entry can be zero in M and not in the factors: a constraint adds G M^-1 G^T to the zeros below M.
+    Source: Higham, theorem 10.3.
+    """
+    sizes, rest = abs(matrix), matrix.copy()
+    for k in range(len(matrix)):
+        if abs(rest[k, k]) <= NO_PIVOT * sizes[k, k]:
+            return abs(matrix)
+        terms = np.outer(rest[k + 1 :, k], rest[k, k + 1 :] / rest[k, k])
+        rest[k + 1 :, k + 1 :] -= terms
+        sizes[k + 1 :, k + 1 :] += abs(terms)
+    return sizes
+
+
 def _solve(order: int, matrix: Noisy, *right: Noisy) -> list[Noisy]:
-    """Return the solution of a linear system, with |M^-1| applied to the noise of what it satisfies."""
+    """Return the solution of a linear system, with |M^-1| applied to the noise of what it satisfies.
+
+    M is factored in floating point: its noise is the rounding of the numbers in its factorization.
+    """
     value, noise = np.array([one.value for one in right]), np.array([one.noise for one in right])
     inverse = np.linalg.inv(matrix.value)
     found = inverse @ value
-    left = noise + (matrix.noise + order * UNIT * abs(matrix.value)) @ abs(found)
+    left = noise + (matrix.noise + order * UNIT * _factorization_sizes(matrix.value)) @ abs(found)
     return list(map(Noisy, found, abs(inverse) @ left))
 
 
