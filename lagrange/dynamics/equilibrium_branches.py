@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import sympy
 
-from lagrange.dynamics.angles import angles, difference
+from lagrange.dynamics.axes import angles, difference
 from lagrange.dynamics.runs import Report
 from lagrange.errors import StatementError, counted
 from lagrange.machine.backend import FloatArray

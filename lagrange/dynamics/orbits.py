@@ -15,8 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from lagrange.dynamics.angles import difference
-from lagrange.dynamics.axes import Plane
+from lagrange.dynamics.axes import Plane, difference
 from lagrange.dynamics.fixed_points import SADDLE, FixedPoint
 from lagrange.dynamics.runs import Runs
 from lagrange.machine.backend import FloatArray

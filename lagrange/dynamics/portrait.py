@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.dynamics.angles import angles, wrapped
-from lagrange.dynamics.axes import Axis, Plane, plane_of, row_of
+from lagrange.dynamics.axes import Axis, Plane, angles, plane_of, row_of, wrapped
 from lagrange.dynamics.fixed_points import FixedPoint, fixed_points
 from lagrange.dynamics.nullclines import zero_lines
 from lagrange.dynamics.orbits import PERIODS, Orbit, PlaneWindow, Separatrix, orbit, sampled, separatrices_of

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.dynamics.angles import angles, difference
-from lagrange.dynamics.axes import MOST_VALUES
+from lagrange.dynamics.axes import MOST_VALUES, angles, difference
 from lagrange.dynamics.crossings import Crosser, Crossings, points_side_by_side
 from lagrange.dynamics.runs import Report, Runs, depends_on_time, driving_period, initial_of, starts_of, time_scale
 from lagrange.dynamics.section import check_room, drawn_axes, section_of

@@ -24,10 +24,10 @@ from lagrange.show.animation.gif import write_gif
 from lagrange.show.animation.mp4 import has_ffmpeg, write_mp4
 from lagrange.show.animation.recording import Recording, recording_of
 from lagrange.show.animation.timing import Timing, timing
-from lagrange.show.between import known_alone
 from lagrange.show.figures.style import DARK, LIGHT
 from lagrange.show.files.atomic_file import check_place, write_atomically
 from lagrange.show.notation.symbols import plain_text
+from lagrange.show.states_between_outputs import known_alone
 from lagrange.statement.choice import one_of
 from lagrange.statement.number import flag, whole_number
 from lagrange.trajectory.progress import progress_bar
@@ -44,7 +44,7 @@ STYLES = ("auto", "light", "dark")
 class Animation:
     """Frames of a run at the times `t`, (K,), with `states` (2n, K) and named `points` (2, K) or (3, K) at them.
 
-    `notes` report changes of what was requested; `path` is the file that was written, if any.
+    `notes` report settings that differ from the requested ones; `path` is the file that was written, if any.
     """
 
     name: str

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.dynamics.angles import TURN, angles
+from lagrange.dynamics.axes import TURN, angles
 from lagrange.errors import RunError, StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.show.units import unit_of

@@ -57,7 +57,7 @@ _MOST_PLACES = 8
 
 
 class Drawn(ABC):
-    """A record with a card and a picture; `status` says whether it is complete, `message` what is missing."""
+    """A record with a card and a picture; `status` says whether it is complete, `message` names the missing parts."""
 
     statement: Statement
     status: Status

@@ -49,7 +49,7 @@ def without_velocity(
 
 
 def first_order_remedy(rate: str) -> str:
-    """Return the sentence on how to state a state of first order, whose rate is written `rate`."""
+    """Return the remedy for a variable of first order: how to state its rate, which is written `rate`."""
     return (
         f"If it is a state of first order, such as a current, give its rate as the force on it and {rate}**2/2 as "
         f"dissipation, or the constraint {rate} - (its rate)."

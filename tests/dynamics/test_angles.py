@@ -8,7 +8,7 @@ import pytest
 from sympy import cos, sin
 
 import lagrange as lg
-from lagrange.dynamics.angles import angles
+from lagrange.dynamics.axes import angles
 
 q, x = lg.coordinates("q x")
 free = (q.dot**2 + x.dot**2) / 2

@@ -18,7 +18,7 @@ from matplotlib.patches import Rectangle
 from sympy import cos, sin
 
 import lagrange as lg
-from lagrange.dynamics.angles import TURN
+from lagrange.dynamics.axes import TURN
 from lagrange.errors import StatementError
 from lagrange.show.dynamics import Drawn
 from lagrange.show.figures.modes_figure import MOST_MODES

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from lagrange.statement.scene.places import inside, line_and_column, places
+from lagrange.statement.scene.toml_document import inside, line_and_column, places
 from tests.statement.scenes import toml
 
 TEXT = (

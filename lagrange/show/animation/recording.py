@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.show.animation.timing import Timing
-from lagrange.show.between import known_alone, states_for_pictures
+from lagrange.show.states_between_outputs import known_alone, states_for_pictures
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.measures.points import points_at
 from lagrange.trajectory.solution import Solution

@@ -33,8 +33,8 @@ _ROUND = (1.0, 2.0, 5.0)
 class Timing:
     """Times of the frames in the run, (K,), and the duration of each frame on the screen, in seconds.
 
-    The first frame is at the start. `speed` is time of the run per time on the screen; `notes` are sentences on changes
-    of what was requested.
+    The first frame is at the start. `speed` is time of the run per time on the screen; `notes` are sentences on
+    settings that differ from the requested ones.
     """
 
     t: FloatArray

@@ -9,7 +9,7 @@ from math import floor, log10
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.show.between import known_alone
+from lagrange.show.states_between_outputs import known_alone
 from lagrange.trajectory.paths.samples import divided
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
@@ -218,7 +218,7 @@ def first_times(run: Trajectory) -> FloatArray:
 
 
 def outputs_alone(run: Trajectory) -> bool:
-    """Return whether there are no states between the outputs: the run is from a file."""
+    """Return True if a run has states at its outputs only, as a run from a file has."""
     return known_alone(run) is not None
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.dynamics.angles import TURN, is_angle, wrapped
+from lagrange.dynamics.axes import TURN, is_angle, wrapped
 from lagrange.errors import StatementError, formula, listing
 from lagrange.members.chunk import INTERRUPTED, STATUSES
 from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, end_row, event_times

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lagrange.dynamics.angles import TURN
+from lagrange.dynamics.axes import TURN
 from lagrange.errors import StatementError, listing, shown
 from lagrange.mechanics.conserved import MOST_LINES, invariant_sizes
 from lagrange.show.figures.curve import (
@@ -288,8 +288,8 @@ def entry(statement: Statement, name: str, *, rate: bool = False) -> str:
 def turned_lines(x: FloatArray, y: FloatArray, low: float, high: float) -> list[tuple[FloatArray, FloatArray]]:
     """Return a line (k,) in an angle, wrapped to the range from low to high.
 
-    Where it crosses the border it has a point on either side, with NaN between them. If the range is more than a turn,
-    there is a copy for each turn.
+    At a crossing of the border the line has a point on either side, with NaN between them. If the range is more than a
+    turn, there is a copy for each turn.
     """
     turns = np.floor((x - low) / TURN)
     at = np.nonzero(np.diff(turns))[0]

@@ -6,8 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lagrange.dynamics.angles import is_angle, wrapped
-from lagrange.dynamics.axes import row_of
+from lagrange.dynamics.axes import is_angle, row_of, wrapped
 from lagrange.dynamics.equilibrium_branches import BranchesData
 from lagrange.dynamics.section import SectionData, surface
 from lagrange.dynamics.sweep import SweepData

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from lagrange.dynamics.angles import TURN
+from lagrange.dynamics.axes import TURN
 from lagrange.show.figures.style import POINTS_OF_A_LETTER, number_labels, of_figure
 
 if TYPE_CHECKING:

@@ -10,9 +10,8 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.show.notation.book_order import BookOrder
-from lagrange.show.notation.pieces import ATOM, POWER, PRODUCT, SUM, Piece
 from lagrange.show.notation.sections import Formula, Grid, Partial, Product, Rate, ShownQuantity, Square, Sum, Transpose
-from lagrange.show.notation.text import Notation, UnicodeNotation, width
+from lagrange.show.notation.text import ATOM, POWER, PRODUCT, SUM, Notation, Piece, UnicodeNotation, width
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.words import WORDS
@@ -63,7 +62,7 @@ class Typesetter:
         return found
 
     def piece(self, node: Any) -> Piece:
-        """Return an expression in plain symbols as a piece."""
+        """Return the text of an expression in plain symbols, with the strength of its outermost operation."""
         if node.is_Add:
             return Piece(self.notation.signs(self.terms(node)), SUM)
         negative, piece = self.signed(node)

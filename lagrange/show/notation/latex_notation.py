@@ -6,9 +6,8 @@ import re
 from collections.abc import Sequence
 from typing import ClassVar
 
-from lagrange.show.notation.pieces import ATOM, CIRCULAR, POWER, Piece
 from lagrange.show.notation.symbols import letter_of, upright
-from lagrange.show.notation.text import Notation
+from lagrange.show.notation.text import ATOM, CIRCULAR, POWER, Notation, Piece
 
 COMMANDS = CIRCULAR - frozenset(("sech", "csch"))
 """Functions with a LaTeX command of the same name, besides ln, min and max."""

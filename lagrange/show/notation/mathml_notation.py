@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from html import escape
 
-from lagrange.show.notation.pieces import ATOM, CIRCULAR, POWER, SUM, Piece
 from lagrange.show.notation.symbols import UNICODE_GREEK, index_parts, latin
-from lagrange.show.notation.text import Notation
+from lagrange.show.notation.text import ATOM, CIRCULAR, POWER, SUM, Notation, Piece
 
 DOTS = ("", "\N{DOT ABOVE}", "\N{DIAERESIS}")
 RELATIONS = {"<=": "≤", ">=": "≥", "!=": "≠"}

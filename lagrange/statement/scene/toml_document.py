@@ -1,4 +1,4 @@
-"""A TOML file as data. Every refusal names file, line and column."""
+"""A TOML file as data. Every refusal names file, line and column, from the offsets of keys and values."""
 
 from __future__ import annotations
 
@@ -9,13 +9,140 @@ import stat
 import sys
 import tomllib
 from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, NoReturn
 
 from lagrange.errors import TOO_LARGE, SceneError, listing, shown, suggestion
-from lagrange.statement.scene import places
+
+KeyPath = tuple[str | int, ...]
+"""Keys and list indices from the top: ("positions", "bob", 0)."""
+
+_TOKEN = re.compile(
+    r'(?P<text>"""(?:\\.|[^\\])*?"""(?:"{0,2})|'
+    r"'''.*?'''(?:'{0,2})|"
+    r'"(?:\\.|[^"\\\n])*"|'
+    r"'[^'\n]*')"
+    r"|(?P<line>\n[ \t\r\n]*)"
+    r"|(?P<skip>[ \t\r]+|#[^\n]*)"
+    r"|(?P<mark>[][{}=,.])"
+    r"|(?P<bare>[^][{}=,.\s\"'#]+)",
+    re.DOTALL,
+)
+_ESCAPE = re.compile(r"\\(?:u[0-9A-Fa-f]{4}|U[0-9A-Fa-f]{8}|\r?[ \t]*\n\s*|.)", re.DOTALL)
+
+
+@dataclass
+class _Frame:
+    """A table, an inline table or a list that is being read."""
+
+    path: KeyPath
+    kind: str  # "table", "inline" or "list"
+    keys: list[str] = field(default_factory=list)
+    start: int = 0
+    valued: bool = False  # past the "=", or inside a list
+    index: int = 0
+
+    def here(self) -> KeyPath:
+        """Return the path of the value that is being read."""
+        return (*self.path, self.index) if self.kind == "list" else (*self.path, *self.keys)
+
+
+def places(text: str) -> tuple[dict[KeyPath, int], dict[KeyPath, int]]:
+    """Return the offsets of keys and of values by path, for a TOML text with single-character line ends.
+
+    If the text is not valid TOML, the offsets before its first error are right.
+    """
+    keys: dict[KeyPath, int] = {}
+    values: dict[KeyPath, int] = {}
+    frames = [_Frame((), "table")]
+    header = 0  # brackets at the beginning of a line: 1 for a table, 2 for an entry of a list of tables
+    counts: dict[KeyPath, int] = {}
+    for match in _TOKEN.finditer(text):
+        if not frames:
+            break
+        kind, token, offset, frame = match.lastgroup, match.group(), match.start(), frames[-1]
+        if kind == "skip":
+            continue
+        if kind == "line":
+            if frame.kind == "table":
+                path = _numbered(frame.keys, counts, entry=header == 2) if header else frame.path
+                keys.setdefault(path, frame.start)
+                frames[-1] = _Frame(path, "table")
+                header = 0
+        elif frame.valued and not header:
+            _read_value(frames, token, offset, values)
+        elif token == "[" and frame.kind == "table":
+            header += 1
+        elif token == "=":
+            frame.valued = True
+            keys.setdefault(frame.here(), frame.start)
+        elif token == "}":
+            frames.pop()
+        elif kind in ("bare", "text"):
+            frame.start = frame.start if frame.keys else offset
+            frame.keys.append(token if kind == "bare" else token[1:-1])
+            if header:
+                keys.setdefault(tuple(frame.keys), frame.start)
+    return keys, values
+
+
+def _numbered(names: list[str], counts: dict[KeyPath, int], *, entry: bool) -> KeyPath:
+    """Return the path of a table header; a name of a list of tables is followed by the index of its last entry.
+
+    `counts` has the index of the last entry of each list. With `entry` the header begins another one.
+    """
+    path: KeyPath = ()
+    for name in names:
+        path = (*path, name)
+        if entry and len(path) == len(names):
+            counts[path] = counts.get(path, -1) + 1
+        if path in counts:
+            path = (*path, counts[path])
+    return path
+
+
+def _read_value(frames: list[_Frame], token: str, offset: int, values: dict[KeyPath, int]) -> None:
+    frame = frames[-1]
+    if token == "," and frame.kind == "list":
+        frame.index += 1
+    elif token == "," and frame.kind == "inline":
+        frames[-1] = _Frame(frame.path, "inline")
+    elif token in ("]", "}"):
+        frames.pop()
+    else:
+        values.setdefault(frame.here(), offset)
+        if token == "[":
+            frames.append(_Frame(frame.here(), "list", valued=True))
+        elif token == "{":
+            frames.append(_Frame(frame.here(), "inline"))
+
+
+def line_and_column(text: str, offset: int) -> tuple[int, int]:
+    """Return line and column of an offset, both counted from 1."""
+    return text.count("\n", 0, offset) + 1, offset - text.rfind("\n", 0, offset)
+
+
+def inside(text: str, offset: int, column: int) -> int:
+    """Return the offset of the character in this column, from 1, of the string that starts at `offset`."""
+    quotes = text[offset : offset + 3]
+    at = offset + (3 if quotes in ('"""', "'''") else 1)
+    if at == offset + 3:
+        at += text[at : at + 1] == "\n"
+    for _ in range(column - 1):
+        at = _after_fold(text, at, quotes)
+        escape = _ESCAPE.match(text, at) if quotes[0] == '"' else None
+        at = escape.end() if escape else at + 1
+    return _after_fold(text, at, quotes)
+
+
+def _after_fold(text: str, at: int, quotes: str) -> int:
+    """Return the offset after backslashes at ends of lines, which add no character to the string."""
+    fold = re.compile(r"(?:\\[ \t]*\n\s*)+").match(text, at) if quotes == '"""' else None
+    return fold.end() if fold else at
+
 
 LARGEST_FILE, LARGEST_STORED = 1_048_576, 67_108_864
 """Largest size of a scene file, and of a statement in a file of a run or in a pickle, in bytes."""
@@ -65,8 +192,8 @@ class Document:
                 offset = keys.get(known, 0) if key or known not in values else values[known]
                 break
         if column is not None and path in values:
-            offset = places.inside(self.content, offset, column)
-        line, place = places.line_and_column(self.content, offset)
+            offset = inside(self.content, offset, column)
+        line, place = line_and_column(self.content, offset)
         raise SceneError(reason, file=self.file, line=line, column=place)
 
     def check_keys(self, table: Mapping[str, Any], known: Collection[str], what: str, *path: str | int) -> None:
@@ -114,8 +241,8 @@ class Document:
         return value
 
     @cached_property
-    def _places(self) -> tuple[dict[places.KeyPath, int], dict[places.KeyPath, int]]:
-        return places.places(self.content)
+    def _places(self) -> tuple[dict[KeyPath, int], dict[KeyPath, int]]:
+        return places(self.content)
 
     def _read(self, path: str | os.PathLike[str]) -> bytes:
         """Return the bytes of a regular file. Other kinds are refused: a pipe would block, a device may have no end."""
@@ -177,7 +304,7 @@ class Document:
         for path, offset in sorted(self._places[1].items(), key=itemgetter(1)):
             match = _DECIMAL.match(self.content, offset)
             if match and (reason := _out_of_range(match.group())):
-                line, column = places.line_and_column(self.content, offset)
+                line, column = line_and_column(self.content, offset)
                 self._fail(f"{dotted(path)[:80]} is {reason}.", line, column)
         raise AssertionError("a number that the reader refuses stands in the file")
 

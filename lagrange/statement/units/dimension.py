@@ -16,7 +16,9 @@ from lagrange.errors import MANY_PARTS, SceneError, StatementError, formula, has
 from lagrange.statement.coordinate import t
 from lagrange.statement.parameters import label_of
 from lagrange.statement.scene.expressions import read_expression
-from lagrange.statement.units.scale import SAME_FACTOR
+
+SAME_FACTOR = 1e-9
+"""Largest difference of logarithms of equal factors: factors of units have some twelve digits."""
 
 PREFIXES = {"T": 12, "G": 9, "M": 6, "k": 3, "h": 2, "d": -1, "c": -2, "m": -3, "u": -6, "n": -9, "p": -12}
 """Powers of ten of the prefixes of units."""

@@ -4,12 +4,16 @@ Dimensions have been checked before. The scale of an expression is the logarithm
 without a stated unit have unknown scales, and so have energies, positions and constraints. A force on q has the
 scale of an energy over q, and a dissipation that of an energy over time. Terms of a sum have equal scales, and
 arguments of functions have the scale of a number.
+
+The scale of a unit is a linear form: logarithms of factors, some of them unknown. Equations between scales are linear,
+and each is solved for one unknown when it is stated.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from fractions import Fraction
 from itertools import product
 from typing import Any
@@ -22,8 +26,59 @@ from lagrange.statement.coordinate import name_of
 from lagrange.statement.given.motion import table_range
 from lagrange.statement.parameters import label_of
 from lagrange.statement.units.checked_part import SAME_DIMENSION, CheckedPart, in_short, inner_parts, number_of
-from lagrange.statement.units.dimension import BASE, Dimension, named, read_dimension, units_in
-from lagrange.statement.units.scale import SAME_FACTOR, Scale, ScaleEquations
+from lagrange.statement.units.dimension import BASE, SAME_FACTOR, Dimension, named, read_dimension, units_in
+
+
+@dataclass(frozen=True)
+class Scale:
+    """The logarithm of a factor: a constant plus multiples of unknowns, without zero multiples."""
+
+    constant: float = 0.0
+    unknowns: Mapping[Any, Fraction] = field(default_factory=dict)
+
+    @classmethod
+    def of_unknown(cls, unknown: Any) -> Scale:
+        """Return the scale that equals an unknown."""
+        return cls(0.0, {unknown: Fraction(1)})
+
+    def plus(self, other: Scale, times: Fraction = Fraction(1)) -> Scale:
+        """Return the sum of this scale and a multiple of another one."""
+        unknowns = dict(self.unknowns)
+        for unknown, coefficient in other.unknowns.items():
+            unknowns[unknown] = unknowns.get(unknown, Fraction(0)) + times * coefficient
+        left = {unknown: coefficient for unknown, coefficient in unknowns.items() if coefficient}
+        return Scale(self.constant + float(times) * other.constant, left)
+
+    def minus(self, other: Scale) -> Scale:
+        """Return the difference of two scales."""
+        return self.plus(other, Fraction(-1))
+
+
+class ScaleEquations:
+    """Equations between scales; `solved` has the unknowns that they determine."""
+
+    def __init__(self) -> None:
+        self.solved: dict[Any, Scale] = {}
+
+    def reduced(self, scale: Scale) -> Scale:
+        """Return a scale with its determined unknowns replaced."""
+        while True:
+            known = next((unknown for unknown in scale.unknowns if unknown in self.solved), None)
+            if known is None:
+                return scale
+            coefficient = scale.unknowns[known]
+            scale = scale.plus(self.solved[known].minus(Scale.of_unknown(known)), coefficient)
+
+    def equate(self, one: Scale, other: Scale) -> float | None:
+        """State that two scales are equal. Return None, or the logarithm of their ratio if they contradict."""
+        difference = self.reduced(one.minus(other))
+        if not difference.unknowns:
+            return None if abs(difference.constant) <= SAME_FACTOR else difference.constant
+        unknown, coefficient = next(iter(difference.unknowns.items()))
+        rest = difference.plus(Scale.of_unknown(unknown), -coefficient)
+        self.solved[unknown] = Scale().plus(rest, -1 / coefficient)
+        return None
+
 
 COHERENT = {"mass": "kg", "length": "m", "time": "s"}
 """Base units of N, J, W and other units of the SI."""
