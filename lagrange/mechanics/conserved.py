@@ -28,6 +28,7 @@ from lagrange.mechanics.symmetries import (
     place,
     rotations,
     shifts,
+    top_rotations,
     untaken,
 )
 from lagrange.statement.choice import ByName
@@ -159,7 +160,8 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
     structure, stated = model.equations.structure, equation.stated
     n = len(stated.q)
     known: list[list[Any]] = [[int(j == i) for j in range(n)] for i in structure.cyclic]
-    candidates = [*shifts(stated), *rotations(stated), *(body_motions(stated, body) if body is not None else ())]
+    motions = top_rotations(stated) if body is None else body_motions(stated, body)
+    candidates = [*shifts(stated), *rotations(stated), *motions]
     for candidate in candidates:
         shift = [int(xi) if xi in (0, 1) else None for xi in candidate.xi]
         if candidate.tau != 0:
