@@ -78,7 +78,7 @@ def _minor(
 
 def vanishes(matrix: Sequence[Sequence[Any]]) -> bool:
     """Return True if the determinant is zero at a generic point, in 50 digits."""
-    point = _point(set().union(*(entry.free_symbols for row in matrix for entry in row)))
+    point = distinct_values(sorted(sympy.Tuple(*(entry for row in matrix for entry in row)).free_symbols, key=str))
     with mpmath.workdps(50):
         numbers = mpmath.matrix([[_number(entry.xreplace(point)) for entry in row] for row in matrix])
         bound = mpmath.fprod(mpmath.norm(numbers[i, :]) for i in range(numbers.rows))
@@ -89,11 +89,12 @@ def value_somewhere(expression: Any) -> float:
     """Return the value of an expression where its symbols have distinct arbitrary values."""
     leaves = sorted(expression.atoms(AppliedUndef, Derivative), key=str)
     plain = expression.xreplace({leaf: sympy.Dummy(str(leaf)) for leaf in leaves})
-    return float(sympy.N(plain.xreplace(_point(plain.free_symbols)), 30))
+    return float(sympy.N(plain.xreplace(distinct_values(sorted(plain.free_symbols, key=str))), 30))
 
 
-def _point(symbols: Iterable[Any]) -> dict[Any, Any]:
-    ordered = sorted(symbols, key=str)
+def distinct_values(symbols: Iterable[Any]) -> dict[Any, Any]:
+    """Return different positive rational numbers of order one for symbols, in their order, without simple relations."""
+    ordered = dict.fromkeys(symbols)
     return {symbol: Rational(2 * i + 3, 2 * i + 7) + Rational(1, i + 11) for i, symbol in enumerate(ordered)}
 
 

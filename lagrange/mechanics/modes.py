@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import sympy
 
+from lagrange.equations.solve_plan import distinct_values
 from lagrange.errors import FAULT, RunError, StatementError, listing
 from lagrange.mechanics.expansion import StatedPoint
 from lagrange.mechanics.linearization import Linearization
@@ -115,7 +116,7 @@ def modes(lin: Linearization, point: StatedPoint) -> Modes:
         roots, shapes = symbolic
         _check(roots, lin, values)
         order = sorted(
-            range(len(roots)), key=lambda i: _sort_key(roots[i].frequency, values or _ones_of(lin.M, lin.C, lin.K))
+            range(len(roots)), key=lambda i: _sort_key(roots[i].frequency, values or _values_of(lin.M, lin.C, lin.K))
         )
         roots, shapes = [roots[i] for i in order], [shapes[i] for i in order]
     elif values is not None:
@@ -138,7 +139,7 @@ def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any]
 
     Without `values` the symbols get arbitrary distinct numbers.
     """
-    values = _ones_of(lin.M, lin.C, lin.K) if values is None else values
+    values = _values_of(lin.M, lin.C, lin.K) if values is None else values
     known = eigenvalues(lin, values)
     for root in roots:
         value = complex(number(sympy.I * root.frequency - root.decay, values))
@@ -150,10 +151,9 @@ def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any]
             )
 
 
-def _ones_of(*matrices: Any) -> Mapping[Any, Any]:
-    """Return distinct numbers near 1 for all symbols, so that frequencies can be ordered without parameter values."""
-    symbols = [s for matrix in matrices for x in matrix for s in sorted(x.free_symbols, key=str)]
-    return {s: sympy.Rational(10 + 3 * k, 10) for k, s in enumerate(dict.fromkeys(symbols))}
+def _values_of(*matrices: Any) -> Mapping[Any, Any]:
+    """Return distinct numbers for all symbols, so that frequencies can be ordered without parameter values."""
+    return distinct_values(s for matrix in matrices for x in matrix for s in sorted(x.free_symbols, key=str))
 
 
 def _sort_key(frequency: Any, values: Mapping[Any, Any]) -> tuple[float, float]:
@@ -282,7 +282,7 @@ def _neat(expression: Any) -> Any:
 def _shape(matrix: Any, skipped: int) -> Any:
     """Return a null vector of a matrix whose first non-zero entry is 1, or None; skip the first `skipped` ones."""
     adjugate = matrix.adjugate()
-    values = _ones_of(matrix)
+    values = _values_of(matrix)
     sizes = [abs(number(x, values)) for x in adjugate]
     adjugate = adjugate.applyfunc(lambda x: x if abs(number(x, values)) > ZERO * max(sizes) else sympy.S.Zero)
     for k in range(adjugate.cols):

@@ -131,12 +131,12 @@ def function_of_time(name: str, marks: Mapping[str, Any] | None = None) -> Any:
     `marks` are attributes of the function. SymPy treats functions with different marks as different.
 
     SymPy caches functions: for name(t) it returns an equal function from its cache, which may lack the attributes,
-    such as one of `dynamicsymbols`. So this function is built without the cache.
+    such as one of `dynamicsymbols`. So this function, and each that SymPy rebuilds from it, is made without the cache.
     """
     shorthand: dict[str, Any] = {"dot": property(velocity_of), "ddot": property(acceleration_of)}
     shorthand |= {numpy: _refusing(numpy, ours) for numpy, ours in _NUMPY.items()}
-    function = UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand, **(marks or {}))
-    return inspect.unwrap(Application.__new__)(function, t)
+    shorthand["__new__"] = inspect.unwrap(Application.__new__)
+    return UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand, **(marks or {}))(t)
 
 
 _NUMPY = {name: name for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh", "sign", "sinc")}

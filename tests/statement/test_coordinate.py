@@ -17,6 +17,7 @@ from lagrange.statement.coordinate import (
     check_name,
     coordinate,
     coordinates,
+    is_ours,
     name_of,
     parameters,
     t,
@@ -109,3 +110,12 @@ def test_coordinates_copy() -> None:
     x = coordinate("x")
     assert copy.deepcopy(x) == x
     assert pickle.loads(pickle.dumps(parameters("m"))) == parameters("m")
+
+
+def test_functions_of_ours_and_of_sympy_are_told_apart_whatever_is_in_the_cache() -> None:
+    ours = coordinate("cached_before")
+    assert is_ours(ours.func(t))
+    assert not is_ours(dynamicsymbols("cached_before"))
+    theirs = dynamicsymbols("cached_after")
+    rebuilt = coordinate("cached_after").func(t)
+    assert is_ours(rebuilt) and not is_ours(theirs) and rebuilt == theirs

@@ -13,6 +13,7 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.equations.derivation import Derivation
+from lagrange.equations.solve_plan import distinct_values
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve
 from lagrange.evidence.precise import OutsideDomain
@@ -118,12 +119,13 @@ def _has_direction(parameter: Any, statement: Statement) -> bool:
 
 
 def _has_one_sign(expression: Any) -> bool:
-    """Return True if an expression has the same sign at all random values of its symbols and functions."""
+    """Return True if an expression has the same sign at values of both signs of its symbols and functions."""
     dice = random.Random(1)
     leaves = sorted(expression.atoms(sympy.Symbol, AppliedUndef, sympy.Derivative), key=str)
+    points = (distinct_values(dice.sample(leaves, len(leaves))) for _ in range(SIGNS_TRIED))
     values = (
-        sympy.N(expression.xreplace({x: sympy.Float(dice.choice((-1, 1)) * dice.uniform(0.3, 3)) for x in leaves}))
-        for _ in range(SIGNS_TRIED)
+        sympy.N(expression.xreplace({leaf: dice.choice((-1, 1)) * value for leaf, value in point.items()}))
+        for point in points
     )
     signs = {value > 0 for value in values if value.is_real}
     return len(signs) < 2
