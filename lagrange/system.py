@@ -17,12 +17,12 @@ from lagrange.show.notation.sections import ShownQuantity
 from lagrange.show.notebook.shown_derivation import ShownDerivation, written_derivation
 from lagrange.show.notebook.shown_lists import EquationList, ExpressionDict
 from lagrange.show.notebook.system_page import system_page
-from lagrange.show.terminal import DETAILS
-from lagrange.statement.choice import ByName, one_of
+from lagrange.statement.choice import ByName
 from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.declare import declare
 from lagrange.statement.given.function import require_values
 from lagrange.statement.number import flag
+from lagrange.statement.progress import deriving
 from lagrange.statement.scene.library import load as library_scene
 from lagrange.statement.scene.scene_reader import read_scene, stored_statement
 from lagrange.statement.scene.writer import scene_text
@@ -162,7 +162,6 @@ class System:
         print() shows it as text, a notebook as formulas; `.text()`, `.unicode()`, `.latex()`, `.markdown()` and
         `.html()` return it in that format. `detail` is "full", or "short" without steps; another is a StatementError.
         """
-        one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")
         remarks = (*self.laws.structure.remarks(), *self.statement.remarks())
         return replace(self._derivation, remarks=remarks, detail=detail)
 
@@ -176,16 +175,17 @@ class System:
         The right-hand sides are the constraint forces, with their multipliers `lagrange.multiplier(name)`. The
         constraints themselves are `derivation().constraints`. Goldstein, Poole, Safko, 3rd ed., sections 1.4, 2.4.
         """
-        return EquationList(self._derivation.equations, self.statement)
+        with deriving(self.statement.name):
+            return EquationList(self._derivation.equations, self.statement)
 
     def accelerations(self) -> dict[Any, Any]:
         """Return the accelerations, {coordinate: SymPy expression}, with the multipliers eliminated.
 
-        Raises StatementError for a singular mass matrix, and where the formulas would be too long to print. The
-        compiled model has no limit of length.
+        Raises StatementError for a singular mass matrix and formulas too long to print; compiled models have no limit.
         """
         second = {q: acceleration_of(q) for q in self.statement.coordinates}
-        return ExpressionDict(self._derivation.accelerations, self.statement, second)
+        with deriving(self.statement.name):
+            return ExpressionDict(self._derivation.accelerations, self.statement, second)
 
     @property
     def constraint_forces(self) -> dict[str, dict[Any, Any]]:

@@ -30,7 +30,7 @@ from lagrange.show.notation.symbols import plain_text
 from lagrange.show.states_between_outputs import known_alone
 from lagrange.statement.choice import one_of
 from lagrange.statement.number import flag, whole_number
-from lagrange.trajectory.progress import progress_bar
+from lagrange.statement.progress import progress_bar
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
 

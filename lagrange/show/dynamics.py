@@ -30,16 +30,15 @@ from lagrange.show.figures.section_figure import plot_branches, plot_section, pl
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.picture import picture
-from lagrange.show.notation.formula import SideWriter
-from lagrange.show.notation.text import Notation
 from lagrange.show.notebook.html_card import image, pairs, sentences
+from lagrange.show.notebook.shown_lists import ExpressionTuple
 from lagrange.show.terminal import text_table
 from lagrange.statement.number import flag, real_number, whole_number
+from lagrange.statement.progress import counter, wanted_progress
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.tolerances import check_options
 from lagrange.trajectory.options import RunOptions
-from lagrange.trajectory.progress import counter, wanted_progress
 from lagrange.trajectory.run import compiled
 from lagrange.trajectory.trajectory import Status
 
@@ -172,9 +171,15 @@ class EquilibriumBranches(Drawn, BranchesData):
 class ShownModes(Modes):
     """The modes of a system with their picture; see `System.modes`."""
 
+    def __post_init__(self) -> None:
+        if self.symbolic:
+            readable = ExpressionTuple(self.frequencies, self.linearization.statement)
+            object.__setattr__(self, "frequencies", readable)
+
     def __repr__(self) -> str:
-        written = SideWriter(self.linearization.statement, Notation).setter.write if self.symbolic else str
-        return self._summary(map(written, self.frequencies))
+        frequencies = self.frequencies
+        written = frequencies.written() if isinstance(frequencies, ExpressionTuple) else map(str, frequencies)
+        return self._summary(written)
 
     def shapes_in_numbers(self) -> ModeShapes:
         """Return the shapes as numbers, at the values of the parameters: all coordinates, and the stated positions.

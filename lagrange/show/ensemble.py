@@ -53,6 +53,7 @@ from lagrange.show.terminal import duration, text_table
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.event import declare_events
 from lagrange.statement.number import whole_number
+from lagrange.statement.progress import compiling, counter, wanted_progress
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrate import output_times, span_or_end
 from lagrange.trajectory.integrator import Problem
@@ -60,7 +61,6 @@ from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.plan import Planned
-from lagrange.trajectory.progress import compiling, counter, wanted_progress
 from lagrange.trajectory.run import compiled
 from lagrange.trajectory.trajectory import FloatArray, Status
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from lagrange.machine.model import Model, Stated, stated
 from lagrange.statement.given.function import require_values
 from lagrange.statement.number import flag, real_number
+from lagrange.statement.progress import compiling, progress_bar
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate as trajectory_of
@@ -20,7 +21,6 @@ from lagrange.trajectory.measures.stiffness import with_stiff_end
 from lagrange.trajectory.messages import interrupted
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.options import RunOptions
-from lagrange.trajectory.progress import compiling, progress_bar
 from lagrange.trajectory.solution import Solution
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 from itertools import pairwise
 from typing import Any
 
@@ -255,3 +256,5 @@ def test_modes_print_frequencies_with_one_root() -> None:
         sympy.Rational(3, 4) * mass * (R - r) ** 2 * angle.dot**2, -mass * gravity * (R - r) * sympy.cos(angle)
     )
     assert repr(bowl.modes()) == "<Modes: undecided; frequencies sqrt(2*gravity/(3*(R - r)))>"
+    assert repr(bowl.modes().frequencies) == "(sqrt(2*gravity/(3*(R - r))),)"
+    assert repr(pickle.loads(pickle.dumps(bowl.modes())).frequencies) == "(sqrt(2*gravity/(3*(R - r))),)"

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 import lagrange as lg
-from lagrange.trajectory import progress
+from lagrange.statement import progress
 
 
 class Terminal(io.StringIO):
@@ -22,7 +22,7 @@ class Terminal(io.StringIO):
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     """Seconds that pass when a test says so."""
     now = [100.0]
-    monkeypatch.setattr("lagrange.trajectory.progress.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr("lagrange.statement.progress.time.perf_counter", lambda: now[0])
     return now
 
 

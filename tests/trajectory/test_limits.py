@@ -19,7 +19,8 @@ from sympy import sin
 import lagrange as lg
 from lagrange.compiler import model_of
 from lagrange.machine.model import Model
-from lagrange.trajectory import memory_limit, progress
+from lagrange.statement import progress
+from lagrange.trajectory import memory_limit
 from lagrange.trajectory.methods.registry import find, names
 from lagrange.trajectory.plan import Planned
 from tests.systems import unit_pendulum
@@ -191,6 +192,23 @@ def test_a_terminal_is_told_what_takes_so_long(monkeypatch: pytest.MonkeyPatch) 
         while not terminal.text and time.monotonic() < until:
             time.sleep(0.01)
     assert terminal.text.startswith("\rcompiling pendulum: 0 s")
+    assert terminal.text.endswith(" \r"), "the line is taken away"
+
+
+def test_a_terminal_is_told_of_a_long_derivation(monkeypatch: pytest.MonkeyPatch) -> None:
+    terminal = Terminal()
+    monkeypatch.setattr(sys, "stderr", terminal)
+    monkeypatch.setattr(progress, "SILENT_SECONDS", 0.01)
+
+    def slow(*_: object) -> str:
+        until = time.monotonic() + 600.0
+        while not terminal.text and time.monotonic() < until:
+            time.sleep(0.01)
+        return "done"
+
+    monkeypatch.setattr("lagrange.show.notebook.shown_derivation.render", slow)
+    assert lg.scene("pendulum").derivation().text() == "done"
+    assert terminal.text.startswith("\rderiving pendulum: 0 s")
     assert terminal.text.endswith(" \r"), "the line is taken away"
 
 

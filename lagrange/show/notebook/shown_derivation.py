@@ -24,6 +24,7 @@ from lagrange.show.notebook.page_writer import (
 from lagrange.show.terminal import DETAILS, terminal_style
 from lagrange.statement.choice import one_of, text
 from lagrange.statement.coordinate import name_of
+from lagrange.statement.progress import deriving
 from lagrange.statement.statement import Statement
 
 INSTEAD = "`print(system.derivation())` has it as text."
@@ -40,6 +41,9 @@ class ShownDerivation(Derivation):
 
     remarks: tuple[str, ...] = ()
     detail: str = "full"
+
+    def __post_init__(self) -> None:
+        one_of(self.detail, DETAILS, "detail = {given}: choose one of {known}.")
 
     def text(self) -> str:
         """Return plain ASCII in the spelling of scene files."""
@@ -69,7 +73,8 @@ class ShownDerivation(Derivation):
         for another style.
         """
         chosen = terminal_style() if style is None else style
-        return render(self, chosen, self.remarks, self.detail, heading)
+        with deriving(self.statement.name):
+            return render(self, chosen, self.remarks, self.detail, heading)
 
     def __str__(self) -> str:
         return self.written()
@@ -81,12 +86,12 @@ class ShownDerivation(Derivation):
         return written_derivation, (self.statement, self.remarks, self.detail)
 
     def _repr_markdown_(self) -> str:
-        return derivation_page(self)
+        with deriving(self.statement.name):
+            return derivation_page(self)
 
 
 def written_derivation(statement: Statement, remarks: tuple[str, ...] = (), detail: str = "full") -> ShownDerivation:
     """Return the derivation of a statement that prints itself. Raises StatementError for an unknown detail."""
-    one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")
     return ShownDerivation(statement, TextbookAlgebra(statement), remarks, detail)
 
 

@@ -7,7 +7,9 @@ from typing import Any
 
 from sympy import Basic
 
+from lagrange.show.notation.formula import SideWriter
 from lagrange.show.notation.sections import Formula
+from lagrange.show.notation.text import Notation
 from lagrange.show.notebook.html_card import table
 from lagrange.show.notebook.page_writer import MOST_OPERATIONS, PageWriter, Part, joined, left_out
 from lagrange.statement.scene.library import library
@@ -42,6 +44,28 @@ class ExpressionDict(dict[Any, Any]):
     def _repr_markdown_(self) -> str:
         rows = [(f"that of {key}", self.shown.get(key, key), value) for key, value in self.items()]
         return joined(_formulas(rows, self.statement), "`print(...)` has it.")
+
+
+class ExpressionTuple(tuple[Any, ...]):
+    """SymPy expressions that print in the spelling of scene files."""
+
+    statement: Statement
+
+    def __new__(cls, expressions: Iterable[Any], statement: Statement) -> ExpressionTuple:
+        """Return the tuple, with the statement whose symbols the expressions contain."""
+        entries = super().__new__(cls, expressions)
+        entries.statement = statement
+        return entries
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return ExpressionTuple, (tuple(self), self.statement)
+
+    def written(self) -> list[str]:
+        """Return the text of each expression."""
+        return list(map(SideWriter(self.statement, Notation).setter.write, self))
+
+    def __repr__(self) -> str:
+        return f"({', '.join(self.written())}{',' * (len(self) == 1)})"
 
 
 class SceneList(list[str]):

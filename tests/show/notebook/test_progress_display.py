@@ -9,7 +9,7 @@ import pytest
 from sympy import cos
 
 import lagrange as lg
-from lagrange.trajectory import progress
+from lagrange.statement import progress
 
 pytest.importorskip("IPython", reason="IPython is not installed")
 

@@ -6,7 +6,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from html import escape
 from typing import Any
@@ -15,7 +15,7 @@ from lagrange.statement.choice import one_of
 from lagrange.statement.number import flag
 
 SILENT_SECONDS = 2.0
-"""Seconds before a line says that something is being compiled."""
+"""Seconds before a line says that something is being compiled or derived."""
 
 LINES = "lines"
 """Value of `progress` for lines instead of a bar where there is no terminal, as in a log file."""
@@ -37,16 +37,26 @@ def wanted_progress(given: Any) -> bool | str:
     return flag(given, "progress")
 
 
-@contextmanager
-def compiling(name: str, *, wanted: bool) -> Iterator[None]:
+def compiling(name: str, *, wanted: bool) -> AbstractContextManager[None]:
     """Show on a terminal or in a notebook that `name` is being compiled, once that takes more than `SILENT_SECONDS`."""
+    return _announced(f"compiling {name}", f"compiled {name}", wanted=wanted)
+
+
+def deriving(name: str) -> AbstractContextManager[None]:
+    """Show on a terminal or in a notebook that formulas of `name` are being derived, as `compiling` does."""
+    return _announced(f"deriving {name}", f"derived {name}", wanted=True)
+
+
+@contextmanager
+def _announced(*words: str, wanted: bool) -> Iterator[None]:
+    """Show the first words after `SILENT_SECONDS` of work; in a notebook the second words replace them at the end."""
     notebook = wanted and in_notebook()
     if not notebook and not (wanted and _on_a_terminal()):
         yield
         return
     done = threading.Event()
     tell = _tell_notebook if notebook else _tell
-    teller = threading.Thread(target=tell, args=(name, done, time.perf_counter()), daemon=True)
+    teller = threading.Thread(target=tell, args=(words, done, time.perf_counter()), daemon=True)
     teller.start()
     try:
         yield
@@ -55,12 +65,12 @@ def compiling(name: str, *, wanted: bool) -> Iterator[None]:
         teller.join()
 
 
-def _tell(name: str, done: threading.Event, began: float) -> None:
-    """Rewrite one line on the terminal each second until compilation is done, then erase it."""
+def _tell(words: tuple[str, ...], done: threading.Event, began: float) -> None:
+    """Rewrite one line on the terminal each second until the work is done, then erase it."""
     line = ""
     pause = SILENT_SECONDS
     while not done.wait(pause):
-        line = f"compiling {name}: {time.perf_counter() - began:.0f} s"
+        line = f"{words[0]}: {time.perf_counter() - began:.0f} s"
         sys.stderr.write(f"\r{line}")
         sys.stderr.flush()
         pause = 1.0
@@ -69,16 +79,16 @@ def _tell(name: str, done: threading.Event, began: float) -> None:
         sys.stderr.flush()
 
 
-def _tell_notebook(name: str, done: threading.Event, began: float) -> None:
-    """Rewrite one line of the notebook each second until compilation is done; it stays, with the time taken."""
+def _tell_notebook(words: tuple[str, ...], done: threading.Event, began: float) -> None:
+    """Rewrite one line of the notebook each second until the work is done; it stays, with the time taken."""
     line: LineDisplay | None = None
     pause = SILENT_SECONDS
     while not done.wait(pause):
         line = line or LineDisplay()
-        line.write(f"compiling {name}: {time.perf_counter() - began:.0f} s")
+        line.write(f"{words[0]}: {time.perf_counter() - began:.0f} s")
         pause = 1.0
     if line is not None:
-        line.write(f"compiled {name} in {time.perf_counter() - began:.1f} s")
+        line.write(f"{words[1]} in {time.perf_counter() - began:.1f} s")
 
 
 def _on_a_terminal() -> bool:
