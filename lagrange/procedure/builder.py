@@ -43,10 +43,12 @@ from lagrange.procedure.form import (
     ReserveRecord,
     SineCosine,
     Statement,
+    Vector,
+    VectorLet,
     When,
 )
 from lagrange.procedure.operations import result_kind
-from lagrange.procedure.values import VALUES, Fields, Flag, Memory, Real, Value, Variable, Whole
+from lagrange.procedure.values import VALUES, Entries, Fields, Flag, Memory, Real, Value, Variable, Whole
 from lagrange.procedure.verify import verify
 
 
@@ -153,6 +155,30 @@ class Builder:
         sine, cosine = self.unused(), self.unused()
         self.add(SineCosine(sine, cosine, self.operand(angle, REAL)))
         return Real(self, sine), Real(self, cosine)
+
+    def vector(self, vector: Vector, make: Callable[[int], Statement]) -> Entries:
+        """Return the vector of a new statement."""
+        ref = self.unused()
+        self.add(make(ref))
+        return Entries(self, ref, vector)
+
+    def broadcast(self, value: Any, width: int, kind: Kind = REAL) -> Entries:
+        """Return a vector that has a value in every entry; a Python number is of the stated kind."""
+        first = value if isinstance(value, Value) else self.constant(value, kind)
+        vector = Vector(first.kind, width)
+        return self.vector(vector, lambda ref: VectorLet(ref, vector, "broadcast", (first.ref,)))
+
+    def entrywise(self, op: str, *args: Any) -> Entries:
+        """Return an operation on vectors; numbers and flags among the operands are broadcast."""
+        vectors = [arg.vector for arg in args if isinstance(arg, Entries)]
+        kind = next((one.kind for one in vectors if one.kind is not FLAG), REAL)
+        width = vectors[0].width
+        wide = [arg if isinstance(arg, Entries) else self.broadcast(arg, width, kind) for arg in args]
+        result = result_kind(op, tuple(arg.vector.kind for arg in wide))
+        if result is None:
+            raise LagrangeError(f"procedure {self.name}: {op} takes no {', '.join(arg.vector.kind for arg in wide)}.")
+        vector, refs = Vector(result, width), tuple(arg.ref for arg in wide)
+        return self.vector(vector, lambda ref: VectorLet(ref, vector, op, refs))
 
     def constant(self, value: Any, kind: Kind) -> Any:
         """Return a Python number as a value."""

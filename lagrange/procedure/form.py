@@ -7,6 +7,8 @@ status. So the form can be printed as LLVM, C or Python, and `interpreter` runs 
     reals      doubles; a printer may give them lanes, and then flags are masks
     wholes     64-bit signed integers: counts and indices
     flags      true or false
+
+A vector is a value of 2, 4 or 8 of one kind, its entries. Printers without vectors print `unpacked` procedures.
 """
 
 from __future__ import annotations
@@ -92,7 +94,14 @@ class Callee:
     results: tuple[Kind, ...]
 
 
-Type = Kind | Array | Record | Callee
+class Vector(NamedTuple):
+    """The type of a short vector: the kind and the number of its entries, one of `WIDTHS` above 1."""
+
+    kind: Kind
+    width: int
+
+
+Type = Kind | Vector | Array | Record | Callee
 
 
 class Parameter(NamedTuple):
@@ -119,6 +128,62 @@ class SineCosine(NamedTuple):
     sine: int
     cosine: int
     angle: int
+
+
+class VectorLet(NamedTuple):
+    """A vector: an operation on vectors of one width entry by entry, or one of two others.
+
+    `broadcast` has one number or flag in every entry, `permute` the entries of a vector at `places`.
+    """
+
+    ref: int
+    vector: Vector
+    op: str
+    args: tuple[int, ...]
+    places: tuple[int, ...] = ()
+
+
+class Reduce(NamedTuple):
+    """One value of a vector: the `sum` of its numbers, or whether `any` of its flags holds.
+
+    A sum adds entries k and k + width/2 for all k of the first half, and goes on with these sums until one is left.
+    """
+
+    ref: int
+    kind: Kind
+    op: str
+    vector: int
+
+
+class VectorLoad(NamedTuple):
+    """Entries of an array side by side, the first at `place`. With a mask, entries where it is false are zero.
+
+    Memory where the mask is false is not read.
+    """
+
+    ref: int
+    vector: Vector
+    array: int
+    place: int
+    mask: int | None = None
+
+
+class Gather(NamedTuple):
+    """Entries of an array at the places that a vector of wholes has."""
+
+    ref: int
+    vector: Vector
+    array: int
+    places: int
+
+
+class VectorStore(NamedTuple):
+    """Write a vector to an array, the first entry at `place`; with a mask only entries where it is true."""
+
+    array: int
+    place: int
+    value: int
+    mask: int | None = None
 
 
 class Reserve(NamedTuple):
@@ -292,6 +357,11 @@ class Note(NamedTuple):
 Statement = (
     Let
     | SineCosine
+    | VectorLet
+    | Reduce
+    | VectorLoad
+    | Gather
+    | VectorStore
     | Reserve
     | ReserveRecord
     | Part
@@ -337,6 +407,9 @@ class Procedure:
                 found |= dict.fromkeys((*call.callee.callees, call.callee))
         return tuple(found)
 
+
+VECTOR_STATEMENTS = (VectorLet, Reduce, VectorLoad, Gather, VectorStore)
+"""Statements on vectors, which `unpacked` replaces."""
 
 _BLOCKS: Mapping[type, tuple[str, ...]] = {
     When: ("then", "otherwise"),

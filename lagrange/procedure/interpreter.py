@@ -25,6 +25,7 @@ from lagrange.procedure.form import (
     Declare,
     Each,
     Fold,
+    Gather,
     Get,
     Leave,
     Let,
@@ -34,12 +35,16 @@ from lagrange.procedure.form import (
     Part,
     Procedure,
     Read,
+    Reduce,
     Repeat,
     Reserve,
     ReserveRecord,
     Set,
     SineCosine,
     Store,
+    VectorLet,
+    VectorLoad,
+    VectorStore,
     When,
     Write,
 )
@@ -93,6 +98,44 @@ def _let(let: Let, known: Environment) -> None:
 def _sine_cosine(pair: SineCosine, known: Environment) -> None:
     angle = known[pair.angle]
     known[pair.sine], known[pair.cosine] = OPERATIONS["sin"](angle), OPERATIONS["cos"](angle)
+
+
+def _vector_let(let: VectorLet, known: Environment) -> None:
+    first, *_ = args = [known[arg] for arg in let.args]
+    if let.op == "broadcast":
+        known[let.ref] = (first,) * let.vector.width
+    elif let.op == "permute":
+        known[let.ref] = tuple(first[place] for place in let.places)
+    else:
+        known[let.ref] = tuple(OPERATIONS[let.op](*entries) for entries in zip(*args, strict=True))
+
+
+def _reduce(reduce: Reduce, known: Environment) -> None:
+    entries = known[reduce.vector]
+    if reduce.op == "any":
+        known[reduce.ref] = any(entries)
+        return
+    while len(entries) > 1:
+        half = len(entries) // 2
+        entries = tuple(a + b for a, b in zip(entries[:half], entries[half:], strict=True))
+    known[reduce.ref] = entries[0]
+
+
+def _vector_load(load: VectorLoad | Gather, known: Environment) -> None:
+    array, number = known[load.array], float if load.vector.kind is REAL else int
+    mask: Sequence[bool] = (True,) * load.vector.width
+    if isinstance(load, Gather):
+        places = known[load.places]
+    else:
+        places = range(known[load.place], known[load.place] + load.vector.width)
+        mask = mask if load.mask is None else known[load.mask]
+    known[load.ref] = tuple(number(array[place] if read else 0) for place, read in zip(places, mask, strict=True))
+
+
+def _vector_store(store: VectorStore, known: Environment) -> None:
+    for k, value in enumerate(known[store.value]):
+        if store.mask is None or known[store.mask][k]:
+            known[store.array][known[store.place] + k] = value
 
 
 def _reserve(reserve: Reserve, known: Environment) -> None:
@@ -202,6 +245,11 @@ def _leave(leave: Leave, known: Environment) -> Results:
 _STATEMENTS: Mapping[type, Callable[[Any, Environment], Results | None]] = {
     Let: _let,
     SineCosine: _sine_cosine,
+    VectorLet: _vector_let,
+    Reduce: _reduce,
+    VectorLoad: _vector_load,
+    Gather: _vector_load,
+    VectorStore: _vector_store,
     Reserve: _reserve,
     ReserveRecord: _reserve_record,
     Part: _part,

@@ -47,6 +47,9 @@ zero and what is below the normals -1023. `two_to` k is 2**k, a normal.
 """
 
 
+ENTRYWISE = frozenset(OPERATIONS) - frozenset(ELEMENTARY) - {"atan2", "power"}
+"""Operations that vectors have: all that processors compute without a library."""
+
 _RESULTS = {(op, taken): result for op, signatures in OPERATIONS.items() for taken, result in signatures}
 
 

@@ -47,6 +47,7 @@ from lagrange.procedure.form import (
 )
 from lagrange.procedure.spelling import ATOM
 from lagrange.procedure.syntax import Syntax
+from lagrange.procedure.unpack import unpacked
 from lagrange.procedure.visit import Visitor, loop_depth, reads, uses_of, visits
 
 INDICES = ("i", "j", "k", "l", "i5", "i6", "i7", "i8")
@@ -63,7 +64,7 @@ class SourcePrinter(Visitor, Syntax):
     """
 
     def __init__(self, procedure: Procedure, taken: Iterable[str] = ()) -> None:
-        self.procedure = procedure
+        self.procedure = procedure = unpacked(procedure)
         self.lines: list[str] = []
         self.texts: dict[int, tuple[int, str]] = {}
         """The text of each value, and how tightly it binds."""

@@ -6,7 +6,27 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from lagrange.errors import LagrangeError
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Get, Kind, Load, Part, Read, Record, Set, Store, Write
+from lagrange.procedure.form import (
+    FLAG,
+    REAL,
+    WHOLE,
+    Array,
+    Gather,
+    Get,
+    Kind,
+    Load,
+    Part,
+    Read,
+    Record,
+    Reduce,
+    Set,
+    Store,
+    Vector,
+    VectorLet,
+    VectorLoad,
+    VectorStore,
+    Write,
+)
 
 if TYPE_CHECKING:
     from lagrange.procedure.builder import Builder
@@ -126,6 +146,58 @@ class Flag(Value):
 VALUES: dict[Kind, Callable[[Builder, int], Any]] = {REAL: Real, WHOLE: Whole, FLAG: Flag}
 
 
+class Entries:
+    """A short vector: operators go entry by entry, and a number or flag with a vector stands in every entry."""
+
+    def __init__(self, builder: Builder, ref: int, vector: Vector) -> None:
+        self.builder, self.ref, self.vector = builder, ref, vector
+
+    def __add__(self, other: Any) -> Entries:
+        return self.builder.entrywise("add", self, other)
+
+    def __sub__(self, other: Any) -> Entries:
+        return self.builder.entrywise("sub", self, other)
+
+    def __mul__(self, other: Any) -> Entries:
+        return self.builder.entrywise("mul", self, other)
+
+    def __truediv__(self, other: Any) -> Entries:
+        return self.builder.entrywise("div", self, other)
+
+    def __neg__(self) -> Entries:
+        return self.builder.entrywise("neg", self)
+
+    def __lt__(self, other: Any) -> Entries:
+        return self.builder.entrywise("less", self, other)
+
+    def __le__(self, other: Any) -> Entries:
+        return self.builder.entrywise("less_equal", self, other)
+
+    def __and__(self, other: Any) -> Entries:
+        return self.builder.entrywise("and", self, other)
+
+    def __or__(self, other: Any) -> Entries:
+        return self.builder.entrywise("or", self, other)
+
+    def __invert__(self) -> Entries:
+        return self.builder.entrywise("not", self)
+
+    def permuted(self, *places: int) -> Entries:
+        """Return the vector of the entries at some places."""
+        vector = Vector(self.vector.kind, len(places))
+        return self.builder.vector(vector, lambda ref: VectorLet(ref, vector, "permute", (self.ref,), places))
+
+    @property
+    def sum(self) -> Any:
+        """The sum of the entries; see `Reduce`."""
+        return self.builder.made(self.vector.kind, lambda ref: Reduce(ref, self.vector.kind, "sum", self.ref))
+
+    @property
+    def any(self) -> Flag:
+        """Whether an entry is true."""
+        return Flag.of(self.builder.made(FLAG, lambda ref: Reduce(ref, FLAG, "any", self.ref)))
+
+
 class Variable:
     """A number that changes: read and set as `value`."""
 
@@ -156,6 +228,22 @@ class Memory:
         place = self.builder.operand(index, WHOLE)
         self.builder.add(Store(self.ref, place, self.builder.operand(value, self.array.kind)))
 
+    def entries(self, place: Any, width: int, mask: Entries | None = None) -> Entries:
+        """Return entries side by side as a vector, zero where a mask is false."""
+        vector, start = Vector(self.array.kind, width), self.builder.operand(place, WHOLE)
+        held = None if mask is None else mask.ref
+        return self.builder.vector(vector, lambda ref: VectorLoad(ref, vector, self.ref, start, held))
+
+    def gathered(self, places: Entries) -> Entries:
+        """Return the entries at some places."""
+        vector = Vector(self.array.kind, places.vector.width)
+        return self.builder.vector(vector, lambda ref: Gather(ref, vector, self.ref, places.ref))
+
+    def put(self, place: Any, value: Entries, mask: Entries | None = None) -> None:
+        """Write a vector side by side, where a mask is true."""
+        start = self.builder.operand(place, WHOLE)
+        self.builder.add(VectorStore(self.ref, start, value.ref, None if mask is None else mask.ref))
+
     def at(self, start: Any) -> Memory:
         """Return the part of the array from an index on."""
         return self.builder.part(self, start)
@@ -184,4 +272,4 @@ class Fields:
         return record.kind(name)
 
 
-__all__ = ["Fields", "Flag", "Memory", "Part", "Real", "Value", "Variable", "Whole"]
+__all__ = ["Entries", "Fields", "Flag", "Memory", "Part", "Real", "Value", "Variable", "Whole"]

@@ -21,6 +21,7 @@ from lagrange.procedure.form import (
     Declare,
     Each,
     Fold,
+    Gather,
     Get,
     Kind,
     Leave,
@@ -32,6 +33,7 @@ from lagrange.procedure.form import (
     Procedure,
     Read,
     Record,
+    Reduce,
     Repeat,
     Reserve,
     ReserveRecord,
@@ -39,10 +41,14 @@ from lagrange.procedure.form import (
     SineCosine,
     Store,
     Type,
+    Vector,
+    VectorLet,
+    VectorLoad,
+    VectorStore,
     When,
     Write,
 )
-from lagrange.procedure.operations import result_kind
+from lagrange.procedure.operations import ENTRYWISE, result_kind
 from lagrange.procedure.visit import Visitor, visits
 
 IN_ITERATIONS = (Let, Load, Store, Part, Declare, Get, Set, Loop, Note)
@@ -177,6 +183,53 @@ class _Check(Visitor):
         self.define(let.ref, let.kind)
         if let.op == CONSTANT:
             self.constants.add(let.ref)
+
+    @visits(VectorLet)
+    def vector_let(self, let: VectorLet) -> None:
+        kind, width = let.vector
+        found: Kind | None = None
+        types = [self.type(arg) for arg in let.args]
+        if width not in WIDTHS[1:]:
+            raise self.error(f"%{let.ref} is a vector of {width} entries, which are one of {WIDTHS[1:]}")
+        match let.op, types:
+            case "broadcast", [Kind() as single]:
+                found = single
+            case "permute", [Vector() as given] if len(let.places) == width:
+                found = given.kind if all(0 <= place < given.width for place in let.places) else None
+            case op, _ if op in ENTRYWISE:
+                kinds = tuple(one.kind for one in types if isinstance(one, Vector) and one.width == width)
+                found = result_kind(op, kinds) if len(kinds) == len(types) else None
+            case _:
+                pass
+        if found is not kind:
+            raise self.error(f"%{let.ref} = {let.op} gives no vector of {width} {kind}s")
+        self.define(let.ref, let.vector)
+
+    @visits(Reduce)
+    def reduce(self, reduce: Reduce) -> None:
+        found = self.type(reduce.vector)
+        kinds = (FLAG,) if reduce.op == "any" else (REAL, WHOLE) if reduce.op == "sum" else ()
+        if not isinstance(found, Vector) or found.kind not in kinds or found.kind is not reduce.kind:
+            raise self.error(f"%{reduce.ref} = {reduce.op} gives no {reduce.kind}")
+        self.define(reduce.ref, reduce.kind)
+
+    @visits(VectorLoad, Gather, VectorStore)
+    def vector_memory(self, one: VectorLoad | Gather | VectorStore) -> None:
+        held = self.array(one.array)
+        vector = self.type(one.value) if isinstance(one, VectorStore) else one.vector
+        if not isinstance(vector, Vector) or vector.kind is not held.kind or held.kind is FLAG:
+            raise self.error(f"%{one.array} holds no entries of {vector}")
+        if isinstance(one, VectorStore) and held.read:
+            raise self.error(f"%{one.array} is only read")
+        if isinstance(one, Gather):
+            if self.type(one.places) != Vector(WHOLE, vector.width):
+                raise self.error(f"%{one.places} is no vector of {vector.width} places")
+        else:
+            self.kind(one.place, WHOLE)
+            if one.mask is not None and self.type(one.mask) != Vector(FLAG, vector.width):
+                raise self.error(f"%{one.mask} is no mask of {vector.width} flags")
+        if not isinstance(one, VectorStore):
+            self.define(one.ref, vector)
 
     @visits(Load, Store, Read, Write)
     def memory(self, statement: Load | Store | Read | Write) -> None:

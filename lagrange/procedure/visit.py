@@ -9,12 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple, TypeVar, get_args
 
+from lagrange.errors import LagrangeError
 from lagrange.procedure.form import (
+    VECTOR_STATEMENTS,
     Block,
     Call,
     Declare,
     Each,
     Fold,
+    Gather,
     Get,
     Leave,
     Let,
@@ -24,6 +27,7 @@ from lagrange.procedure.form import (
     Part,
     Procedure,
     Read,
+    Reduce,
     Repeat,
     Reserve,
     ReserveRecord,
@@ -31,6 +35,9 @@ from lagrange.procedure.form import (
     SineCosine,
     Statement,
     Store,
+    VectorLet,
+    VectorLoad,
+    VectorStore,
     When,
     Write,
     inner,
@@ -48,6 +55,11 @@ class Fields(NamedTuple):
 FIELDS: Mapping[type, Fields] = {
     Let: Fields(("args",), ("ref",)),
     SineCosine: Fields(("angle", "angle"), ("sine", "cosine")),
+    VectorLet: Fields(("args",), ("ref",)),
+    Reduce: Fields(("vector",), ("ref",)),
+    VectorLoad: Fields(("array", "place", "mask"), ("ref",)),
+    Gather: Fields(("array", "places"), ("ref",)),
+    VectorStore: Fields(("array", "place", "value", "mask")),
     Reserve: Fields((), ("ref",)),
     ReserveRecord: Fields((), ("ref",)),
     Part: Fields(("array", "start"), ("ref",)),
@@ -98,7 +110,7 @@ def _numbers(value: Any) -> Iterator[int]:
         case tuple():
             for part in value:
                 yield from _numbers(part)
-        case Procedure():
+        case Procedure() | None:
             return
 
 
@@ -141,7 +153,10 @@ def visits(*kinds: type) -> Callable[[Method], Method]:
 
 
 class Visitor:
-    """Goes to the method of a statement; a subclass has one for each kind, marked by `visits`."""
+    """Goes to the method of a statement; a subclass has one for each kind, marked by `visits`.
+
+    Those for vectors may be missing: such a visitor reads `unpacked` procedures.
+    """
 
     _methods: ClassVar[Mapping[type, str]] = {}
 
@@ -153,11 +168,13 @@ class Visitor:
             for name, method in vars(base).items()
             for kind in getattr(method, "visits", ())
         }
-        missing = [kind.__name__ for kind in get_args(Statement) if kind not in found]
+        missing = [kind.__name__ for kind in get_args(Statement) if kind not in (*found, *VECTOR_STATEMENTS)]
         if missing:
             raise TypeError(f"{cls.__name__} has no method for {', '.join(missing)}")
         cls._methods = found
 
     def statement(self, statement: Statement) -> Any:
-        """Call the method of a statement, and return its result."""
+        """Call the method of a statement, and return its result. Raises LagrangeError where vectors have no method."""
+        if type(statement) not in self._methods:
+            raise LagrangeError(f"{type(self).__name__} reads no vectors: hand it an unpacked procedure.")
         return getattr(self, self._methods[type(statement)])(statement)

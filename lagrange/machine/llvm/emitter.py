@@ -197,8 +197,9 @@ class Emitter:
 
 
 def suffix(kind: str) -> str:
-    """Return the suffix that LLVM's intrinsics carry for a type: f64 for double, v8f64 for <8 x double>."""
-    return "f64" if kind == "double" else f"v{_lanes(kind)}f64"
+    """Return the suffix that LLVM's intrinsics carry for a type: f64 for double, v8i64 for <8 x i64>."""
+    name = "i64" if "i64" in kind else "f64"
+    return f"v{_lanes(kind)}{name}" if kind.startswith("<") else name
 
 
 def _lanes(kind: str) -> str:

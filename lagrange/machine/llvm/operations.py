@@ -42,7 +42,11 @@ def declarations() -> str:
     for lanes in WIDTHS:
         kind = type_of(REAL, lanes)
         if lanes > 1:
-            lines.append(f"declare void @llvm.masked.store.v{lanes}f64.p0({kind}, ptr, i32, <{lanes} x i1>)")
+            mask = f"<{lanes} x i1>"
+            for vector in (kind, type_of(WHOLE, lanes)):
+                name = suffix(vector)
+                lines.append(f"declare void @llvm.masked.store.{name}.p0({vector}, ptr, i32, {mask})")
+                lines.append(f"declare {vector} @llvm.masked.load.{name}.p0(ptr, i32, {mask}, {vector})")
         for op, name in INTRINSICS.items():
             lines.append(declaration(f"llvm.{name}.{suffix(kind)}", op, lanes))
     for lanes in WIDTHS:

@@ -35,12 +35,14 @@ from lagrange.machine.llvm.sine_cosine import (
     call_sine_and_cosine,
     sine_and_cosine,
 )
+from lagrange.machine.llvm.vectors import Vectors, printed, store
 from lagrange.procedure.form import (
     CONSTANT,
     FLAG,
     PARTIAL,
     REAL,
     SUMS,
+    VECTOR_STATEMENTS,
     WHOLE,
     Array,
     Block,
@@ -48,6 +50,7 @@ from lagrange.procedure.form import (
     Callee,
     Declare,
     Each,
+    Gather,
     Get,
     Kind,
     Leave,
@@ -59,6 +62,7 @@ from lagrange.procedure.form import (
     Procedure,
     Read,
     Record,
+    Reduce,
     Repeat,
     Reserve,
     ReserveRecord,
@@ -67,6 +71,9 @@ from lagrange.procedure.form import (
     Statement,
     Store,
     Type,
+    VectorLet,
+    VectorLoad,
+    VectorStore,
     When,
     Write,
     assigned,
@@ -130,6 +137,12 @@ def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
 def number_of_angles(block: Block) -> int:
     """Return the number of sines and cosines in a block; a pair counts once."""
     return sum(isinstance(one, SineCosine) or (isinstance(one, Let) and one.op in ANGLES) for one in walk(block))
+
+
+def widest(block: Block) -> int:
+    """Return the largest number of entries of a vector, or of iterations at once, at least 1."""
+    vectors = (one.vector.width for one in walk(block) if isinstance(one, (VectorLet, VectorLoad, Gather)))
+    return max([1, *(each.width for each in eaches(block)), *vectors])
 
 
 def hidden_by(elsewhere: Sequence[Procedure]) -> dict[Procedure, None]:
@@ -215,7 +228,7 @@ class Printer(Visitor):
             self.e.do("ret void")
         results = together(self.result_types())
         merging = "noinline " if self.procedure.apart else merging
-        merging += "#0" if any(each.width > PARTIAL for each in eaches(self.procedure.body)) else "#1"
+        merging += "#0" if widest(self.procedure.body) > PARTIAL else "#1"
         merging = "#2" if quickly else merging
         linkage += convention(self.procedure.results) if self.foreign else ""
         return self.e.function(f"define {linkage}{results} @{self.procedure.name}({', '.join(given)}) {merging}")
@@ -350,6 +363,16 @@ class Printer(Visitor):
         kinds = tuple(self.kinds[arg] for arg in let.args)
         made = spell(self.e, let.op, kinds, [self.operand(arg, lanes) for arg in let.args], lanes)
         return self.define(let.ref, made, let.kind, wide=lanes > 1)
+
+    @visits(*VECTOR_STATEMENTS)
+    def on_vectors(self, statement: VectorLet | Reduce | VectorLoad | Gather | VectorStore) -> None:
+        """Print a statement on short vectors."""
+        known = Vectors(self.e, self.values, self.types)
+        if isinstance(statement, VectorStore):
+            store(known, statement)
+        else:
+            kind = statement.kind if isinstance(statement, Reduce) else statement.vector
+            self.define(statement.ref, printed(known, statement), kind)
 
     def angle(self, ref: int) -> tuple[str, str]:
         """Return the sine and the cosine of an angle: written out where there are few, else of a function."""

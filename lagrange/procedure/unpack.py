@@ -1,0 +1,131 @@
+"""Procedures without short vectors: each entry is a value of its own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import count
+
+from lagrange.procedure.form import (
+    CONSTANT,
+    REAL,
+    VECTOR_STATEMENTS,
+    WHOLE,
+    Block,
+    Declare,
+    Gather,
+    Get,
+    Kind,
+    Let,
+    Load,
+    Procedure,
+    Reduce,
+    Set,
+    Statement,
+    Store,
+    VectorLet,
+    VectorLoad,
+    VectorStore,
+    When,
+    rebuilt,
+    walk,
+)
+from lagrange.procedure.visit import defined
+
+
+def unpacked(procedure: Procedure) -> Procedure:
+    """Return a procedure with numbers and flags in the place of vectors, itself if it has none.
+
+    What it calls is unpacked by whoever prints that.
+    """
+    statements = list(walk(procedure.body))
+    if not any(isinstance(one, VECTOR_STATEMENTS) for one in statements):
+        return procedure
+    refs = [parameter.ref for parameter in procedure.parameters]
+    refs += [ref for one in statements for ref in (*defined(one), *((one.ref,) if isinstance(one, Declare) else ()))]
+    return replace(procedure, body=_Unpacker(max(refs) + 1).block(procedure.body))
+
+
+class _Unpacker:
+    """Writes blocks again; `entries` are the numbers of the entries of each vector."""
+
+    def __init__(self, first: int) -> None:
+        self.unused = count(first)
+        self.entries: dict[int, tuple[int, ...]] = {}
+        self.out: list[Statement] = []
+
+    def block(self, block: Block) -> Block:
+        """Return a block without vectors."""
+        outside, self.out = self.out, []
+        for statement in block:
+            match statement:
+                case VectorLet():
+                    self.entries[statement.ref] = self.vector(statement)
+                case Reduce():
+                    self.reduce(statement)
+                case VectorLoad(vector=vector, place=place, mask=mask):
+                    places = self.side_by_side(place, vector.width)
+                    flags = None if mask is None else self.entries[mask]
+                    self.entries[statement.ref] = self.loaded(statement, places, flags)
+                case Gather(places=wanted):
+                    self.entries[statement.ref] = self.loaded(statement, self.entries[wanted], None)
+                case VectorStore():
+                    self.store(statement)
+                case _:
+                    self.out.append(rebuilt(statement, self.block))
+        made, self.out = tuple(self.out), outside
+        return made
+
+    def let(self, kind: Kind, op: str, args: tuple[int, ...], data: float | None = None) -> int:
+        """Add an operation, and return the number of its result."""
+        ref = next(self.unused)
+        self.out.append(Let(ref, kind, op, args, data))
+        return ref
+
+    def vector(self, let: VectorLet) -> tuple[int, ...]:
+        """Return the entries of an operation."""
+        args = [self.entries.get(arg, (arg,)) for arg in let.args]
+        if let.op == "broadcast":
+            return args[0] * let.vector.width
+        if let.op == "permute":
+            return tuple(args[0][place] for place in let.places)
+        return tuple(self.let(let.vector.kind, let.op, operands) for operands in zip(*args, strict=True))
+
+    def reduce(self, reduce: Reduce) -> None:
+        """Add the operations of a sum, or of the test of flags."""
+        op, left = "or" if reduce.op == "any" else "add", list(self.entries[reduce.vector])
+        while len(left) > 1:
+            half = len(left) // 2
+            refs = [reduce.ref] if half == 1 else [next(self.unused) for _ in range(half)]
+            pairs = zip(refs, left[:half], left[half:], strict=True)
+            self.out += [Let(ref, reduce.kind, op, (a, b)) for ref, a, b in pairs]
+            left = refs
+
+    def side_by_side(self, place: int, width: int) -> tuple[int, ...]:
+        """Return places from one on."""
+        steps = [self.let(WHOLE, CONSTANT, (), k) for k in range(1, width)]
+        return place, *(self.let(WHOLE, "add", (place, step)) for step in steps)
+
+    def loaded(
+        self, load: VectorLoad | Gather, places: tuple[int, ...], flags: tuple[int, ...] | None
+    ) -> tuple[int, ...]:
+        """Return entries of an array, zero where a flag is false."""
+        kind, refs = load.vector.kind, []
+        for k, place in enumerate(places):
+            ref = next(self.unused)
+            refs.append(ref)
+            read = Load(ref, kind, load.array, place)
+            if flags is None:
+                self.out.append(read)
+                continue
+            variable, inside = next(self.unused), next(self.unused)
+            zero = self.let(kind, CONSTANT, (), 0.0 if kind is REAL else 0)
+            then = (read._replace(ref=inside), Set(variable, inside))
+            self.out += [Declare(variable, kind, zero), When(flags[k], then), Get(ref, kind, variable)]
+        return tuple(refs)
+
+    def store(self, store: VectorStore) -> None:
+        """Write the entries of a vector."""
+        entries = self.entries[store.value]
+        for k, (place, value) in enumerate(zip(self.side_by_side(store.place, len(entries)), entries, strict=True)):
+            written = Store(store.array, place, value)
+            self.out.append(written if store.mask is None else When(self.entries[store.mask][k], (written,)))

@@ -1,0 +1,185 @@
+"""Short vectors: interpreter, machine code, numbers in their place and printed Python agree to the last bit."""
+
+from __future__ import annotations
+
+import ctypes
+import math
+import random
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lagrange.errors import LagrangeError
+from lagrange.machine.llvm.engine import Module
+from lagrange.machine.llvm.procedures import module
+from lagrange.machine.python_source import loaded
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import (
+    FLAG,
+    REAL,
+    VECTOR_STATEMENTS,
+    WHOLE,
+    WIDTHS,
+    Kind,
+    Procedure,
+    Vector,
+    VectorLet,
+    walk,
+)
+from lagrange.procedure.interpreter import run
+from lagrange.procedure.operations import ENTRYWISE, OPERATIONS
+from lagrange.procedure.unpack import unpacked
+from lagrange.procedure.values import Entries
+from tests.procedure.test_conformance import bits
+
+SIZE = 24
+FUSED = ("fma", "fnma")
+UNSAFE = ("quotient", "whole", "two_to")
+"""Operations without a value for some operands: they are tried apart."""
+
+
+class RandomVectors:
+    """A procedure of random operations on vectors that ends with all of them in memory."""
+
+    def __init__(self, seed: int, *, fused: bool) -> None:
+        self.draw = random.Random(seed)
+        self.p = p = Builder("vectors", "Random vectors.")
+        self.x, self.n = p.given("x", REAL), p.given("n", WHOLE)
+        self.data, self.places = p.array("data", size=SIZE), p.array("places", WHOLE, size=SIZE)
+        self.out, self.counts = p.array("out", size=400), p.array("counts", WHOLE, size=400)
+        self.made: list[Entries] = []
+        self.ops = [op for op in sorted(ENTRYWISE) if op not in UNSAFE and (fused or op not in FUSED)]
+        for width in WIDTHS[1:]:
+            self.made += [self.data.entries(self.n, width), self.places.entries(1, width)]
+            self.made += [p.broadcast(self.x, width), self.made[-2] < p.broadcast(0.25, width)]
+
+    def step(self) -> None:
+        """Add one vector or a store."""
+        draw, some = self.draw, self.draw.choice(self.made)
+        match draw.randrange(9):
+            case 0:
+                width = draw.choice(WIDTHS[1:])
+                self.made.append(some.permuted(*(draw.randrange(some.vector.width) for _ in range(width))))
+            case 1:
+                places = self.pick(WHOLE, some.vector.width)
+                inside = self.p.entrywise("max", self.p.entrywise("min", places, SIZE - 1), 0)
+                self.made.append(draw.choice([self.data, self.places]).gathered(inside))
+            case 2:
+                mask = self.pick(FLAG, some.vector.width)
+                self.made.append(self.data.entries(draw.randrange(SIZE - 8), some.vector.width, mask))
+            case 3 if some.vector.kind is REAL:
+                self.data.put(self.n, some, self.pick(FLAG, some.vector.width))
+            case 4 if some.vector.kind is not FLAG:
+                self.made.append(self.p.broadcast(some.sum, draw.choice(WIDTHS[1:]), some.vector.kind))
+            case 5 if some.vector.kind is FLAG:
+                self.made.append(self.p.broadcast(some.any, draw.choice(WIDTHS[1:])))
+            case _:
+                kinds, _ = draw.choice(OPERATIONS[op := draw.choice(self.ops)])
+                self.made.append(self.p.entrywise(op, *(self.pick(kind, some.vector.width) for kind in kinds)))
+
+    def pick(self, kind: Kind, width: int) -> Entries:
+        """Return one of the vectors of a type."""
+        return self.draw.choice([one for one in self.made if one.vector == Vector(kind, width)])
+
+    def procedure(self) -> Procedure:
+        """Return the procedure; one part of it is in a loop."""
+        for _ in range(6):
+            self.step()
+        known = len(self.made)
+        with self.p.loop(0, 3):
+            for _ in range(6):
+                self.step()
+            self.data.put(2, self.pick(REAL, 8))
+        del self.made[known:]
+        for _ in range(12):
+            self.step()
+        place = 0
+        for one in self.made[-30:]:
+            width, wide = one.vector.width, one
+            if one.vector.kind is FLAG:
+                wide = self.p.entrywise("select", one, self.p.broadcast(1.0, width), 0.0)
+            (self.counts if wide.vector.kind is WHOLE else self.out).put(place, wide)
+            place += width
+        self.p.leave()
+        return self.p.finish()
+
+
+def memory() -> list[Any]:
+    """Return the arguments: a number, a place, and four arrays."""
+    data = np.array([0.5, -1.25, 0.1, 0.0, -0.0, 1e200, -1e-200, 2.0, 7 / 3, -4.0, math.inf, math.nan] * 2)
+    return [0.75, 3, data, np.arange(SIZE)[::-1].copy(), np.zeros(400), np.zeros(400, dtype=np.int64)]
+
+
+def left_in(arguments: list[Any]) -> list[Any]:
+    return [bits(value) for array in arguments[2:] for value in array.tolist()]
+
+
+def in_machine_code(procedure: Procedure, arguments: list[Any], *, optimize: bool) -> list[Any]:
+    compiled = Module(module([procedure]), optimize=optimize)
+    call = ctypes.CFUNCTYPE(None, ctypes.c_double, ctypes.c_int64, *[ctypes.c_void_p] * 4)
+    call(compiled.address(procedure.name))(*arguments[:2], *(array.ctypes.data for array in arguments[2:]))
+    return left_in(arguments)
+
+
+def interpreted(procedure: Procedure) -> list[Any]:
+    arguments = memory()
+    run(procedure, *arguments)
+    return left_in(arguments)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_vectors_are_the_same_everywhere(seed: int) -> None:
+    procedure = RandomVectors(seed, fused=seed % 2 == 0).procedure()
+    expected = interpreted(procedure)
+    plain = unpacked(procedure)
+    assert not any(isinstance(one, VECTOR_STATEMENTS) for one in walk(plain.body))
+    assert interpreted(plain) == expected
+    assert in_machine_code(procedure, memory(), optimize=seed % 4 < 2) == expected
+    if seed % 2:
+        arguments = memory()
+        lists = [array.tolist() for array in arguments[2:]]
+        loaded(procedure)(*arguments[:2], *lists)
+        assert [bits(value) for one in lists for value in one] == expected
+
+
+def test_a_sum_adds_halves() -> None:
+    """Entries k and k + 4 first: 1e16 + 1 would lose the one."""
+    p = Builder("halves", "Sum eight numbers.")
+    data, out = p.array("data", size=8, read=True), p.array("out", size=1)
+    out[0] = data.entries(0, 8).sum
+    p.leave()
+    procedure = p.finish()
+    result = [0.0]
+    run(procedure, [1e16, 1.0, 0.0, 0.0, -1e16, 1.0, 0.0, 0.0], result)
+    assert result == [2.0]
+
+
+def test_memory_behind_a_mask_is_not_read() -> None:
+    p = Builder("masked", "Read two numbers of four.")
+    data, out = p.array("data", size=2, read=True), p.array("out", size=4)
+    mask = p.entrywise("less", p.broadcast(1.5, 4), 1.0).permuted(0, 0, 1, 1)
+    out.put(0, data.entries(0, 4, mask))
+    p.leave()
+    result = [1.0] * 4
+    run(p.finish(), [], result)
+    assert result == [0.0] * 4
+
+
+@pytest.mark.parametrize(
+    ("vector", "op", "places", "sentence"),
+    [
+        (Vector(REAL, 3), "broadcast", (), "a vector of 3 entries"),
+        (Vector(WHOLE, 2), "broadcast", (), "broadcast gives no vector of 2 wholes"),
+        (Vector(REAL, 2), "sin", (), "sin gives no vector of 2 reals"),
+        (Vector(REAL, 2), "permute", (0, 1), "permute gives no vector of 2 reals"),
+        (Vector(REAL, 2), "neg", (), "neg gives no vector of 2 reals"),
+    ],
+)
+def test_malformed_vectors_are_refused(vector: Vector, op: str, places: tuple[int, ...], sentence: str) -> None:
+    p = Builder("wrong", "A vector of a number.")
+    x = p.given("x", REAL)
+    p.vector(vector, lambda ref: VectorLet(ref, vector, op, (x.ref,), places))
+    p.leave()
+    with pytest.raises(LagrangeError, match=sentence):
+        p.finish()
