@@ -10,22 +10,22 @@ import sympy as sp
 
 import lagrange as lg
 from lagrange.mechanics.grading.student_equations import read_equations
-from lagrange.show.notation.formula import Typesetter
-from lagrange.show.notation.latex_notation import LatexNotation
-from lagrange.show.notation.text import Notation, UnicodeNotation
+from lagrange.show.derivation_page import NO_HEADING, PAGES
+from lagrange.show.notation.sections import sections
 from tests.models import shared_scene
 
 
-@pytest.mark.parametrize("notation", [Notation, UnicodeNotation, LatexNotation])
+@pytest.mark.few
+@pytest.mark.parametrize("style", ["text", "unicode", "latex"])
 @pytest.mark.parametrize("name", lg.scenes())
-def test_printed_equations_are_read_back(name: str, notation: type) -> None:
+def test_printed_equations_are_read_back(name: str, style: str) -> None:
+    """The equations of a derivation are read as they are printed, with their broken lines."""
     system = shared_scene(name)
-    names = [*system.statement.names, *(p.name for p in system.statement.parameters)]
-    typeset = Typesetter(
-        system.statement, notation([*names, *(one.multiplier.name for one in system.statement.constraints)])
-    )
-    laws = system.equations()
-    text = "\n".join(f"{typeset.write(law.lhs)} = {typeset.write(law.rhs)}" for law in laws)
+    derivation = system.derivation()
+    section = next(part for part in sections(derivation) if part.heading == "Equations of motion")
+    printed = PAGES[style](system.statement, NO_HEADING).write([section])
+    text = printed.split("Equations of motion")[1].partition("\n")[2].removesuffix("\\end{document}\n")
+    laws = [*derivation.equations, *derivation.constraints]
     dice = random.Random(name)
     for law, read in zip(laws, read_equations(text, system.statement), strict=True):
         zero = (law.lhs - law.rhs).xreplace(system.statement.plain)
@@ -280,3 +280,10 @@ def test_a_momentum_equated_with_an_unknown_name_is_constant(right: str) -> None
 def test_no_other_equation_has_an_unknown_constant(text: str) -> None:
     with pytest.raises(lg.StatementError, match="'C' is not a symbol"):
         orbit().compare(text)
+
+
+def test_a_line_at_the_indentation_of_an_equation_with_indented_lines_is_a_new_one() -> None:
+    hanging = "(m + M) r''\n    - m r phi'^2\n    = -M g\n- m r phi'' - 2 m r' phi'\n    = 0"
+    assert orbit().compare(hanging)
+    flush = "(m + M) r'' = m r phi'^2\n- M g\nr phi'' + 2 r' phi' = 0"
+    assert orbit().compare(flush)

@@ -56,8 +56,10 @@ FUNCTION_COMMANDS = {
 LINE_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?|\$\s+\$|\\\]\s*\\\[|\\\)\s*\\\(")
 """A new line of LaTeX, or the end of one formula and the beginning of the next."""
 
-FRAME = re.compile(r"\\(?:begin|end|label|tag)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\[\[\]()]|\\item\b|\$+")
-"""Marks around formulas: environments, labels, dollar signs."""
+FRAME = re.compile(
+    r"\\(?:begin|end|label|tag)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\[\[\]()]|\\item\b|\$+|(?<=[\s&])\{\s*\}"
+)
+"""Marks around formulas: environments, labels, dollar signs, and an empty group before a sign."""
 
 PROSE = re.compile(r"(?<![_{])\\(?:text|mbox|textrm|textit|intertext)\s*\{([^{}\n]*)\}")
 """A group of words outside of subscripts."""

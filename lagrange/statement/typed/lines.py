@@ -31,23 +31,25 @@ def equation_spans(text: str) -> tuple[str, list[tuple[int, int]]]:
 
     Comments, labels, LaTeX environments and marks at the ends of lines are blanked out. A line continues if it ends
     with an operator, if the next one begins with one, or if a bracket is open. A line that begins with a sign is a new
-    equation if both it and the one before have a sign of equality.
+    equation if both it and the one before have a sign of equality. It is one too at the begin of an environment, and if
+    it is back at the indentation of an equation whose further lines are indented.
     """
     blanked = _blank(_COMMENT, text)
     blanked = LINE_BREAK.sub(lambda match: "\n" + _spaces(match.group()[1:]), blanked)
     blanked = PROSE.sub(lambda match: match.group(1).center(len(match.group())), blanked)
+    framed = blanked.split("\n")
     blanked = _blank(FRAME, blanked)
     spans: list[tuple[int, int]] = []
     place = 0
     lines: list[str] = []
-    for line in _without_bullets(blanked.split("\n")):
+    for line, frame in zip(_without_bullets(blanked.split("\n")), framed, strict=True):
         before = "" if not spans else "\n".join(lines)[spans[-1][0] : spans[-1][1]]
         lines.append(line if _depth(before) > 0 else _without_label(line))
         begin, end = place, place + len(line)
         place = end + 1
         if not lines[-1].strip():
             continue
-        if spans and _joined(before, lines[-1]):
+        if spans and _joined(before, lines[-1], anew=frame.lstrip().startswith(r"\begin")):
             spans[-1] = (spans[-1][0], end)
         else:
             spans.append((begin, end))
@@ -66,13 +68,15 @@ def _without_bullets(lines: Sequence[str]) -> list[str]:
     return [_BULLET.sub(lambda match: _spaces(match.group()), line, count=1) for line in lines]
 
 
-def _joined(before: str, line: str) -> bool:
-    """Return True if a line continues the equation before it."""
+def _joined(before: str, line: str, *, anew: bool) -> bool:
+    """Return True if a line continues the equation before it. `anew` is true at the begin of an environment."""
     if _GOES_ON.search(before) or _depth(before) > 0:
         return True
     if not _CONTINUES.match(line):
         return False
-    return not (_EQUALITY.search(before) and _EQUALITY.search(line))
+    first, *more = (len(part) - len(part.lstrip()) for part in before.split("\n"))
+    back = len(line) - len(line.lstrip()) <= first < min(more, default=first)
+    return not (_EQUALITY.search(before) and (anew or back or _EQUALITY.search(line)))
 
 
 def _depth(text: str) -> int:
