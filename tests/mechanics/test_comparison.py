@@ -309,6 +309,7 @@ def test_sympy_and_text_are_read_alike() -> None:
             "equation 1 is not linear in theta_ddot: equations of motion are compared as linear",
         ),
         ("abs(theta'') = -g", "equation 1 is not linear in theta_ddot"),
+        ("d/dt(heaviside(theta)) = g", "equation 1 has the derivative of a jump, such as heaviside"),
         (["__import__('os')"], "equation 1"),
         ([True], "equation 1 is True: where == was meant, write sympy.Eq(left, right)."),
         (

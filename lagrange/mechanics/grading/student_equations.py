@@ -295,6 +295,8 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
 
     Raises StatementError if it is not linear in accelerations and multipliers.
     """
+    if equation.zero.has(sympy.DiracDelta):
+        raise StatementError(f"{equation.label} has the derivative of a jump, such as heaviside, which is no function.")
     unknowns = unknowns_of(statement)
     present = [symbol for symbol in unknowns if equation.zero.has(symbol)]
     slopes = {symbol: sympy.diff(equation.zero, symbol) if symbol in present else sympy.S.Zero for symbol in unknowns}
