@@ -436,8 +436,9 @@ def walk(block: Block) -> Iterator[Statement]:
     """Yield every statement of a block, each before those inside it."""
     for statement in block:
         yield statement
-        for body in inner(statement):
-            yield from walk(body)
+        if type(statement) in _BLOCKS:
+            for body in inner(statement):
+                yield from walk(body)
 
 
 def calls(block: Block) -> list[Call]:
