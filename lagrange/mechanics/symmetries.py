@@ -64,7 +64,13 @@ def place(stated: StatedAlgebra) -> BodyPosition | None:
 
 
 def _mass(stated: StatedAlgebra) -> Any:
-    """Return the mass of a single body: the first constant diagonal entry of M, that of a length. None without one."""
+    """Return the mass of a single body: the first constant diagonal entry of M, that of a length. None without one.
+
+    None if M is not diagonal, as it is in all PLACINGS: most systems are told apart here.
+    """
+    coupled = (stated.mass[i][j] for i, j in combinations(range(len(stated.q)), 2))
+    if any(map(stated.algebra.merge_angles, coupled)):
+        return None
     moving = frozenset((*stated.q, *stated.v, stated.time))
     for i in range(len(stated.q)):
         entry = stated.mass[i][i]

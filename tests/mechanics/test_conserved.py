@@ -171,6 +171,13 @@ def test_a_false_proof_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
         lg.System(T(FLAT), k * x**4 * y**2).conserved()
 
 
+def test_coupled_coordinates_are_compared_with_no_body(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[Any] = []
+    monkeypatch.setattr("lagrange.mechanics.symmetries._rest", lambda *given: tried.append(given))
+    assert [one.name for one in lg.scene("double-pendulum").conserved()] == ["energy"]
+    assert not tried
+
+
 def test_a_free_top_keeps_three_components_of_its_angular_momentum() -> None:
     """Compare with R I w of the rotation matrix R = R_z(phi) R_x(theta) R_z(psi), which is not used to find them."""
     phi, theta, psi = angles = lg.coordinates("phi theta psi")
