@@ -287,3 +287,9 @@ def test_a_line_at_the_indentation_of_an_equation_with_indented_lines_is_a_new_o
     assert orbit().compare(hanging)
     flush = "(m + M) r'' = m r phi'^2\n- M g\nr phi'' + 2 r' phi' = 0"
     assert orbit().compare(flush)
+
+
+def test_a_factor_of_a_high_power_is_not_factored() -> None:
+    """Factors of x**729 + 1 take SymPy some 20 seconds."""
+    result = oscillator().compare("m x'' + c x' + x^9^9^9kx = m g + F cos(w t)")
+    assert "the term k*x**730 is wrong: it should be k*x." in result.message

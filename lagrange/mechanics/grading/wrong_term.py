@@ -169,6 +169,9 @@ LONGEST_FORMULA = 3_000
 LONGEST_FACTOR = 60
 """Largest number of operations of a factor that is simplified before its symbols are looked at."""
 
+HIGHEST_POWER = 12
+"""Largest exponent in such a factor: to factor x**729 + 1 takes SymPy seconds."""
+
 BENT, SOLVED = 2, 100
 """Penalties, in differing terms, of a factor that depends on the state, and of a difference in the unknown alone on the
 left side, such as theta_ddot = ...: there the right side is wrong."""
@@ -434,7 +437,9 @@ class _Meant:
         """True if the factor depends on the coordinates: equations are seldom multiplied by such a factor."""
         if self.factor.constant is not None:
             return False
-        factor = self.multiple if self.length <= LONGEST_FACTOR else self._quotient
+        powers = (power.exp for power in self._quotient.atoms(sympy.Pow) if power.exp.is_Rational)
+        plain = self.length <= LONGEST_FACTOR and all(abs(exponent) <= HIGHEST_POWER for exponent in powers)
+        factor = self.multiple if plain else self._quotient
         return bool(factor.has(*list(self.given.statement.plain.values())[::3]))
 
     def _terms(self, product: Any) -> int:
