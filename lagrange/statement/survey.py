@@ -133,6 +133,8 @@ def _parts(node: Any) -> tuple[Any, ...]:
 
 
 def _check_supported(node: Any, what: str) -> None:
+    if isinstance(node, sympy.Pow) and node.base.is_zero and node.exp.is_negative:
+        raise StatementError(f"{what} contains {formula(node, 80)}: check for a division by zero.")
     if isinstance(node, sympy.Pow) and not node.exp.is_number and node.base.is_zero:
         raise StatementError(
             f"{what} contains {formula(node, 80)}: a power of zero jumps where its exponent changes sign and has no "

@@ -82,6 +82,7 @@ REFUSALS = [
     (x.ddot, "the energy contains the derivative of order 2 of x. Only coordinates and velocities may stand there"),
     (sympy.I * x, "the energy contains the imaginary unit I. Energies and forces are real: write real expressions."),
     (sympy.zoo, "the energy contains zoo, which is not a finite number: check for a division by zero."),
+    (sympy.Pow(0, -1, evaluate=False), "the energy contains 1/0: check for a division by zero."),
     (sympy.oo, "the energy contains oo, which is not a finite number"),
     (sympy.Add(x, -sympy.oo, evaluate=False), "the energy contains -oo, which is not a finite number"),
     (sympy.nan, "the energy contains nan, which is not a finite number"),
