@@ -18,7 +18,7 @@ from lagrange.dynamics.crossings import Crosser, Crossings, followed
 from lagrange.dynamics.energy_level import margin, on_level
 from lagrange.dynamics.nullclines import zero_lines
 from lagrange.dynamics.runs import Report, Runs, initial_of, starts_of
-from lagrange.errors import StatementError, counted, formula
+from lagrange.errors import StatementError, counted
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
@@ -252,7 +252,7 @@ def _ended(done: Sequence[Crossings], wanted: int, event: Event | None, statemen
 
 def surface(event: Event, statement: Statement) -> str:
     """Return the equation of a switching surface in the names of coordinates, cut if it is long."""
-    return f"{formula(event.expression.xreplace(dict(statement.plain)), 60)} = 0"
+    return f"{statement.quote(event.expression, 60)} = 0"
 
 
 def _direction(event: Event) -> str:

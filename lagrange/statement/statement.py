@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from sympy import Expr, Symbol
 
-from lagrange.errors import abridged, listing
+from lagrange.errors import abridged, formula, listing
 from lagrange.statement.coordinate import acceleration_of, multiplier, name_of, velocity_of
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.run_settings import RunSettings
@@ -191,3 +191,7 @@ class Statement:
             table[velocity_of(q)] = Symbol(f"{name}_dot", real=True)
             table[acceleration_of(q)] = Symbol(f"{name}_ddot", real=True)
         return MappingProxyType(table)
+
+    def quote(self, expression: Any, most: int = 80) -> str:
+        """Return an expression as a message quotes it, in plain names, cut to `most` characters."""
+        return formula(expression.xreplace(dict(self.plain)), most)

@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 
 from lagrange.equations.singular import Singular, dependent_rows, few, motion_along
-from lagrange.errors import formula
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.procedure.events.constants import TOGETHER
@@ -150,7 +149,7 @@ def table_left(problem: Problem, t: float, y: FloatArray, step: float = 0.0) -> 
     for (variable, low, high), row in zip(tables, values, strict=True):
         margin = NEAR_END * (high - low)
         if not (low + margin < row.min() and row.max() < high - margin):
-            name = formula(variable.xreplace(dict(statement.plain)), 60)
+            name = statement.quote(variable, 60)
             return (
                 f"{name} = {row[0]:.6g} leaves its table, which has values from {low:.6g} to {high:.6g}: nothing is "
                 "extrapolated. Give a longer table, or end the run before by a terminal event."
@@ -248,7 +247,7 @@ def with_touching_bodies(problem: Problem, trajectory: Trajectory) -> Trajectory
     passed = _passed(problem, trajectory, contacts)
     if passed is None:
         return trajectory
-    name = str(problem.events[passed].expression.xreplace(dict(problem.model.statement.plain)))[:80]
+    name = problem.model.statement.quote(problem.events[passed].expression)
     note = (
         f"The reset where {name} is zero sent the motion back at some times, and let it through at others: it acts at "
         f"one time with other resets, in an order that rounding decides. {_GAP}"

@@ -22,9 +22,6 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 ROWS = 64
 """Number of last accepted states that are tested for sticking."""
 
-LONGEST_SURFACE = 80
-"""Most characters of the expression of a surface in a message."""
-
 
 def stuck(problem: Problem, t: float, parts: Sequence[Part], covered: float) -> EventResult | None:
     """Return the end of a run at t if its last accepted states stick to a surface, else None.
@@ -36,7 +33,10 @@ def stuck(problem: Problem, t: float, parts: Sequence[Part], covered: float) -> 
         return None
     last = parts[-1].times[-ROWS:], np.ascontiguousarray(parts[-1].states[-ROWS:].T)
     which = _led_back(problem, switched.stated, last, covered)
-    return None if which is None else sliding(_name(problem, switched.expressions[which]), t)
+    if which is None:
+        return None
+    surface = problem.model.equations.express(switched.expressions[which])
+    return sliding(problem.model.statement.quote(surface), t)
 
 
 def _led_back(
@@ -62,12 +62,6 @@ def _led_back(
             if _lead_back(np.array([g, rise]), beyond, covered * np.sign(problem.t1 - problem.t0)):
                 return which
     return None
-
-
-def _name(problem: Problem, surface: Node) -> str:
-    """Return the expression of a surface in the user's symbols."""
-    model = problem.model
-    return str(model.equations.express(surface).xreplace(dict(model.statement.plain)))[:LONGEST_SURFACE]
 
 
 def _lead_back(here: FloatArray, beyond: FloatArray, time: float) -> bool:

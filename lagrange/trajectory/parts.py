@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.errors import StatementError, formula, listing
+from lagrange.errors import StatementError, listing
 from lagrange.procedure.events.constants import CLOSEST
 from lagrange.procedure.step.constants import EARLIEST
 from lagrange.statement.event import Event
@@ -388,7 +388,7 @@ def _told(problem: Problem, parts: Sequence[Trajectory]) -> str:
 
 
 def _name(problem: Problem, i: int) -> str:
-    return formula(problem.events[i].expression.xreplace(dict(problem.model.statement.plain)), 80)
+    return problem.model.statement.quote(problem.events[i].expression)
 
 
 def _before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
