@@ -4,16 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from lagrange.errors import StatementError, listing, shown, suggestion
+from lagrange.export.comments import wrapped
 from lagrange.export.identifiers import ascii_name
-from lagrange.export.module import Integrator, Quantity, Run, SourceModule
+from lagrange.export.module import Integrator, Quantity, Run, SourceModule, ValueNames
 from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
-from lagrange.export.statement_lines import statement_lines
+from lagrange.export.statement_lines import WIDTH, statement_lines
 from lagrange.export.target import QUANTITIES, SOLVED, Target, every_target
 from lagrange.graph import node
 from lagrange.machine.model import Model
@@ -202,26 +202,30 @@ def module_of(
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
     state = statement.state_names
     programs = {name: _program(name, model, events) for name in asked.quantities}
-    projected = (bool(asked.methods) or asked.taylor) and len(equations.constraints) > 0
+    constrained = len(equations.constraints) > 0
+    projected = (bool(asked.methods) or asked.taylor) and constrained
     every = [*programs.values()]
     if projected:
         every.append(model.law("projection").program)
     alone = divisors(model) if any(name in SOLVED for name in programs) else None
     prepared = Prepared.of([*every, alone] if alone else every)
-    names = tuple(p.name for p in statement.parameters)
-    evaluated = partial(kernel, state_names=state, parameter_names=names)
+    names = names_of(model)
+
+    def evaluated(program: Program, prepared: Prepared, name: str, about: str) -> Procedure:
+        return kernel(program, prepared, name, about, names=names.of(program))
+
     about = "Write the parameters into p, and behind them what depends on them alone."
     procedures = {name: evaluated(one, prepared, name, ABOUT[name]) for name, one in programs.items()}
     if alone:
-        entries = evaluated(alone, prepared, "divisors", "The entries of the matrix that are divided by.")
-        procedures |= {name: guarded(procedures[name], entries) for name in SOLVED if name in procedures}
+        divided = evaluated(alone, prepared, "divisors", "The entries of the matrix that are divided by.")
+        procedures |= {name: guarded(procedures[name], divided) for name in SOLVED if name in procedures}
     laws = {"law": procedures["rhs"], "jacobian": procedures["rhs"]} if asked.methods else {}
     if projected:
         laws["projection"] = evaluated(every[-1], prepared, "projection", "Corrections onto the constraints.")
     prune = Pruner().pruned
     integrators = tuple(_integrator(name, step, len(state), laws, prune) for name, step in asked.methods)
     tested = fixed(alone, prepared) if alone else ()
-    preparing = prepare(prepared, about, parameter_names=names, divisors=tested)
+    preparing = prepare(prepared, about, names=names.of(prepared.program), divisors=tested)
     size = prepared.size
     if asked.taylor:
         series = _taylor(model, prepared.size, laws.get("projection"))
@@ -233,12 +237,16 @@ def module_of(
     quantities = tuple(_quantity(model, name, one, prune(procedures[name])) for name, one in programs.items())
     return SourceModule(
         name=ascii_name(statement.name).lower(),
-        statement=tuple(statement_lines(statement, events)),
+        statement=(
+            *statement_lines(statement, events),
+            *wrapped(MASS + GRADIENT * (len(equations.constraints) > 0), WIDTH),
+        ),
         state=state,
-        parameters=names,
+        parameters=names.parameters,
+        names=names,
         inputs=tuple(symbol.name for symbol, _ in statement.inputs),
         values=values,
-        units={name: unit for name in (*state, *names, "t") if (unit := unit_of(statement, name))},
+        units={name: unit for name in (*state, *names.parameters, "t") if (unit := unit_of(statement, name))},
         prepare=preparing,
         prepared=size,
         quantities=quantities,
@@ -251,6 +259,24 @@ def module_of(
         run=_run(model) if asked.main else None,
         divisors=alone,
     )
+
+
+def names_of(model: Model) -> ValueNames:
+    """Return the names of values: entries of the matrix [[M, G^T], [G, 0]] are named by coordinates and constraints."""
+    statement, equations = model.statement, model.equations
+    rows, entries = [*statement.names, *equations.constraints.names], dict[node.Node, str]()
+    for i, row in enumerate(equations.matrix):
+        for j, entry in enumerate(row[: i + 1]):
+            mass = i < len(statement.names)
+            entries.setdefault(entry, f"mass_{rows[j]}_{rows[i]}" if mass else f"gradient_{rows[i]}_{rows[j]}")
+    parameters = tuple(p.name for p in statement.parameters)
+    matrix = model.function("matrix", tuple(entries)).program
+    return ValueNames(statement.state_names, parameters, tuple(entries.values()), matrix)
+
+
+MASS = "mass_a_b: the entry of the mass matrix for the coordinates a and b"
+GRADIENT = "; gradient_c_a: the derivative of the constraint c by the coordinate a, or by its velocity"
+"""Comments on names of values in an exported file."""
 
 
 def _program(name: str, model: Model, events: Sequence[Event]) -> Program:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import chain
 
 from lagrange.procedure.form import Procedure
-from lagrange.program.program import Program
+from lagrange.program.program import Instruction, Program
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +34,43 @@ class Integrator:
     about: str
     procedure: Procedure
     adaptive: bool
+
+
+@dataclass(frozen=True, eq=False)
+class ValueNames:
+    """Names of values in a file: those of the state, of parameters, and of the results of the program `matrix`.
+
+    `matrix` computes the entries of the matrix that gives the accelerations. Without names of the state or of
+    parameters these have none.
+    """
+
+    state: tuple[str, ...]
+    parameters: tuple[str, ...]
+    entries: tuple[str, ...]
+    matrix: Program
+
+    def of(self, program: Program) -> dict[int, str]:
+        """Return the names of values of a program, by instruction."""
+        numbers: dict[Instruction, int] = {}
+        entries, values = numbered(self.matrix, numbers), numbered(program, numbers)
+        matrix = {entries[ref]: name for ref, name in zip(self.matrix.outputs, self.entries, strict=True)}
+        stated = {"state": self.state, "parameter": self.parameters, "constant": (), "time": ()}
+        found = {}
+        for ref, one in enumerate(program.instructions):
+            if one.op not in stated and values[ref] in matrix:
+                found[ref] = matrix[values[ref]]
+            elif stated.get(one.op):
+                found[ref] = stated[one.op][one.place]
+        return found
+
+
+def numbered(program: Program, numbers: dict[Instruction, int]) -> list[int]:
+    """Return a number for each instruction, the same for equal values; `numbers` collects those of several programs."""
+    found: list[int] = []
+    for one in program.instructions:
+        moved = one._replace(args=tuple(found[arg] for arg in one.args))
+        found.append(numbers.setdefault(moved, len(numbers)))
+    return found
 
 
 @dataclass(frozen=True)
@@ -85,7 +122,7 @@ class SourceModule:
     the values of the parameters, `inputs` the names of those that may change during a run. `units` are the stated
     units of state, parameters and t. `statement` are lines of text about the system. `prepare` computes the numbers
     that depend on parameters alone; there are `prepared` of them, the parameters first. `divisors` computes the entries
-    of the matrix that are divided by without a test.
+    of the matrix that are divided by without a test; `names` are those of values.
     """
 
     name: str
@@ -94,6 +131,7 @@ class SourceModule:
     parameters: tuple[str, ...]
     values: tuple[float, ...]
     units: Mapping[str, str]
+    names: ValueNames
     prepare: Procedure
     prepared: int
     quantities: tuple[Quantity, ...]

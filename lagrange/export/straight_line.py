@@ -80,15 +80,15 @@ class Language:
 class StraightLinePrinter:
     """Prints the instructions of a program, each value that is read more than once under a name.
 
-    `names` are those of entries of the state and of parameters, by operation and place; without them `y0` and `p0` are
-    names that the frame defines. `kept` are the indices in p of values that are prepared.
+    `names` are those of values by instruction; without them `y0` and `p0` are names that the frame defines. `kept` are
+    the indices in p of values that are prepared.
     """
 
     def __init__(
         self,
         program: Program,
         language: Language,
-        names: Mapping[tuple[str, int], str] | None = None,
+        names: Mapping[int, str] | None = None,
         kept: Mapping[int, int] | None = None,
         parameters: str = "p",
     ) -> None:
@@ -134,6 +134,8 @@ class StraightLinePrinter:
             elif ref not in found:
                 found[ref] = None
                 todo += self.program.instructions[ref].args
+        for ref in sorted(self.texts.keys() & self.names.keys()):
+            self._define(ref, self.names[ref], self.texts[ref][1])
         order = {"state": 0, "parameter": 1}
         code = self.program.instructions
         return sorted(
@@ -147,11 +149,11 @@ class StraightLinePrinter:
 
     def _value(self, i: int, one: Instruction) -> None:
         match one.op:
-            case "state" | "parameter" if not self.names:
+            case "state" | "parameter" if i not in self.names:
                 self.texts[i] = ATOM, f"{'y' if one.op == 'state' else 'p'}{one.place}"
             case "state" | "parameter":
                 array = "y" if one.op == "state" else self.parameters
-                self._define(i, self.names[one.op, one.place], self.element(array, one.place))
+                self._define(i, self.names[i], self.element(array, one.place))
             case "time":
                 self.unused.pop("t", None)
                 self.texts[i] = ATOM, "t"
@@ -209,8 +211,8 @@ class StraightLinePrinter:
             for k, (arg, least) in enumerate(zip(one.args, operator.operands or (0,) * len(one.args), strict=True))
         ]
         self.texts[i] = operator.binds, operator.text.format(*texts)
-        if self.uses[i] > 1 or len(self.texts[i][1]) >= LONGEST_VALUE:
-            self._define(i, f"x{i}", self.texts[i][1], kind is FLAG)
+        if i in self.names or self.uses[i] > 1 or len(self.texts[i][1]) >= LONGEST_VALUE:
+            self._define(i, self.names.get(i, f"x{i}"), self.texts[i][1], kind is FLAG)
 
     def _define(self, i: int, name: str, value: str, flag: bool = False) -> None:
         self.declared.append(("flag" if flag else "real", name, ()))
@@ -372,16 +374,15 @@ class Functions:
         self.programs = {one.name: self._checked(one) for one in module.quantities}
         listed = [*self.programs.values(), *([self.divisors] if self.divisors else [])]
         self.hoisted = Hoisted(listed, len(module.parameters))
-        given = [("state", k) for k in range(len(module.state))] + [
-            ("parameter", k) for k in range(len(module.parameters))
-        ]
-        stated = (*module.state, *module.parameters)
+        stated = (*module.state, *module.parameters, *module.names.entries)
         taken = [
             *language.reserved,
             *(name for name, _ in indices(module)),
             *(one for one in map(ascii_name, stated) if GENERATED.fullmatch(language.key(one))),
         ]
-        self.names = dict(zip(given, distinct(stated, taken, key=language.key), strict=True))
+        names, first = distinct(stated, taken, key=language.key), len(module.state)
+        last = first + len(module.parameters)
+        self.names = replace(module.names, state=names[:first], parameters=names[first:last], entries=names[last:])
 
     def _checked(self, one: Quantity) -> Program:
         return checked(one.program, self.divisors) if self.divisors and one.name in SOLVED else one.program
@@ -389,7 +390,7 @@ class Functions:
     def quantity(self, one: Quantity) -> Function:
         """Return the function of a quantity."""
         program = self.programs[one.name]
-        printer = StraightLinePrinter(program, self.language, self.names, self.hoisted.kept(program))
+        printer = StraightLinePrinter(program, self.language, self.names.of(program), self.hoisted.kept(program))
         return self._function(printer, "out", range(len(one.results)))
 
     def prepare(self) -> Function:
@@ -399,7 +400,7 @@ class Functions:
         code = (*hoisted.program.instructions, *tests)
         outputs = (*hoisted.program.outputs, *range(len(hoisted.program.instructions) + 1, len(code)))
         program = with_outputs(hoisted.program, code, outputs)
-        printer = StraightLinePrinter(program, self.language, self.names, parameters="parameters")
+        printer = StraightLinePrinter(program, self.language, self.names.of(program), parameters="parameters")
         printer.lines += [self._stored("p", k, printer.element("parameters", k)) for k in range(count)]
         return self._function(printer, "p", range(count, hoisted.size))
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 
 from lagrange.export.comments import commented
 from lagrange.export.descriptions import named_places, statement_comment
+from lagrange.export.identifiers import distinct
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, StraightLinePrinter
@@ -151,9 +152,12 @@ def language(name: str, operations: Mapping[str, Operator], helpers: Mapping[str
     )
 
 
-def function_body(program: Program, library: Library) -> tuple[list[str], str]:
-    """Return the lines that compute every result and list them in `results`, and the status, without indentation."""
-    printer = StraightLinePrinter(program, library.language)
+def function_body(program: Program, library: Library, names: Mapping[int, str]) -> tuple[list[str], str]:
+    """Return the lines that compute every result and list them in `results`, and the status, without indentation.
+
+    `names` are those of entries of the matrix, by instruction.
+    """
+    printer = StraightLinePrinter(program, library.language, names)
     lines = []
     for letter, count in (("y", program.states), ("p", program.parameters)):
         if count:
@@ -190,7 +194,7 @@ def module_files(
     library: Library,
     suffix: str,
     setting: str,
-    functions: Callable[[Program, str], str],
+    functions: Callable[[Program, str, Mapping[int, str]], str],
     use: str,
     test: Script,
 ) -> dict[str, str]:
@@ -199,6 +203,7 @@ def module_files(
     `setting` is a line after the imports. `functions` returns the functions of a program under a name, and `use`
     documents their call.
     """
+    names = replace(module.names, state=(), parameters=(), entries=distinct(module.names.entries))
     head, *helpers = library.text_before(*(one.program for one in module.quantities)).split("\n\n\n")
     lines = [
         *statement_comment(module, "#"),
@@ -214,7 +219,7 @@ def module_files(
     ]
     for one in module.quantities:
         lines += ["", "", *commented(f"{one.about} Results: {', '.join(one.results)}.", "#")]
-        lines += functions(one.program, one.name).splitlines()
+        lines += functions(one.program, one.name, names.of(one.program)).splitlines()
     name = f"{module.name}_{suffix}"
     return {f"{name}.py": "\n".join([*lines, ""]), f"{name}_test.py": test_text(module, test, file=name)}
 

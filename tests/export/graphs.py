@@ -9,7 +9,8 @@ from typing import Any
 
 import mpmath
 
-from lagrange.export.module import Quantity, SourceModule
+from lagrange.export.module import Quantity, SourceModule, ValueNames
+from lagrange.export.straight_line import with_outputs
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Procedure
 from lagrange.procedure.interpreter import OPERATIONS
@@ -71,7 +72,7 @@ def points(seed: int, count: int) -> list[list[float]]:
 
 def as_module(programs: Sequence[Program], more: Sequence[Procedure] = (), name: str = "graphs") -> SourceModule:
     """Return a module of programs without parameters, and of other procedures."""
-    prepared = Prepared.of(programs)
+    prepared, first = Prepared.of(programs), with_outputs(programs[0], programs[0].instructions, (0,))
     made = [(one, kernel(one, prepared, one.name, "Random operations.")) for one in programs]
     made += [(programs[0], one) for one in more]
     quantities = [
@@ -85,6 +86,7 @@ def as_module(programs: Sequence[Program], more: Sequence[Procedure] = (), name:
         parameters=(),
         values=(),
         units={},
+        names=ValueNames(tuple(f"y{k}" for k in range(STATES)), (), ("first",), first),
         prepare=prepare(prepared, "Nothing depends on parameters."),
         prepared=prepared.size,
         quantities=tuple(quantities),

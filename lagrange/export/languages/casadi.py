@@ -129,9 +129,9 @@ mass matrix is singular; {name}_checked() makes one with a second result, 1 wher
 {functions(program, name)}'''
 
 
-def functions(program: Program, name: str) -> str:
-    """Return the text of `name` and `name_checked`."""
-    lines, singular = function_body(program, LIBRARY)
+def functions(program: Program, name: str, names: Mapping[int, str] | None = None) -> str:
+    """Return the text of `name` and `name_checked`; `names` are those of values by instruction."""
+    lines, singular = function_body(program, LIBRARY, names or {})
     body = textwrap.indent("\n".join(lines), "    ")
     results = "ca.vertcat(*results)"
     if len(program.shape) > 1:

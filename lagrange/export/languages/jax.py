@@ -172,9 +172,9 @@ mass matrix is singular; {name}_checked returns (result, whether it is singular)
 {functions(program, name)}'''
 
 
-def functions(program: Program, name: str) -> str:
-    """Return the text of `name` and `name_checked`."""
-    lines, singular = function_body(program, LIBRARY)
+def functions(program: Program, name: str, names: Mapping[int, str] | None = None) -> str:
+    """Return the text of `name` and `name_checked`; `names` are those of values by instruction."""
+    lines, singular = function_body(program, LIBRARY, names or {})
     body = textwrap.indent("\n".join(lines), "    ")
     wanted = f"(), ({program.states},), ({program.parameters},)"
     shape = "" if program.shape == (len(program.outputs),) else f".reshape({program.shape!r})"

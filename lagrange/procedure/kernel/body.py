@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import reduce
 from operator import and_
 from typing import Any
@@ -53,14 +53,16 @@ SOURCE = Style()
 
 @dataclass(frozen=True)
 class Inputs:
-    """Inputs of the instructions of a program: time, state, and parameters with prepared numbers after them."""
+    """Inputs of the instructions of a program: time, state, and parameters with prepared numbers after them.
+
+    `names` are those of values in printed code, by instruction.
+    """
 
     parameters: Memory
     slots: Mapping[int, int]
     time: Real | None = None
     state: Memory | None = None
-    state_names: Sequence[str] = ()
-    parameter_names: Sequence[str] = ()
+    names: Mapping[int, str] = field(default_factory=dict)
     largest: int = WRITTEN_OUT
     """Largest matrix whose prepared factors are those of a written-out elimination; see `Prepared`."""
 
@@ -116,11 +118,9 @@ class Body:
             self.values[ref] = memory[place]
         elif one.op == "state" and ref not in self.values:
             assert inputs.state is not None
-            names = inputs.state_names
-            self.values[ref] = self._named(inputs.state[one.place], names[one.place] if names else "")
+            self.values[ref] = self._named(ref, inputs.state[one.place])
         elif one.op == "parameter" and ref not in self.values:
-            names = inputs.parameter_names
-            self.values[ref] = self._named(inputs.parameters[one.place], names[one.place] if names else "")
+            self.values[ref] = self._named(ref, inputs.parameters[one.place])
         elif ref in inputs.slots and not self.known(ref):
             self.restore(ref, one, inputs.slots[ref])
 
@@ -128,8 +128,8 @@ class Body:
         """Return whether a result has been read or computed."""
         return any(ref in known for known in (self.values, self.vectors, self.factors, self.later))
 
-    @staticmethod
-    def _named(value: Real, name: str) -> Real:
+    def _named(self, ref: int, value: Any) -> Any:
+        name = self.inputs.names.get(ref)
         return value.called(name) if name else value
 
     def value(self, ref: int) -> Any:
@@ -157,7 +157,7 @@ class Body:
             self.vectors[ref] = [held[slot + k] for k in range(one.order)]
         else:
             value = held[slot]
-            self.values[ref] = ~value.equals(0.0) if one.op in CONDITIONS else value
+            self.values[ref] = ~value.equals(0.0) if one.op in CONDITIONS else self._named(ref, value)
 
     def read_factors(self, plan: Elimination, memory: Memory) -> Factored:
         """Return prepared factors of `factor_dense`: as entries for a written-out elimination, else in memory."""
@@ -225,7 +225,7 @@ class Body:
             sine, cosine = self.p.sine_cosine(self.value(one.args[0]))
             self.values[ref], self.values[other] = (sine, cosine) if one.op == "sin" else (cosine, sine)
         else:
-            self.values[ref] = self.p.operation(one.op, *(self.value(arg) for arg in one.args))
+            self.values[ref] = self._named(ref, self.p.operation(one.op, *(self.value(arg) for arg in one.args)))
 
     def partner(self, one: Instruction) -> int | None:
         """Return the cosine to a sine of the program, or the sine to a cosine; None where it has none."""

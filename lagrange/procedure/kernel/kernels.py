@@ -10,7 +10,7 @@ Each says whether a matrix is singular to round-off: the results are then not to
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import reduce
 from operator import or_
 
@@ -32,7 +32,7 @@ def prepare(
     *,
     name: str = "prepare",
     in_place: bool = False,
-    parameter_names: Sequence[str] = (),
+    names: Mapping[int, str] | None = None,
     divisors: Sequence[int] = (),
     style: Style = SOURCE,
 ) -> Procedure:
@@ -45,7 +45,7 @@ def prepare(
     parameters = None if in_place else p.array("parameters", size=program.parameters, read=True)
     out = p.array("p", size=prepared.size)
     given = out if parameters is None else parameters
-    body = Body(p, program, Inputs(given, {}, parameter_names=parameter_names, largest=prepared.largest), style)
+    body = Body(p, program, Inputs(given, {}, names=names or {}, largest=prepared.largest), style)
     if parameters is not None:
         known = {one.place: ref for ref, one in enumerate(program.instructions) if one.op == "parameter"}
         for k in range(program.parameters):
@@ -64,16 +64,15 @@ def kernel(
     name: str,
     about: str,
     *,
-    state_names: Sequence[str] = (),
-    parameter_names: Sequence[str] = (),
+    names: Mapping[int, str] | None = None,
     style: Style = SOURCE,
 ) -> Procedure:
-    """Return the procedure that evaluates a program; `state_names` name its inputs in printed code."""
+    """Return the procedure that evaluates a program; `names` are those of values in printed code."""
     p = Builder(name, about)
     t, y = p.given("t", REAL), p.array("y", size=program.states, read=True)
     held, out = p.array("p", size=prepared.size, read=True), p.array("out", size=len(program.outputs))
     slots = prepared.of_program(program)
-    inputs = Inputs(held, slots, t, y, state_names, parameter_names, prepared.largest)
+    inputs = Inputs(held, slots, t, y, names or {}, prepared.largest)
     body = Body(p, program, inputs, style)
     body.run(range(program.hoisted, len(program.instructions)))
     zeros = [place for place, ref in enumerate(program.outputs) if program.instructions[ref] == ZERO]
