@@ -22,8 +22,7 @@ from typing import Any
 import numpy as np
 
 import lagrange as lg
-from lagrange.export.registry import find
-from lagrange.export.target import QUANTITIES
+from lagrange.export.target import QUANTITIES, find
 
 PAGE = Path(__file__).resolve().parents[2] / "out" / "conformance.md"
 METHODS = ("rk4", "verlet", "dop853")

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import StatementError, listing, shown, suggestion
-from lagrange.export.comments import wrapped
+from lagrange.export.descriptions import WIDTH, statement_lines
 from lagrange.export.identifiers import ascii_name
+from lagrange.export.lines import wrapped
 from lagrange.export.module import Integrator, Quantity, Run, SourceModule, ValueNames
 from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
-from lagrange.export.statement_lines import WIDTH, statement_lines
 from lagrange.export.target import QUANTITIES, SOLVED, Target, every_target
 from lagrange.graph import node
 from lagrange.machine.model import Model
@@ -43,7 +43,7 @@ DEFAULT = ("rhs", "energy")
 
 STEP, MAIN, TAYLOR = "step", "main", "taylor"
 STEP_METHOD, ADAPTIVE_METHOD = "rk4", "dop853"
-"""The methods of the contents `step` and `main`."""
+"""Method of the content `step`, and of `main` without another method."""
 
 INTERVALS = 1000
 """Default number of intervals between the rows that `main` writes."""
@@ -149,7 +149,7 @@ def _refuse(
 
 
 def _refuse_without_inputs(model: Model, parameters: Mapping[Any, Any] | None) -> None:
-    """Raise StatementError for a run in which an input has no value: it would be zero."""
+    """Raise StatementError for a run with an input that has no value."""
     if isinstance(parameters, np.ndarray):  # it has all values
         return
     stated = {label_of(key) for key in table_of(parameters, "parameters", "parameter to value")}
@@ -167,8 +167,9 @@ def _refuse_runs(target: Target, methods: Sequence[str]) -> None:
     plain = [name for name in methods if not _adaptive(name)]
     if plain:
         raise StatementError(
-            f"target {target.name!r} runs to the times that it is asked for with error control, and {listing(plain)} "
-            f"{'has' if len(plain) == 1 else 'have'} not: leave it out of contents, or give a method such as 'dop853'."
+            f"target {target.name!r} runs with error control, which {listing(plain)} "
+            f"{'does' if len(plain) == 1 else 'do'} not have: leave it out of contents, or give a method such as "
+            "'dop853'."
         )
     if len(methods) > 1:
         raise StatementError(
@@ -214,7 +215,7 @@ def module_of(
     def evaluated(program: Program, prepared: Prepared, name: str, about: str) -> Procedure:
         return kernel(program, prepared, name, about, names=names.of(program))
 
-    about = "Write the parameters into p, and behind them what depends on them alone."
+    about = "Write the parameters into p, then the values that depend on parameters alone."
     procedures = {name: evaluated(one, prepared, name, ABOUT[name]) for name, one in programs.items()}
     if alone:
         divided = evaluated(alone, prepared, "divisors", "The entries of the matrix that are divided by.")
@@ -298,7 +299,7 @@ def _integrator(
     laws: Mapping[str, Procedure],
     prune: Callable[[Procedure], Procedure],
 ) -> Integrator:
-    """Return the integrator of a method: one step, or a run with error control, which calls the procedures `laws`."""
+    """Return the integrator of a method: one step, or a run with error control. It calls the procedures `laws`."""
     adaptive, own = step.control is not None, name.replace("-", "_")
     make: Callable[..., Procedure] = adaptive_run if adaptive else one_step
     made = bound(make(step, dimension, own, projected="projection" in laws), laws, prefix=f"{own}_")
@@ -375,7 +376,7 @@ def _run(model: Model) -> Run:
     return Run(model.statement.initial, settings.t_end, INTERVALS, rtol)
 
 
-# --- blocks of the matrix of one unknown, which is a quotient: a zero divisor is tested separately
+# --- unknowns that a division gives: a zero divisor is tested separately
 
 
 def divisors(model: Model) -> Program | None:

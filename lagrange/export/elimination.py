@@ -102,7 +102,7 @@ def solved(n: int, a: Any, right: Any, x: Any) -> None:
 
 @dataclass(frozen=True)
 class Statements:
-    """How a language writes the statements of these functions.
+    """Spellings of the statements of these functions in a language.
 
     `first` is the index of the first element; if it is 1, the last index of a loop belongs to it. `assign` is a
     template of a target and a value; `define` that of a local variable at its first assignment, with {mut} for a Rust

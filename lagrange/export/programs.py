@@ -1,6 +1,6 @@
 """The programs beside an exported file: its self-test, and `main`, which runs the initial state.
 
-What they do is described once: a `Script` spells it in a language, as templates with fields in braces.
+Both are described here for all languages. A `Script` holds their text in a language: templates with fields in braces.
 """
 
 from __future__ import annotations
@@ -8,9 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from lagrange.export.comments import commented
 from lagrange.export.descriptions import TEST, columns, integrator_of, outcome_texts, run_of
-from lagrange.export.lines import number_lines
+from lagrange.export.lines import commented, number_lines
 from lagrange.export.module import SourceModule, StepCheck
 from lagrange.procedure.spelling import Literals
 

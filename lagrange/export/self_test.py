@@ -27,7 +27,7 @@ WELL_CONDITIONED = 2e-14
 """Largest relative error of doubles at a preferred test state: a fiftieth of the allowed error."""
 
 DRAWS = 60
-"""Number of states that are tried before states are used whose results are small differences of large numbers."""
+"""Number of states that are drawn in search of well-conditioned ones."""
 
 ULP = 2.0**-52
 """Relative change of a state that measures the condition of its results."""
@@ -167,26 +167,25 @@ def prepared_numbers(preparing: Procedure, size: int, statement: Statement, para
     p = memoryview(array("d", [0.0] * max(size, 1)))
     if loaded(preparing)(memoryview(array("d", [*parameters, 0.0])), p):
         raise StatementError(
-            f"the mass matrix of {statement.name} is singular with {_zeros(statement, parameters)}, wherever the "
-            "system is: give other values, which the self-test needs."
+            f"the mass matrix of {statement.name} is singular in every state with "
+            f"{_zeros(statement, parameters)}: give other values, which the self-test needs."
         )
     return p
 
 
 MOST_STARTS = 20
-"""Number of states from which a step is tried: first the initial state, from which no step may exist."""
+"""Number of states from which a step is tried: the initial state, then states near it."""
 
 
 MOST_TRIES = 50
-"""Number of steps tried in a tested run with error control. It ends where they end: Python takes 10 ms a step for 50
-bodies."""
+"""Largest number of steps in a tested run with error control: Python needs 10 ms a step for 50 bodies."""
 
 
 def step_check(integrator: Integrator, p: memoryview, statement: Statement) -> StepCheck:
     """Return the test of an integrator; the expected result is that of its procedure, run in Python.
 
-    It starts from the initial state, or if no step exists there, from a state near it. Raises StatementError if no
-    state allows a step.
+    It starts from the initial state, or from a state near it if the step fails there. Raises StatementError if the step
+    fails from every state that is tried.
     """
 
     def adaptive(t: float, t_end: float, y: memoryview) -> tuple[Outcome, float]:

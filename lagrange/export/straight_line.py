@@ -1,4 +1,4 @@
-"""Print programs as functions without loops, for every language that needs no integrator.
+"""Print programs as functions without loops, for languages without integrators.
 
 A `Language` is a table of spellings; its file adds the frame of a module and of a function. Names are made here and
 literals are exact, so nothing of a user's text is run.
@@ -277,9 +277,9 @@ def with_outputs(
 
 
 class Hoisted:
-    """Values of some programs that depend on parameters alone: they stand behind the parameters in p, `size` in all.
+    """Values of some programs that depend on parameters alone. They follow the parameters in p, an array of `size`.
 
-    `program` computes them. Linear systems and what reads them are not hoisted: factors are not numbers.
+    `program` computes them. Linear systems and their solutions are not hoisted: factors are not numbers.
     """
 
     def __init__(self, programs: Sequence[Program], parameters: int) -> None:

@@ -12,9 +12,9 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from lagrange.export.comments import commented
 from lagrange.export.descriptions import named_places, statement_comment
 from lagrange.export.identifiers import distinct
+from lagrange.export.lines import commented
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, StraightLinePrinter

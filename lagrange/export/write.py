@@ -10,7 +10,7 @@ from typing import Any
 
 from lagrange.errors import StatementError, shown
 from lagrange.export.contents import module_of, wanted
-from lagrange.export.registry import check_operations, find
+from lagrange.export.target import check_operations, find
 from lagrange.machine.model import Model
 from lagrange.show.files.atomic_file import real_path
 from lagrange.show.files.atomic_folder import write_together

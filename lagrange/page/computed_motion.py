@@ -8,7 +8,7 @@ from typing import Any
 
 from lagrange.errors import StatementError
 from lagrange.export.contents import module_of, wanted
-from lagrange.export.registry import find, missing_operation
+from lagrange.export.target import find, missing_operation
 from lagrange.machine.model import Model
 from lagrange.statement.statement import Statement
 

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from lagrange.export.languages import fortran, javascript_printer, octave, rust
 from lagrange.export.module import SourceModule
-from lagrange.export.registry import find
+from lagrange.export.target import find
 from lagrange.machine import python_source
 
 

@@ -15,7 +15,7 @@ from sympy import sin
 
 import lagrange as lg
 from lagrange.export.contents import module_of, wanted
-from lagrange.export.registry import find
+from lagrange.export.target import find
 
 LOADED = """
 import sys

@@ -27,7 +27,7 @@ from lagrange.export.languages import (
     rust,
 )
 from lagrange.export.module import Check
-from lagrange.export.registry import find
+from lagrange.export.target import find
 from lagrange.program.program import Program
 from tests.covering import Share
 from tests.export.callers import LANGUAGES, run, write

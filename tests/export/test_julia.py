@@ -9,7 +9,7 @@ import lagrange as lg
 from lagrange.export.contents import module_of, wanted
 from lagrange.export.languages.julia import source
 from lagrange.export.module import SourceModule
-from lagrange.export.registry import find
+from lagrange.export.target import find
 from tests.covering import Share
 from tests.export.graphs import as_module, graph, points, wrong
 from tests.export.julia_reader import check, loaded, reals

@@ -13,8 +13,7 @@ from sympy import cos, erf, sin
 
 import lagrange as lg
 from lagrange.export.contents import MAIN_RTOL
-from lagrange.export.registry import find
-from lagrange.export.target import QUANTITIES
+from lagrange.export.target import QUANTITIES, find
 from lagrange.procedure.outcome import Outcome
 from lagrange.program.program import Instruction, Program, ProgramBlock
 from tests.covering import Share

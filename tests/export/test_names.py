@@ -13,9 +13,8 @@ import sympy
 import lagrange as lg
 from lagrange.evidence.precise_run import evaluate
 from lagrange.export.contents import names_of
-from lagrange.export.registry import find
 from lagrange.export.straight_line import with_outputs
-from lagrange.export.target import target_names
+from lagrange.export.target import find, target_names
 from tests.export.systems import named
 
 

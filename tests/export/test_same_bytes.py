@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = """
 import hashlib, pathlib, sys, tempfile
 import lagrange as lg
-from lagrange.export.registry import find
+from lagrange.export.target import find
 found = hashlib.sha256()
 for scene, contents in (
     ("double-pendulum", ["rhs", "energy", "jacobian", "dop853", "main"]),

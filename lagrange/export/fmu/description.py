@@ -6,10 +6,9 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from xml.sax.saxutils import quoteattr
 
-from lagrange.export.descriptions import run_of
+from lagrange.export.descriptions import generator, run_of
 from lagrange.export.fmu.variables import DERIVATIVE, INDICATOR, INPUT, PARAMETER, RESULT, STATE, Variable, variables
 from lagrange.export.module import SourceModule
-from lagrange.export.statement_lines import generator
 
 CAUSALITY = {
     STATE: ("output", "continuous", "exact"),

@@ -5,11 +5,10 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator, Mapping, Sequence
 
-from lagrange.export.comments import commented
 from lagrange.export.descriptions import about_of, indices, places, sizes, statement_comment
 from lagrange.export.elimination import Statements, body, factored, solved
 from lagrange.export.identifiers import LONGEST, distinct
-from lagrange.export.lines import continued
+from lagrange.export.lines import commented, continued
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Function, Functions, Language

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 
-from lagrange.export.comments import commented
 from lagrange.export.descriptions import (
     about_of,
     columns,
@@ -25,7 +24,7 @@ from lagrange.export.languages.javascript_printer import (
     helper_lines,
     shifted_parameters,
 )
-from lagrange.export.lines import continued
+from lagrange.export.lines import commented, continued
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register

@@ -1,7 +1,7 @@
-"""Print procedures as functions of JavaScript: numbers, and typed arrays from a place on.
+"""Print procedures as functions of JavaScript.
 
-No call makes an object: local arrays and records belong to the file, and a part of an array is the array with the place
-where it begins.
+No call makes an object. Local arrays and records are constants of the file. A subarray is passed as the whole array and
+the offset of its first element.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import NamedTuple
 
-from lagrange.export.braced import BracedPrinter
-from lagrange.export.comments import commented
 from lagrange.export.languages.c_printer import OPERATORS as C_OPERATORS
+from lagrange.export.languages.c_printer import BracedPrinter
+from lagrange.export.lines import commented
 from lagrange.procedure.form import FLAG, WHOLE, Array, Block, Call, Kind, Let, Part, Procedure, Record, calls, inner
 from lagrange.procedure.source_printer import results_of
 from lagrange.procedure.spelling import ATOM, Literals, Operator
@@ -32,7 +32,7 @@ _MATH = (
     *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "min", "max", "sign"),
 )
 FUNCTIONS: Mapping[str, str] = {name: f"Math.{name}" for name in _MATH}
-"""Functions of the language: what has no value is NaN or infinite."""
+"""Functions of the language. They return NaN or infinity where they have no value."""
 
 _BITS = "const bits = new DataView(new ArrayBuffer(8));"
 
@@ -102,7 +102,7 @@ HELPERS: Mapping[str, tuple[str, tuple[str, ...]]] = {
         ),
     ),
 }
-"""Operations that JavaScript has no function for, or another one: a name, and its definition."""
+"""Operations without an equal function in JavaScript: the name of a helper, and its definition."""
 
 
 def helper_lines(ops: Mapping[str, None]) -> list[str]:
@@ -122,7 +122,7 @@ _RESERVED = (
     "y p out t h parameters "
 )
 RESERVED = (*_RESERVED.split(),)
-"""Words that are not names of values: keywords, what the file uses, and what parameters of functions are called."""
+"""Words that cannot be names of values: keywords, names that the file uses, and parameters of functions."""
 
 
 Shifted = Mapping[Procedure, frozenset[int]]
@@ -162,7 +162,7 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class File:
-    """Names and helpers that the functions of one file share.
+    """Names and helpers that the functions of a file share.
 
     `shifted` has the array parameters with an offset. `functions` has the names of all functions, and `lengths`
     those that check the lengths of their array arguments. `memory` collects the declarations of local
@@ -178,7 +178,7 @@ class File:
 
 
 def function(procedure: Procedure, file: File) -> str:
-    """Return a procedure as a function; what it needs of the file is noted there."""
+    """Return a procedure as a function, and record in `file` the helpers and local arrays that it needs."""
     return _JavaScriptPrinter(procedure, file).function()
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from lagrange.export.comments import commented, wrapped
 from lagrange.export.descriptions import about_of, indices, places, sizes, statement_comment
 from lagrange.export.elimination import Statements, body, factored, solved
 from lagrange.export.identifiers import distinct
+from lagrange.export.lines import commented, wrapped
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Function, Functions, Language

@@ -5,10 +5,10 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 
-from lagrange.export.comments import commented, plain
 from lagrange.export.descriptions import about_of, places, statement_comment
 from lagrange.export.elimination import ROWS, Statements, body, factored, solved
 from lagrange.export.identifiers import distinct
+from lagrange.export.lines import commented, plain
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Function, Functions, Language

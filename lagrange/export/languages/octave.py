@@ -7,11 +7,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from lagrange.export.comments import commented
 from lagrange.export.descriptions import about_of, places, statement_comment
 from lagrange.export.elimination import Statements, body, factored, solved
 from lagrange.export.identifiers import LONGEST
-from lagrange.export.lines import continued, number_lines
+from lagrange.export.lines import commented, continued, number_lines
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Function, Functions, Language
@@ -80,7 +79,7 @@ _OWN = "y p t h out parameters singular factored solved pick smaller larger powe
 
 KEYWORDS = (*_KEYWORDS.split(),)
 RESERVED = (*KEYWORDS, *_BUILT_IN.split(), *_OWN.split(), *(f"{op}_of" for op in HELPERS))
-"""Words that are not names of values: keywords, functions, and what parameters and results of functions are called."""
+"""Words that cannot be names of values: keywords, functions, and parameters and results of functions."""
 
 LONGEST_LINE = 120
 """Characters of a statement."""

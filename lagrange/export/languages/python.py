@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 from lagrange.errors import LagrangeError
-from lagrange.export.comments import commented
 from lagrange.export.descriptions import (
     about_of,
     columns,
@@ -19,6 +18,7 @@ from lagrange.export.descriptions import (
     statuses,
 )
 from lagrange.export.identifiers import ascii_name, distinct
+from lagrange.export.lines import commented
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, main_text, marked, test_text
 from lagrange.export.target import Target, register

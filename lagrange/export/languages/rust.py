@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 
-from lagrange.export.comments import commented
 from lagrange.export.descriptions import about_of, indices, places, sizes, statement_comment, statuses
 from lagrange.export.elimination import Statements, body, factored, solved
 from lagrange.export.identifiers import distinct
-from lagrange.export.lines import continued
+from lagrange.export.lines import commented, continued
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Function, Functions, Language
@@ -121,7 +120,7 @@ RESERVED = (
     *(name.upper() for name in (*QUANTITIES, "state", "parameters", "prepared")),
     *("STATE_NAMES", "PARAMETER_NAMES", "DEFAULT_PARAMETERS"),
 )
-"""Words that are not names of values: keywords, what the file uses, and what parameters of functions are called."""
+"""Words that cannot be names of values: keywords, names that the file uses, and parameters of functions."""
 
 STATEMENTS = Statements(
     first=0,
