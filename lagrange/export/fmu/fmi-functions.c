@@ -6,6 +6,10 @@
 
 #include <stdbool.h>
 
+#if defined(__GNUC__)
+#pragma GCC diagnostic ignored "-Wunused-parameter" /* the standard states the parameters */
+#endif
+
 #include "fmi-instance.h"
 
 #if FMI_VERSION == 2
@@ -158,7 +162,10 @@ static Status none(Instance *model, size_t count, const char *function) {
 /* Leave the calling function with an error, or with the status of a function of the model. */
 #define FAIL(message) return tell(model, ERROR, __func__, message)
 #define GIVE(found) return status_of(model, found, __func__)
-#define REFUSE(status, message) return tell(component, status, __func__, message)
+#define REFUSED(Name, status, message, ...)                  \
+    EXPORTED Status FMI(Name)(__VA_ARGS__) {                 \
+        return tell(component, status, __func__, message);  \
+    }
 /* Leave the calling function with an error unless the instance is in one of some phases. */
 #define NEEDS(phases)                                                \
     Instance *model = component;                                     \
@@ -172,7 +179,6 @@ EXPORTED const char *FMI(GetVersion)(void) {
 
 EXPORTED Status FMI(SetDebugLogging)(Component component, Boolean on, size_t count, const String categories[]) {
     NEEDS(INSTANTIATED | EVALUATING)
-    (void)count, (void)categories;
     model->logging = on;
     return OK;
 }
@@ -228,23 +234,17 @@ static int set_all(Instance *model, REFERENCES, const double values[]) {
     return found;
 }
 
-#define NO_VARIABLES(Kind)                                                                                  \
-    EXPORTED Status FMI(Get##Kind)(Component component, REFERENCES, NAMED(Kind) values[] SIZE(size)) {      \
-        (void)references, (void)values IGNORED_SIZE;                                                        \
-        return none(component, count, __func__);                                                            \
-    }                                                                                                       \
-    EXPORTED Status FMI(Set##Kind)(Component component, REFERENCES, const NAMED(Kind) values[] SIZE(size)) { \
-        (void)references, (void)values IGNORED_SIZE;                                                        \
-        return none(component, count, __func__);                                                            \
+#define NONE(Name, ...)                                                       \
+    EXPORTED Status FMI(Name)(Component component, REFERENCES, __VA_ARGS__) { \
+        return none(component, count, __func__);                              \
     }
+#define NO_VARIABLES(Kind)                          \
+    NONE(Get##Kind, NAMED(Kind) values[] SIZE(size)) \
+    NONE(Set##Kind, const NAMED(Kind) values[] SIZE(size))
 
 EXPORTED Status FMI(GetDirectionalDerivative)(
-    Component component,
-    const Reference unknowns[],
-    size_t unknown_count,
-    REFERENCES,
-    const Real seed[] SIZE(seeds),
-    Real sensitivity[] SIZE(sensitivities)) {
+    Component component, const Reference unknowns[], size_t unknown_count, REFERENCES,
+    const Real seed[] SIZE(seeds), Real sensitivity[] SIZE(sensitivities)) {
     NEEDS(EVALUATING)
 #if FMI_VERSION == 3
     if (seeds != count || sensitivities != unknown_count) {
@@ -281,7 +281,6 @@ EXPORTED Status STATE(Free, )(Component component, State *state) {
 
 EXPORTED Status STATE(Serialized, Size)(Component component, State state, size_t *size) {
     NEEDS(INSTANTIATED | EVALUATING)
-    (void)state;
     *size = sizeof(Numbers);
     return OK;
 }
@@ -324,7 +323,6 @@ EXPORTED Status FMI(EnterContinuousTimeMode)(Component component) {
 EXPORTED Status FMI(CompletedIntegratorStep)(
     Component component, Boolean final, Boolean *enter_event_mode, Boolean *terminate) {
     NEEDS(CONTINUOUS)
-    (void)final;
     *enter_event_mode = 0;
     *terminate = 0;
     return OK;
@@ -402,7 +400,6 @@ static int begins_well(const Instance *model, double point, double step) {
 
 /* --- what FMI 2.0 alone has */
 
-#define IGNORED_SIZE
 NO_VARIABLES(Integer)
 NO_VARIABLES(Boolean)
 NO_VARIABLES(String)
@@ -412,14 +409,8 @@ EXPORTED const char *FMI(GetTypesPlatform)(void) {
 }
 
 EXPORTED Component FMI(Instantiate)(
-    String name,
-    fmi2Type type,
-    String token,
-    String resources,
-    const fmi2CallbackFunctions *functions,
-    Boolean visible,
-    Boolean logging) {
-    (void)resources, (void)visible;
+    String name, fmi2Type type, String token, String resources, const fmi2CallbackFunctions *functions,
+    Boolean visible, Boolean logging) {
     Instance *model = instance_of(name, token, type == fmi2CoSimulation);
     if (model == NULL) {
         if (functions != NULL && functions->logger != NULL) {
@@ -439,7 +430,6 @@ EXPORTED Component FMI(Instantiate)(
 EXPORTED Status FMI(SetupExperiment)(
     Component component, Boolean tolerant, Real tolerance, Real from, Boolean ends, Real end) {
     NEEDS(INSTANTIATED)
-    (void)ends, (void)end;
     if (!begin(model, tolerant, tolerance, from)) {
         FAIL("the tolerance is not positive");
     }
@@ -468,21 +458,11 @@ EXPORTED Status FMI(NewDiscreteStates)(Component component, fmi2EventInfo *info)
     return OK;
 }
 
-EXPORTED Status FMI(SetRealInputDerivatives)(
-    Component component, REFERENCES, const fmi2Integer orders[], const Real values[]) {
-    (void)references, (void)orders, (void)values;
-    return none(component, count, __func__);
-}
-
-EXPORTED Status FMI(GetRealOutputDerivatives)(
-    Component component, REFERENCES, const fmi2Integer orders[], Real values[]) {
-    (void)references, (void)orders, (void)values;
-    return none(component, count, __func__);
-}
+NONE(SetRealInputDerivatives, const fmi2Integer orders[], const Real values[])
+NONE(GetRealOutputDerivatives, const fmi2Integer orders[], Real values[])
 
 EXPORTED Status FMI(DoStep)(Component component, Real point, Real step, Boolean final) {
     NEEDS(STEPPING)
-    (void)final;
     if (!begins_well(model, point, step)) {
         FAIL(NO_STEP);
     }
@@ -493,14 +473,9 @@ EXPORTED Status FMI(DoStep)(Component component, Real point, Real step, Boolean 
     return OK;
 }
 
-EXPORTED Status FMI(CancelStep)(Component component) {
-    REFUSE(ERROR, "steps are not asynchronous");
-}
-
-EXPORTED Status FMI(GetStatus)(Component component, const fmi2StatusKind kind, Status *value) {
-    (void)kind, (void)value;
-    REFUSE(DISCARD, "steps are not asynchronous");
-}
+REFUSED(CancelStep, ERROR, "steps are not asynchronous", Component component)
+REFUSED(GetStatus, DISCARD, "steps are not asynchronous", Component component, const fmi2StatusKind kind,
+    Status *value)
 
 EXPORTED Status FMI(GetRealStatus)(Component component, const fmi2StatusKind kind, Real *value) {
     NEEDS(STEPPING | TERMINATED)
@@ -511,29 +486,24 @@ EXPORTED Status FMI(GetRealStatus)(Component component, const fmi2StatusKind kin
     return OK;
 }
 
-EXPORTED Status FMI(GetIntegerStatus)(Component component, const fmi2StatusKind kind, fmi2Integer *value) {
-    (void)kind, (void)value;
-    REFUSE(DISCARD, "there is no such status");
-}
+REFUSED(GetIntegerStatus, DISCARD, "there is no such status", Component component, const fmi2StatusKind kind,
+    fmi2Integer *value)
 
 EXPORTED Status FMI(GetBooleanStatus)(Component component, const fmi2StatusKind kind, Boolean *value) {
     if (component == NULL || kind != fmi2Terminated) {
-        REFUSE(DISCARD, "there is no such status");
+        return tell(component, DISCARD, __func__, "there is no such status");
     }
     *value = 0;
     return OK;
 }
 
-EXPORTED Status FMI(GetStringStatus)(Component component, const fmi2StatusKind kind, String *value) {
-    (void)kind, (void)value;
-    REFUSE(DISCARD, "there is no such status");
-}
+REFUSED(GetStringStatus, DISCARD, "there is no such status", Component component, const fmi2StatusKind kind,
+    String *value)
 
 #else
 
 /* --- what FMI 3.0 alone has: there are no clocks, and no structural parameters */
 
-#define IGNORED_SIZE , (void)size
 NO_VARIABLES(Float32)
 NO_VARIABLES(Int8)
 NO_VARIABLES(UInt8)
@@ -547,12 +517,8 @@ NO_VARIABLES(Boolean)
 NO_VARIABLES(String)
 
 static Component instantiate(
-    String name,
-    String token,
-    Boolean logging,
-    fmi3InstanceEnvironment environment,
-    fmi3LogMessageCallback log_message,
-    int stepped) {
+    String name, String token, Boolean logging, fmi3InstanceEnvironment environment,
+    fmi3LogMessageCallback log_message, int stepped) {
     Instance *model = instance_of(name, token, stepped);
     if (model == NULL) {
         if (log_message != NULL) {
@@ -567,31 +533,15 @@ static Component instantiate(
 }
 
 EXPORTED Component FMI(InstantiateModelExchange)(
-    String name,
-    String token,
-    String resources,
-    Boolean visible,
-    Boolean logging,
-    fmi3InstanceEnvironment environment,
-    fmi3LogMessageCallback log_message) {
-    (void)resources, (void)visible;
+    String name, String token, String resources, Boolean visible, Boolean logging,
+    fmi3InstanceEnvironment environment, fmi3LogMessageCallback log_message) {
     return instantiate(name, token, logging, environment, log_message, 0);
 }
 
 EXPORTED Component FMI(InstantiateCoSimulation)(
-    String name,
-    String token,
-    String resources,
-    Boolean visible,
-    Boolean logging,
-    Boolean event_mode,
-    Boolean early_return,
-    const Reference required[],
-    size_t count,
-    fmi3InstanceEnvironment environment,
-    fmi3LogMessageCallback log_message,
-    fmi3IntermediateUpdateCallback update) {
-    (void)resources, (void)visible, (void)early_return, (void)required, (void)update;
+    String name, String token, String resources, Boolean visible, Boolean logging, Boolean event_mode,
+    Boolean early_return, const Reference required[], size_t count, fmi3InstanceEnvironment environment,
+    fmi3LogMessageCallback log_message, fmi3IntermediateUpdateCallback update) {
     if (event_mode || count > 0) {
         return NULL;
     }
@@ -599,29 +549,15 @@ EXPORTED Component FMI(InstantiateCoSimulation)(
 }
 
 EXPORTED Component FMI(InstantiateScheduledExecution)(
-    String name,
-    String token,
-    String resources,
-    Boolean visible,
-    Boolean logging,
-    fmi3InstanceEnvironment environment,
-    fmi3LogMessageCallback log_message,
-    fmi3ClockUpdateCallback clock,
-    fmi3LockPreemptionCallback lock,
-    fmi3UnlockPreemptionCallback unlock) {
-    (void)name, (void)token, (void)resources, (void)visible, (void)logging, (void)environment, (void)log_message, (void)clock, (void)lock, (void)unlock;
+    String name, String token, String resources, Boolean visible, Boolean logging,
+    fmi3InstanceEnvironment environment, fmi3LogMessageCallback log_message, fmi3ClockUpdateCallback clock,
+    fmi3LockPreemptionCallback lock, fmi3UnlockPreemptionCallback unlock) {
     return NULL;
 }
 
 EXPORTED Status FMI(EnterInitializationMode)(
-    Component component,
-    Boolean tolerant,
-    Real tolerance,
-    Real from,
-    Boolean ends,
-    Real end) {
+    Component component, Boolean tolerant, Real tolerance, Real from, Boolean ends, Real end) {
     NEEDS(INSTANTIATED)
-    (void)ends, (void)end;
     if (!begin(model, tolerant, tolerance, from)) {
         FAIL("the tolerance is not positive");
     }
@@ -629,8 +565,7 @@ EXPORTED Status FMI(EnterInitializationMode)(
     return OK;
 }
 
-EXPORTED Status FMI(GetFloat64)(
-    Component component, REFERENCES, Real values[], size_t size) {
+EXPORTED Status FMI(GetFloat64)(Component component, REFERENCES, Real values[], size_t size) {
     NEEDS(INSTANTIATED | EVALUATING)
     if (size != count) {
         FAIL("the number of values is another");
@@ -638,8 +573,7 @@ EXPORTED Status FMI(GetFloat64)(
     GIVE(get_all(model, references, count, values));
 }
 
-EXPORTED Status FMI(SetFloat64)(
-    Component component, REFERENCES, const Real values[], size_t size) {
+EXPORTED Status FMI(SetFloat64)(Component component, REFERENCES, const Real values[], size_t size) {
     NEEDS(INSTANTIATED | EVALUATING)
     if (size != count) {
         FAIL("the number of values is another");
@@ -647,87 +581,22 @@ EXPORTED Status FMI(SetFloat64)(
     GIVE(set_all(model, references, count, values));
 }
 
-EXPORTED Status FMI(GetBinary)(
-    Component component, REFERENCES, size_t sizes[], fmi3Binary values[], size_t size) {
-    (void)references, (void)sizes, (void)values, (void)size;
-    return none(component, count, __func__);
-}
-
-EXPORTED Status FMI(SetBinary)(
-    Component component, REFERENCES, const size_t sizes[], const fmi3Binary values[], size_t size) {
-    (void)references, (void)sizes, (void)values, (void)size;
-    return none(component, count, __func__);
-}
-
-EXPORTED Status FMI(GetClock)(Component component, REFERENCES, fmi3Clock values[]) {
-    (void)references, (void)values;
-    return none(component, count, __func__);
-}
-
-EXPORTED Status FMI(SetClock)(Component component, REFERENCES, const fmi3Clock values[]) {
-    (void)references, (void)values;
-    return none(component, count, __func__);
-}
-
-EXPORTED Status FMI(GetIntervalDecimal)(
-    Component component, REFERENCES, Real intervals[], fmi3IntervalQualifier qualifiers[]) {
-    (void)references, (void)intervals, (void)qualifiers;
-    return none(component, count, __func__);
-}
-
-EXPORTED Status FMI(GetIntervalFraction)(
-    Component component,
-    REFERENCES,
-    fmi3UInt64 counters[],
-    fmi3UInt64 resolutions[],
-    fmi3IntervalQualifier qualifiers[]) {
-    (void)references, (void)counters, (void)resolutions, (void)qualifiers;
-    return none(component, count, __func__);
-}
-
-EXPORTED Status FMI(GetShiftDecimal)(Component component, REFERENCES, Real shifts[]) {
-    (void)references, (void)shifts;
-    return none(component, count, __func__);
-}
-
-EXPORTED Status FMI(GetShiftFraction)(
-    Component component, REFERENCES, fmi3UInt64 counters[], fmi3UInt64 resolutions[]) {
-    (void)references, (void)counters, (void)resolutions;
-    return none(component, count, __func__);
-}
-
-EXPORTED Status FMI(SetIntervalDecimal)(
-    Component component, REFERENCES, const Real intervals[]) {
-    (void)references, (void)intervals;
-    return none(component, count, __func__);
-}
-
-EXPORTED Status FMI(SetIntervalFraction)(
-    Component component, REFERENCES, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]) {
-    (void)references, (void)counters, (void)resolutions;
-    return none(component, count, __func__);
-}
-
-EXPORTED Status FMI(SetShiftDecimal)(Component component, REFERENCES, const Real shifts[]) {
-    (void)references, (void)shifts;
-    return none(component, count, __func__);
-}
-
-EXPORTED Status FMI(SetShiftFraction)(
-    Component component, REFERENCES, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[]) {
-    (void)references, (void)counters, (void)resolutions;
-    return none(component, count, __func__);
-}
+NONE(GetBinary, size_t sizes[], fmi3Binary values[], size_t size)
+NONE(SetBinary, const size_t sizes[], const fmi3Binary values[], size_t size)
+NONE(GetClock, fmi3Clock values[])
+NONE(SetClock, const fmi3Clock values[])
+NONE(GetIntervalDecimal, Real intervals[], fmi3IntervalQualifier qualifiers[])
+NONE(GetIntervalFraction, fmi3UInt64 counters[], fmi3UInt64 resolutions[], fmi3IntervalQualifier qualifiers[])
+NONE(GetShiftDecimal, Real shifts[])
+NONE(GetShiftFraction, fmi3UInt64 counters[], fmi3UInt64 resolutions[])
+NONE(SetIntervalDecimal, const Real intervals[])
+NONE(SetIntervalFraction, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
+NONE(SetShiftDecimal, const Real shifts[])
+NONE(SetShiftFraction, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
 
 EXPORTED Status FMI(GetAdjointDerivative)(
-    Component component,
-    const Reference unknowns[],
-    size_t unknown_count,
-    REFERENCES,
-    const Real seed[],
-    size_t seeds,
-    Real sensitivity[],
-    size_t sensitivities) {
+    Component component, const Reference unknowns[], size_t unknown_count, REFERENCES, const Real seed[],
+    size_t seeds, Real sensitivity[], size_t sensitivities) {
     NEEDS(EVALUATING)
     if (seeds != unknown_count || sensitivities != count) {
         FAIL("the number of values is another");
@@ -751,31 +620,14 @@ EXPORTED Status FMI(GetAdjointDerivative)(
     return OK;
 }
 
-EXPORTED Status FMI(GetNumberOfVariableDependencies)(
-    Component component, Reference reference, size_t *count) {
-    (void)reference, (void)count;
-    REFUSE(ERROR, "dependencies do not change");
-}
+REFUSED(GetNumberOfVariableDependencies, ERROR, "dependencies do not change", Component component,
+    Reference reference, size_t *count)
 
-EXPORTED Status FMI(GetVariableDependencies)(
-    Component component,
-    Reference dependent,
-    size_t elements[],
-    Reference independents[],
-    size_t independent_elements[],
-    fmi3DependencyKind kinds[],
-    size_t count) {
-    (void)dependent, (void)elements, (void)independents, (void)independent_elements, (void)kinds, (void)count;
-    REFUSE(ERROR, "dependencies do not change");
-}
+REFUSED(GetVariableDependencies, ERROR, "dependencies do not change", Component component,
+    Reference dependent, size_t elements[], Reference independents[], size_t independent_elements[], fmi3DependencyKind kinds[], size_t count)
 
-EXPORTED Status FMI(EnterConfigurationMode)(Component component) {
-    REFUSE(ERROR, "there are no structural parameters");
-}
-
-EXPORTED Status FMI(ExitConfigurationMode)(Component component) {
-    REFUSE(ERROR, "there are no structural parameters");
-}
+REFUSED(EnterConfigurationMode, ERROR, "there are no structural parameters", Component component)
+REFUSED(ExitConfigurationMode, ERROR, "there are no structural parameters", Component component)
 
 EXPORTED Status FMI(EvaluateDiscreteStates)(Component component) {
     NEEDS(INITIALIZING | EVENTS)
@@ -783,13 +635,8 @@ EXPORTED Status FMI(EvaluateDiscreteStates)(Component component) {
 }
 
 EXPORTED Status FMI(UpdateDiscreteStates)(
-    Component component,
-    Boolean *again,
-    Boolean *terminate,
-    Boolean *nominals_changed,
-    Boolean *values_changed,
-    Boolean *next_event,
-    Real *next_event_time) {
+    Component component, Boolean *again, Boolean *terminate, Boolean *nominals_changed,
+    Boolean *values_changed, Boolean *next_event, Real *next_event_time) {
     NEEDS(EVENTS)
     *again = *terminate = *nominals_changed = *values_changed = *next_event = false;
     *next_event_time = 0.0;
@@ -808,27 +655,13 @@ EXPORTED Status FMI(GetNumberOfContinuousStates)(Component component, size_t *co
     return OK;
 }
 
-EXPORTED Status FMI(EnterStepMode)(Component component) {
-    REFUSE(ERROR, "co-simulation has no event mode");
-}
-
-EXPORTED Status FMI(GetOutputDerivatives)(
-    Component component, REFERENCES, const fmi3Int32 orders[], Real values[], size_t size) {
-    (void)references, (void)orders, (void)values, (void)size;
-    return none(component, count, __func__);
-}
+REFUSED(EnterStepMode, ERROR, "co-simulation has no event mode", Component component)
+NONE(GetOutputDerivatives, const fmi3Int32 orders[], Real values[], size_t size)
 
 EXPORTED Status FMI(DoStep)(
-    Component component,
-    Real point,
-    Real step,
-    Boolean final,
-    Boolean *event_handling,
-    Boolean *terminate,
-    Boolean *early_return,
-    Real *last_time) {
+    Component component, Real point, Real step, Boolean final, Boolean *event_handling, Boolean *terminate,
+    Boolean *early_return, Real *last_time) {
     NEEDS(STEPPING)
-    (void)final;
     *event_handling = *terminate = *early_return = false;
     *last_time = model->now.t;
     if (!begins_well(model, point, step)) {
@@ -842,10 +675,6 @@ EXPORTED Status FMI(DoStep)(
     return OK;
 }
 
-EXPORTED Status FMI(ActivateModelPartition)(
-    Component component, Reference clock, Real time) {
-    (void)clock, (void)time;
-    REFUSE(ERROR, "there are no clocks");
-}
+REFUSED(ActivateModelPartition, ERROR, "there are no clocks", Component component, Reference clock, Real time)
 
 #endif
