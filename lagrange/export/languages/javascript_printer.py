@@ -36,70 +36,67 @@ FUNCTIONS: Mapping[str, str] = {name: f"Math.{name}" for name in _MATH}
 
 _BITS = "const bits = new DataView(new ArrayBuffer(8));"
 
-HELPERS: Mapping[str, tuple[str, tuple[str, ...]]] = {
+HELPERS: Mapping[str, tuple[str, str]] = {
     "power": (
         "power",
-        (
-            "// Math.pow(1, NaN) and Math.pow(-1, Infinity) are NaN: here they are 1, as in C.",
-            "function power(x, y) {",
-            "    return x === 1 || (x === -1 && Math.abs(y) === Infinity) ? 1 : Math.pow(x, y);",
-            "}",
-        ),
+        """\
+// Math.pow(1, NaN) and Math.pow(-1, Infinity) are NaN: here they are 1, as in C.
+function power(x, y) {
+    return x === 1 || (x === -1 && Math.abs(y) === Infinity) ? 1 : Math.pow(x, y);
+}""",
     ),
     "magnitude": (
         "magnitude",
-        ("function magnitude(a, b) {", "    return Math.max(Math.abs(a), Math.abs(b));", "}"),
+        """\
+function magnitude(a, b) {
+    return Math.max(Math.abs(a), Math.abs(b));
+}""",
     ),
     "copysign": (
         "copysign",
-        (
-            "function copysign(x, y) {",
-            "    const size = Math.abs(x);",
-            "    return y < 0 || Object.is(y, -0) ? -size : size;",
-            "}",
-        ),
+        """\
+function copysign(x, y) {
+    const size = Math.abs(x);
+    return y < 0 || Object.is(y, -0) ? -size : size;
+}""",
     ),
     "round": (
         "round_even",
-        (
-            "// The sum has no digits behind the point, and is rounded to the nearest, ties to even.",
-            "function round_even(x) {",
-            "    if (!(Math.abs(x) < 4503599627370496)) {",
-            "        return x;",
-            "    }",
-            "    const size = Math.abs(x) + 4503599627370496 - 4503599627370496;",
-            "    return x < 0 || Object.is(x, -0) ? -size : size;",
-            "}",
-        ),
+        """\
+// The sum has no digits behind the point, and is rounded to the nearest, ties to even.
+function round_even(x) {
+    if (!(Math.abs(x) < 4503599627370496)) {
+        return x;
+    }
+    const size = Math.abs(x) + 4503599627370496 - 4503599627370496;
+    return x < 0 || Object.is(x, -0) ? -size : size;
+}""",
     ),
     "two_to": (
         "two_to",
-        (
-            "function two_to(k) {",
-            "    bits.setUint32(0, (k + 1023) << 20);",
-            "    bits.setUint32(4, 0);",
-            "    return bits.getFloat64(0);",
-            "}",
-        ),
+        """\
+function two_to(k) {
+    bits.setUint32(0, (k + 1023) << 20);
+    bits.setUint32(4, 0);
+    return bits.getFloat64(0);
+}""",
     ),
     "exponent": (
         "exponent",
-        (
-            "function exponent(x) {",
-            "    bits.setFloat64(0, x);",
-            "    return ((bits.getUint32(0) >>> 20) & 2047) - 1023;",
-            "}",
-        ),
+        """\
+function exponent(x) {
+    bits.setFloat64(0, x);
+    return ((bits.getUint32(0) >>> 20) & 2047) - 1023;
+}""",
     ),
     "mantissa": (
         "mantissa",
-        (
-            "function mantissa(x) {",
-            "    bits.setFloat64(0, x);",
-            "    bits.setUint32(0, (bits.getUint32(0) & 0xfffff) | 0x3ff00000);",
-            "    return bits.getFloat64(0);",
-            "}",
-        ),
+        """\
+function mantissa(x) {
+    bits.setFloat64(0, x);
+    bits.setUint32(0, (bits.getUint32(0) & 0xfffff) | 0x3ff00000);
+    return bits.getFloat64(0);
+}""",
     ),
 }
 """Operations without an equal function in JavaScript: the name of a helper, and its definition."""
@@ -107,10 +104,8 @@ HELPERS: Mapping[str, tuple[str, tuple[str, ...]]] = {
 
 def helper_lines(ops: Mapping[str, None]) -> list[str]:
     """Return the definitions of helpers."""
-    lines = [_BITS, ""] if any("bits." in line for op in ops for line in HELPERS[op][1]) else []
-    for op in sorted(ops):
-        lines += [*HELPERS[op][1], ""]
-    return lines
+    lines = [_BITS, ""] if any("bits." in HELPERS[op][1] for op in ops) else []
+    return [*lines, *(line for op in sorted(ops) for line in (*HELPERS[op][1].splitlines(), ""))]
 
 
 _RESERVED = (

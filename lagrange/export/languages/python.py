@@ -25,67 +25,55 @@ from lagrange.export.target import Target, register
 from lagrange.machine.python_source import LITERALS, OPERATORS, Printer
 from lagrange.procedure.form import REAL, Array, Part, Procedure
 
-_TOTAL = (
-    "def _total(function, x, pole=nan):",
-    '    """Return a function of x: NaN outside of its domain, infinite where it overflows, `pole` at 0."""',
-    "    try:",
-    "        return function(x)",
-    "    except OverflowError:",
-    "        return inf if x > 0.0 or function is math.cosh else -inf",
-    "    except ValueError:",
-    "        return pole if x == 0.0 else nan",
-)
+
+def _total(name: str, rest: str = "") -> str:
+    return f"def _{name}(x):\n    return _total(math.{name}, x{rest})"
 
 
-def _of_total(name: str, rest: str = "") -> tuple[str, ...]:
-    return (f"def _{name}(x):", f"    return _total(math.{name}, x{rest})")
-
-
-HELPERS: Mapping[str, tuple[str, ...]] = {
-    "total": _TOTAL,
-    **{name: _of_total(name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "exp", "sinh", "cosh", "acosh")},
-    **{name: (f"_{name} = math.{name}",) for name in ("atan", "atan2", "tanh", "asinh", "erf", "copysign")},
-    "log": _of_total("log", ", -inf"),
-    "atanh": (
-        "def _atanh(x):",
-        "    return math.copysign(inf, x) if abs(x) == 1.0 else _total(math.atanh, x)",
-    ),
-    "div": (
-        "def _div(a, b):",
-        "    if b:",
-        "        return a / b",
-        "    if a == 0.0 or a != a:",
-        "        return nan",
-        "    return math.copysign(inf, a) * math.copysign(1.0, b)",
-    ),
-    "power": (
-        "def _power(a, b):",
-        "    try:",
-        "        return math.pow(a, b)",
-        "    except OverflowError:",
-        "        return -inf if a < 0.0 and math.fmod(b, 2.0) in (1.0, -1.0) else inf",
-        "    except ValueError:",
-        "        if a != 0.0:",
-        "            return nan",
-        "        return math.copysign(inf, a) if math.fmod(b, 2.0) in (1.0, -1.0) else inf",
-    ),
-    "min": ("def _min(a, b):", "    return a if a < b or a != a else b"),
-    "max": ("def _max(a, b):", "    return a if a > b or a != a else b"),
-    "magnitude": ("def _magnitude(a, b):", "    return _max(abs(a), abs(b))"),
-    "sign": ("def _sign(x):", "    return 1.0 if x > 0.0 else -1.0 if x < 0.0 else x"),
-    "round": (
-        "def _round(x):",
-        "    return math.copysign(float(round(x)), x) if x - x == 0.0 else x",
-    ),
-    "quotient": ("def _quotient(a, b):", "    return abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)"),
-    "two_to": ("def _two_to(k):", "    return math.ldexp(1.0, k)"),
-    "exponent": (
-        "def _exponent(x):",
-        "    if not abs(x) < inf:",
-        "        return 1024",
-        "    return max(math.frexp(x)[1] - 1, -1023) if x else -1023",
-    ),
-    "mantissa": ("def _mantissa(x):", "    return 2.0 * math.frexp(abs(x))[0]"),
+HELPERS: Mapping[str, str] = {
+    "total": '''\
+def _total(function, x, pole=nan):
+    """Return a function of x: NaN outside of its domain, infinite where it overflows, `pole` at 0."""
+    try:
+        return function(x)
+    except OverflowError:
+        return inf if x > 0.0 or function is math.cosh else -inf
+    except ValueError:
+        return pole if x == 0.0 else nan''',
+    **{name: _total(name) for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "exp", "sinh", "cosh", "acosh")},
+    **{name: f"_{name} = math.{name}" for name in ("atan", "atan2", "tanh", "asinh", "erf", "copysign")},
+    "log": _total("log", ", -inf"),
+    "atanh": "def _atanh(x):\n    return math.copysign(inf, x) if abs(x) == 1.0 else _total(math.atanh, x)",
+    "div": """\
+def _div(a, b):
+    if b:
+        return a / b
+    if a == 0.0 or a != a:
+        return nan
+    return math.copysign(inf, a) * math.copysign(1.0, b)""",
+    "power": """\
+def _power(a, b):
+    try:
+        return math.pow(a, b)
+    except OverflowError:
+        return -inf if a < 0.0 and math.fmod(b, 2.0) in (1.0, -1.0) else inf
+    except ValueError:
+        if a != 0.0:
+            return nan
+        return math.copysign(inf, a) if math.fmod(b, 2.0) in (1.0, -1.0) else inf""",
+    "min": "def _min(a, b):\n    return a if a < b or a != a else b",
+    "max": "def _max(a, b):\n    return a if a > b or a != a else b",
+    "magnitude": "def _magnitude(a, b):\n    return _max(abs(a), abs(b))",
+    "sign": "def _sign(x):\n    return 1.0 if x > 0.0 else -1.0 if x < 0.0 else x",
+    "round": "def _round(x):\n    return math.copysign(float(round(x)), x) if x - x == 0.0 else x",
+    "quotient": "def _quotient(a, b):\n    return abs(a) // abs(b) * (1 if (a < 0) == (b < 0) else -1)",
+    "two_to": "def _two_to(k):\n    return math.ldexp(1.0, k)",
+    "exponent": """\
+def _exponent(x):
+    if not abs(x) < inf:
+        return 1024
+    return max(math.frexp(x)[1] - 1, -1023) if x else -1023""",
+    "mantissa": "def _mantissa(x):\n    return 2.0 * math.frexp(abs(x))[0]",
 }
 """Operations defined in the file. They return NaN or infinity, as machine code does, where Python raises an error."""
 
@@ -121,11 +109,7 @@ def helper_lines(ops: Mapping[str, None]) -> list[str]:
     """Return the definitions of helpers and of those that they use."""
     wanted = {op for op in ops if op not in OPERATORS}
     wanted |= {one for op in wanted for one in NEEDS.get(op, ())}
-    lines = []
-    for op in HELPERS:
-        if op in wanted:
-            lines += [*HELPERS[op], "", ""]
-    return lines
+    return [line for op, text in HELPERS.items() if op in wanted for line in (*text.splitlines(), "", "")]
 
 
 @register
