@@ -199,12 +199,11 @@ def module_of(
     model: Model, asked: Wanted, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
 ) -> SourceModule:
     """Return the language-independent module of a model. Raises StatementError for a parameter without a value."""
-    statement, equations = model.statement, model.equations
+    statement = model.statement
     values = tuple(map(float, model.parameter_array(with_zero_inputs(model.statement, parameters))))
     state = statement.state_names
     programs = {name: _program(name, model, events) for name in asked.quantities}
-    constrained = len(equations.constraints) > 0
-    projected = (bool(asked.methods) or asked.taylor) and constrained
+    projected = (bool(asked.methods) or asked.taylor) and len(model.equations.constraints) > 0
     every = [*programs.values()]
     if projected:
         every.append(model.law("projection").program)
@@ -215,7 +214,6 @@ def module_of(
     def evaluated(program: Program, prepared: Prepared, name: str, about: str) -> Procedure:
         return kernel(program, prepared, name, about, names=names.of(program))
 
-    about = "Write the parameters into p, then the values that depend on parameters alone."
     procedures = {name: evaluated(one, prepared, name, ABOUT[name]) for name, one in programs.items()}
     if alone:
         divided = evaluated(alone, prepared, "divisors", "The entries of the matrix that are divided by.")
@@ -226,7 +224,7 @@ def module_of(
     prune = Pruner().pruned
     integrators = tuple(_integrator(name, step, len(state), laws, prune) for name, step in asked.methods)
     tested = fixed(alone, prepared) if alone else ()
-    preparing = prepare(prepared, about, names=names.of(prepared.program), divisors=tested)
+    preparing = prepare(prepared, PREPARE, names=names.of(prepared.program), divisors=tested)
     size = prepared.size
     if asked.taylor:
         series = _taylor(model, prepared.size, laws.get("projection"))
@@ -238,10 +236,7 @@ def module_of(
     quantities = tuple(_quantity(model, name, one, prune(procedures[name])) for name, one in programs.items())
     return SourceModule(
         name=ascii_name(statement.name).lower(),
-        statement=(
-            *statement_lines(statement, events),
-            *wrapped(MASS + GRADIENT * (len(equations.constraints) > 0), WIDTH),
-        ),
+        statement=_text(model, events),
         state=state,
         parameters=names.parameters,
         names=names,
@@ -278,6 +273,14 @@ def names_of(model: Model) -> ValueNames:
 MASS = "mass_a_b: the entry of the mass matrix for the coordinates a and b"
 GRADIENT = "; gradient_c_a: the derivative of the constraint c by the coordinate a, or by its velocity"
 """Comments on names of values in an exported file."""
+
+PREPARE = "Write the parameters into p, then the values that depend on parameters alone."
+
+
+def _text(model: Model, events: Sequence[Event]) -> tuple[str, ...]:
+    """Return the lines of text about a system, with the meaning of the names of values."""
+    about = MASS + GRADIENT * (len(model.equations.constraints) > 0)
+    return (*statement_lines(model.statement, events), *wrapped(about, WIDTH))
 
 
 def _program(name: str, model: Model, events: Sequence[Event]) -> Program:
