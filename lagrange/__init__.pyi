@@ -1,5 +1,6 @@
 """The public names, one a line, each with its module. `__init__.py` reads this file."""
 
+from lagrange.compiler import load as load
 from lagrange.errors import LagrangeError as LagrangeError
 from lagrange.errors import RunError as RunError
 from lagrange.errors import SceneError as SceneError
@@ -21,6 +22,9 @@ from lagrange.show.figures.run_figure import plot as plot
 from lagrange.show.notebook.shown_lists import scenes as scenes
 from lagrange.show.race import Race as Race
 from lagrange.show.race import race as race
+from lagrange.statement.contact import contact as contact
+from lagrange.statement.contact import gap as gap
+from lagrange.statement.contact import impact_speed as impact_speed
 from lagrange.statement.coordinate import coordinate as coordinate
 from lagrange.statement.coordinate import coordinates as coordinates
 from lagrange.statement.coordinate import multiplier as multiplier
@@ -35,7 +39,6 @@ from lagrange.statement.event import event as event
 from lagrange.statement.given.function import given as given
 from lagrange.statement.given.motion import table as table
 from lagrange.system import System as System
-from lagrange.system import load as load
 from lagrange.system import scene as scene
 from lagrange.trajectory.integrator import Claims as Claims
 from lagrange.trajectory.integrator import Integrator as Integrator

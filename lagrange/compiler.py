@@ -21,9 +21,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib import import_module
+from os import PathLike
 from typing import Any
 
-from lagrange.equations.euler_lagrange import Equations, with_needed_inputs
+from lagrange.equations.euler_lagrange import Equations, euler_lagrange, with_needed_inputs
 from lagrange.equations.multiplier_forces import with_solved_multipliers
 from lagrange.equations.regularity import allowed_equations
 from lagrange.errors import StatementError
@@ -35,10 +36,12 @@ from lagrange.program.catalogue import lower_nodes, program_of
 from lagrange.program.switching import Switched
 from lagrange.program.taylor import series_program
 from lagrange.recipes.model import Model
+from lagrange.show.files.loaded_run import loaded_run
 from lagrange.statement.choice import one_of
 from lagrange.statement.given.function import require_formulas, with_inputs
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.projection import Projection
+from lagrange.trajectory.solution import Solution
 
 MACHINES = {"llvm": "lagrange.machine.llvm_machine:LlvmMachine", "numpy": "lagrange.machine.numpy_machine:NumpyMachine"}
 """Every target by name, with the "module:class" of its machine, imported at first use: numpy runs without llvmlite."""
@@ -69,7 +72,7 @@ class Stages:
         return self.machine.series(program), switched
 
     @property
-    def again(self) -> Callable[[Statement], Model]:
+    def again(self) -> Callable[..., Model]:
         """Function that makes the model of a statement on the same machine; it pickles without these equations."""
         return partial(_on_machine, self.machine.name)
 
@@ -81,13 +84,16 @@ def reached(statement: Statement, equations: Equations, states: FloatArray, para
     return [state for state in projected if state is not None]
 
 
-def _on_machine(target: str, statement: Statement) -> Model:
-    """Return the model of a pickled statement on its machine, or on numpy where that machine is not installed."""
+def _on_machine(target: str, statement: Statement, kept: Sequence[int] | None = None) -> Model:
+    """Return the model of a pickled statement on its machine, or on numpy where that machine is not installed.
+
+    `kept` has the indices of independent constraints, where these are known.
+    """
     try:
         on = machine(target)
     except StatementError:
         on = machine("numpy")
-    return model_of(statement, on)
+    return model_of(statement, on, None if kept is None else euler_lagrange(statement, kept))
 
 
 def model_of(statement: Statement, on: Machine, equations: Equations | None = None) -> Model:
@@ -127,6 +133,15 @@ def machine(target: str) -> Machine:
             f"target {target!r} needs a package that is missing ({error}): use target='numpy'."
         ) from error
     return result
+
+
+def load(path: str | PathLike[str]) -> Solution:
+    """Return the run that `solution.to_npz` wrote, with its system: a Solution.
+
+    Between its outputs it has only the states that the file stores for animations. No code in the file is run: it holds
+    numbers and a scene. Raises StatementError for a file that cannot be read, or that is not from `to_npz`.
+    """
+    return loaded_run(path, lambda statement, target: model_of(statement, machine(target)))
 
 
 def _loaded(place: str) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, partial
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +18,7 @@ from lagrange.show.notebook.shown_derivation import ShownDerivation, written_der
 from lagrange.show.notebook.shown_lists import EquationList, ExpressionDict
 from lagrange.show.notebook.system_page import system_page
 from lagrange.statement.choice import ByName
+from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.declare import declare
 from lagrange.statement.given.function import require_values
@@ -70,19 +71,21 @@ class System:
         links: Iterable[Sequence[str]] = (),
         name: str = "system",
         dimensions: Mapping[Any, Any] | None = None,
+        contacts: Mapping[str, Any] | None = None,
+        simultaneous: str | None = None,
     ) -> None:
         """State a system.
 
         Give `kinetic` and `potential`, or `lagrangian`. `coordinates` are by default those that appear in the
-        expressions, in order of declaration.
-        `forces` maps a coordinate to its generalized force. `dissipation` is Rayleigh's D, with force -dD/dv.
-        `constraints` are expressions that stay zero, or Eq, in a list or by name. Those without velocities are
-        holonomic. With `redundant="allow"` some constraints may follow from others; they share their forces.
-        `parameters` maps symbols or names to default values. `initial` maps coordinates and velocities to numbers, 0 by
-        default. `positions` names points (x, y) or (x, y, z) to draw. `links` are pairs of these names, or triples such
-        as ("origin", "bob", "spring").
-        `dimensions` maps symbols or names to dimensions or units, {m: "mass", l: "m"}. Every term is then checked, and
-        axes have units where units were stated.
+        expressions, in order of declaration. `forces` maps a coordinate to its generalized force. `dissipation` is
+        Rayleigh's D, with force -dD/dv. `constraints` are expressions that stay zero, or Eq, in a list or by name.
+        Those without velocities are holonomic. With `redundant="allow"` some constraints may follow from others; they
+        share their forces. `parameters` maps symbols or names to default values. `initial` maps coordinates and
+        velocities to numbers, 0 by default. `positions` names points (x, y) or (x, y, z) to draw. `links` are pairs
+        of these names, or triples such as ("origin", "bob", "spring"). `dimensions` maps symbols or names to
+        dimensions or units, {m: "mass", l: "m"}. Every term is then checked, and axes have units where units were
+        stated. `contacts` maps names to `lagrange.contact(gap, ...)`. `simultaneous` is the law of impacts at one
+        instant: "newton" for all at once, "sequence" for one after the other.
         """
         self._adopt(
             declare(
@@ -100,6 +103,8 @@ class System:
                 links=links,
                 name=name,
                 dimensions=dimensions,
+                contacts=contacts,
+                simultaneous=simultaneous,
             )
         )
 
@@ -323,7 +328,7 @@ class System:
         """
         from lagrange.export.write import export
 
-        return export(self.compile("numpy", check=False), target, path, contents, events, parameters)
+        return export(self._model, target, path, contents, events, parameters)
 
     def to_page(
         self,
@@ -343,7 +348,7 @@ class System:
         from lagrange.page.web_page import write_page
 
         require_values(self.statement)
-        return write_page(self.compile("numpy", check=False), self.derivation(), path, parameters, initial, sliders)
+        return write_page(self._model, self.derivation(), path, parameters, initial, sliders)
 
     def to_scene(self, path: str | os.PathLike[str]) -> Path:
         """Write the statement as a scene file, which `System.from_scene` reads back. Returns its path.
@@ -375,7 +380,7 @@ class System:
         """
         from lagrange.page.explore import explore, explored_sliders
 
-        model, given = partial(self.compile, "numpy", check=False), explored_sliders(self.statement, ranges, sliders)
+        given, model = explored_sliders(self.statement, ranges, sliders), lambda: self._model
         return explore(self.statement, given, model, self.run, t_end=t_end, method=method, play=play, style=style)
 
     def eliminate(self, *coordinates: Any) -> System:
@@ -386,6 +391,7 @@ class System:
         coordinates are kept. Raises StatementError where a constraint does not determine the coordinate: it must be
         linear in the coordinate, with a coefficient that never vanishes.
         """
+        check_without_contacts(self.statement.contacts, "eliminate()")
         from lagrange.mechanics.reduction import reduced
 
         return self.from_statement(reduced(self.statement, coordinates))
@@ -393,8 +399,8 @@ class System:
     def substitute(self, parameters: Mapping[Any, Any]) -> System:
         """Return the System with numbers or expressions for some parameters, such as {l: 1, m2: mu*m1}.
 
-        Keys are symbols or names; {X: sin(t)} replaces a given function of time. New symbols become parameters without
-        a value. Raises StatementError for a key that is not a parameter, and for expressions that are not constant.
+        Keys are symbols or names; {X: sin(t)} replaces a given function. New symbols are parameters without a value.
+        Raises StatementError for a key that is not a parameter, and for expressions that are not constant.
         """
         from lagrange.mechanics.reduction import substituted
 
@@ -405,10 +411,9 @@ class System:
 
         `about` has values of coordinates and of velocities, numbers or expressions in parameters; the default of each
         is zero. L, the dissipation and the constraints are expanded to `order`, forces to one order less: order 2 gives
-        linear equations. The coordinates stay the same. The point need not be an equilibrium: the notebook page of the
-        result says whether it is, because elsewhere the accelerations are right at the point alone. Raises
-        StatementError where no expansion exists: at corners and poles, off the constraints, and where a coordinate
-        loses its inertia.
+        linear equations. The point need not be an equilibrium: the notebook page of the result says whether it is,
+        because elsewhere the accelerations are right at the point alone. Raises StatementError where no expansion
+        exists: at corners and poles, off the constraints, and where a coordinate loses its inertia.
         """
         from lagrange.mechanics.expansion import small
 
@@ -431,7 +436,7 @@ class System:
         """
         from lagrange.mechanics.transformation import transformed
 
-        model = self.compile("numpy", check=False)
+        model = self._model
         return self.from_statement(transformed(self._known, coordinates, positive, parameters, initial, model))
 
     def routhian(self, *coordinates: Any) -> System:
@@ -443,7 +448,7 @@ class System:
         """
         from lagrange.mechanics.routh import routhian
 
-        return self.from_statement(routhian(self._known, coordinates, self.compile("numpy", check=False)))
+        return self.from_statement(routhian(self._known, coordinates, self._model))
 
     def ignored(self, solution: Any) -> dict[Any, Any]:
         """Return the ignored coordinates and their velocities along a run of the Routhian, {symbol: (N,)}.
@@ -463,7 +468,7 @@ class System:
         """
         from lagrange.mechanics.hamilton import hamiltonian
 
-        return hamiltonian(self._known, self.compile("numpy", check=False), self.from_statement)
+        return hamiltonian(self._known, self._model, self.from_statement)
 
     def conserved(self) -> list[Conserved]:
         """Return the conserved quantities: records with `.name`, `.expression` and `.reason`.
@@ -476,7 +481,7 @@ class System:
         from lagrange.show.notebook.result_pages import ResultList
 
         require_values(self.statement)
-        return ResultList(conserved_quantities(self.compile("numpy", check=False)))
+        return ResultList(conserved_quantities(self._model))
 
     def noether(self, generator: Mapping[Any, Any]) -> Any:
         """Return the conserved quantity of a symmetry, given its generator: {x: -y, y: x} for a rotation.
@@ -488,7 +493,7 @@ class System:
         from lagrange.mechanics.conserved import noether_quantity
 
         require_values(self.statement)
-        return noether_quantity(self.compile("numpy", check=False), generator)
+        return noether_quantity(self._model, generator)
 
     def compare(self, derived: Any) -> EquationsComparison:
         """Compare equations of motion that somebody derived, such as a student, with those of the system.
@@ -516,7 +521,7 @@ class System:
         from lagrange.mechanics.equilibria import equilibria
         from lagrange.show.notebook.result_pages import ResultList
 
-        return ResultList(equilibria(self._known, rates, self.compile("numpy", check=False)))
+        return ResultList(equilibria(self._known, rates, self._model))
 
     def linearize(self, at: Mapping[Any, Any] | None = None, *, inputs: Any = ()) -> Linearization:
         """Return the linear equations of small changes about a point: SymPy matrices M, C, K and A, B.
@@ -527,6 +532,7 @@ class System:
         only, which `.note` reports. They are tested against the Jacobian of the compiled model. Raises StatementError
         for a point that is off the constraints or has no derivatives. Goldstein, Poole, Safko, 3rd ed., section 6.1.
         """
+        check_without_contacts(self.statement.contacts, "linearize()")
         from lagrange.mechanics.linearization import linearized
 
         return linearized(self, at, inputs)
@@ -552,7 +558,7 @@ class System:
         """
         from lagrange.mechanics.stability import eigenvalue_path
 
-        return eigenvalue_path(self._known, parameter, values, at, self.compile("numpy", check=False))
+        return eigenvalue_path(self._known, parameter, values, at, self._model)
 
     def plot_eigenvalues(
         self, parameter: Any, values: ArrayLike, at: Mapping[Any, Any] | None = None, *, style: str = "light"
@@ -571,6 +577,12 @@ class System:
         require_values(self.statement)
         return known_statement(self.statement)
 
+    @property
+    def _model(self) -> Model:
+        """The model for numpy. Raises StatementError for a system with contacts, whose motion is not smooth."""
+        check_without_contacts(self.statement.contacts, "what was asked for")
+        return self.compile("numpy", check=False)
+
 
 def _from_text(text: str) -> System:
     return System.from_statement(stored_statement(text))
@@ -586,15 +598,3 @@ def _reached(*given: Any) -> list[Any]:
 def scene(name: str) -> System:
     """Return a system of the library by name; `lagrange.scenes()` lists the names. Raises StatementError otherwise."""
     return System.from_statement(library_scene(name))
-
-
-def load(path: str | os.PathLike[str]) -> Solution:
-    """Return the run that `solution.to_npz` wrote, with its system: a Solution.
-
-    Between its outputs it has only the states that the file stores for animations. No code in the file is run: it holds
-    numbers and a scene. Raises StatementError for a file that cannot be read, or that is not from `to_npz`.
-    """
-    from lagrange.compiler import machine, model_of
-    from lagrange.show.files.loaded_run import loaded_run
-
-    return loaded_run(path, lambda statement, target: model_of(statement, machine(target)))

@@ -19,7 +19,8 @@ PLAIN: Mapping[str, tuple[str, ...]] = {
     "machine entries": ("llvm_machine", "model", "numpy_machine"),
     "trajectory records": ("integrator", "options", "trajectory"),
     "trajectory runs": ("endings", "memory_limit", "messages", "outputs", "pace", "plan", "run_loop", "sizes"),
-    "trajectory entries": ("conservation", "flow", "integrate", "parts", "progress", "run", "solution"),
+    "trajectory parts": ("conservation", "parts"),
+    "trajectory entries": ("flow", "integrate", "progress", "run", "solution"),
 }
 """The modules beside the rooms: what every room reads, what runs a plan, and what is called from outside. The records
 stand before all rooms of their stage, the entries behind all."""
@@ -61,10 +62,18 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
         *("machine records", "machine entries", "trajectory/constraints"),
         *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory runs"),
     ),
+    "trajectory parts": (
+        *("machine records", "trajectory/constraints"),
+        *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs", "trajectory/methods"),
+    ),
+    "trajectory/contact": (
+        *("machine records", "machine entries"),
+        *("trajectory records", "trajectory runs", "trajectory parts"),
+    ),
     "trajectory entries": (
         *("machine records", "machine entries", "trajectory/constraints"),
-        *("trajectory records", "trajectory/paths", "trajectory/events", "trajectory runs"),
-        *("trajectory/methods", "trajectory/measures"),
+        *("trajectory records", "trajectory runs"),
+        *("trajectory/methods", "trajectory/measures", "trajectory parts", "trajectory/contact"),
     ),
 }
 """Each room, in the order in which it is built, and the rooms that it knows. What a trajectory knows of the machine's

@@ -17,6 +17,7 @@ SECTIONS = {
         "mechanics",
         "dynamics",
         "constraints",
+        "contact",
         "events",
         "choosing-an-integrator",
         "scenes",

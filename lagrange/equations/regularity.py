@@ -134,10 +134,10 @@ def _independent_constraints(statement: Statement, equations: Equations, reach: 
             "follow from others. Give an initial state that satisfies them, and the values of all parameters."
         )
     points = (tried.point(0.0, state[:, None], parameters) for state in reached)
-    return max((_pivots(doubles(gradient, point, 1).reshape(count, -1)) for point in points), key=len)
+    return max((independent_rows(doubles(gradient, point, 1).reshape(count, -1)) for point in points), key=len)
 
 
-def _pivots(rows: FloatArray) -> tuple[int, ...]:
+def independent_rows(rows: FloatArray) -> tuple[int, ...]:
     """Return the indices of rows that span the row space.
 
     Greedy choice: the next row is the one with the longest part orthogonal to the rows chosen, relative to its length.

@@ -12,6 +12,7 @@ import numpy as np
 from lagrange.errors import RunError, StatementError, shown
 from lagrange.evidence.precise_run import precise_run
 from lagrange.machine.model import Model
+from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.number import flag, real_array, real_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate, span_or_end
@@ -294,6 +295,7 @@ def trust_horizon(
     Raises StatementError for invalid arguments, and RunError if fewer than two comparison runs succeed.
     """
     model = _compiled(system)
+    check_without_contacts(model.statement.contacts, "the horizon of trust")
     allowed, relative = real_number(error, "error"), flag(relative, "relative")
     if allowed <= 0:
         raise StatementError(f"error = {allowed:g}: give a positive one, such as 1e-3.")

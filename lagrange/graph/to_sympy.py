@@ -56,8 +56,9 @@ def _solution(node: Node, table: Mapping[Node, Any]) -> Any:
 
 
 def _piecewise(*args: Any) -> Any:
+    """Return a Piecewise; a last value of nan is none, as where a table ends."""
     pairs = [(value, condition) for condition, value in zip(args[:-1:2], args[1::2], strict=True)]
-    return sympy.Piecewise(*pairs, (args[-1], True))
+    return sympy.Piecewise(*pairs, *([] if args[-1] is sympy.nan else [(args[-1], True)]))
 
 
 _SPELLING: dict[str, Callable[..., Any]] = {

@@ -18,7 +18,6 @@ from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 from lagrange.program.step import StepProgram
 from lagrange.program.switching import Switched
-from lagrange.statement.statement import Statement
 
 FloatArray = NDArray[np.float64]
 
@@ -248,5 +247,8 @@ class KernelProvider(Protocol):
         """Return the Taylor series of the motion with what is watched, and its switching surfaces."""
 
     @property
-    def again(self) -> Callable[[Statement], Any]:
-        """The function that makes the model of a statement on the same machine, for pickles."""
+    def again(self) -> Callable[..., Any]:
+        """The function that makes the model of a statement on the same machine, for pickles and for other statements.
+
+        It also takes the indices of independent constraints, where these are known.
+        """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from itertools import islice
@@ -267,6 +267,13 @@ class Model:
         model = type(self)(replace(self.statement, defaults=values), self.equations, self._made)
         model._kernels = self._kernels
         return model
+
+    def on_same_machine(self, statement: Statement, kept: Sequence[int] | None = None) -> Any:
+        """Return the model of another statement on the machine of this one; `kept` are its independent constraints."""
+        if not isinstance(statement, Statement):
+            raise StatementError(f"{shown(statement)} is no statement: give the .statement of a system.")
+        rows = None if kept is None else [whole_number(i, "kept", 0) for i in real_array(kept, "kept").tolist()]
+        return self._made.again(statement, rows)
 
     def _of_whole(self, name: str, t: Any, y: Any, parameters: Parameters) -> FloatArray:
         """Return a quantity, quickly at one plain state with the parameters of the statement."""

@@ -380,7 +380,7 @@ def _runs_in_lanes(alone: RunEngine, plan: Plan, problem: Problem) -> bool:
     model = alone.model
     if any(event.settings for event in problem.events):
         return False
-    if model.target != "llvm" or len(model.equations.constraints) or model.statement.given:
+    if model.target != "llvm" or len(model.equations.constraints) or model.statement.given or model.statement.contacts:
         return False
     if isinstance(plan, TaylorPlan):
         small = single_operations(pack(plan.series.program, PACKED), plan.order) <= MOST_OPERATIONS

@@ -47,6 +47,13 @@ def card_of(solution: Solution) -> dict[str, Any]:
         "units": {name: unit for name in (*solution.names, "t") if (unit := unit_of(solution.model.statement, name))},
         "parameters": {row_label(key): finite(value) for key, value in solution.parameters.items()},
     }
+    if solution.contacts:
+        card["contacts"] = {
+            name: {"impacts": len(contact.impacts), "rests": list(contact.rests), "mode": str(contact.mode[-1])}
+            for name, contact in solution.contacts.items()
+            if len(solution.t)
+        }
+        card["energy_lost"] = finite(solution.energy_lost[-1]) if len(solution.t) else None
     if solution.parameter_changes:
         card["changes"] = [{"t": finite(t), "parameters": values} for t, values in solution.parameter_changes]
     for when, column in (("initial", 0), ("final", -1)):
@@ -97,12 +104,24 @@ def _lines(solution: Solution) -> list[tuple[str, str]]:
         ),
         *drift_lines(solution.momentum_drift),
         *([("constraint drift", solution.constraint_drift.sentence())] if solution.constraint_drift else []),
+        *_contact_lines(solution),
         *_event_lines(run.t_events),
         *_change_lines(solution.parameter_changes),
         *([("stiffness", solution.stiff.sentence())] if solution.stiff else []),
         ("wall time", duration(run.wall)),
         ("message", run.message),
     ]
+
+
+def _contact_lines(solution: Solution) -> list[tuple[str, str]]:
+    """Return a line for each contact, with its impacts and its state at the end, and the energy that all have taken."""
+    if not solution.contacts or not len(solution.t):
+        return []
+    lines = [
+        (f"contact {name}", f"{counted(len(contact.impacts), 'impact')}, {contact.mode[-1]} at the end")
+        for name, contact in solution.contacts.items()
+    ]
+    return [*lines, ("energy lost", f"{solution.energy_lost[-1]:.6g}")]
 
 
 def _setting_lines(run: Trajectory) -> list[tuple[str, str]]:

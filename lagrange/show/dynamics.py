@@ -33,6 +33,7 @@ from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import image, pairs, sentences
 from lagrange.show.notebook.shown_lists import ExpressionTuple
 from lagrange.show.terminal import text_table
+from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.number import flag, real_number, whole_number
 from lagrange.statement.progress import counter, wanted_progress
 from lagrange.statement.statement import Statement
@@ -372,6 +373,7 @@ def _runs(
     if rtol is None and (method is None or (isinstance(method, str) and find(method).claims.adaptive)):
         rtol = tight
     model = compiled(system, "pendulum", progress=wanted_progress(progress))
+    check_without_contacts(model.statement.contacts, "a portrait, section or sweep")
     options = RunOptions(method, rtol, None, step, max_steps=max_steps)
     check_options(step, rtol)
     if method is not None:

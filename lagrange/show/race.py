@@ -27,6 +27,7 @@ from lagrange.show.files.csv_format import write_rows
 from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
 from lagrange.show.terminal import text_table
+from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.number import real_number
 from lagrange.trajectory.run import compiled
 
@@ -403,6 +404,7 @@ def race(
     RunError if the run has no end to compare, or there is no reference.
     """
     statement = stated(system, "kepler")
+    check_without_contacts(statement.contacts, "a race")
     end = real_number(statement.run.t_end if t_end is None else t_end, "t_end")
     span = (0.0, end)
     settings = work_precision.race_settings(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Any
@@ -16,6 +15,7 @@ from sympy.logic.boolalg import BooleanAtom
 
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.statement.choice import one_of, text
+from lagrange.statement.contact import declare_contacts
 from lagrange.statement.coordinate import (
     COORDINATES,
     check_name,
@@ -61,6 +61,8 @@ def declare(
     source: str = "",
     run: RunSettings | None = None,
     dimensions: Mapping[Any, Any] | None = None,
+    contacts: Mapping[str, Any] | None = None,
+    simultaneous: str | None = None,
     check_inertia: bool = True,
 ) -> Statement:
     """Check every part of a statement and return it frozen. Raises StatementError in the user's symbols.
@@ -72,35 +74,33 @@ def declare(
     moving = dict.fromkeys(survey.velocities)
     checked = declare_constraints(constraints, survey)
     chosen = _coordinates(coordinates, survey, _first_order(forces, dissipation))
-    by_name = {name_of(q): q for q in chosen}
-    force_table = _forces(forces, by_name, survey)
-    dissipation = _dissipation(dissipation, by_name, survey)
+    by_name = dict(zip(map(name_of, chosen), chosen, strict=True))
+    force_table, dissipation = _forces(forces, by_name, survey), _dissipation(dissipation, by_name, survey)
     if check_inertia:
         _check_velocities(chosen, moving, checked, (kinetic, lagrangian), force_table, dissipation, main)
     _check_constraints(checked, chosen, redundant)
     points = _positions(positions, survey)
+    bodies = declare_contacts(contacts, simultaneous, survey, checked)
     _check_declared(survey, chosen)
-    values = table_of(parameters, "parameters", "parameter to value")
-    symbols, unify = parameter_symbols(survey, values, by_name | {name_of(f): f for f in survey.given})
-    clean = partial(_unified, unify)
+    known, unify = _parameters(parameters, survey, by_name)
     statement = Statement(
         coordinates=chosen,
-        **dict(zip(("kinetic", "potential", "lagrangian"), map(clean, (kinetic, potential, lagrangian)), strict=True)),
-        forces=tuple(clean(force_table.get(q, sympy.S.Zero)) for q in chosen),
-        dissipation=clean(dissipation),
+        **dict(zip(("kinetic", "potential", "lagrangian"), (kinetic, potential, lagrangian), strict=True)),
+        forces=tuple(force_table.get(q, sympy.S.Zero) for q in chosen),
+        dissipation=dissipation,
         redundant=redundant,
-        constraints=tuple(replace(c, expression=clean(c.expression)) for c in checked),
-        parameters=tuple(symbols.values()),
-        defaults=MappingProxyType(default_values(values, symbols)),
+        constraints=checked,
         initial=initial_state({} if initial is None else initial, chosen, (0.0,) * (2 * len(chosen))),
-        positions=MappingProxyType({label: tuple(map(clean, point)) for label, point in points.items()}),
+        positions=MappingProxyType(points),
         links=_links(links, points),
         name=text(name, "name"),
         about=about,
         source=source,
         run=run or RunSettings(),
+        **bodies,
+        **known,
         **_functions(survey, chosen if coordinates is None else ()),
-    )
+    ).mapped(partial(_unified, unify))
     return statement if dimensions is None else with_dimensions(statement, dimensions)
 
 
@@ -115,6 +115,14 @@ def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
         "unknown": tuple(survey.unknown),
         "inferred": tuple(name_of(q) for q in inferred if not declared(q)),
     }
+
+
+def _parameters(given: Any, survey: Survey, taken: Mapping[str, Any]) -> tuple[dict[str, Any], Mapping[Any, Any]]:
+    """Return the fields of `Statement` on parameters, and the symbol that stands for each other one of its name."""
+    values = table_of(given, "parameters", "parameter to value")
+    symbols, unify = parameter_symbols(survey, values, {**taken, **{name_of(f): f for f in survey.given}})
+    defaults = MappingProxyType(default_values(values, symbols))
+    return {"parameters": tuple(symbols.values()), "defaults": defaults}, unify
 
 
 def _unified(replacements: Mapping[Any, Any], expression: Any) -> Any:

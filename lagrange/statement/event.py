@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numbers
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
@@ -152,7 +152,7 @@ def declare_events(events: Any, statement: Statement, *, constant: str = "") -> 
     if listed is None:
         raise StatementError(f"events is {shown(events)}: give a list of expressions, or of lg.event(...).")
     stated = (given if isinstance(given, Event) else _either_way(given) for given in listed)
-    checked = tuple(_in_own_parameters(e, statement.parameters) for e in stated)
+    checked = tuple(_in_own_parameters(_with_gaps(e, statement), statement.parameters) for e in stated)
     for place, e in enumerate(checked):
         survey = _check(e.expression, f"event {place}", statement, motion=True)
         if not survey.coordinates and not survey.multipliers and not e.expression.has(t):
@@ -188,6 +188,12 @@ def _check_resets(place: int, one: Event, statement: Statement) -> None:
     for _, value in resets:
         _check(value, f"the reset of event {place}", statement)
     check_event_dimensions(place, one.expression, resets, statement)
+
+
+def _with_gaps(one: Event, statement: Statement) -> Event:
+    """Return an event with the gaps of contacts as stated, the same object if it names none."""
+    zero = one.expression.xreplace(statement.gaps) if statement.contacts else one.expression
+    return one if zero == one.expression else replace(one, expression=zero)
 
 
 def _either_way(given: Any) -> Event:
@@ -238,7 +244,5 @@ def _check(expression: Any, what: str, statement: Statement, *, motion: bool = F
                 f"{what} contains {leaf}, which this system does not have; it may contain its coordinates, their "
                 f"velocities, t and {listing(p.name for p in statement.parameters) or 'no parameters'}."
             )
-    check_multipliers(
-        survey.multipliers, what, [constraint.name for constraint in statement.constraints], statement.name
-    )
+    check_multipliers(survey.multipliers, what, statement.multiplier_names, statement.name)
     return survey

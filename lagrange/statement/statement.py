@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 from sympy import Expr, Symbol
 
 from lagrange.errors import abridged, formula, listing
+from lagrange.statement.contact import Contact, gap
 from lagrange.statement.coordinate import acceleration_of, multiplier, name_of, velocity_of
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.run_settings import RunSettings
@@ -67,6 +68,7 @@ class Statement:
       statement before this replacement; without one they are empty and None.
     - `inputs` pairs each input, a parameter whose value changes, with its rate, which is an input too or None. Inputs
       are the last parameters.
+    - `contacts` are gaps that stay positive, and `simultaneous` the law of impacts at one instant, or "".
     - `inferred` are the names of undeclared functions of time in the energies, which were taken for coordinates.
     """
 
@@ -94,6 +96,8 @@ class Statement:
     prescribed: tuple[tuple[Any, Any], ...] = ()
     inputs: tuple[tuple[Symbol, Symbol | None], ...] = ()
     inferred: tuple[str, ...] = ()
+    contacts: tuple[Contact, ...] = ()
+    simultaneous: str = ""
     open_form: Statement | None = None
 
     def __repr__(self) -> str:
@@ -119,6 +123,7 @@ class Statement:
             dissipation=change(self.dissipation),
             constraints=tuple(replace(one, expression=change(one.expression)) for one in self.constraints),
             positions=MappingProxyType({label: tuple(map(change, point)) for label, point in self.positions.items()}),
+            contacts=tuple(each.mapped(change) for each in self.contacts),
         )
 
     @property
@@ -162,6 +167,9 @@ class Statement:
                 f"{listing(self.inferred)} {taken}, as a function of time in the energies; a motion that is given is "
                 "stated by lg.given(name)."
             )
+        if self.contacts:
+            names = listing(repr(each.name) for each in self.contacts)
+            said.append(f"The equations are those between contacts, while the gaps {names} are open.")
         return said
 
     @property
@@ -169,11 +177,22 @@ class Statement:
         """Parameters that no energy, force, constraint, position or given function contains."""
         stated = [self.kinetic, self.potential, self.dissipation, *self.forces]
         stated += [constraint.expression for constraint in self.constraints]
+        stated += [part for each in self.contacts for part in each.expressions]
         stated += [entry for point in self.positions.values() for entry in point]
         motions = (motion_of(function) for function in self.given)
         stated += [known.values for known in motions if known and isinstance(known.values, Expr)]
         used = frozenset().union(*(expression.free_symbols for expression in stated))
         return tuple(p for p in self.parameters if p not in used)
+
+    @property
+    def multiplier_names(self) -> list[str]:
+        """Names of what has a multiplier: the constraints, then the contacts, whose multiplier is the normal force."""
+        return [*(constraint.name for constraint in self.constraints), *(each.name for each in self.contacts)]
+
+    @property
+    def gaps(self) -> dict[Any, Any]:
+        """The gap of each contact by its symbol `lagrange.gap(name)`."""
+        return {gap(each.name): each.gap for each in self.contacts}
 
     @property
     def known_motions(self) -> list[tuple[Any, Any] | str]:

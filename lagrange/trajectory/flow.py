@@ -6,6 +6,7 @@ import math
 import threading
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.dependence import check_independent
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
 from lagrange.trajectory.constraints.passage import STEPS_PER_LOOK, StatesPassed
+from lagrange.trajectory.contact.run import run_through_contacts
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
@@ -83,7 +85,7 @@ class Flow:
         self._problem = unit
         plan = self._integrator.plan(unit) if isinstance(self._integrator, Planned) else None
         # Only a run handles events, switching surfaces and discontinuous constraints: then each call is a run.
-        handled = plan is None or plan.watched or may_be_discontinuous(model)
+        handled = plan is None or plan.watched or bool(model.statement.contacts) or may_be_discontinuous(model)
         self._plan: Plan | None = None if handled else plan
         # Equal steps are not shortened towards a crossing of motions, and runs do not look for one either.
         self._rtol = 0.0 if plan is None or not self._constrained else plan.tolerances.rtol
@@ -217,7 +219,8 @@ class Flow:
         """Return the last state (2n,) of a run by the integrator. Raises RunError with its message if it failed."""
         values = self._model.parameter_values(parameters)
         problem = replace(self._problem, t0=t0, t1=t1, y0=y0, parameters=values)
-        trajectory = run_over_crossings(self._integrator, problem)
+        run = partial(run_over_crossings, self._integrator)
+        trajectory = run_through_contacts(problem, run) if self._model.statement.contacts else run(problem)
         if not trajectory.status.complete:
             raise RunError(trajectory.message)
         return trajectory.y[:, -1].copy()

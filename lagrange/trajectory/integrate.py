@@ -23,6 +23,7 @@ from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
 from lagrange.trajectory.constraints.dependence import check_independent, refuse_dependent
+from lagrange.trajectory.contact.run import run_through_contacts
 from lagrange.trajectory.endings import table_left, with_resolution, with_touching_bodies
 from lagrange.trajectory.integrator import Integrator, Problem
 from lagrange.trajectory.memory_limit import memory_limit
@@ -81,7 +82,9 @@ def integrate(
     _check_memory(problem)
     integrator = find(DEFAULT_METHOD if options.method is None else options.method)
     _check_events(problem, integrator)
-    if any(event.settings for event in problem.events):
+    if statement.contacts:
+        trajectory = run_through_contacts(problem, partial(_run, integrator))
+    elif any(event.settings for event in problem.events):
         trajectory = run_in_segments(problem, partial(_run, integrator))
     else:
         trajectory = _run(integrator, problem)

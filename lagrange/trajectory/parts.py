@@ -289,7 +289,7 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
         except StatementError as refusal:
             if not parts:
                 raise
-            parts.append(_point(problem, parts[-1], segment.y0, Status.NON_FINITE, str(refusal)))
+            parts.append(point_of(problem, parts[-1], segment.y0, Status.NON_FINITE, str(refusal)))
             break
         end, met = parts[-1].span[1], _acting(problem, parts[-1])
         if tries < MOST_REPEATS and set(met) <= set(acting) and _is_begin(problem, met, segment.t0, end):
@@ -308,13 +308,13 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
             parts[-1] = replace(parts[-1], status=behind.result.status, message=told)
             break
         last = _last(problem, parts)
-        parts[-1] = _before_outputs_at_end(problem, parts[-1])
+        parts[-1] = before_outputs_at_end(problem, parts[-1])
         rest = rest_of(segment, parts[-1:], end, behind.y, output_at_begin=True)
         rest = replace(rest, parameters=behind.parameters, step=parts[0].step)
         added.append(added[-1] + energy(rest, behind.y) - energy(segment, before))
         begins, values, segment = [*begins, end], [*values, rest.parameter_array], rest
         if last is not None:
-            parts.append(_point(problem, parts[-1], behind.y, last))
+            parts.append(point_of(problem, parts[-1], behind.y, last))
             break
     found = joined(problem, parts, _told(problem, parts), both_at_joints=True)
     return replace(found, history=ParameterHistory(np.array(begins), np.stack(values), np.array(added)))
@@ -391,14 +391,14 @@ def _name(problem: Problem, i: int) -> str:
     return problem.model.statement.quote(problem.events[i].expression)
 
 
-def _before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
+def before_outputs_at_end(problem: Problem, part: Trajectory) -> Trajectory:
     """Return a segment with one state at the event that ends it, the state before; with output times, with none."""
     count = int(np.searchsorted(abs(part.t - part.span[0]), abs(part.span[1] - part.span[0])))
     count += problem.t_eval is None
     return replace(part, t=part.t[:count], y=part.y[:, :count])
 
 
-def _point(problem: Problem, part: Trajectory, y: FloatArray, status: Status, cause: str = "") -> Trajectory:
+def point_of(problem: Problem, part: Trajectory, y: FloatArray, status: Status, cause: str = "") -> Trajectory:
     """Return a part of zero length after the segment `part`: the state `y` (2n,) with a status, as the end of a run."""
     end, outputs = part.span[1], problem.t_eval is None or part.span[1] in problem.t_eval
     t = np.full(int(outputs), end)

@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
-from lagrange.statement.coordinate import row_label
+from lagrange.statement.choice import ByName
+from lagrange.statement.coordinate import multiplier, row_label
 from lagrange.statement.number import real_array
+from lagrange.trajectory.contact.history import ContactResult, ContactRun
 from lagrange.trajectory.measures.constraint_drift import ConstraintDrift, constraint_drift
 from lagrange.trajectory.measures.constraint_forces import ConstraintForces
 from lagrange.trajectory.measures.energy_drift import EnergyDrift, energy_drift, since_start
@@ -163,7 +165,9 @@ class Solution:
     def drift(self) -> EnergyDrift:
         """The change of the energy since the start of the run, or since the first output if no start is known."""
         self._check_output()
-        return energy_drift(self.model, *self._since_start, self.parameters, self.trajectory)
+        t, y, known = self._since_start
+        lost = np.zeros(len(t)) if self._contact_run is None else self._contact_run.lost_at(t)
+        return energy_drift(self.model, t, y, known, self.parameters, self.trajectory, lost)
 
     @cached_property
     def _since_start(self) -> tuple[FloatArray, FloatArray, bool]:
@@ -178,9 +182,14 @@ class Solution:
 
     @cached_property
     def momentum_drift(self) -> Mapping[str, FloatArray]:
-        """The change of the momentum of each ignorable coordinate since the start, (N,), relative to its terms."""
+        """The change of the momentum of each ignorable coordinate since the start, (N,), relative to its terms.
+
+        Empty for a system with contacts, whose forces may change them.
+        """
         from lagrange.mechanics.conserved import momentum_drifts
 
+        if self.contacts:
+            return {}
         t, y, _ = self._since_start
         drifts = momentum_drifts(self.model, t, y, self.parameters_at(t))
         return {name: drift[-len(self.t) :] for name, drift in drifts.items()}
@@ -214,7 +223,26 @@ class Solution:
         It may contain coordinates, velocities, accelerations, multipliers (`lagrange.multiplier(name)`), parameters and
         t. Anything else is a StatementError.
         """
+        if self._contact_run is not None:
+            return self._contact_run.evaluate(expression)
         return self.model.evaluate_expression(expression, self.t, self.y, self._along)
+
+    @cached_property
+    def _contact_run(self) -> ContactRun | None:
+        history = self.trajectory.contacts
+        if history is None:
+            return None
+        return ContactRun(self.model, self.trajectory, history, self.model.parameter_array(self.parameters))
+
+    @property
+    def contacts(self) -> Mapping[str, ContactResult]:
+        """Each contact by name, with `.mode`, `.gap`, `.force`, `.friction` and `.impacts`. Empty without contacts."""
+        return ByName("contact") if self._contact_run is None else self._contact_run.by_name
+
+    @property
+    def energy_lost(self) -> FloatArray:
+        """The energy that impacts and friction of contacts have taken, (N,) at the output times."""
+        return np.zeros(len(self.t)) if self._contact_run is None else self._contact_run.energy_lost
 
     @cached_property
     def _exerted(self) -> ConstraintForces:
@@ -226,6 +254,9 @@ class Solution:
 
         A multiplier is NaN where the constraints are dependent. A run may end at such a state.
         """
+        if self._contact_run is not None:
+            names = self.model.statement.multiplier_names
+            return ByName("constraint", ((name, self.evaluate(multiplier(name))) for name in names))
         return self._exerted.multipliers
 
     def constraint_force(self, name: str, at: str | None = None) -> FloatArray:

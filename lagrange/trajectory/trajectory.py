@@ -46,11 +46,7 @@ class ParameterHistory:
         The time of an event belongs to the later segment. Where the outputs of a run have this time twice, the first
         is the state before the event and belongs to the earlier segment.
         """
-        sign = 1.0 if forward else -1.0
-        numbers = np.searchsorted(sign * self.begins[1:], sign * times, side="right")
-        before = np.flatnonzero(times[:-1] == times[1:])
-        numbers[before] -= np.isin(times[before], self.begins[1:])
-        return numbers
+        return segment_numbers(self.begins, times, forward=forward)
 
     def changes(self, names: Sequence[str]) -> list[tuple[float, dict[str, float]]]:
         """Return the begin of each segment but the first, with the new values of parameters, by their `names` (k,)."""
@@ -58,6 +54,19 @@ class ParameterHistory:
         return [
             (begin, {names[i]: float(row[i]) for i in np.flatnonzero(changed).tolist()}) for begin, row, changed in new
         ]
+
+
+def segment_numbers(begins: FloatArray, times: FloatArray, *, forward: bool) -> NDArray[np.intp]:
+    """Return the number of the segment at each of some times (K,), by the times `begins` (s,) of the segments.
+
+    See `ParameterHistory.segments`. Of segments that begin at the same time, the last counts.
+    """
+    sign = 1.0 if forward else -1.0
+    numbers = np.searchsorted(sign * begins[1:], sign * times, side="right")
+    before = np.flatnonzero(times[:-1] == times[1:])
+    first = np.searchsorted(sign * begins[1:], sign * times[before], side="left")
+    numbers[before] = np.where(np.isin(times[before], begins[1:]), first, numbers[before])
+    return numbers
 
 
 class Status(enum.Enum):
@@ -103,7 +112,7 @@ class Trajectory:
     duration in seconds without compilation. `form` says how the method computed its steps, if it has a choice. For
     each event, `t_events` has its times (k,) and `y_events` the states there, (k, 2n), before any reset. `step` is the
     length of equal steps, `rtol` and `atol` are the tolerances of adaptive methods; each is None if the method does
-    not have it. `history` has the parameters of each segment if events set some.
+    not have it. `history` has the parameters of each segment if events set some, `contacts` those of each mode.
     """
 
     t: FloatArray
@@ -124,6 +133,7 @@ class Trajectory:
     rtol: float | None = None
     atol: float | None = None
     history: ParameterHistory | None = None
+    contacts: Any = None
 
     def __repr__(self) -> str:
         reached = f"{self.steps} steps of {self.method} from t = {self.span[0]:g} to {self.span[1]:g}"

@@ -83,6 +83,11 @@ def write_csv(solution: Solution, path: str | os.PathLike[str], rate: float | No
 
 def write_npz(solution: Solution, path: str | os.PathLike[str]) -> Path:
     """Write the run as NumPy arrays; see `Solution.to_npz`."""
+    if solution.contacts:
+        raise StatementError(
+            "the run has contacts, whose modes and impacts an .npz file does not hold: write to_csv(path), or keep the "
+            "scene of the system, system.to_scene(path), and run it again."
+        )
     return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, **arrays_of_run(solution)))
 
 

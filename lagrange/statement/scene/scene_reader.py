@@ -17,6 +17,7 @@ from sympy.core.facts import InconsistentAssumptions
 
 from lagrange.errors import SceneError, StatementError, listing, shown, suggestion
 from lagrange.statement.choice import printable
+from lagrange.statement.contact import Contact, contact, impact_speed
 from lagrange.statement.coordinate import (
     acceleration_of,
     check_name,
@@ -44,7 +45,7 @@ from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Link, Stateme
 KEYS = (
     *("name", "about", "source", "coordinates", "kinetic", "potential", "lagrangian", "forces", "dissipation"),
     *("constraints", "redundant", "parameters", "given", "initial", "positions", "links", "run", "dimensions"),
-    *("signs", "tables", "definitions", "functions", "evaluate", "events"),
+    *("signs", "tables", "definitions", "functions", "evaluate", "events", "contacts", "simultaneous"),
 )
 OPEN = "open"
 """Value of a parameter or a given function without one."""
@@ -53,6 +54,7 @@ NO_SIGN = "none"
 TABLE_KEYS = ("argument", "points", "values")
 MOST_RATES = 6
 """Highest order of derivatives of a given function that a scene can state."""
+CONTACT_KEYS = ("gap", "slip", "restitution", "friction")
 RUN_KEYS = ("t_end", "method", "rtol", "atol", "step")
 EVENT_KEYS = ("when", "direction", "terminal", "reset")
 
@@ -186,7 +188,8 @@ class SceneReader:
         values = self.parameters(coordinates)
         symbols = self.symbols(values)
         given_names = self.given(coordinates, symbols)
-        names = {**given_names, **coordinates, **velocities, **symbols}
+        speed = {impact_speed.name: impact_speed} if "contacts" in self.data else {}
+        names = {**speed, **given_names, **coordinates, **velocities, **symbols}
         reader = self.reader(names, given_names)
         forces = document.table("forces", coordinates, "coordinate of this scene")
         initial = document.table("initial", [*coordinates, *velocities], "coordinate or velocity of this scene")
@@ -211,6 +214,8 @@ class SceneReader:
                 source=document.words("source"),
                 run=self.run(),
                 dimensions=self.dimensions(names),
+                contacts=self.contacts(reader),
+                simultaneous=document.text("simultaneous") if "simultaneous" in self.data else None,
                 check_inertia=self.evaluated,
             )
         except SceneError:
@@ -412,6 +417,25 @@ class SceneReader:
             with self.document.located("constraints", name, key=True):
                 check_name(name, "constraint")
         return {name: self.document.equation(reader, "constraints", name) for name in table}
+
+    def contacts(self, reader: ExpressionReader) -> dict[str, Contact]:
+        """Return the contacts, each from a table [contacts.name]."""
+        found: dict[str, Contact] = {}
+        for name, entries in self.document.table("contacts").items():
+            path = "contacts", name
+            if not isinstance(entries, Mapping) or "gap" not in entries:
+                self.document.refuse(f'the contact {name[:80]} has no gap: write a table with gap = "y".', *path)
+            self.document.check_keys(entries, CONTACT_KEYS, "key of a contact", *path)
+            parts: dict[str, Any] = {}
+            for key, value in entries.items():
+                if isinstance(value, list) and key in ("slip", "friction"):
+                    parts[key] = [self.document.expression(reader, *path, key, i) for i in range(len(value))]
+                else:
+                    parts[key] = self.document.expression(reader, *path, key)
+            with self.document.located(*path, key=True):
+                check_name(name, "contact")
+                found[name] = contact(**parts)
+        return found
 
     def redundant(self) -> str:
         """Return the treatment of constraints that follow from others: one of `REDUNDANT`."""

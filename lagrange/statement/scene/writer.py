@@ -10,6 +10,7 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError
+from lagrange.statement.contact import Contact, impact_speed
 from lagrange.statement.coordinate import constraint_of, name_of, t
 from lagrange.statement.event import Event
 from lagrange.statement.given.motion import Table, motion_of, table_of
@@ -59,6 +60,7 @@ class _SceneWriter:
         self.leaves |= {parameter: parameter.name for parameter in statement.parameters}
         taken = [*self.leaves.values()]
         self.leaves[t] = t.name
+        self.leaves[impact_speed] = impact_speed.name
         for symbol in set().union(*(root.free_symbols for root in self.roots())):
             if (constraint := constraint_of(symbol)) is not None:
                 self.leaves[symbol] = f"{MULTIPLIER}({constraint})"
@@ -73,10 +75,11 @@ class _SceneWriter:
         energies = [statement.kinetic] if statement.lagrangian_alone else [statement.kinetic, statement.potential]
         constraints = [constraint.expression for constraint in statement.constraints]
         points = [entry for point in statement.positions.values() for entry in point]
+        contacts = [part for each in statement.contacts for part in each.expressions]
         events = [
             part for e in statement.run.events for part in (e.expression, *e.reset.values(), *e.settings.values())
         ]
-        return [*energies, statement.dissipation, *statement.forces, *constraints, *points, *events]
+        return [*energies, statement.dissipation, *statement.forces, *constraints, *contacts, *points, *events]
 
     def named_tables(self, taken: list[str]) -> Iterator[tuple[str, str]]:
         """Yield (name, text) of each table of measured values, and enter its spline in the leaves under this name."""
@@ -108,6 +111,8 @@ class _SceneWriter:
             yield f"dissipation = {self.text('the dissipation', statement.dissipation)}"
         if statement.redundant != REFUSE:
             yield f"redundant = {_quoted(statement.redundant)}"
+        if statement.simultaneous:
+            yield f"simultaneous = {_quoted(statement.simultaneous)}"
         if statement.links:
             shown = ([link.start, link.end, *([link.kind] * (link.kind != ROD))] for link in statement.links)
             yield f"links = [{', '.join(f'[{_joined(map(_quoted, link))}]' for link in shown)}]"
@@ -151,6 +156,7 @@ class _SceneWriter:
                 constraint.name: self.text(constraint.name, constraint.expression)
                 for constraint in statement.constraints
             },
+            **{f"contacts.{_key(each.name)}": self.contact(each) for each in statement.contacts},
             "positions": {
                 label: f"[{_joined(self.text(f'the position of {label}', entry) for entry in point)}]"
                 for label, point in statement.positions.items()
@@ -169,6 +175,14 @@ class _SceneWriter:
             raise StatementError(
                 f"{self.statement.name} cannot be written as a scene: {what} contains {error}."
             ) from None
+
+    def contact(self, each: Contact) -> Mapping[str, str]:
+        """Return the entries of a contact; a list of two for slip in a plane, and for two coefficients of friction."""
+        what = f"the contact {each.name}"
+        friction = each.friction[:1] if each.friction[0] == each.friction[1] else each.friction
+        entries = {"gap": [each.gap], "slip": each.slip, "restitution": [each.restitution], "friction": friction}
+        texts = {key: [self.text(what, part) for part in parts] for key, parts in entries.items() if any(parts)}
+        return {key: parts[0] if len(parts) == 1 else f"[{_joined(parts)}]" for key, parts in texts.items()}
 
     def value(self, parameter: Any) -> str:
         """Return the value of a parameter."""

@@ -70,16 +70,22 @@ def since_start(run: Trajectory) -> tuple[FloatArray, FloatArray, bool]:
 
 
 def energy_drift(
-    model: Model, t: FloatArray, y: FloatArray, from_start: bool, start: Mapping[Any, float], run: Trajectory
+    model: Model,
+    t: FloatArray,
+    y: FloatArray,
+    from_start: bool,
+    start: Mapping[Any, float],
+    run: Trajectory,
+    lost: FloatArray,
 ) -> EnergyDrift:
     """Return the drift of the energy of states y (2n, N) at times t (N,).
 
     `from_start` says that the first state is the start of the run. `start` are the first parameters of the run. The
-    energy that events add by setting parameters is subtracted.
+    energy that events add by setting parameters is subtracted, and the energy `lost` (N,) at contacts added.
     """
     parameters = run.parameters_at(t, start)
     with np.errstate(all="ignore"):  # states that are not finite are reported by the run
-        energy = np.asarray(model.energy(*model.layout.split(y), t, parameters)) - run.added_energy(t)
+        energy = np.asarray(model.energy(*model.layout.split(y), t, parameters)) - run.added_energy(t) + lost
         return _drift(model, energy, t, y, parameters, from_start=from_start)
 
 

@@ -1,0 +1,186 @@
+"""Contacts between bodies: a gap that stays positive, the slip of the surfaces, restitution and Coulomb friction."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import sympy
+
+from lagrange.errors import StatementError, formula, listing, shown
+from lagrange.statement.choice import one_of
+from lagrange.statement.coordinate import check_name, multiplier, t, velocity_of
+from lagrange.statement.expression import expression
+from lagrange.statement.parameters import table_of
+from lagrange.statement.survey import Survey
+
+NEWTON, SEQUENCE = LAWS = ("newton", "sequence")
+"""Laws of simultaneous impacts: Newton's law for all contacts at once, or one contact after the other."""
+
+impact_speed = sympy.Symbol("impact_speed", real=True, nonnegative=True)
+"""The speed -dgap/dt before an impact, for a restitution that depends on it."""
+
+
+@dataclass(frozen=True, eq=False)
+class Contact:
+    """A contact of two bodies, which do not overlap: `gap` >= 0.
+
+    `slip` has the components of the relative velocity along the surface, none without friction, two in a plane.
+    `restitution` is the ratio of the speeds dgap/dt after and before an impact, between 0 and 1. `friction` has the
+    static and the kinetic coefficient of Coulomb's law.
+    """
+
+    gap: Any
+    slip: tuple[Any, ...]
+    restitution: Any
+    friction: tuple[Any, Any]
+    name: str = ""
+
+    @property
+    def slip_names(self) -> tuple[str, ...]:
+        """Names of the velocity constraints slip = 0 of a contact that sticks."""
+        if len(self.slip) == 1:
+            return (f"{self.name}_slip",)
+        return tuple(f"{self.name}_slip_{i}" for i in range(1, len(self.slip) + 1))
+
+    @property
+    def normal(self) -> Any:
+        """Symbol of the normal force, the multiplier of gap = 0."""
+        return multiplier(self.name)
+
+    @property
+    def expressions(self) -> tuple[Any, ...]:
+        """All expressions of the contact."""
+        return (self.gap, *self.slip, self.restitution, *self.friction)
+
+    def mapped(self, change: Any) -> Contact:
+        """Return the contact with a function applied to each of its expressions."""
+        gap, restitution = change(self.gap), change(self.restitution)
+        static, kinetic = map(change, self.friction)
+        return Contact(gap, tuple(map(change, self.slip)), restitution, (static, kinetic), self.name)
+
+
+def contact(gap: Any, slip: Any = None, restitution: Any = 0, friction: Any = 0) -> Contact:
+    """Return a contact for `contacts={"floor": ...}` of a System.
+
+    `gap` is an expression in coordinates and t: the distance of two surfaces, which stays positive or zero. `slip` is
+    the relative velocity of the surfaces along each other, one expression, or two perpendicular ones in space. Without
+    it the contact has no friction. `restitution` is a number, a parameter, or an expression in parameters and
+    `lagrange.impact_speed`. `friction` is the coefficient of friction, or a pair of the static and the kinetic one.
+
+    Raises StatementError for anything else.
+    """
+    components = () if slip is None else tuple(slip) if isinstance(slip, (tuple, list, sympy.MatrixBase)) else (slip,)
+    if len(components) > 2:
+        raise StatementError(f"slip has {len(components)} components: give one expression, or two in space.")
+    pair = tuple(friction) if isinstance(friction, (tuple, list)) else (friction, friction)
+    if len(pair) != 2:
+        raise StatementError(f"friction is {shown(friction)}: give one coefficient, or (static, kinetic).")
+    stated = Contact(
+        expression(gap, "the gap of a contact"),
+        tuple(expression(component, "the slip of a contact") for component in components),
+        expression(restitution, "the restitution of a contact"),
+        (expression(pair[0], "the friction of a contact"), expression(pair[1], "the friction of a contact")),
+    )
+    if not components and not all(coefficient.is_zero for coefficient in stated.friction):
+        raise StatementError(
+            f"friction is {shown(friction)} without a slip: give slip=, the relative velocity of the surfaces, such as "
+            "x.dot."
+        )
+    _check_number(stated.restitution, 0, 1, "restitution", "between 0 and 1")
+    for coefficient in stated.friction:
+        _check_number(coefficient, 0, sympy.oo, "friction", "zero or positive")
+    return stated
+
+
+def _check_number(value: Any, low: Any, high: Any, what: str, bounds: str) -> None:
+    if value.is_number and not bool(low <= value) & bool(value <= high):
+        raise StatementError(f"{what} is {formula(value, 40)}: give a number {bounds}.")
+
+
+def gap(name: str) -> Any:
+    """Return the gap of the contact of that name, a symbol for events and `solution.evaluate`.
+
+    Raises StatementError for a name that is not an identifier.
+    """
+    return sympy.Symbol(f"gap[{check_name(name, 'contact')}]", real=True)
+
+
+def declare_contacts(given: Any, simultaneous: Any, survey: Survey, constraints: tuple[Any, ...]) -> dict[str, Any]:
+    """Return the fields of `Statement` on the contacts of a dict by name, checked against the constraints.
+
+    Their symbols and functions are added to the survey. Raises StatementError for a gap without coordinates, a slip
+    that is not linear in velocities, and a name that is taken.
+    """
+    contacts = tuple(_named(given))
+    taken = [constraint.name for constraint in constraints]
+    for each in contacts:
+        _check(each, survey)
+        for name in (each.name, *each.slip_names):
+            if name in taken:
+                raise StatementError(f"the contact {each.name!r} has the name of a constraint: choose another name.")
+            taken.append(name)
+    law = "" if simultaneous is None else str(simultaneous)
+    if law:
+        one_of(law, LAWS, "simultaneous is {given}: give one of {known}.")
+    return {"contacts": contacts, "simultaneous": law}
+
+
+def _named(given: Any) -> Iterator[Contact]:
+    for name, stated in table_of(given, "contacts", "name to lg.contact(...)").items():
+        check_name(name, "contact")
+        if not isinstance(stated, Contact):
+            raise StatementError(f"the contact {name!r} is {shown(stated)}: give lg.contact(gap, ...).")
+        yield replace(stated, name=name)
+
+
+def _check(stated: Contact, survey: Survey) -> None:
+    what = f"the gap of the contact {stated.name!r}"
+    leaves = Survey()
+    leaves.add(stated.gap, what)
+    if not leaves.coordinates or leaves.velocities:
+        found = "contains a velocity" if leaves.velocities else "contains no coordinate"
+        raise StatementError(
+            f"{what} is {formula(stated.gap, 60)}, which {found}: give the distance of the surfaces in coordinates and "
+            "t, such as y - R."
+        )
+    for component in stated.slip:
+        _check_slip(component, f"the slip of the contact {stated.name!r}")
+    for expressed, part in ((stated.restitution, "restitution"), *((mu, "friction") for mu in stated.friction)):
+        leaves = Survey()
+        plain = expressed.xreplace({impact_speed: sympy.S.One}) if part == "restitution" else expressed
+        leaves.add(plain, f"the {part} of the contact {stated.name!r}")
+        if leaves.coordinates or plain.has(t):
+            raise StatementError(
+                f"the {part} of the contact {stated.name!r} is {formula(expressed, 60)}: give an expression in "
+                "parameters" + (" and lg.impact_speed." if part == "restitution" else ".")
+            )
+        survey.add(plain, f"the {part} of the contact {stated.name!r}")
+    for expressed in (stated.gap, *stated.slip):
+        survey.add(expressed, f"the contact {stated.name!r}")
+
+
+def _check_slip(component: Any, what: str) -> None:
+    leaves = Survey()
+    leaves.add(component, what)
+    if not leaves.velocities:
+        raise StatementError(
+            f"{what} is {formula(component, 60)}, which contains no velocity: give the relative velocity of the "
+            "surfaces, such as x.dot."
+        )
+    rates = [velocity_of(q) for q in leaves.coordinates]
+    for rate in rates:
+        slope = component.diff(rate)
+        if any(slope.has(other) for other in rates):
+            raise StatementError(f"{what} is not linear in {formula(rate, 40)}: give a relative velocity.")
+
+
+def check_without_contacts(contacts: tuple[Contact, ...], what: str) -> None:
+    """Raise StatementError for contacts in a system whose motion `what` takes for one without."""
+    if contacts:
+        names = listing(repr(each.name) for each in contacts)
+        raise StatementError(
+            f"the system has contacts ({names}), and {what} describes a motion without: state the system without "
+            "contacts=, with the closed ones as constraints, or run it."
+        )

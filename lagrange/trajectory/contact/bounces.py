@@ -1,0 +1,148 @@
+"""Impacts without friction as resets of events, so that a compiled loop over steps goes through many of them.
+
+With the direction W = dgap/dq, gap rate u and the mass matrix M, an impact with restitution e has the impulse
+P = -(1 + e) u / (W M^-1 W^T), and changes the velocities by M^-1 W^T P. Its energy is (1 - e^2) u^2 / (2 W M^-1 W^T).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sympy
+
+from lagrange.machine.backend import Kernel
+from lagrange.machine.model import Model
+from lagrange.statement.contact import Contact, impact_speed
+from lagrange.statement.coordinate import t as time
+from lagrange.trajectory.trajectory import FloatArray
+
+SMALLEST_BOUNCE = 1e-7
+"""Speed of an impact, as a fraction of the largest of those that shrink, from which the rest of them is summed.
+
+The height of the bounces that are left out is 1e-14 of the first. Times of flights have 8 digits then."""
+
+FEWEST_FLIGHTS = 3
+"""Least number of flights, each shorter than the one before, that are an accumulation."""
+
+UNKNOWN_IMPACTS, ELASTIC_IMPACTS = 16, 2**16
+"""Impacts of a compiled loop whose restitution depends on the speed, and without loss of energy."""
+
+LARGEST_COUPLED = 3
+"""Most coordinates that a mass matrix couples for which impacts are written out."""
+
+LONGEST = 2_000
+"""Most operations of the velocities behind an impact that is written out."""
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenImpacts:
+    """The impacts of a model whose contacts are open: a reset for each contact, None where it is not written out.
+
+    `kernel` returns, for each contact, the impulse, the energy lost and the impact speed by a state.
+    """
+
+    resets: tuple[dict[Any, Any] | None, ...]
+    kernel: Kernel
+
+
+def written_impacts(model: Model) -> WrittenImpacts | None:
+    """Return the impacts written out, or None for systems with constraints, friction or many coupled coordinates."""
+    statement = model.statement
+    if statement.constraints or any(each.slip and not each.friction[0].is_zero for each in statement.contacts):
+        return None
+    rates = statement.velocities
+    momenta = [statement.lagrangian.diff(rate) for rate in rates]
+    mass = sympy.Matrix([[p.diff(rate) for rate in rates] for p in momenta])
+    if mass.has(*rates) or not (mass.is_diagonal() or len(rates) <= LARGEST_COUPLED):
+        return None
+    resets, results = [], []
+    for each in statement.contacts:
+        written, impulse, lost, speed = _impact(each, statement.coordinates, rates, mass)
+        long = sum(int(value.count_ops()) for value in written.values()) > LONGEST
+        resets.append(None if each.restitution.is_zero or long else written)
+        results += [impulse, lost, speed]
+    nodes = tuple(map(model.equations.translate, results))
+    return WrittenImpacts(tuple(resets), model.function("impacts", nodes)) if any(resets) else None
+
+
+def _impact(each: Contact, q: Sequence[Any], rates: Sequence[Any], mass: Any) -> tuple[dict[Any, Any], Any, Any, Any]:
+    """Return the state behind an impact with a gap of zero, its impulse, the energy that it takes, and its speed."""
+    direction = sympy.Matrix([each.gap.diff(x) for x in q])
+    speed = -sympy.Add(_partial_rate(each.gap, q), *(w * v for w, v in zip(direction, rates, strict=True)))
+    if mass.is_diagonal():
+        response = sympy.Matrix([w / mass[i, i] for i, w in enumerate(direction)])
+    else:
+        response = mass.LUsolve(direction)
+    compliance = (direction.T * response)[0]
+    e = each.restitution.xreplace({impact_speed: speed})
+    impulse = (1 + e) * speed / compliance
+    lost = (1 - e**2) * speed**2 / (2 * compliance)
+    moved = [(x, v, change) for x, v, change in zip(q, rates, response, strict=True) if change != 0]
+    behind = {v: v + change * impulse for _, v, change in moved}
+    # Round-off in the gap would not be small beside the last flights.
+    behind |= {x: x - change * each.gap / compliance for x, _, change in moved}
+    return behind, impulse, lost, speed
+
+
+def _partial_rate(gap: Any, q: Sequence[Any]) -> Any:
+    """Return the derivative of a gap by time with the coordinates held."""
+    held = {x: sympy.Dummy() for x in q}
+    return gap.xreplace(held).diff(time).xreplace({dummy: x for x, dummy in held.items()})
+
+
+class Bounces:
+    """The impacts since the last that was no weaker, to recognise infinitely many."""
+
+    def __init__(self) -> None:
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the impacts."""
+        self.times: list[float] = []
+        self.speeds: list[float] = []
+        self.contacts: list[frozenset[int]] = []
+
+    def add(self, t: float, speed: float, contacts: frozenset[int]) -> None:
+        """Add an impact; a flight that is not shorter than the one before begins anew."""
+        if len(self.times) > 1 and t - self.times[-1] >= self.times[-1] - self.times[-2]:
+            self.times, self.speeds, self.contacts = self.times[-1:], self.speeds[-1:], self.contacts[-1:]
+        self.times.append(t)
+        self.speeds.append(speed)
+        self.contacts.append(contacts)
+
+    def most(self, restitutions: Sequence[float | None]) -> int:
+        """Return how many impacts a compiled loop may take before the run looks whether they accumulate.
+
+        A ball that falls back is then hardly below `SMALLEST_BOUNCE`. `restitutions` are those of each contact, None
+        where it depends on the speed.
+        """
+        known = [e for e in restitutions if e is not None and e > 0]
+        weakest = min(known, default=1.0)
+        if len(known) < len(restitutions) or weakest == 1.0:
+            return UNKNOWN_IMPACTS if None in restitutions else ELASTIC_IMPACTS
+        share = self.speeds[-1] / max(self.speeds) if self.speeds else 1.0
+        return (
+            max(1, math.ceil(math.log(SMALLEST_BOUNCE / share) / math.log(weakest))) if share > SMALLEST_BOUNCE else 1
+        )
+
+    @property
+    def end(self) -> float | None:
+        """The time at which the impacts accumulate, by the ratio of the last flights; None if they do not."""
+        return self.limit if self.speeds and self.speeds[-1] <= SMALLEST_BOUNCE * max(self.speeds) else None
+
+    @property
+    def limit(self) -> float | None:
+        """The time to which the last flights lead, each shorter than the one before by the same ratio; None if not."""
+        if len(self.times) < FEWEST_FLIGHTS + 1:
+            return None
+        a, b, c = self.times[-3:]
+        ratio = (c - b) / (b - a)
+        return c + (c - b) * ratio / (1 - ratio) if ratio < 1 else None
+
+
+def flights(parts: Sequence[FloatArray]) -> list[tuple[float, int, int]]:
+    """Return (time, contact, number) of impacts in order, from the times (k,) of each contact."""
+    return sorted((t, i, k) for i, times in enumerate(parts) for k, t in enumerate(times.tolist()))

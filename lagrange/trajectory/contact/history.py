@@ -1,0 +1,204 @@
+"""What a run keeps of its contacts: modes with their times, impacts, forces, and the energy that is lost."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import sympy
+from numpy.typing import NDArray
+
+from lagrange.machine.model import Model
+from lagrange.statement.choice import ByName
+from lagrange.statement.contact import Contact
+from lagrange.statement.coordinate import multiplier
+from lagrange.statement.expression import expression as expression_of
+from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING
+from lagrange.trajectory.contact.modes import Mode, modes_of, sliding_friction
+from lagrange.trajectory.contact.transition import Impact
+from lagrange.trajectory.trajectory import FloatArray, Trajectory, segment_numbers
+
+GAUSS_POINTS = 12
+"""Points of Gauss's rule on each interval between outputs: it is exact for polynomials of degree 23."""
+
+MOST_HALVINGS, AGREEMENT = 8, 1e-13
+"""Most halvings of the intervals, and the relative difference of two results that ends them."""
+
+
+@dataclass(frozen=True, eq=False)
+class ContactHistory:
+    """The segments of a run with contacts: their `begins` (s,) and modes.
+
+    Impacts take energy at `lost_times` (k,); `lost` (k + 1,) is the energy before each, and in all. `impacts` has
+    those of each contact in order, and `rests` the times at which impacts of a contact accumulate.
+    """
+
+    begins: FloatArray
+    modes: tuple[Mode, ...]
+    lost_times: FloatArray
+    lost: FloatArray
+    impacts: tuple[tuple[Impact, ...], ...]
+    rests: tuple[tuple[float, ...], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ContactRun:
+    """The contacts of a run of a `model` with the parameters (k,), at the times t (N,) and states y (2n, N)."""
+
+    model: Model
+    trajectory: Trajectory
+    history: ContactHistory
+    parameters: FloatArray
+
+    @property
+    def t(self) -> FloatArray:
+        """The output times (N,)."""
+        return self.trajectory.t
+
+    @cached_property
+    def by_name(self) -> ByName[ContactResult]:
+        """The results of each contact by its name."""
+        stated = self.model.statement.contacts
+        return ByName("contact", ((each.name, ContactResult(self, i, each)) for i, each in enumerate(stated)))
+
+    def _segments(self, times: FloatArray) -> Iterator[tuple[Mode, NDArray[np.bool_]]]:
+        """Yield each mode that holds at some of the times (K,), and where it does."""
+        numbers = segment_numbers(self.history.begins, times, forward=True)
+        modes = self.history.modes
+        for mode in dict.fromkeys(modes[i] for i in np.unique(numbers)):
+            mine = [i for i, other in enumerate(modes) if other == mode]
+            yield mode, np.isin(numbers, mine)
+
+    def labels(self, contact: int) -> NDArray[Any]:
+        """Return the state of a contact at the output times, (N,) texts."""
+        found = np.full(len(self.t), OPEN, dtype="<U8")
+        for mode, where in self._segments(self.t):
+            found[where] = mode.labels[contact]
+        return found
+
+    def evaluate(self, expression: Any) -> FloatArray:
+        """Return an expression at the outputs, (N,), with the accelerations and forces of the mode at each.
+
+        It may contain gaps and normal forces of contacts, beside what `Solution.evaluate` allows.
+        """
+        found = np.empty(len(self.t))
+        for mode, where in self._segments(self.t):
+            found[where] = self._in_mode(mode, expression, self.t[where], self.trajectory.y[:, where])
+        return found
+
+    def _in_mode(self, mode: Mode, expression: Any, times: FloatArray, y: FloatArray) -> FloatArray:
+        """Return an expression (K,) at times (K,) and states (2n, K) of a mode."""
+        statement = self.model.statement
+        plain = expression_of(expression, "the expression").xreplace(statement.gaps)
+        pairs = zip(statement.contacts, mode.states, strict=True)
+        absent = {each.normal: sympy.S.Zero for each, state in pairs if state == OPEN}
+        model = modes_of(self.model).model_of(mode)
+        return np.asarray(model.evaluate_expression(plain.xreplace(absent), times, y, self.parameters))
+
+    def friction(self, contact: int) -> FloatArray:
+        """Return the friction force of a contact along its slip components at the outputs, (components, N)."""
+        each = self.model.statement.contacts[contact]
+        found = np.zeros((len(each.slip), len(self.t)))
+        for mode, where in self._segments(self.t):
+            if mode.labels[contact] in (SLIDING, STICKING):
+                y = self.trajectory.y[:, where]
+                found[:, where] = [
+                    self._in_mode(mode, force, self.t[where], y) for force in _friction(each, mode, contact)
+                ]
+        return found
+
+    @cached_property
+    def energy_lost(self) -> FloatArray:
+        """The energy that impacts and friction have taken, (N,) at the output times."""
+        return self.lost_at(self.t)
+
+    def lost_at(self, times: FloatArray) -> FloatArray:
+        """Return the energy that impacts and friction have taken up to some times (K,)."""
+        begins = np.concatenate([self.history.begins[:1], self.history.lost_times])
+        return self.history.lost[segment_numbers(begins, times, forward=True)] + self._rubbed(times)
+
+    def _rubbed(self, times: FloatArray) -> FloatArray:
+        """Return the energy (K,) that sliding friction takes up to some times: the integral of its power."""
+        begins, modes = self.history.begins, self.history.modes
+        if not len(times) or not any(SLIDING in mode.states for mode in modes):
+            return np.zeros(len(times))
+        ends = np.unique(np.concatenate([begins, times, [self.trajectory.span[0]]]))
+        ends = ends[ends <= times.max()]
+        total = self._work(ends)
+        for _ in range(MOST_HALVINGS):
+            before, ends = total, np.sort(np.append(ends, (ends[1:] + ends[:-1]) / 2))
+            total = self._work(ends)
+            if np.abs(total[::2] - before).max() <= AGREEMENT * np.abs(total).max():
+                break
+        return np.asarray(np.interp(times, ends, total))
+
+    def _work(self, ends: FloatArray) -> FloatArray:
+        """Return the energy that friction takes up to each of some times (K,), by Gauss's rule between them."""
+        nodes, weights = np.polynomial.legendre.leggauss(GAUSS_POINTS)
+        halves, middles = np.diff(ends) / 2, (ends[1:] + ends[:-1]) / 2
+        times = (middles[:, None] + halves[:, None] * nodes).ravel()
+        power = self._power(times).reshape(len(halves), GAUSS_POINTS)
+        return np.append(0.0, np.cumsum((power @ weights) * halves))
+
+    def _power(self, times: FloatArray) -> FloatArray:
+        """Return the power (K,) that sliding friction takes at some times."""
+        total, path = np.zeros(len(times)), self.trajectory.dense
+        for mode, where in self._segments(times):
+            y = path(times[where]) if SLIDING in mode.states else None
+            for i, each in enumerate(self.model.statement.contacts):
+                if y is not None and mode.states[i] == SLIDING:
+                    pairs = zip(_friction(each, mode, i), each.slip, strict=True)
+                    taken = sympy.Add(*(-force * slip for force, slip in pairs))
+                    total[where] += self._in_mode(mode, taken, times[where], y)
+        return total
+
+
+class ContactResult:
+    """One contact along a run: its state, forces and impacts."""
+
+    def __init__(self, run: ContactRun, which: int, stated: Contact) -> None:
+        self._run, self._which, self._stated = run, which, stated
+
+    def __repr__(self) -> str:
+        return f"<Contact {self._stated.name}: {len(self.impacts)} impacts, {', '.join(dict.fromkeys(self.mode))}>"
+
+    @cached_property
+    def mode(self) -> NDArray[Any]:
+        """The state at the output times, (N,): "open", "closed", "sliding" or "sticking"."""
+        return self._run.labels(self._which)
+
+    @cached_property
+    def gap(self) -> FloatArray:
+        """The gap at the output times, (N,)."""
+        return self._run.evaluate(self._stated.gap)
+
+    @cached_property
+    def force(self) -> FloatArray:
+        """The normal force at the output times, (N,), zero where the contact is open."""
+        return np.where(self.mode == OPEN, 0.0, self._run.evaluate(self._stated.normal))
+
+    @cached_property
+    def friction(self) -> FloatArray:
+        """The friction force at the output times, (N,), or (2, N) in a plane, positive along the stated slip."""
+        found = self._run.friction(self._which)
+        return found[0] if len(found) == 1 else found
+
+    @property
+    def impacts(self) -> tuple[Impact, ...]:
+        """The impacts in order: `.t`, `.impulse`, `.friction_impulse`, `.energy_lost` of each."""
+        return self._run.history.impacts[self._which]
+
+    @property
+    def rests(self) -> tuple[float, ...]:
+        """The times at which infinitely many impacts end."""
+        return self._run.history.rests[self._which]
+
+
+def _friction(each: Contact, mode: Mode, which: int) -> list[Any]:
+    """Return the friction force of a contact that slides or sticks, one expression for each slip component."""
+    if mode.states[which] == STICKING:
+        return [multiplier(name) for name in each.slip_names]
+    return sliding_friction(each, mode.ways[which])

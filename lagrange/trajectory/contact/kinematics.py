@@ -1,0 +1,159 @@
+"""Gaps, slips and their directions at a state, and the rates that contact forces and impulses cause."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from sympy import Float
+
+from lagrange.equations.constraints import constraint_equations
+from lagrange.errors import StatementError, formula
+from lagrange.machine.model import Model
+from lagrange.statement.contact import impact_speed
+from lagrange.trajectory.contact.complementarity import Friction
+from lagrange.trajectory.trajectory import FloatArray
+
+TOUCHING = 1e-10
+"""A gap counts as zero below this fraction of its largest terms so far. Round-off is far below."""
+
+STILL = 1e-11
+"""A gap rate or slip counts as zero below this fraction of the largest terms of the contact's rates so far."""
+
+SLOW_SHARE = 1e-3
+"""Part of the largest rates of all contacts that a contact at rest counts as its own."""
+
+
+@dataclass(frozen=True, eq=False)
+class Touch:
+    """The contacts at a state.
+
+    `gaps` (k,) are their gaps. The rows of the other fields are, for each contact, dgap/dt, then its slips: the
+    `rates` (rows,), their `directions` (rows, n) by the velocities, the `bias` (rows,) of their derivatives by time at
+    zero acceleration. Gaps count as zero up to `near` (k,), and rates up to `noise` (rows,).
+    """
+
+    gaps: FloatArray
+    rates: FloatArray
+    directions: FloatArray
+    bias: FloatArray
+    near: FloatArray
+    noise: FloatArray
+
+
+class Kinematics:
+    """Evaluates the contacts of a model for the parameters of a run."""
+
+    def __init__(self, model: Model, parameters: FloatArray) -> None:
+        self.model, self.parameters, self.contacts = model, parameters, model.statement.contacts
+        equations = model.equations
+        stated: dict[str, Any] = {}
+        holonomic = []
+        for each in self.contacts:
+            stated[each.name] = equations.translate(each.gap)
+            stated |= dict(zip(each.slip_names, map(equations.translate, each.slip), strict=True))
+            holonomic += [True] + [False] * len(each.slip)
+        found = constraint_equations(stated, holonomic, equations.q, equations.v, equations.time)
+        gaps = [gap for gap in found.positions if gap is not None]
+        gradient = [entry for row in found.gradient for entry in row]
+        self._rows, self._count = len(found), len(gaps)
+        self._places, self._speeds = np.zeros(len(gaps)), np.zeros(len(found))
+        self._owners = [i for i, each in enumerate(self.contacts) for _ in range(1 + len(each.slip))]
+        nodes = (*gaps, *found.velocities, *found.bias, *gradient)
+        self._kernel = model.function("contacts", nodes)
+        values = dict(zip(model.statement.parameters, map(Float, parameters.tolist()), strict=True))
+        self._restitution = [each.restitution.xreplace(values) for each in self.contacts]
+        self._friction = [tuple(float(mu.xreplace(values)) for mu in each.friction) for each in self.contacts]
+        self._check()
+
+    def _check(self) -> None:
+        for each, mus, e in zip(self.contacts, self._friction, self._restitution, strict=True):
+            if min(mus) < 0 or mus[1] > mus[0]:
+                raise StatementError(
+                    f"the friction of the contact {each.name!r} is {mus[0]:g} (static) and {mus[1]:g} (kinetic): give "
+                    "coefficients that are not negative, the static one at least the kinetic one."
+                )
+            if e.is_number and not 0 <= float(e) <= 1:
+                raise StatementError(
+                    f"the restitution of the contact {each.name!r} is {float(e):g}: give a number between 0 and 1."
+                )
+
+    @property
+    def restitutions(self) -> list[float | None]:
+        """The restitution of each contact, None where it depends on the impact speed."""
+        return [float(e) if e.is_number else None for e in self._restitution]
+
+    def gaps(self, times: FloatArray, states: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the gaps (k, N) at times (N,) and states (2n, N), and the gap (k,) up to which each counts as zero."""
+        found = np.asarray(self._kernel(times, states, self.parameters))[: self._count]
+        return found.copy(), TOUCHING * np.maximum(self._places, np.abs(found).max(axis=1))
+
+    def rows(self, contacts: Sequence[int]) -> list[int]:
+        """Return the rows of some contacts: for each dgap/dt, then its slips."""
+        sizes = [1 + len(each.slip) for each in self.contacts]
+        begins = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
+        return [row for i in contacts for row in range(begins[i], begins[i + 1])]
+
+    def normal(self, contact: int) -> int:
+        """Return the row of dgap/dt of a contact."""
+        return self.rows([contact])[0]
+
+    def at(self, t: float, y: FloatArray) -> Touch:
+        """Return the contacts at a state (2n,)."""
+        n, k, rows = self.model.dimension, self._count, self._rows
+        values = np.asarray(self._kernel(t, y, self.parameters))
+        gaps, rates, bias, gradient = np.split(values, [k, k + rows, k + 2 * rows])
+        directions = gradient.reshape(rows, n)
+        q, v = self.model.layout.split(y)
+        normals = [self.normal(i) for i in range(k)]
+        places = np.abs(directions[normals]) @ np.abs(q) + np.abs(gaps)
+        speeds = np.abs(directions) @ np.abs(v) + np.abs(rates - directions @ v)
+        self._places, self._speeds = np.maximum(self._places, places), np.maximum(self._speeds, speeds)
+        fastest = [self._speeds[self.rows([i])].max() for i in self._owners]
+        noise = STILL * np.maximum(fastest, SLOW_SHARE * self._speeds.max())
+        return Touch(gaps, rates, directions, bias, TOUCHING * self._places, noise)
+
+    def responses(self, t: float, y: FloatArray, touch: Touch) -> FloatArray:
+        """Return the accelerations (n, rows) that a unit force along each row causes, under stated constraints."""
+        model, parameters = self.model, self.parameters
+        n = model.dimension
+        mass = np.asarray(model.kernel("mass_matrix")(t, y, parameters)).reshape(n, n)
+        held = self.stated_directions(t, y)
+        m = len(held)
+        if not m:
+            return np.asarray(np.linalg.solve(mass, touch.directions.T))
+        whole = np.block([[mass, -held.T], [held, np.zeros((m, m))]])
+        right = np.vstack([touch.directions.T, np.zeros((m, len(touch.directions)))])
+        return np.asarray(np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n])
+
+    def stated_directions(self, t: float, y: FloatArray) -> FloatArray:
+        """Return the gradient (m, n) by the velocities of the stated constraints."""
+        n = self.model.dimension
+        if not self.model.statement.constraints:
+            return np.empty((0, n))
+        return np.asarray(self.model.kernel("constraint_gradient")(t, y, self.parameters)).reshape(-1, n)
+
+    def free_acceleration(self, t: float, y: FloatArray) -> FloatArray:
+        """Return the accelerations (n,) without contact forces."""
+        return np.asarray(self.model.kernel("rhs")(t, y, self.parameters))[self.model.layout.v]
+
+    def restitution(self, contact: int, speed: float) -> float:
+        """Return the restitution of a contact for an impact speed. Raises StatementError outside [0, 1]."""
+        value = float(self._restitution[contact].xreplace({impact_speed: Float(speed, 17)}))
+        if not 0 <= value <= 1:
+            each = self.contacts[contact]
+            raise StatementError(
+                f"the restitution of the contact {each.name!r}, {formula(each.restitution, 60)}, is {value:g} at the "
+                f"impact speed {speed:g}: it must lie between 0 and 1."
+            )
+        return value
+
+    def friction(self, contact: int, slip: FloatArray, noise: FloatArray) -> Friction:
+        """Return the friction of a contact; surfaces slide where the slip exceeds its noise."""
+        static, kinetic = self._friction[contact]
+        if not len(slip) or static == 0:
+            return Friction()
+        size = float(np.linalg.norm(slip))
+        return Friction(len(slip), static, kinetic, slip / size if size > float(noise.max()) else None)

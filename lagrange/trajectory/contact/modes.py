@@ -1,0 +1,196 @@
+"""Modes of a run with contacts: the constraints and forces of closed contacts, and the events that end a mode."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import sympy
+
+from lagrange.machine.model import Model
+from lagrange.statement.contact import Contact
+from lagrange.statement.coordinate import multiplier, velocity_of
+from lagrange.statement.event import Event
+from lagrange.statement.statement import ALLOW, Constraint, Statement
+from lagrange.trajectory.contact.bounces import WrittenImpacts, written_impacts
+from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING
+from lagrange.trajectory.integrator import Problem
+
+RELEASE, GAP, SLIP, CONE = "release", "gap", "slip", "cone"
+"""Ends of a mode: the normal force or the gap becomes zero, the slip becomes zero, friction reaches its cone."""
+
+SLOWEST = 1e-12
+"""Slip in a plane, as a fraction of the largest so far, at which it counts as zero: its direction is not smooth there.
+
+The rest of the slip is taken away by an impulse."""
+
+EVENTS_KEPT = 8
+"""Number of lists of events that are kept for a mode, so that its runs use the same drivers."""
+
+Way = int | None
+"""Direction of sliding along a single slip component, 1 or -1; None in a plane and for contacts that do not slide."""
+
+
+@dataclass(frozen=True)
+class Mode:
+    """The state of each contact, and the direction of those that slide along a line.
+
+    `kept` are the independent ones of the constraints if some follow from others, which then share their forces; else
+    None. `bouncing` are the contacts that are closed on average while impacts accumulate. `slowest` is the slip in a
+    plane that counts as zero.
+    """
+
+    states: tuple[str, ...]
+    ways: tuple[Way, ...]
+    kept: tuple[int, ...] | None = None
+    bouncing: tuple[int, ...] = ()
+    slowest: float = 0.0
+
+    @property
+    def closed(self) -> list[int]:
+        """The contacts that are not open."""
+        return [i for i, state in enumerate(self.states) if state != OPEN]
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        """The state of each contact as results show it."""
+        return tuple(OPEN if i in self.bouncing else state for i, state in enumerate(self.states))
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedMode:
+    """A mode compiled: its model, its events behind those of the user, and the contact and the kind of each."""
+
+    model: Model
+    events: tuple[Event, ...]
+    ends: tuple[tuple[int, str], ...]
+
+
+class Modes:
+    """The modes of a model with contacts, each compiled when it is first met."""
+
+    def __init__(self, model: Model) -> None:
+        self.model, self.contacts = model, model.statement.contacts
+        self._models: dict[Mode, Model] = {}
+        self._ends: dict[Mode, tuple[tuple[Event, ...], tuple[tuple[int, str], ...]]] = {}
+        self._events: dict[tuple[Mode, tuple[Event, ...], int], tuple[Event, ...]] = {}
+
+    @cached_property
+    def written(self) -> WrittenImpacts | None:
+        """The impacts written out where all contacts are open, None if that is not possible."""
+        return written_impacts(self.model)
+
+    def prepared(self, mode: Mode, problem: Problem, written: WrittenImpacts | None, most: int) -> PreparedMode:
+        """Return a mode in which a problem goes on, with the events of the problem before its own.
+
+        Impacts that are `written` out are resets inside the loop over steps, up to the number `most` of a contact.
+        """
+        events, plain = problem.events, replace(mode, bouncing=())
+        model = self.model_of(mode)
+        if plain not in self._ends:
+            self._ends[plain] = _ends(self.contacts, mode)
+        own, ends = self._ends[plain]
+        key = plain, events, 0 if written is None else most
+        if key not in self._events:
+            if len(self._events) > EVENTS_KEPT * len(self._models):
+                self._events.clear()
+            absent = {each.normal: sympy.S.Zero for i, each in enumerate(self.contacts) if mode.states[i] == OPEN}
+            if written is not None:
+                own = tuple(
+                    event if reset is None else replace(event, terminal=most, reset=reset)
+                    for event, reset in zip(own, written.resets, strict=True)
+                )
+            self._events[key] = (*(_present(event, absent) for event in events), *own)
+        return PreparedMode(model, self._events[key], ends)
+
+    def model_of(self, mode: Mode) -> Model:
+        """Return the compiled model of a mode."""
+        plain = replace(mode, bouncing=(), slowest=0.0)
+        if plain not in self._models:
+            stated = mode_statement(self.model.statement, mode)
+            self._models[plain] = self.model.on_same_machine(stated, mode.kept)
+        return self._models[plain]
+
+
+_KNOWN: WeakKeyDictionary[Model, Modes] = WeakKeyDictionary()
+
+
+def modes_of(model: Model) -> Modes:
+    """Return the modes of a model, which are made once for it."""
+    found = _KNOWN.get(model)
+    if found is None:
+        found = _KNOWN[model] = Modes(model)
+    return found
+
+
+def mode_statement(statement: Statement, mode: Mode) -> Statement:
+    """Return the statement of a mode, without contacts: closed gaps are constraints, and friction is a force.
+
+    A contact that sticks is a constraint on velocities as well. One that slides has the force -mu lambda dslip/dv
+    against its slip, with the multiplier lambda of its gap.
+    """
+    constraints, forces = list(statement.constraints), list(statement.forces)
+    for each, state, way in zip(statement.contacts, mode.states, mode.ways, strict=True):
+        if state == OPEN:
+            continue
+        constraints.append(Constraint(each.name, each.gap, holonomic=True))
+        if state == STICKING:
+            slips = zip(each.slip_names, each.slip, strict=True)
+            constraints += [Constraint(name, slip, holonomic=False) for name, slip in slips]
+        if state == SLIDING:
+            pushes = sliding_friction(each, way)
+            for i, q in enumerate(statement.coordinates):
+                rate = velocity_of(q)
+                slopes = [push * slip.diff(rate) for push, slip in zip(pushes, each.slip, strict=True)]
+                forces[i] = sympy.Add(forces[i], *slopes)
+    return replace(
+        statement,
+        constraints=tuple(constraints),
+        forces=tuple(forces),
+        redundant=ALLOW if mode.kept is not None else statement.redundant,
+        contacts=(),
+    )
+
+
+def sliding_friction(each: Contact, way: Way) -> list[Any]:
+    """Return the friction forces along the slip components of a contact that slides."""
+    size = each.friction[1] * each.normal
+    if len(each.slip) == 1:
+        return [-size * way]
+    return [-size * slip / _speed(each) for slip in each.slip]
+
+
+def _speed(each: Contact) -> Any:
+    return sympy.sqrt(sympy.Add(*(slip**2 for slip in each.slip)))
+
+
+def _ends(contacts: Sequence[Contact], mode: Mode) -> tuple[tuple[Event, ...], tuple[tuple[int, str], ...]]:
+    """Return the events that end a mode, each with its contact and its kind."""
+    zeros: list[Any] = []
+    ends = []
+    for i, (each, state, way) in enumerate(zip(contacts, mode.states, mode.ways, strict=True)):
+        if state == OPEN:
+            zeros.append(each.gap)
+            ends.append((i, GAP))
+            continue
+        zeros.append(each.normal)
+        ends.append((i, RELEASE))
+        if state == SLIDING:
+            zeros.append(each.slip[0] * way if len(each.slip) == 1 else _speed(each) - mode.slowest)
+            ends.append((i, SLIP))
+        if state == STICKING:
+            held = [multiplier(name) ** 2 for name in each.slip_names]
+            zeros.append(each.friction[0] ** 2 * each.normal**2 - sympy.Add(*held))
+            ends.append((i, CONE))
+    return tuple(Event(zero, direction=-1, terminal=1) for zero in zeros), tuple(ends)
+
+
+def _present(event: Event, absent: dict[Any, Any]) -> Event:
+    """Return an event with zero for the normal forces of open contacts; one that is then constant never occurs."""
+    zero = event.expression.xreplace(absent)
+    if zero == event.expression:
+        return event
+    return replace(event, expression=zero if zero.free_symbols else sympy.S.One)

@@ -1,0 +1,341 @@
+"""Run through contacts: segments of constant mode, joined by impacts and by changes of the mode."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from lagrange.errors import StatementError, counted, listing
+from lagrange.procedure.events.constants import CLOSEST
+from lagrange.procedure.step.constants import EARLIEST
+from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces, WrittenImpacts, flights
+from lagrange.trajectory.contact.complementarity import OPEN, SLIDING
+from lagrange.trajectory.contact.history import ContactHistory
+from lagrange.trajectory.contact.kinematics import TOUCHING, Kinematics
+from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, modes_of
+from lagrange.trajectory.contact.transition import Behind, Impact, Transitions, Undetermined
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.messages import message, number
+from lagrange.trajectory.parts import before_outputs_at_end, joined, last_state, point_of, rest_of
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+
+MOST_REPEATS = 3
+"""Most tries of a segment that ends where it begins because of round-off."""
+
+
+SAMPLES, OVERLAP = 4, 1e-8
+"""Number of times in a segment at which gaps are looked at, and the overlap that is more than errors, as a part of the
+terms of the gap."""
+
+MOST_AT_ONCE = 32
+"""Most changes of the mode at one instant."""
+
+SHORTEST_REST = 2.0**-36
+"""Time until impacts have ended, as a fraction of the time, below which no segment is run for it."""
+
+
+def run_through_contacts(problem: Problem, run: Callable[[Problem], Trajectory]) -> Trajectory:
+    """Return the run of a problem whose statement has contacts; `run` runs a problem without.
+
+    Raises StatementError for a start inside a body, and for a run backwards.
+    """
+    return _ContactRun(problem, run).trajectory()
+
+
+class _ContactRun:
+    """A run in progress: its parts, and the mode, time and state at which it goes on."""
+
+    def __init__(self, problem: Problem, run: Callable[[Problem], Trajectory]) -> None:
+        if problem.t1 < problem.t0:
+            raise StatementError(
+                f"the run goes backwards from t = {problem.t0:g} to {problem.t1:g}, and impacts that lose energy "
+                "cannot be undone: run forwards."
+            )
+        self.problem, self.run = problem, run
+        self.modes = modes_of(problem.model)
+        self.kinematics = Kinematics(problem.model, problem.parameter_array)
+        self.contacts = problem.model.statement.contacts
+        self.transitions = Transitions(self.modes, self.kinematics, problem.t1 - problem.t0)
+        self.parts: list[Trajectory] = []
+        self.kept: list[Mode] = []
+        self.begins: list[float] = []
+        self.lost: list[tuple[float, float]] = []
+        self.impacts: list[list[Impact]] = [[] for _ in self.contacts]
+        self.rests: list[list[float]] = [[] for _ in self.contacts]
+        self.bounces = Bounces()
+        self.written = self._written_impacts()
+        self.rest_time = math.inf
+        self.freed: list[int] = []
+
+    def trajectory(self) -> Trajectory:
+        """Return the whole run."""
+        problem = self.problem
+        self._check_start()
+        n = len(self.contacts)
+        try:
+            behind = self.transitions.behind(problem.t0, problem.y0, Mode(("open",) * n, (None,) * n))
+        except Undetermined as refusal:
+            raise StatementError(f"the motion cannot start there: {refusal}") from refusal
+        self._book(problem.t0, behind)
+        segment = replace(problem, y0=behind.y)
+        while True:
+            part, mode = self._segment(segment, behind.mode)
+            end = part.span[1]
+            fired = self._fired(part, mode)
+            settled = bool(mode.bouncing) and self.rest_time <= end
+            if settled:
+                mode, self.rest_time = replace(mode, bouncing=()), math.inf
+            if (
+                part.status is Status.UNRELIABLE
+                or self._user_end(part)
+                or not (fired or (settled and part.status is Status.SUCCESS))
+            ):
+                break
+            if settled and end == problem.t1:
+                break
+            try:
+                behind = self._after(part, mode, fired)
+            except Undetermined as refusal:
+                told = message(Status.SINGULAR, problem, end, last_state(part), part.method, cause=str(refusal))
+                self.parts[-1] = replace(self.parts[-1], status=Status.SINGULAR, message=told)
+                break
+            if (limit := self._limit(end, mode, behind.mode)) is not None:
+                status, cause = limit
+                told = message(status, problem, end, last_state(part), part.method, cause=cause)
+                self.parts[-1] = replace(self.parts[-1], status=status, message=told)
+                break
+            last = Status.SUCCESS if end == problem.t1 else None
+            self.parts[-1] = before_outputs_at_end(problem, self.parts[-1])
+            if last is not None:
+                self.begins.append(end)
+                self.kept.append(behind.mode)
+                self.parts.append(point_of(problem, self.parts[-1], behind.y, last))
+                break
+            segment = rest_of(problem, self.parts, end, behind.y, output_at_begin=True)
+        found = joined(problem, self.parts, self._note(), both_at_joints=True)
+        return replace(found, contacts=self._history())
+
+    def _limit(self, end: float, mode: Mode, following: Mode) -> tuple[Status, str] | None:
+        """Return the status and the cause of a run that reached a limit between two modes, or None."""
+        problem = self.problem
+        if sum(part.steps + part.rejected for part in self.parts) + len(self.parts) >= problem.max_steps:
+            return Status.MAX_STEPS, ""
+        if problem.max_wall is not None and time.perf_counter() - problem.began > problem.max_wall:
+            return Status.MAX_WALL, ""
+        at_once = sum(abs(end - begin) <= CLOSEST * max(abs(end), EARLIEST) for begin in self.begins[-MOST_AT_ONCE:])
+        if at_once < MOST_AT_ONCE:
+            return None
+        names = listing(
+            repr(each.name)
+            for each, old, new in zip(self.contacts, mode.states, following.states, strict=True)
+            if old != new or set(mode.states) == {OPEN}
+        )
+        return Status.SINGULAR, (
+            f"The mode changes {MOST_AT_ONCE} times at one instant, at {names}: the laws of "
+            "contact lead to no motion that goes on. Change restitution or friction, or end the run before."
+        )
+
+    def _segment(self, segment: Problem, mode: Mode) -> tuple[Trajectory, Mode]:
+        """Run a segment in a mode, and keep it with the events of the user alone."""
+        users, written = len(self.problem.events), None if mode.closed else self.written
+        until = min(self.rest_time, segment.t1) if mode.bouncing else segment.t1
+        most = self.bounces.most(self.kinematics.restitutions)
+        tries, part = 0, None
+        while part is None:
+            self.prepared = prepared = self.modes.prepared(mode, segment, written, most)
+            chosen = replace(
+                segment,
+                model=prepared.model,
+                events=prepared.events,
+                t1=until,
+                t_eval=None if segment.t_eval is None else segment.t_eval[segment.t_eval <= until],
+            )
+            self.found = self.run(chosen)
+            if written is not None and not self._passed_impacts(written):
+                written = self.written = None
+                continue
+            if tries < MOST_REPEATS and self._is_begin(self.found, mode, segment.t0):
+                tries += 1
+                segment = replace(segment, y0=last_state(self.found))
+                continue
+            self.found = self._before_resets(mode) if written else self.found
+            part = replace(self.found, t_events=self.found.t_events[:users], y_events=self.found.y_events[:users])
+        self.begins.append(segment.t0)
+        self.kept.append(mode)
+        self.parts.append(self._verified(part, mode))
+        return self.parts[-1], mode
+
+    def _verified(self, part: Trajectory, mode: Mode) -> Trajectory:
+        """Return a segment, with the status UNRELIABLE if bodies overlap in it: an impact was missed."""
+        times = np.linspace(*part.span, SAMPLES + 1)[1:]
+        gaps, near = self.kinematics.gaps(times, part.dense(times))
+        overlapping = [i for i in range(len(gaps)) if gaps[i].min() < -OVERLAP / TOUCHING * near[i]]
+        if not overlapping or not part.status.complete:
+            return part
+        names = listing(repr(self.contacts[i].name) for i in overlapping)
+        note = (
+            f"The gap of {names} became negative, down to {gaps[overlapping].min():.2g}: an impact was missed, and the "
+            "run does not follow the motion. Lower rtol, or take another method."
+        )
+        return replace(part, status=Status.UNRELIABLE, message=f"{part.message} {note}")
+
+    def _written_impacts(self) -> WrittenImpacts | None:
+        """Return impacts that the loop over steps takes by itself, or None where each is looked at."""
+        if any(event.reset or event.settings for event in self.problem.events):
+            return None
+        return self.modes.written
+
+    def _passed_impacts(self, written: WrittenImpacts) -> bool:
+        """Book the impacts inside the last segment; return False if the segment must be run again without them.
+
+        Impacts of several contacts at one instant, and steps that fail, need a look at each impact.
+        """
+        found, users, end = self.found, len(self.problem.events), self.found.span[1]
+        if not found.status.complete:
+            return False
+        times, states = found.t_events[users:], found.y_events[users:]
+        inner = [when[: len(when) - (len(when) > 0 and when[-1] == end)] for when in times]
+        order = [(i, k) for _, i, k in flights(inner)]
+        if not order:
+            return True
+        at = np.array([inner[i][k] for i, k in order])
+        before = np.array([states[i][k] for i, k in order]).T
+        gaps, near = self.kinematics.gaps(at, before)
+        which = np.array([i for i, _ in order])
+        gaps[which, np.arange(len(which))] = np.inf
+        if (gaps <= near[:, None]).any():
+            return False
+        numbers = np.asarray(written.kernel(at, before, self.kinematics.parameters))
+        numbers = numbers.reshape(len(self.contacts), 3, -1)
+        for k, (i, t) in enumerate(zip(which.tolist(), at.tolist(), strict=True)):
+            impulse, lost, speed = numbers[i, :, k].tolist()
+            self.impacts[i].append(Impact(t, impulse, (0.0,) * len(self.contacts[i].slip), lost))
+            self.lost.append((t, lost))
+            self.bounces.add(t, speed, frozenset([i]))
+        return True
+
+    def _fired(self, part: Trajectory, mode: Mode) -> list[tuple[int, str]]:
+        """Return the contacts whose events ended a segment, with the kind of each."""
+        if self.found.status is not Status.EVENT:
+            return []
+        users, end = len(self.problem.events), part.span[1]
+        ends = self.prepared.ends
+        times = self.found.t_events[users:]
+        return [which for which, when in zip(ends, times, strict=True) if len(when) and when[-1] == end]
+
+    def _is_begin(self, part: Trajectory, mode: Mode, begin: float) -> bool:
+        """Return whether a segment ends where it begins, at a gap that opens or a slip that begins."""
+        end = part.span[1]
+        fired = self._fired(part, mode)
+        if not fired or abs(end - begin) > CLOSEST * max(abs(end), EARLIEST):
+            return False
+        touch = self.kinematics.at(end, last_state(part))
+        opens = [i for i, kind in fired if kind == GAP and touch.rates[self.kinematics.normal(i)] >= 0]
+        slides = [i for i, kind in fired if kind == SLIP and i in self.freed]
+        return len(opens) + len(slides) == len(fired)
+
+    def _before_resets(self, mode: Mode) -> Trajectory:
+        """Return the last segment with the state before the reset of an event that ended it."""
+        found, y = self.found, self._end_state(mode)
+        if not len(found.t) or found.t[-1] != found.span[1]:
+            return found
+        return replace(found, y=np.column_stack([found.y[:, :-1], y]))
+
+    def _end_state(self, mode: Mode) -> FloatArray:
+        """Return the state (2n,) at the events that ended the last segment, before any reset."""
+        found, users = self.found, len(self.problem.events)
+        for when, states in zip(found.t_events[users:], found.y_events[users:], strict=True):
+            if len(when) and when[-1] == found.span[1]:
+                return np.ascontiguousarray(states[-1])
+        return last_state(found)
+
+    def _user_end(self, part: Trajectory) -> bool:
+        """Return whether an event of the user ends the run."""
+        for i, event in enumerate(self.problem.events):
+            if event.terminal and sum(len(each.t_events[i]) for each in self.parts) >= event.terminal:
+                return True
+        return False
+
+    def _after(self, part: Trajectory, mode: Mode, fired: Sequence[tuple[int, str]]) -> Behind:
+        """Return what follows the end of a segment."""
+        t, y = part.span[1], self._end_state(mode)
+        by_kind = {kind: [i for i, other in fired if other == kind] for kind in (RELEASE, GAP, SLIP, CONE)}
+        ends = {"met": by_kind[GAP], "released": by_kind[RELEASE], "stopped": by_kind[SLIP], "freed": by_kind[CONE]}
+        behind = self.transitions.behind(t, y, mode, **ends)
+        self.freed = [i for i, state in enumerate(behind.mode.states) if state == SLIDING and state != mode.states[i]]
+        self.freed += [i for i in ends["stopped"] if behind.mode.states[i] == SLIDING]
+        if behind.impacts:
+            self.bounces.add(t, max(behind.speeds), frozenset(i for i, _ in behind.impacts))
+        accumulated = bool(behind.impacts) and self.bounces.end is not None
+        plastic = frozenset().union(*self.bounces.contacts[-FEWEST_FLIGHTS:]) if accumulated else frozenset()
+        while behind.unseen - plastic or (accumulated and not plastic & set(behind.mode.closed)):
+            plastic |= behind.unseen
+            behind = self.transitions.behind(t, y, mode, **ends, plastic=plastic)
+            accumulated = False
+        settled = tuple(i for i in plastic if i in behind.mode.closed and i not in mode.closed)
+        if settled and (rest := self.bounces.limit) is not None:
+            self.bounces.clear()
+            if rest - t > SHORTEST_REST * abs(t):
+                behind = replace(behind, mode=replace(behind.mode, bouncing=settled))
+                self.rest_time = rest
+            for i in settled:
+                self.rests[i].append(rest)
+        self._book(t, behind)
+        return behind
+
+    def _book(self, t: float, behind: Behind) -> None:
+        for i, impact in behind.impacts:
+            self.impacts[i].append(impact)
+            self.lost.append((t, impact.energy_lost))
+
+    def _check_start(self) -> None:
+        """Raise StatementError for a start inside a body."""
+        problem, kin = self.problem, self.kinematics
+        touch = kin.at(problem.t0, problem.y0)
+        for i, each in enumerate(self.contacts):
+            if touch.gaps[i] < -touch.near[i]:
+                raise StatementError(
+                    f"the start is inside a body: the gap {each.name!r} is {touch.gaps[i]:.6g} there. "
+                    f"{self._nearest(i)}"
+                )
+
+    def _nearest(self, contact: int) -> str:
+        """Return a sentence with the nearest start at which a gap is closed, by Newton's method."""
+        problem, kin, layout = self.problem, self.kinematics, self.problem.model.layout
+        y = problem.y0.copy()
+        for _ in range(30):
+            touch = kin.at(problem.t0, y)
+            row = kin.normal(contact)
+            along = kin.responses(problem.t0, y, touch)[:, row]
+            y[layout.q] -= along * touch.gaps[contact] / (touch.directions[row] @ along)
+        if not np.isfinite(y).all() or abs(kin.at(problem.t0, y).gaps[contact]) > 1e-6:
+            return "Give a start at which the bodies do not overlap."
+        moved = [
+            f"{name} = {value:.9g}"
+            for name, value, old in zip(layout.coordinates, y, problem.y0, strict=False)
+            if value != old
+        ]
+        return f"The nearest start outside has {listing(moved)}."
+
+    def _note(self) -> str:
+        """Return sentences on impacts that accumulate."""
+        told = []
+        for each, times in zip(self.contacts, self.rests, strict=True):
+            if times:
+                more = f" and {counted(len(times) - 1, 'later time')}" if len(times) > 1 else ""
+                told.append(f"Infinitely many impacts of {each.name!r} end at t = {number(times[0])}{more}.")
+        return " ".join(told)
+
+    def _history(self) -> ContactHistory:
+        return ContactHistory(
+            np.array(self.begins),
+            tuple(self.kept),
+            np.array([when for when, _ in self.lost]),
+            np.cumsum([0.0, *(lost for _, lost in self.lost)]),
+            tuple(map(tuple, self.impacts)),
+            tuple(map(tuple, self.rests)),
+        )

@@ -1,0 +1,349 @@
+"""Transitions between modes: impacts of bodies that close a gap, and the mode that follows."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from lagrange.equations.regularity import independent_rows
+from lagrange.errors import RunError, listing
+from lagrange.statement.contact import NEWTON, SEQUENCE
+from lagrange.trajectory.contact.complementarity import (
+    OPEN,
+    SLIDING,
+    STICKING,
+    Balance,
+    Friction,
+    solutions,
+)
+from lagrange.trajectory.contact.kinematics import STILL, TOUCHING, Kinematics, Touch
+from lagrange.trajectory.contact.modes import SLOWEST, Mode, Modes
+from lagrange.trajectory.trajectory import FloatArray
+
+MOST_IN_SEQUENCE = 500
+"""Most impacts at one instant that follow each other. What infinitely many leave over is then stopped at once."""
+
+
+SLIGHT, SHORT = 2.0**-48, 1e-3
+"""A slip or a gap begins with what the largest acceleration terms times this make, in the time so far or in a short
+part of the run: 16 units of their round-off."""
+
+SMALLEST_GAP = 64 * 2.0**-52
+"""A contact whose gap would stay below this part of its terms does not open: the run could not see it close."""
+
+ROUND_OFF = 2.0**-50
+"""A velocity that a closed contact makes zero is round-off below this part of the largest terms of its rates.
+
+Tolerances relative to it would be far too small."""
+
+NEWTON_STEPS = 2
+"""Steps of Newton's method from a gap of round-off to a closed one."""
+
+
+class Undetermined(RunError):
+    """The laws of contact have no consistent next motion, or several."""
+
+
+@dataclass(frozen=True)
+class Impact:
+    """An impact of one contact: time, normal impulse, friction impulse (components,), and the energy that it takes."""
+
+    t: float
+    impulse: float
+    friction_impulse: tuple[float, ...]
+    energy_lost: float
+
+
+@dataclass(frozen=True, eq=False)
+class Behind:
+    """What follows a transition: the state (2n,), the mode, and the impacts by contact; `speeds` are their speeds.
+
+    `unseen` are contacts that open and would close again before round-off shows a gap.
+    """
+
+    y: FloatArray
+    mode: Mode
+    impacts: tuple[tuple[int, Impact], ...] = ()
+    speeds: tuple[float, ...] = ()
+    unseen: frozenset[int] = frozenset()
+
+
+class Transitions:
+    """Finds the state and the mode behind the end of a mode."""
+
+    def __init__(self, modes: Modes, kinematics: Kinematics, span: float) -> None:
+        self.modes, self.kinematics = modes, kinematics
+        self.statement = modes.model.statement
+        self._layout, self._slowest, self._moment = modes.model.layout, 0.0, SHORT * span
+
+    def behind(
+        self,
+        t: float,
+        y: FloatArray,
+        mode: Mode,
+        *,
+        met: Collection[int] = (),
+        released: Collection[int] = (),
+        stopped: Collection[int] = (),
+        freed: Collection[int] = (),
+        plastic: Collection[int] = (),
+    ) -> Behind:
+        """Return what follows a mode that ends at a state.
+
+        The contacts that end it: those `met` whose gap became zero, `released` ones whose normal force did, `stopped`
+        ones whose slip did, and `freed` ones whose friction reached its cone. Impacts of `plastic` contacts have no
+        restitution, and stay closed.
+        Raises `Undetermined` if the laws of contact do not determine what follows.
+        """
+        kin = self.kinematics
+        touch = kin.at(t, y)
+        normals = [kin.normal(i) for i in range(len(kin.contacts))]
+        near = [i for i in range(len(normals)) if i in met or touch.gaps[i] <= touch.near[i]]
+        lasting = [i for i in mode.closed if i not in released]
+        touching = sorted({*near, *lasting} - set(released))
+        closing = [i for i in touching if touch.rates[normals[i]] < -touch.noise[normals[i]] and i not in lasting]
+        impacts: tuple[tuple[int, Impact], ...] = ()
+        speeds: tuple[float, ...] = ()
+        ways = self._freed_ways(t, y, mode, freed) if freed else {}
+        if closing:
+            y, impacts, speeds = self._impact(t, y, touch, touching, closing, plastic)
+            touch = kin.at(t, y)
+        still = [self._still(touch, row, speeds) for row in normals]
+        resting = [i for i in touching if touch.rates[normals[i]] <= still[i] or i in plastic]
+        y, following, pulls = self._next(t, y, touch, resting, stopped, ways, released)
+        bounced = [i for i in closing if i not in following.closed]
+        unseen = frozenset(
+            i
+            for i in touching
+            if i not in following.closed
+            and 0 < touch.rates[normals[i]] ** 2 < -2 * pulls[normals[i]] * SMALLEST_GAP / TOUCHING * touch.near[i]
+        )
+        return Behind(self._without_gaps(t, y, bounced), following, impacts, speeds, unseen)
+
+    def _still(self, touch: Touch, row: int, speeds: Sequence[float]) -> float:
+        """Return the gap rate up to which a contact rests: noise, also of the speeds of impacts."""
+        return float(touch.noise[row]) + 1e-13 * max(speeds, default=0.0)
+
+    def _freed_ways(self, t: float, y: FloatArray, mode: Mode, freed: Collection[int]) -> dict[int, FloatArray]:
+        """Return the directions, against the friction force, in which contacts at their cone begin to slide."""
+        model = self.modes.model_of(mode)
+        forces = dict(
+            zip(
+                (constraint.name for constraint in model.statement.constraints),
+                model.multipliers(*self._layout.split(y), t, self.kinematics.parameters),
+                strict=True,
+            )
+        )
+        found = {}
+        for i in freed:
+            force = np.array([forces[name] for name in self.kinematics.contacts[i].slip_names])
+            found[i] = -force / np.linalg.norm(force)
+        return found
+
+    def _impact(
+        self,
+        t: float,
+        y: FloatArray,
+        touch: Touch,
+        touching: Sequence[int],
+        closing: Sequence[int],
+        plastic: Collection[int],
+    ) -> tuple[FloatArray, tuple[tuple[int, Impact], ...], tuple[float, ...]]:
+        """Return the state behind an impact, the impact of each contact, and the speeds of the closing ones."""
+        kin, v = self.kinematics, self._layout.v
+        responses = kin.responses(t, y, touch)
+        law = self.statement.simultaneous
+        if len(touching) > 1 and not law:
+            if not self._coupled(touch, responses, touching):
+                law = NEWTON
+            else:
+                names = listing(kin.contacts[i].name for i in touching)
+                raise Undetermined(
+                    f"{names} meet at one instant, and the result depends on the law of simultaneous impacts: state "
+                    "simultaneous='newton', all at once, or 'sequence', one after the other, on the system."
+                )
+        rates, impulses = touch.rates.copy(), np.zeros(len(touch.rates))
+        rounds = 0
+        while True:
+            approaching = [i for i in touching if rates[kin.normal(i)] < -touch.noise[kin.normal(i)]]
+            if not approaching or rounds > (MOST_IN_SEQUENCE if law == SEQUENCE else 0):
+                break
+            last = law != SEQUENCE or rounds == MOST_IN_SEQUENCE
+            chosen = list(touching) if last else [min(approaching, key=lambda i: rates[kin.normal(i)])]
+            step = self._impulses(touch, responses, rates, chosen, touching if rounds and last else plastic)
+            impulses += step
+            rates = touch.rates + touch.directions @ (responses @ impulses)
+            rounds += 1
+        after = y.copy()
+        after[v] += responses @ impulses
+        middle = (touch.rates + rates) / 2
+        impacts = []
+        for i in touching:
+            rows = kin.rows([i])
+            if not impulses[rows[0]]:
+                continue
+            lost = -float(impulses[rows] @ middle[rows])
+            friction = tuple(impulses[rows[1:]].tolist())
+            impacts.append((i, Impact(t, float(impulses[rows[0]]), friction, lost)))
+        return after, tuple(impacts), tuple(float(-touch.rates[kin.normal(i)]) for i in closing)
+
+    def _coupled(self, touch: Touch, responses: FloatArray, touching: Sequence[int]) -> bool:
+        """Return whether an impulse at one of some contacts changes the rates of another."""
+        kin = self.kinematics
+        matrix = np.abs(touch.directions @ responses)
+        for i in touching:
+            for j in touching:
+                if i != j and matrix[np.ix_(kin.rows([i]), kin.rows([j]))].max() > 1e-12 * matrix.max():
+                    return True
+        return False
+
+    def _impulses(
+        self,
+        touch: Touch,
+        responses: FloatArray,
+        rates: FloatArray,
+        chosen: Sequence[int],
+        plastic: Collection[int],
+    ) -> FloatArray:
+        """Return the impulses (rows,) of an impact of the chosen contacts by Newton's and Coulomb's law."""
+        kin = self.kinematics
+        laws, rows, shift = [], list[int](), list[float]()
+        for i in chosen:
+            normal, *along = kin.rows([i])
+            speed = max(-float(rates[normal]), 0.0)
+            e = 0.0 if i in plastic or not speed else kin.restitution(i, speed)
+            law = kin.friction(i, np.zeros(len(along)), np.zeros(1))
+            laws.append(law)
+            rows += [normal, *along[: law.components]]
+            shift += [-e * speed] + [0.0] * law.components
+        matrix = (touch.directions @ responses)[np.ix_(rows, rows)]
+        found = self._only(solutions(matrix, rates[rows] + np.array(shift), laws), chosen, "impact")
+        impulses = np.zeros(len(rates))
+        impulses[rows] = found.forces
+        return impulses
+
+    def _only(self, found: Sequence[Balance], chosen: Sequence[int], what: str) -> Balance:
+        """Return the only solution. Raises `Undetermined` if there is none, or several."""
+        if len(found) == 1:
+            return found[0]
+        names = listing(repr(self.kinematics.contacts[i].name) for i in chosen)
+        if not found:
+            raise Undetermined(
+                f"Coulomb's law allows no {what} at {names}: the friction would have to press the bodies together "
+                "without bound (Painleve's paradox). Lower the friction, or end the run before this configuration."
+            )
+        raise Undetermined(
+            f"Coulomb's law allows {len(found)} different motions behind this {what} at {names} (Painleve's paradox): "
+            "lower the friction, or end the run before this configuration."
+        )
+
+    def _next(
+        self,
+        t: float,
+        y: FloatArray,
+        touch: Touch,
+        resting: Sequence[int],
+        stopped: Collection[int],
+        ways: dict[int, FloatArray],
+        released: Collection[int],
+    ) -> tuple[FloatArray, Mode, FloatArray]:
+        """Return the state and the mode with which the contacts `resting`, of zero gap and gap rate, go on.
+
+        The third is the second derivative of gaps, and the first of slips, by time, (rows,).
+        """
+        kin, count = self.kinematics, len(self.kinematics.contacts)
+        states, kept_ways = [OPEN] * count, list[int | None]([None] * count)
+        slides: dict[int, FloatArray] = {}
+        free = kin.free_acceleration(t, y)
+        pulls, terms = (
+            touch.directions @ free + touch.bias,
+            np.abs(touch.directions) @ np.abs(free) + np.abs(touch.bias),
+        )
+        if resting:
+            laws, rows = [], list[int]()
+            for i in resting:
+                normal, *along = kin.rows([i])
+                slip = np.zeros(len(along)) if i in stopped else touch.rates[along]
+                law = kin.friction(i, slip, np.maximum(touch.noise[along], 0.0) if along else np.zeros(1))
+                if i in ways:
+                    law = Friction(law.components, law.static, law.kinetic, ways[i])
+                laws.append(law)
+                rows += [normal, *along[: law.components]]
+            responses = kin.responses(t, y, touch)
+            matrix = (touch.directions @ responses)[np.ix_(rows, rows)]
+            bias = pulls[rows]
+            found = self._only(solutions(matrix, bias, laws), resting, "motion")
+            pulls = pulls + (touch.directions @ responses)[:, rows] @ found.forces
+            terms[rows] += np.abs(matrix) @ np.abs(found.forces)
+            for i, state, way in zip(resting, found.states, found.ways, strict=True):
+                states[i] = state
+                if state == SLIDING and way is not None:
+                    slides[i] = way
+                    kept_ways[i] = round(float(way[0])) if len(way) == 1 else None
+        if any(len(way) > 1 for way in slides.values()) and not self._slowest:
+            self._slowest = SLOWEST / STILL * float(touch.noise.max())
+        plane = any(state == SLIDING and len(kin.contacts[i].slip) > 1 for i, state in enumerate(states))
+        kept = self._independent(t, y, touch, states)
+        mode = Mode(tuple(states), tuple(kept_ways), kept, slowest=self._slowest if plane else 0.0)
+        slight = SLIGHT * float(terms.max()) * max(abs(t), self._moment)
+        begins = {kin.normal(i): slight for i in {*resting, *released} if states[i] == OPEN}
+        for i, way in slides.items():
+            along = kin.rows([i])[1:]
+            if np.linalg.norm(touch.rates[along]) <= touch.noise[along].max():
+                slow = 0.0 if len(way) == 1 else 2 * max(mode.slowest, float(touch.noise[along].max()))
+                begins |= dict(zip(along, (max(slow, slight) * way).tolist(), strict=True))
+        return self._entered(t, self._without_gaps(t, y, mode.closed), mode, begins), mode, pulls
+
+    def _independent(self, t: float, y: FloatArray, touch: Touch, states: Sequence[str]) -> tuple[int, ...] | None:
+        """Return the independent ones of the constraints of a mode if some follow from others, else None."""
+        held = touch.directions[self._held_rows(states)]
+        if len(held) < 2:
+            return None
+        stated = self.kinematics.stated_directions(t, y)
+        kept = independent_rows(np.vstack([stated, held]))
+        return None if len(kept) == len(stated) + len(held) else kept
+
+    def _held_rows(self, states: Sequence[str]) -> list[int]:
+        """Return the rows that are constraints in a mode."""
+        kin = self.kinematics
+        rows = []
+        for i, state in enumerate(states):
+            if state != OPEN:
+                mine = kin.rows([i])
+                rows += mine if state == STICKING else mine[:1]
+        return rows
+
+    def _without_gaps(self, t: float, y: FloatArray, contacts: Collection[int]) -> FloatArray:
+        """Return a state in which gaps of round-off are closed by Newton's method, by the least change of all."""
+        if not contacts:
+            return y
+        kin, layout, y, chosen = self.kinematics, self._layout, y.copy(), list(contacts)
+        normals = [kin.normal(i) for i in chosen]
+        for _ in range(NEWTON_STEPS):
+            touch = kin.at(t, y)
+            responses = kin.responses(t, y, touch)
+            square = (touch.directions @ responses)[np.ix_(normals, normals)]
+            y[layout.q] -= responses[:, normals] @ np.linalg.lstsq(square, touch.gaps[chosen], rcond=1e-12)[0]
+        return y
+
+    def _entered(self, t: float, y: FloatArray, mode: Mode, begins: dict[int, float]) -> FloatArray:
+        """Return a state whose velocities are those of a mode.
+
+        Velocities of round-off become zero by the least change that the kinetic energy measures. Rows of `begins`, a
+        slip or a gap that begins to grow, get the given rates: round-off in their accelerations could end them again.
+        """
+        held = self._held_rows(mode.states)
+        if not held and not begins:
+            return y
+        y, touch = y.copy(), self.kinematics.at(t, y)
+        responses = self.kinematics.responses(t, y, touch)
+        rows, wanted = [*held, *begins], np.array([*np.zeros(len(held)), *begins.values()])
+        square = (touch.directions @ responses)[np.ix_(rows, rows)]
+        v = y[self._layout.v] + responses[:, rows] @ np.linalg.lstsq(square, wanted - touch.rates[rows], rcond=1e-12)[0]
+        parts = np.abs(touch.directions[held] * v)
+        fastest = touch.noise[held] / STILL
+        v[((parts > 0) & (parts <= ROUND_OFF * fastest[:, None])).any(axis=0)] = 0.0
+        y[self._layout.v] = v
+        return y

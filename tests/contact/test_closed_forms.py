@@ -1,0 +1,190 @@
+"""Runs through contacts against motions in closed form."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from sympy import cos, sin
+
+import lagrange as lg
+
+G = 9.81
+
+
+def ball(restitution: Any) -> lg.System:
+    y, (m, g) = lg.coordinate("y"), lg.parameters("m g")
+    floor = lg.contact(y, restitution=restitution)
+    return lg.System(m * y.dot**2 / 2, m * g * y, contacts={"floor": floor}, parameters={m: 1, g: G}, initial={y: 1})
+
+
+def block(angle: float, friction: Any, **more: Any) -> lg.System:
+    """A block on a plane: x along it, y above it."""
+    (x, y), (m, g) = lg.coordinates("x y"), lg.parameters("m g")
+    potential = m * g * (x * sin(angle) + y * cos(angle)) + more.pop("potential", 0)
+    floor = lg.contact(y, slip=x.dot - more.pop("belt", 0), friction=friction)
+    kinetic = m * (x.dot**2 + y.dot**2) / 2
+    return lg.System(kinetic, potential, contacts={"floor": floor}, parameters={m: 1, g: G}, **more)
+
+
+@pytest.mark.parametrize("restitution", [0.5, 0.8])
+def test_a_bouncing_ball_rests_after_the_time_of_zeno(restitution: float) -> None:
+    run = ball(restitution).run(8.0, t_eval=np.linspace(0, 8, 801)).require()
+    rest = np.sqrt(2 / G) * (1 + restitution) / (1 - restitution)
+    # Impacts are located to round-off of the time; what is left of the sum of flights has eight digits of 1e-7.
+    assert run.contacts["floor"].rests == pytest.approx([rest], abs=1e-12)
+    floor, after = run.contacts["floor"], run.t > rest
+    assert (floor.mode == np.where(after, "closed", "open")).all()
+    assert not run.y[:, after].any() and (floor.force[after] == G).all()
+    assert np.ptp(run.energy + run.energy_lost) < 1e-12
+    assert f"{rest:.6g}"[:6] in run.message
+
+
+def test_each_impact_of_a_ball_is_where_geometry_puts_it() -> None:
+    impacts = ball(0.5).run(2.0).contacts["floor"].impacts
+    first = np.sqrt(2 / G)
+    times = [first * (1 + 2 * sum(0.5**j for j in range(1, k + 1))) for k in range(20)]
+    assert [impact.t for impact in impacts[:20]] == pytest.approx(times, abs=1e-14)
+    speeds = G * first * 0.5 ** np.arange(20)
+    assert [impact.impulse for impact in impacts[:20]] == pytest.approx(1.5 * speeds, rel=1e-9)
+    assert [impact.energy_lost for impact in impacts[:20]] == pytest.approx(0.375 * speeds**2, rel=1e-9)
+
+
+def test_a_block_on_an_incline_stops_and_stays() -> None:
+    system = block(0.3, 0.5, initial={"x_dot": 3.0})
+    slowing = G * (np.sin(0.3) + 0.5 * np.cos(0.3))
+    run = system.run(1e6).require()
+    assert run.t[np.argmax(run.contacts["floor"].mode == "sticking")] == pytest.approx(3 / slowing, abs=1e-12)
+    assert run["x"][-1] == pytest.approx(9 / (2 * slowing), abs=1e-12)
+    assert run["x_dot"][-1] == 0.0 and len(set(run["x"][run.contacts["floor"].mode == "sticking"])) == 1
+
+
+def test_a_coulomb_oscillator_loses_the_same_amplitude_in_each_half_period() -> None:
+    x, k = lg.coordinate("x"), 1.0
+    run = block(0.0, 0.1 / G, potential=k * x**2 / 2, initial={"x": 1.05}).run(30.0).require()
+    turns = run["x"][np.flatnonzero(np.diff(run.t) == 0)]
+    # The friction is 0.1: the amplitude falls by 0.2, and the block sticks at 0.05, where the spring is too weak.
+    assert turns == pytest.approx([-0.85, 0.65, -0.45, 0.25, -0.05], abs=1e-9)
+    assert run.contacts["floor"].mode[-1] == "sticking"
+    assert run.contacts["floor"].friction[-1] == pytest.approx(-0.05, abs=1e-9)
+
+
+def test_a_ladder_leaves_the_wall_at_two_thirds_of_its_height() -> None:
+    (x, y, theta), (m, g) = lg.coordinates("x y theta"), lg.parameters("m g")
+    contacts = {"floor": lg.contact(y - cos(theta)), "wall": lg.contact(x - sin(theta))}
+    start = {theta: 0.1, x: np.sin(0.1), y: np.cos(0.1)}
+    kinetic = m * (x.dot**2 + y.dot**2) / 2 + m * theta.dot**2 / 6
+    system = lg.System(kinetic, m * g * y, contacts=contacts, parameters={m: 1, g: G}, initial=start)
+    run = system.run(1.5, rtol=1e-12).require()
+    left = np.argmax(run.contacts["wall"].mode == "open")
+    assert run["y"][left] / np.cos(0.1) == pytest.approx(2 / 3, abs=1e-11)
+    assert run.contacts["floor"].mode[left] == "closed" and (run.contacts["floor"].gap >= -1e-12).all()
+
+
+def test_a_spinning_ball_slips_and_then_rolls() -> None:
+    (x, y, phi), (m, g, r, mu) = lg.coordinates("x y phi"), lg.parameters("m g r mu")
+    floor = lg.contact(y - r, slip=x.dot + r * phi.dot, friction=mu)
+    values = {m: 1, g: G, r: 0.1, mu: 0.2}
+    kinetic = m * (x.dot**2 + y.dot**2) / 2 + m * r**2 * phi.dot**2 / 5
+    system = lg.System(kinetic, m * g * y, contacts={"floor": floor}, parameters=values, initial={y: 0.1, phi.dot: -20})
+    run = system.run(1.0).require()
+    rolls = np.argmax(run.contacts["floor"].mode == "sticking")
+    assert run.t[rolls] == pytest.approx(2 * 2.0 / (7 * 0.2 * G), abs=1e-12)
+    assert run["x_dot"][-1] == pytest.approx(2 * 2.0 / 7, abs=1e-12)
+
+
+def test_a_block_slides_straight_on_a_plane_and_stops() -> None:
+    (x, y, z), (m, g, mu) = lg.coordinates("x y z"), lg.parameters("m g mu")
+    floor = lg.contact(z, slip=(x.dot, y.dot), friction=mu)
+    kinetic, values = m * (x.dot**2 + y.dot**2 + z.dot**2) / 2, {m: 1, g: G, mu: 0.3}
+    start = {x.dot: 3, y.dot: 4}
+    system = lg.System(kinetic, m * g * z, contacts={"floor": floor}, parameters=values, initial=start)
+    run = system.run(5.0).require()
+    stops = np.argmax(run.contacts["floor"].mode == "sticking")
+    assert run.t[stops] == pytest.approx(5 / (0.3 * G), abs=1e-11)
+    assert run.y[:3, -1] == pytest.approx([0.6 * 25 / (0.6 * G), 0.8 * 25 / (0.6 * G), 0], abs=1e-10)
+    assert run.contacts["floor"].friction[:, 0] == pytest.approx([-0.6 * 0.3 * G, -0.8 * 0.3 * G])
+
+
+def test_a_rocking_block_keeps_the_share_of_its_rate_that_housner_found() -> None:
+    (x, y, theta), (m, g) = lg.coordinates("x y theta"), lg.parameters("m g")
+    width, height, t = 0.2, 1.0, lg.t
+    contacts = {}
+    for name, side in (("left", -width), ("right", width)):
+        across, up = x + side * cos(theta) + height * sin(theta), y + side * sin(theta) - height * cos(theta)
+        contacts[name] = lg.contact(up, slip=sympy.diff(across, t), friction=2)
+    kinetic = m * (x.dot**2 + y.dot**2) / 2 + m * (width**2 + height**2) / 6 * theta.dot**2
+    system = lg.System(kinetic, m * g * y, contacts=contacts, simultaneous="newton", parameters={m: 1, g: G})
+    c, s = np.cos(0.1), np.sin(0.1)
+    run = system.run(3.0, {theta: 0.1, x: width * c - height * s, y: width * s + height * c}).require()
+    hits = np.flatnonzero(np.diff(run.t) == 0)[:3]
+    ratios = run["theta_dot"][hits + 1] / run["theta_dot"][hits]
+    assert ratios == pytest.approx([1 - 1.5 * np.sin(np.arctan2(width, height)) ** 2] * 3, abs=1e-12)
+    assert np.ptp(run.energy + run.energy_lost) < 1e-10
+
+
+def test_masses_collide_as_often_as_pi_has_digits() -> None:
+    (a, b), big = lg.coordinates("a b"), lg.parameters("M")
+    contacts = {"wall": lg.contact(a, restitution=1), "pair": lg.contact(b - a, restitution=1)}
+    start = {a: 1, b: 2, b.dot: -1}
+    system = lg.System(a.dot**2 / 2 + big * b.dot**2 / 2, contacts=contacts, parameters={big: 1e4}, initial=start)
+    run = system.run(500.0).require()
+    assert sum(len(contact.impacts) for contact in run.contacts.values()) == 314
+    assert np.ptp(run.energy) < 1e-9 * run.energy[0]
+
+
+def test_an_elliptic_billiard_keeps_the_product_of_angular_momenta_about_its_foci() -> None:
+    (x, y), start = lg.coordinates("x y"), {"x": 0.3, "y": 0.1, "x_dot": 1, "y_dot": 0.7}
+    wall = lg.contact(1 - x**2 / 4 - y**2, restitution=1)
+    run = lg.System((x.dot**2 + y.dot**2) / 2, contacts={"wall": wall}, initial=start).run(300.0).require()
+    assert len(run.contacts["wall"].impacts) > 150
+    px, py, vx, vy = run.y
+    focus = np.sqrt(3)
+    product = ((px - focus) * vy - py * vx) * ((px + focus) * vy - py * vx)
+    assert np.ptp(product) < 1e-12
+
+
+def test_a_rod_has_no_motion_in_the_interval_of_painleve() -> None:
+    """With mu = 1.4 it lies between the roots of 1 + 3 cos^2 = 3 mu sin cos: 55.59 and 69.95 degrees."""
+    (x, y, theta), (m, g) = lg.coordinates("x y theta"), lg.parameters("m g")
+    tip, across = y - sin(theta) / 2, sympy.diff(x + cos(theta) / 2, lg.t)
+    floor = lg.contact(tip, slip=across, friction=1.4)
+    kinetic = m * (x.dot**2 + y.dot**2) / 2 + m * theta.dot**2 / 24
+    system = lg.System(kinetic, m * g * y, contacts={"floor": floor}, parameters={m: 1, g: G})
+    for degrees, refused in ((55.5, False), (55.7, True), (69.9, True), (70.0, False)):
+        angle = np.radians(degrees)
+        start = {theta: angle, y: np.sin(angle) / 2, x.dot: 3.0}
+        if refused:
+            with pytest.raises(lg.StatementError, match="Painleve's paradox"):
+                system.run(0.01, start)
+        else:
+            assert system.run(0.01, start).status.complete
+
+
+def test_sliding_begins_where_a_growing_force_reaches_the_cone() -> None:
+    for force in (lg.t, lg.t**2):
+        (x, y), m = lg.coordinates("x y"), lg.parameters("m")
+        floor = lg.contact(y, slip=x.dot, friction=0.5)
+        system = lg.System(m * (x.dot**2 + y.dot**2) / 2, m * y, forces={x: force}, contacts={"floor": floor})
+        run = system.run(2.0, parameters={m: 1}).require()
+        begins = run.t[np.argmax(run.contacts["floor"].mode == "sliding")]
+        assert begins == pytest.approx(0.5 if force == lg.t else np.sqrt(0.5), abs=1e-12)
+
+
+def test_a_box_that_falls_on_a_corner_comes_to_rest() -> None:
+    (x, y, theta), (m, g), t = lg.coordinates("x y theta"), lg.parameters("m g"), lg.t
+    contacts = {}
+    for name, (w, h) in {"a": (-0.5, -0.3), "b": (0.5, -0.3), "c": (0.5, 0.3), "d": (-0.5, 0.3)}.items():
+        across, up = x + w * cos(theta) - h * sin(theta), y + w * sin(theta) + h * cos(theta)
+        contacts[name] = lg.contact(up, slip=sympy.diff(across, t), friction=0.4, restitution=0.3)
+    kinetic = m * (x.dot**2 + y.dot**2) / 2 + m * (0.5**2 + 0.3**2) / 6 * theta.dot**2
+    system = lg.System(kinetic, m * g * y, contacts=contacts, simultaneous="newton", parameters={m: 1, g: G})
+    run = system.run(4.0, {theta: 0.5, y: 1.5, x.dot: 0.3}).require()
+    assert [contact.mode[-1] for contact in run.contacts.values()] == ["sticking", "sticking", "open", "open"]
+    assert run["y"][-1] == pytest.approx(0.3, abs=1e-15) and np.abs(run.y[3:, -1]).max() < 1e-30
+    assert min(contact.gap.min() for contact in run.contacts.values()) > -1e-12
+    assert np.ptp(run.energy + run.energy_lost) < 1e-11 * run.energy[0]
+    total = run.contacts["a"].force[-1] + run.contacts["b"].force[-1]
+    assert total == pytest.approx(G)

@@ -1,0 +1,82 @@
+"""Forces of contacts obey their laws, and both ways to find them agree."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from lagrange.trajectory.contact import complementarity
+from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING, Friction, lemke, rows_of, solutions
+
+
+def problem(seed: int, plane: bool = False) -> tuple[np.ndarray, np.ndarray, list[Friction]]:
+    """Return a random problem of one to three contacts whose directions are independent."""
+    random = np.random.default_rng(seed)
+    contacts = []
+    for _ in range(random.integers(1, 4)):
+        components, mu = int(random.choice([0, 2 if plane else 1])), random.uniform(0.05, 0.4)
+        way = random.normal(size=components)
+        slides = components and random.random() < 0.4
+        contacts.append(Friction(components, mu, mu, way / np.linalg.norm(way) if slides else None))
+    rows = sum(1 + contact.components for contact in contacts)
+    directions = random.normal(size=(rows, rows + 2))
+    return directions @ directions.T, random.normal(size=rows), contacts
+
+
+@pytest.mark.parametrize("plane", [False, True])
+def test_forces_push_rates_separate_and_friction_is_in_its_cone(plane: bool) -> None:
+    met: set[str] = set()
+    for seed in range(150):
+        matrix, bias, contacts = problem(seed, plane)
+        for found in solutions(matrix, bias, contacts):
+            met.update(found.states)
+            assert found.rates == pytest.approx(matrix @ found.forces + bias, abs=1e-9)
+            for (normal, along), contact, state in zip(rows_of(contacts), contacts, found.states, strict=True):
+                push, friction, rate = found.forces[normal], found.forces[along], found.rates[along]
+                assert push >= -1e-9 and found.rates[normal] >= -1e-9
+                assert push * found.rates[normal] == pytest.approx(0, abs=1e-9)
+                assert np.linalg.norm(friction) <= contact.static * push + 1e-9
+                if state == SLIDING:
+                    way = contact.way if contact.way is not None else rate / np.linalg.norm(rate)
+                    assert friction == pytest.approx(-contact.kinetic * push * way, abs=1e-9)
+                if state == STICKING:
+                    assert rate == pytest.approx(np.zeros(contact.components), abs=1e-9)
+    assert met >= {OPEN, SLIDING, STICKING}
+
+
+def test_pivoting_finds_what_trying_all_states_finds(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried = {}
+    for seed in range(100):
+        tried[seed] = solutions(*problem(seed))
+    monkeypatch.setattr(complementarity, "MOST_CASES", 0)
+    for seed, known in tried.items():
+        if len(known) == 1:
+            (found,) = solutions(*problem(seed))
+            assert found.forces == pytest.approx(known[0].forces, abs=1e-8)
+            assert found.states == known[0].states
+
+
+def test_contacts_that_depend_on_each_other_share_their_forces() -> None:
+    one = np.array([[1.0, 0.5], [1.0, -0.5], [1.0, 0.0]])
+    (found,) = solutions(one @ one.T, np.full(3, -1.0), [Friction()] * 3)
+    assert found.forces == pytest.approx(np.full(3, 1 / 3))
+    assert found.rates == pytest.approx(np.zeros(3), abs=1e-15)
+
+
+def test_a_problem_without_a_solution_has_none() -> None:
+    """Sliding presses the bodies together more than its friction lets go: A is negative."""
+    matrix, bias = np.array([[1.0, 2.0], [2.0, 5.0]]), np.array([-1.0, 0.0])
+    assert solutions(matrix, bias, [Friction(1, 0.8, 0.8, np.ones(1))]) == []
+    assert lemke(np.array([[-1.0]]), np.array([-1.0])) is None
+
+
+def test_lemke_solves_random_problems() -> None:
+    random = np.random.default_rng(3)
+    for _ in range(100):
+        n = int(random.integers(1, 8))
+        root, right = random.normal(size=(n, n)), random.normal(size=n)
+        matrix = root @ root.T + 0.1 * np.eye(n)
+        z = lemke(matrix, right)
+        assert z is not None
+        w = matrix @ z + right
+        assert (z >= -1e-9).all() and (w >= -1e-8).all() and np.abs(z * w).max() < 1e-7

@@ -1,0 +1,133 @@
+"""Contacts as they are stated: refusals, scene files, copies, and runs by all doors."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+
+X, Y = lg.coordinates("x y")
+M, GRAVITY, MU, E = lg.parameters("m g mu e")
+VALUES = {M: 1, GRAVITY: 9.81, MU: 0.3, E: 0.8}
+
+
+def system(contacts: dict[str, Any] | None = None, **more: Any) -> lg.System:
+    floor = lg.contact(Y, slip=X.dot, restitution=E, friction=MU)
+    kinetic, given = M * (X.dot**2 + Y.dot**2) / 2, {"floor": floor} if contacts is None else contacts
+    stated: dict[str, Any] = {"parameters": VALUES, "initial": {Y: 1, X.dot: 2}} | more
+    return lg.System(kinetic, M * GRAVITY * Y, contacts=given, **stated)
+
+
+REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
+    "friction without slip": (lambda: lg.contact(Y, friction=0.3), "without a slip"),
+    "three slips": (lambda: lg.contact(Y, slip=(X.dot, Y.dot, X.dot)), "3 components"),
+    "three coefficients": (lambda: lg.contact(Y, slip=X.dot, friction=(1, 2, 3)), r"\(static, kinetic\)"),
+    "restitution above one": (lambda: lg.contact(Y, restitution=1.2), "between 0 and 1"),
+    "negative friction": (lambda: lg.contact(Y, slip=X.dot, friction=-0.1), "zero or positive"),
+    "gap without a coordinate": (lambda: system({"c": lg.contact(M - 1)}), "contains no coordinate"),
+    "gap with a velocity": (lambda: system({"c": lg.contact(Y.dot)}), "contains a velocity"),
+    "slip without a velocity": (lambda: system({"c": lg.contact(Y, slip=X)}), "contains no velocity"),
+    "slip that is not linear": (lambda: system({"c": lg.contact(Y, slip=X.dot**2)}), "not linear"),
+    "no contact": (lambda: system({"c": Y}), r"give lg.contact\(gap, ...\)"),
+    "restitution of a coordinate": (lambda: system({"c": lg.contact(Y, restitution=X)}), "in parameters"),
+    "law": (lambda: system(simultaneous="both"), "newton"),
+    "name of a constraint": (lambda: system(constraints={"floor": X - Y}), "has the name of a constraint"),
+    "start inside": (lambda: system().run(1.0, {Y: -0.5}), r"inside a body: the gap 'floor' is -0.5.*has y = 0"),
+    "value of restitution": (lambda: system().run(1.0, parameters={E: 2}), "restitution of the contact 'floor' is 2"),
+    "backwards": (lambda: system().run(0.0, t_start=1.0), "run forwards"),
+    "linear equations": (lambda: system().linearize(), r"has contacts \('floor'\)"),
+    "source code": (lambda: system().export("c", "nowhere"), r"has contacts \('floor'\)"),
+    "gap of another": (lambda: system().run(1.0, events=[lg.gap("wall") - 1]), "does not have"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_has_no_meaning_is_refused(case: str) -> None:
+    call, message = REFUSED[case]
+    with pytest.raises(lg.StatementError, match=message) as caught:
+        call()
+    assert len(str(caught.value)) <= 400
+
+
+def test_impacts_at_one_instant_need_a_stated_law() -> None:
+    a, b, c = lg.coordinates("a b c")
+    contacts = {"left": lg.contact(b - a, restitution=1), "right": lg.contact(c - b, restitution=1)}
+    ends = {}
+    for law in (None, "newton", "sequence"):
+        kinetic, start = (a.dot**2 + b.dot**2 + c.dot**2) / 2, {a: -1, a.dot: 1}
+        run = lg.System(kinetic, contacts=contacts, simultaneous=law, initial=start).run(2.0)
+        ends[law] = run.status, run.y[3:, -1]
+    assert ends["sequence"][1] == pytest.approx([0, 0, 1], abs=1e-12)
+    # All at once, each gap opens with the speed at which it closed: b - a with 1, c - b with 0.
+    assert ends["newton"][1] == pytest.approx([-1 / 3, 2 / 3, 2 / 3])
+    assert ends[None][0] is lg.Status.SINGULAR
+
+
+def test_copies_and_scene_files_run_alike(tmp_path: Any) -> None:
+    floor = lg.contact(Y, slip=X.dot, restitution=E / (1 + lg.impact_speed), friction=(MU, MU / 2))
+    stated = system({"floor": floor, "wall": lg.contact(3 - X)}, simultaneous="newton")
+    run = stated.run(2.0)
+    for other in (pickle.loads(pickle.dumps(stated)), lg.System.from_scene(stated.to_scene(tmp_path / "s.toml"))):
+        assert (other.run(2.0).y == run.y).all()
+        assert other.statement.simultaneous == "newton"
+
+
+SCENE = """
+coordinates = ["x", "y"]
+kinetic = "x_dot**2/2 + y_dot**2/2"
+potential = "9.81*y"
+[initial]
+y = 1
+x_dot = 1
+[contacts.floor]
+gap = "y"
+slip = "x_dot"
+restitution = 0.5
+friction = [0.3, 0.2]
+"""
+
+
+def test_a_scene_states_contacts(tmp_path: Any) -> None:
+    (tmp_path / "s.toml").write_text(SCENE)
+    run = lg.System.from_scene(tmp_path / "s.toml").run(3.0).require()
+    assert run.contacts["floor"].mode[-1] == "sticking"
+    (tmp_path / "s.toml").write_text(SCENE.replace("restitution", "restition"))
+    with pytest.raises(lg.SceneError, match="restitution"):
+        lg.System.from_scene(tmp_path / "s.toml")
+
+
+def test_flows_and_ensembles_go_through_contacts() -> None:
+    stated = system()
+    run = stated.run(1.0)
+    assert lg.flow(stated.compile())(run.y[:, 0], 0.0, 1.0) == pytest.approx(run.y[:, -1])
+    runs = lg.ensemble(stated, 1.0, parameters={E: np.array([0.3, 0.8])})
+    assert runs.y[:, 1] == pytest.approx(run.y[:, -1])
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "radau5", "rk4"])
+def test_every_method_finds_the_same_impacts(method: str) -> None:
+    options: dict[str, Any] = {"step": 1e-3} if method == "rk4" else {"rtol": 1e-10}
+    run = system().run(1.5, method=method, **options).require()
+    known = system().run(1.5)
+    times, others = ([impact.t for impact in each.contacts["floor"].impacts[:3]] for each in (run, known))
+    # The path is a parabola, which all of these methods follow exactly; friction acts in impacts alone.
+    assert times == pytest.approx(others, abs=1e-9)
+    assert run.energy + run.energy_lost == pytest.approx(run.energy[0] * np.ones(len(run.t)), rel=1e-9)
+
+
+def test_results_name_gaps_and_forces() -> None:
+    run = system().run(6.0)
+    floor = run.contacts["floor"]
+    assert run.evaluate(lg.gap("floor")) == pytest.approx(run["y"])
+    assert run.evaluate(lg.multiplier("floor")) == pytest.approx(run.multipliers["floor"])
+    closed = floor.mode != "open"
+    assert floor.force[closed] == pytest.approx(9.81) and not floor.force[~closed].any()
+    with pytest.raises(lg.StatementError, match="no contact"):
+        run.contacts["wall"]
+    met = system().run(6.0, events=[lg.event(lg.gap("floor") - 0.5, terminal=1)])
+    assert met.status is lg.Status.EVENT and met["y"][-1] == pytest.approx(0.5)
