@@ -265,6 +265,10 @@ class Fields:
         kind = self._checked(name)
         self._builder.add(Write(self.ref, name, self._builder.operand(value, kind)))
 
+    def kind_of(self, name: str) -> Kind:
+        """Return the kind of a field."""
+        return self._checked(name)
+
     def _checked(self, name: str) -> Kind:
         record: Record = self.__dict__["_record"]
         if name not in record.places:

@@ -21,7 +21,7 @@ SHAPES = [(1, 0), (2, 1), (5, 0), (7, 2), (9, 8), (9, 9), (30, 4), (40, 13), (40
 
 @cache
 def compiled() -> tuple[Module, Any, Any]:
-    module = Module(printed([factor_pivoted(), solve_pivoted()]))
+    module = Module(printed([factor_pivoted.form(), solve_pivoted.form()]))
     whole, memory = ctypes.c_int64, ctypes.c_void_p
     kinds = (whole, whole, memory, memory)
     factor = ctypes.CFUNCTYPE(ctypes.c_bool, *kinds)(module.address("factor_pivoted"))

@@ -74,7 +74,7 @@ def interpreted(compiled: Model, kind: StepPolynomial, states: FloatArray, step:
         return evaluate
 
     def invert(order: int, columns: int, a: Span, row: Span) -> None:
-        run(invert_columns(), order, columns, a, row)
+        run(invert_columns.form(), order, columns, a, row)
 
     def gathered(row: int, side: float) -> list[float]:
         found = [GRID[row], GRID[row + 1] - GRID[row], side, *states[row], *states[row + 1]]
@@ -219,7 +219,7 @@ def test_inverses_of_many_matrices_are_those_of_each() -> None:
     a = np.zeros((order, 2 * order, count))
     a[:, :order] = np.moveaxis(matrices, 0, -1)
     flat = a.ravel().tolist()
-    run(invert_columns(), order, count, flat, [0.0] * count)
+    run(invert_columns.form(), order, count, flat, [0.0] * count)
     found = np.moveaxis(np.array(flat).reshape(a.shape)[:, order:], -1, 0)
     for i in (0, 1, 3, 4, 5):
         assert found[i] @ matrices[i] == pytest.approx(np.eye(order), abs=1e-12)

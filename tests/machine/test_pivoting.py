@@ -21,7 +21,7 @@ ORDERS = [1, 2, 3, 4, 5, 8, 12, WRITTEN_OUT, WRITTEN_OUT + 1, 30]
 @cache
 def compiled(n: int) -> tuple[Module, Callable[[int, int], bool]]:
     module = Module(printed([inversion(n)]), optimize=True)
-    return module, ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_void_p)(module.address(f"invert{n}"))
+    return module, ctypes.CFUNCTYPE(ctypes.c_bool, ctypes.c_void_p, ctypes.c_void_p)(module.address(inversion(n).name))
 
 
 def invert(matrix: FloatArray) -> tuple[FloatArray, bool]:

@@ -14,9 +14,9 @@ from lagrange.procedure.linear import gauss_jordan, inverse, ldl
 from tests.procedure.random_procedures import RandomProcedure
 
 LINEAR: dict[str, Procedure] = {
-    "invert_dense": ldl.invert_dense(),
-    "solve_columns": ldl.solve_columns(),
-    "invert": inverse.invert(),
+    "invert_dense": ldl.invert_dense.form(),
+    "solve_columns": ldl.solve_columns.form(),
+    "invert": inverse.invert.form(),
     "inversion": gauss_jordan.inversion(7),
 }
 RANDOM = {str(seed): RandomProcedure(seed, fused=False).build() for seed in range(40)}
@@ -56,6 +56,8 @@ def used_once_nearby(body: list[ast.stmt], function: ast.AST) -> Iterator[str]:
                 targets=[ast.Name(id=name)],
                 value=ast.BinOp() | ast.Compare() | ast.BoolOp() | ast.UnaryOp() | ast.IfExp() as value,
             ):
+                if re.fullmatch(r"x\d+", name) is None:
+                    continue  # the author of the algorithm gave it a name
                 there = [node.ctx for node in ast.walk(function) if isinstance(node, ast.Name) and node.id == name]
                 following = [
                     one for one in body[place + 1 :] if not any(isinstance(node, LOOPS) for node in ast.walk(one))
@@ -66,7 +68,7 @@ def used_once_nearby(body: list[ast.stmt], function: ast.AST) -> Iterator[str]:
 
 
 @pytest.mark.parametrize("name", ["invert_dense", "inversion"])
-def test_what_is_used_once_has_no_name(name: str) -> None:
+def test_what_is_used_once_has_no_name_but_that_of_its_author(name: str) -> None:
     for function in ast.parse(source(LINEAR[name])).body:
         assert isinstance(function, ast.FunctionDef)
         assert list(used_once_nearby(function.body, function)) == []

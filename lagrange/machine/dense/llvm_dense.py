@@ -48,7 +48,7 @@ def compiled_polynomial(procedure: Procedure) -> Module:
 @cache
 def inversion() -> Module:
     """Return what inverts the matrices of columns, compiled once per process."""
-    return Module(module([invert_columns()]), merge=True)
+    return Module(module([invert_columns.form()]), merge=True)
 
 
 def _module(procedure: Procedure, entry: str) -> Module:
@@ -156,7 +156,7 @@ class LlvmStepDense(LlvmDense):
             prepared = None if one is None else one.prepare(self.parameters)
             kept.append(prepared)
             places += [0, 0] if one is None or prepared is None else [one.columns_address, address(prepared)]
-        places.append(inversion().address(invert_columns().name) if kind.derivative else 0)
+        places.append(inversion().address(invert_columns.form().name) if kind.derivative else 0)
         given = np.array([*places, address(kind.table), kind.stages, kind.degree, n], dtype=np.int64)
         address_of = code.address("polynomial")
         return BlockPolynomial(address_of, given, LANES, kind.size(n, LANES), kind.derivative, tuple(kept))

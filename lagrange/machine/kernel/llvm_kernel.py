@@ -36,7 +36,7 @@ class LlvmKernel(Shared):
         if solves(program):
             linear_solver(often=not all(plan.written_out for plan in program.eliminations.values()))
         self._code = KernelCode(program)
-        if solve_columns() in self._code.called:
+        if solve_columns.form() in self._code.called:
             solver_of_columns()
         self._module = Module(self._code.scalar_module())
         self._address = self._module.address(program.name)

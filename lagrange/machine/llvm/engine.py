@@ -40,7 +40,7 @@ The Jacobian of a chain of 30 links (23,000 operations) then takes 1.2 s instead
 
 def dense_solver() -> tuple[Procedure, ...]:
     """Return the procedures for linear systems that models call, compiled once per process."""
-    return factor_pivoted(), solve_pivoted(), factor_dense(), solve_factored(), invert_dense()
+    return factor_pivoted.form(), solve_pivoted.form(), factor_dense.form(), solve_factored.form(), invert_dense.form()
 
 
 class Module(Shared):
@@ -163,8 +163,8 @@ def solver_of_columns() -> Module:
 
 @cache
 def _solver_of_columns() -> Module:
-    made = Module(module([solve_columns()], elsewhere=dense_solver()))
-    llvm.add_symbol(solve_columns().name, made.address(solve_columns().name))
+    made = Module(module([solve_columns.form()], elsewhere=dense_solver()))
+    llvm.add_symbol(solve_columns.form().name, made.address(solve_columns.form().name))
     return made
 
 
@@ -177,8 +177,8 @@ def inversion() -> Module:
 
 @cache
 def _inversion() -> Module:
-    made = Module(module([invert()], elsewhere=dense_solver()))
-    llvm.add_symbol(invert().name, made.address(invert().name))
+    made = Module(module([invert.form()], elsewhere=dense_solver()))
+    llvm.add_symbol(invert.form().name, made.address(invert.form().name))
     return made
 
 

@@ -69,7 +69,7 @@ class _FactoredBlock:
             for (i, j), value in lower.items():
                 e.put(value, matrix, plan.band_place(i, j))
             arguments = f"i64 {n}, i64 {band}, ptr {matrix}, ptr {self.factors}"
-            singular = e.value(f"call i1 @{body.name_of(factor_pivoted())}({arguments})")
+            singular = e.value(f"call i1 @{body.name_of(factor_pivoted.form())}({arguments})")
             e.put(e.value(f"uitofp i1 {singular} to double"), self.right, 0)
         body.singular.append(e.value(f"fcmp une double {e.get(self.right, 0)}, {literal(0.0)}"))
 
@@ -92,7 +92,7 @@ class _FactoredBlock:
         for rank, unknown in places:
             e.put(e.get(right, unknown), self.right, rank)
         arguments = f"i64 {n}, i64 {self.plan.band}, ptr {self.factors}, ptr {self.right}"
-        e.do(f"call void @{self.body.name_of(solve_pivoted())}({arguments})")
+        e.do(f"call void @{self.body.name_of(solve_pivoted.form())}({arguments})")
         for rank, unknown in places:
             e.put(e.get(self.right, rank), right, unknown)
         e.jump(f"{name}.end")

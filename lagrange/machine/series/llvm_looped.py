@@ -312,7 +312,7 @@ class LoopedJet:
                 e.put(placed.get((i, j), literal(0.0)), matrix, j * n + i)
         arguments = f"i64 {n}, i64 {padded(n)}, ptr {matrix}, ptr {inverse}, ptr {work}"
         body = self.origin.body
-        body.singular.append(e.value(f"call i1 @{body.name_of(invert())}({arguments})"))
+        body.singular.append(e.value(f"call i1 @{body.name_of(invert.form())}({arguments})"))
         return "" if len(self.packing.stages) == 1 else e.address(work, work_size(n))
 
     def solved(self, place: int) -> list[VectorName]:

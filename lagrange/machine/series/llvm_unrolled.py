@@ -295,7 +295,8 @@ class UnrolledJet:
         for j in range(n):
             for i in range(j, n):
                 e.put(lower.get((i, j), literal(0.0)), memory, j * n + i)
-        singular = e.value(f"call i1 @{body.name_of(invert_dense())}(i64 {n}, ptr {memory}, ptr {result}, ptr {work})")
+        solver = body.name_of(invert_dense.form())
+        singular = e.value(f"call i1 @{solver}(i64 {n}, ptr {memory}, ptr {result}, ptr {work})")
         slow = [e.get(result, j * n + i) for i, j in places]
         cold = e.block
         e.jump(f"{name}.join")

@@ -276,7 +276,7 @@ class Body:
         """Factor a matrix in memory, and return its factors."""
         failed = self.fails()
         factors = self.p.reserve(factor_size(one.order), name="factors")
-        failed.value = failed.value | self.p.call(factor_dense(), one.order, self.matrix(one), factors)
+        failed.value = failed.value | self.p.call(factor_dense.form(), one.order, self.matrix(one), factors)
         return factors
 
     def right(self, ref: int) -> list[Real | None]:
@@ -310,10 +310,10 @@ class Body:
         for k, value in enumerate(entry for one in right for entry in one):
             vector[k] = 0.0 if value is None else value
         if len(right) == 1:
-            p.call(solve_factored(), n, factors, vector)
+            p.call(solve_factored.form(), n, factors, vector)
         else:
             with p.loop(0, len(right)) as column:
-                p.call(solve_factored(), n, factors, vector.at(column * n))
+                p.call(solve_factored.form(), n, factors, vector.at(column * n))
         return [[vector[k * n + i] for i in range(n)] for k in range(len(right))]
 
     def stands_in_rows(self, group: SolveGroup) -> bool:
@@ -341,7 +341,7 @@ class Body:
         for i in range(n if count < width else 0):
             for column in range(count, width):
                 rows[i * width + column] = 0.0
-        p.call(solve_columns(), n, width, factors, rows, p.reserve(n, name="spare"))
+        p.call(solve_columns.form(), n, width, factors, rows, p.reserve(n, name="spare"))
         for column, ref in enumerate(solves):
             self.later[ref] = [(rows, i * width + column) for i in range(n)]
 
@@ -384,11 +384,11 @@ class Body:
         matrix = p.reserve(band_size(n, plan.band), name="matrix")
         elimination.write_band(p, plan, self.entries(one), matrix)
         factors = p.reserve(pivoted_size(n, plan.band), name="factors")
-        failed.value = failed.value | p.call(factor_pivoted(), n, plan.band, matrix, factors)
+        failed.value = failed.value | p.call(factor_pivoted.form(), n, plan.band, matrix, factors)
         vector, found = p.reserve(n, name="vector"), []
         for b in right:
             for rank, value in zip(plan.ranks, b, strict=True):
                 vector[rank] = 0.0 if value is None else value
-            p.call(solve_pivoted(), n, plan.band, factors, vector)
+            p.call(solve_pivoted.form(), n, plan.band, factors, vector)
             found.append([vector[rank] for rank in plan.ranks])
         return found

@@ -6,50 +6,51 @@ the inverse. Source: N. J. Higham, Accuracy and Stability of Numerical Algorithm
 
 from __future__ import annotations
 
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import WHOLE, Procedure
-from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Memory, Whole
+from lagrange.procedure.form import Array
+from lagrange.procedure.front.plain import procedure
+from lagrange.procedure.front.vocabulary import Out, Writable, each, fma
 
 LANES = 8
 """The widest vectors of doubles that processors have."""
 
 
-@shared
-def invert_columns() -> Procedure:
-    """Return the inversion; where a matrix is singular its inverse is not finite. `row` takes one number a column."""
-    p = Builder("invert_columns", "Invert the matrix of each column, with the inverses behind their rows.")
-    order, columns = p.given("order", WHOLE), p.given("columns", WHOLE)
-    a, row = p.array("a", room=LANES), p.array("row", room=LANES)
+@procedure(a=lambda: Array(room=LANES), row=lambda: Array(room=LANES))
+def invert_columns(order: int, columns: int, a: Out, row: Out) -> None:
+    """Invert the matrix of each column, with the inverses behind their rows; `row` takes one number a column.
 
-    def entry(r: Whole, c: Whole) -> Memory:
-        return a.at((r * 2 * order + c) * columns)
+    Where a matrix is singular its inverse is not finite.
+    """
 
-    with p.loop(0, order) as r, p.loop(0, order) as c:
-        target, one = entry(r, c + order), p.choose(r.equals(c), 1.0, p.real(0.0))
-        with p.each(columns, width=LANES, spill=True) as b:
-            target[b] = one
-    with p.loop(0, order) as k:
+    def entry(r: int, c: int) -> Writable[float]:
+        return a[(r * 2 * order + c) * columns :]
+
+    for r in range(order):
+        for c in range(order):
+            target, diagonal = entry(r, c + order), 1.0 if r == c else 0.0
+            for b in each(columns, width=LANES, spill=True):
+                target[b] = diagonal
+    for k in range(order):
         pivot = entry(k, k)
-        with p.loop(k + 1, order) as r:
+        for r in range(k + 1, order):
             below = entry(r, k)
-            with p.each(columns, width=LANES, spill=True) as b:
-                row[b] = p.choose(abs(below[b]) > abs(pivot[b]), 1.0, p.real(0.0))
-            with p.loop(k, order * 2) as c:
+            for b in each(columns, width=LANES, spill=True):
+                lower_size, upper_size = abs(below[b]), abs(pivot[b])
+                row[b] = 1.0 if lower_size > upper_size else 0.0
+            for c in range(k, order * 2):
                 upper, lower = entry(k, c), entry(r, c)
-                with p.each(columns, width=LANES, spill=True) as b:
-                    swap, x, y = row[b] > 0.5, upper[b], lower[b]
-                    upper[b], lower[b] = p.choose(swap, y, x), p.choose(swap, x, y)
-        with p.each(columns, width=LANES, spill=True) as b:
+                for b in each(columns, width=LANES, spill=True, disjoint=True):
+                    exchanged, x, y = row[b] > 0.5, upper[b], lower[b]
+                    upper[b], lower[b] = y if exchanged else x, x if exchanged else y
+        for b in each(columns, width=LANES, spill=True):
             row[b] = 1.0 / pivot[b]
-        with p.loop(k + 1, order * 2) as c:
+        for c in range(k + 1, order * 2):
             mine = entry(k, c)
-            with p.each(columns, width=LANES, spill=True) as b:
+            for b in each(columns, width=LANES, spill=True):
                 mine[b] = mine[b] * row[b]
-        with p.loop(0, order) as r, p.when(~r.equals(k)):
-            factor = entry(r, k)
-            with p.loop(k + 1, order * 2) as c:
-                mine, other = entry(k, c), entry(r, c)
-                with p.each(columns, width=LANES, spill=True) as b:
-                    other[b] = p.fma(-factor[b], mine[b], other[b])
-    return p.finish()
+        for r in range(order):
+            if r != k:
+                factor = entry(r, k)
+                for c in range(k + 1, order * 2):
+                    mine, other = entry(k, c), entry(r, c)
+                    for b in each(columns, width=LANES, spill=True, disjoint=True):
+                        other[b] = fma(-factor[b], mine[b], other[b])

@@ -7,12 +7,13 @@ Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2
 
 from __future__ import annotations
 
+import math
+
 from lagrange.procedure.blocks import whole_blocks
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, PARTIAL, WHOLE, Procedure
+from lagrange.procedure.form import PARTIAL, Array, Procedure
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import Out, Readable, Writable, each, fma, unrolled, wholes
 from lagrange.procedure.linear.pivoted import PIVOT
-from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 WRITTEN_OUT = 16
 """Largest order for which the loops over a row, and the search for a pivot, are written out."""
@@ -23,127 +24,128 @@ def row_stride(n: int) -> int:
     return whole_blocks(n, PARTIAL)
 
 
-@shared
 def inversion(n: int) -> Procedure:
     """Return the inversion of matrices of order n; `scratch` takes three rows."""
-    return _Inversion(n).build()
+    return invert_matrix.form(n=n)
 
 
-class _Inversion:
-    """Builds the procedure for one order."""
+@procedure(
+    a=lambda n: Array(size=n * row_stride(n), room=PARTIAL),
+    scratch=lambda n: Array(size=3 * row_stride(n), room=PARTIAL),
+)
+def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
+    """Replace a matrix by its inverse, and say whether it is singular."""
+    stride, short = row_stride(n), n <= WRITTEN_OUT
+    units, columns, pivots = scratch, scratch[stride:], scratch[2 * stride :]
+    chosen = wholes(n)
+    measure(n, a, units, columns)
+    singular = False
+    for k in range(n):
+        row = find_pivot(n, a, units, k)
+        chosen[k] = row
+        pivot = a[row * stride :][k]
+        small = abs(pivot) * (units[row] * columns[k]) <= PIVOT
+        singular = singular or small or pivot == 0.0
+        if row != k:
+            # The unit of the second row, which becomes the pivot row, is not needed any more.
+            first, second = a[row * stride :], a[k * stride :]
+            for j in each(n, unrolled=short, spill=True, disjoint=True):
+                first[j], second[j] = second[j], first[j]
+            units[row] = units[k]
+        eliminate(n, a, pivots, k)
+    for back in range(n):
+        last = n - 1 - back
+        other = chosen[last]
+        if other != last:
+            for i in range(n):
+                line = a[i * stride :]
+                line[other], line[last] = line[last], line[other]
+    return singular
 
-    def __init__(self, n: int) -> None:
-        self.n, self.stride, self.unrolled = n, row_stride(n), n <= WRITTEN_OUT
-        self.p = p = Builder(f"invert{n}", "Replace a matrix by its inverse, and say whether it is singular.")
-        self.a = p.array("a", size=n * self.stride, room=PARTIAL)
-        scratch = p.array("scratch", size=3 * self.stride, room=PARTIAL)
-        self.units, self.columns, self.pivots = (scratch.at(i * self.stride) for i in range(3))
-        self.chosen = p.reserve(n, WHOLE)
 
-    def build(self) -> Procedure:
-        p, n = self.p, self.n
-        self.measure()
-        singular = p.variable(p.false, "singular")
-        with p.loop(0, n) as k:
-            row = self.find_pivot(k).called("row")
-            self.chosen[k] = row
-            singular.value = singular.value | self.is_round_off(row, k)
-            with p.when(~row.equals(k)):
-                self.swap_rows(row, k)
-            self.eliminate(k)
-        with p.loop(0, n) as back:
-            last = p.whole(n - 1 - back)
-            other = self.chosen[last]
-            with p.when(~other.equals(last)):
-                self.swap_columns(other, last)
-        p.leave(singular.value)
-        return p.finish(FLAG)
+@inline
+def measure(n: int, a: Readable[float], units: Writable[float], columns: Writable[float]) -> None:
+    """Write the reciprocal size of each row and column."""
+    stride = row_stride(n)
+    for j in each(n, spill=True):
+        columns[j] = 1.0
+    measure_rows(n, a, units, columns)
+    for j in each(n, unrolled=n <= WRITTEN_OUT, spill=True, disjoint=True):
+        largest = 0.0
+        for i in range(n):
+            size = abs(a[i * stride :][j]) * units[i]
+            largest = max(largest, size)
+        columns[j] = 1.0 / largest
+    measure_rows(n, a, units, columns)
 
-    def row(self, i: Whole | int) -> Memory:
-        return self.a.at(i * self.stride)
 
-    def measure(self) -> None:
-        """Find the reciprocal size of each row and column."""
-        p, n = self.p, self.n
-        with p.each(n, spill=True) as j:
-            self.columns[j] = 1.0
-        self.measure_rows()
-        with p.each(n, unrolled=self.unrolled, spill=True) as j:
-            largest = p.variable(0.0, "largest")
-            with p.loop(0, n) as i:
-                size = abs(self.row(i)[j]) * self.units[i]
-                largest.value = p.choose(size > largest.value, size, largest.value)
-            self.columns[j] = 1.0 / largest.value
-        self.measure_rows()
+@inline
+def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Readable[float]) -> None:
+    """Write the reciprocal size of each row, with columns in their units."""
+    for i in range(n):
+        row, largest = a[i * row_stride(n) :], -math.inf
+        for j in each(n, unrolled=n <= WRITTEN_OUT):
+            largest = max(largest, abs(row[j]) * columns[j])
+        units[i] = 1.0 / largest
 
-    def measure_rows(self) -> None:
-        """Find the reciprocal size of each row, with columns in their units."""
-        p = self.p
-        with p.loop(0, self.n) as i:
-            row = self.row(i)
-            with p.each(self.n, unrolled=self.unrolled) as j:
-                largest = p.largest(abs(row[j]) * self.columns[j], numbers=True)
-            self.units[i] = 1.0 / largest.value
 
-    def find_pivot(self, k: Whole) -> Whole:
-        """Return the row, from k on, in which column k is largest; k if no entry there is finite."""
-        p = self.p
-        if not self.unrolled:
-            best, row = p.variable(-1.0, "best"), p.variable(k, "best_row")
-            with p.loop(k, self.n) as i:
-                size = abs(self.row(i)[k]) * self.units[i]
-                larger = size > best.value
-                best.value = p.choose(larger, size, best.value)
-                row.value = p.choose(larger, i, row.value)
-            return p.whole(row.value)
-        found: list[tuple[Real, Whole]] = []
-        for place in range(self.n):
-            size = abs(self.row(place)[k]) * self.units[place]
-            candidate = (size >= 0.0) & (k <= place)
-            found.append((p.choose(candidate, size, -1.0), p.whole(place)))
-        while len(found) > 1:
-            pairs = [self.better(a, b) for a, b in zip(found[::2], found[1::2], strict=False)]
-            found = [*pairs, found[-1]] if len(found) % 2 else pairs
-        return p.whole(p.choose(found[0][0] >= 0.0, found[0][1], k))
+@inline
+def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> int:
+    """Return the row, from k on, in which column k is largest; k if no entry there is finite."""
+    stride = row_stride(n)
+    if n > WRITTEN_OUT:
+        best, row = -1.0, k
+        for i in range(k, n):
+            size = abs(a[i * stride :][k]) * units[i]
+            larger = size > best
+            best, row = size if larger else best, i if larger else row
+        return row
+    # The largest of pairs, then of pairs of pairs: no comparison waits for more than four others.
+    found = tuple(candidate(a, units, k, i, stride) for i in unrolled(n))
+    for _ in unrolled((n - 1).bit_length()):
+        found = larger_of_pairs(found)
+    size, row = found[0]
+    return row if size >= 0.0 else k
 
-    def better(self, a: tuple[Real, Whole], b: tuple[Real, Whole]) -> tuple[Real, Whole]:
-        """Return the larger of two sizes, with its row."""
-        larger = b[0] > a[0]
-        return self.p.choose(larger, b[0], a[0]), self.p.choose(larger, b[1], a[1])
 
-    def is_round_off(self, row: Whole, k: Whole) -> Flag:
-        """Whether a pivot is round-off, in units of its row and column; False if it is not finite."""
-        pivot: Real = self.row(row)[k]
-        size = abs(pivot) * (self.units[row] * self.columns[k])
-        small: Flag = size <= PIVOT
-        return small | pivot.equals(0.0)
+@inline
+def candidate(a: Readable[float], units: Readable[float], k: int, i: int, stride: int) -> tuple[float, int]:
+    """Return the size of the entry of row i, or -1 where it cannot be the pivot, and i."""
+    size = abs(a[i * stride :][k]) * units[i]
+    return size if size >= 0.0 and k <= i else -1.0, i
 
-    def swap_rows(self, one: Whole, other: Whole) -> None:
-        """Exchange two rows; the unit of the second row, which becomes the pivot row, is not needed any more."""
-        p, first, second = self.p, self.row(one), self.row(other)
-        with p.each(self.n, unrolled=self.unrolled, spill=True) as j:
-            first[j], second[j] = second[j], first[j]
-        self.units[one] = self.units[other]
 
-    def eliminate(self, k: Whole) -> None:
-        """Subtract multiples of row k from the others, and replace column k by that of the inverse.
+@inline
+def larger_of_pairs(found: tuple[tuple[float, int], ...]) -> tuple[tuple[float, int], ...]:
+    """Return the larger of each two sizes, with its row."""
+    pairs = tuple(larger_of(a, b) for a, b in zip(found[::2], found[1::2], strict=False))
+    return (*pairs, found[-1]) if len(found) % 2 else pairs
 
-        Whole blocks are stored, with the entry of column k in them: a single store would delay the next load of its
-        block.
-        """
-        p, n, here = self.p, self.n, self.row(k)
-        reciprocal = 1.0 / here[k]
-        with p.each(n, unrolled=self.unrolled, spill=True) as j:
-            self.pivots[j] = p.choose(j.equals(k), reciprocal, here[j] * reciprocal)
-        with p.loop(0, n) as i:
-            row = self.row(i)
-            factor = -row[k]
-            with p.each(n, unrolled=self.unrolled, spill=True) as j:
-                row[j] = p.fma(factor, self.pivots[j], p.choose(j.equals(k), 0.0, row[j]))
-        p.copy(self.pivots, here, n, unrolled=self.unrolled)
 
-    def swap_columns(self, one: Whole, other: Whole) -> None:
-        """Exchange two columns."""
-        with self.p.loop(0, self.n) as i:
-            row = self.row(i)
-            row[one], row[other] = row[other], row[one]
+@inline
+def larger_of(a: tuple[float, int], b: tuple[float, int]) -> tuple[float, int]:
+    """Return the larger of two sizes, with its row."""
+    larger = b[0] > a[0]
+    return b[0] if larger else a[0], b[1] if larger else a[1]
+
+
+@inline
+def eliminate(n: int, a: Writable[float], pivots: Writable[float], k: int) -> None:
+    """Subtract multiples of row k from the others, and replace column k by that of the inverse.
+
+    Whole blocks are stored, with the entry of column k in them: a single store would delay the next load of its block.
+    """
+    stride, short = row_stride(n), n <= WRITTEN_OUT
+    here = a[k * stride :]
+    reciprocal = 1.0 / here[k]
+    for j in each(n, unrolled=short, spill=True):
+        scaled = here[j] * reciprocal
+        pivots[j] = reciprocal if j == k else scaled
+    for i in range(n):
+        row = a[i * stride :]
+        factor = -row[k]
+        for j in each(n, unrolled=short, spill=True):
+            entry = row[j]
+            row[j] = fma(factor, pivots[j], 0.0 if j == k else entry)
+    for j in each(n, unrolled=short, spill=True):
+        here[j] = pivots[j]

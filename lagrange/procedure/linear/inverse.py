@@ -8,12 +8,11 @@ for all columns at once. Where a pivot cannot be trusted the matrix is inverted 
 from __future__ import annotations
 
 from lagrange.procedure.blocks import whole_blocks
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, WHOLE, Procedure
+from lagrange.procedure.form import Array
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, each, fma, likely, quotient
 from lagrange.procedure.linear.ldl import factor_size, invert_dense
 from lagrange.procedure.linear.pivoted import PIVOT
-from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Whole
 
 WIDTH = 8
 
@@ -28,102 +27,82 @@ def work_size(n: int) -> int:
     return max(padded(n) ** 2 + n, n * n + factor_size(n))
 
 
-def _aligned(k: Whole) -> Whole:
+@inline
+def aligned(k: int) -> int:
     """Return the place of the vector that a place lies in."""
-    found = (k // WIDTH) * WIDTH
-    assert isinstance(found, Whole)
-    return found
+    return quotient(k, WIDTH) * WIDTH
 
 
-@shared
-def factor_columns() -> Procedure:
-    """Return L D L^T by columns, in vectors."""
-    p = Builder(
-        "factor_columns",
-        "Turn columns `lower` into L below the diagonal, and 1/d into `d`; say whether every pivot is trusted.",
-    )
-    n, stride = p.given("n", WHOLE), p.given("stride", WHOLE)
-    a = p.array("a", read=True)
-    lower, d = p.array("lower", room=WIDTH), p.array("d")
-    trusted = p.variable(p.true, "trusted")
-    with p.loop(0, n) as j:
-        column = lower.at(j * stride)
-        pivot = column[j].called("pivot")
-        trusted.value = trusted.value & (pivot > abs(a[j * n + j]) * PIVOT)
+@procedure(lower=lambda: Array(room=WIDTH))
+def factor_columns(n: int, stride: int, a: In, lower: Out, d: Out) -> bool:
+    """Turn columns `lower` into L below the diagonal, and 1/d into `d`; say whether every pivot is trusted."""
+    trusted = True
+    for j in range(n):
+        column = lower[j * stride :]
+        pivot = column[j]
+        large = pivot > abs(a[j * n + j]) * PIVOT
+        trusted = trusted and large
         reciprocal = 1.0 / pivot
         d[j] = reciprocal
-        with p.loop(j + 1, n) as k:
-            factor, first = -(column[k] * reciprocal), _aligned(k)
-            source, target = column.at(first), lower.at(k * stride + first)
-            with p.each(n - first, width=WIDTH, spill=True) as i:
-                target[i] = p.fma(factor, source[i], target[i])
-        first = _aligned(j + 1)
-        rest = column.at(first)
-        with p.each(n - first, width=WIDTH, spill=True) as i:
+        for k in range(j + 1, n):
+            factor, first = -(column[k] * reciprocal), aligned(k)
+            source, target = column[first:], lower[k * stride + first :]
+            for i in each(n - first, width=WIDTH, spill=True, disjoint=True):
+                target[i] = fma(factor, source[i], target[i])
+        first = aligned(j + 1)
+        rest = column[first:]
+        for i in each(n - first, width=WIDTH, spill=True):
             rest[i] = rest[i] * reciprocal
-    p.leave(trusted.value)
-    return p.finish(FLAG)
+    return trusted
 
 
-@shared
-def solve_columns() -> Procedure:
-    """Return the solution of L D L^T X = I."""
-    p = Builder(
-        "solve_columns", "Find X of L D L^T X = I; `x` has rows, which are columns as well, and begins as the identity."
-    )
-    n, stride = p.given("n", WHOLE), p.given("stride", WHOLE)
-    lower, d = p.array("lower", read=True, room=WIDTH), p.array("d", read=True)
-    x = p.array("x", room=WIDTH)
-    with p.loop(0, n) as i:
-        row = x.at(i * stride)
-        p.note("Row j of the inverse of L ends at column j, and so does what it adds.")
-        with p.loop(0, i + 1, WIDTH) as block:
-            part, above = row.at(block), x.at(block)
-            with p.each(WIDTH, width=WIDTH) as c:
-                total = p.variable(part[c])
-                with p.loop(block, i) as j:
-                    total.value = p.fma(-lower[j * stride + i], above.at(j * stride)[c], total.value)
-                part[c] = total.value
-    with p.loop(0, n) as i:
-        row, scale = x.at(i * stride), d[i]
-        with p.each(n, width=WIDTH, spill=True) as c:
+@procedure(lower=lambda: Array(read=True, room=WIDTH), x=lambda: Array(room=WIDTH))
+def solve_identity(n: int, stride: int, lower: In, d: In, x: Out) -> None:
+    """Find X of L D L^T X = I; `x` has rows, which are columns as well, and begins as the identity."""
+    for i in range(n):
+        row = x[i * stride :]
+        # Row j of the inverse of L ends at column j, and so does what it adds.
+        for block in range(0, i + 1, WIDTH):
+            part, above = row[block:], x[block:]
+            for c in each(WIDTH, width=WIDTH, disjoint=True):
+                total = part[c]
+                for j in range(block, i):
+                    total = fma(-lower[j * stride + i], above[j * stride :][c], total)
+                part[c] = total
+    for i in range(n):
+        row, scale = x[i * stride :], d[i]
+        for c in each(n, width=WIDTH, spill=True):
             row[c] = row[c] * scale
-    with p.loop(0, n) as back:
+    for back in range(n):
         i = n - 1 - back
-        row, column = x.at(i * stride), lower.at(i * stride)
-        with p.each(n, width=WIDTH, spill=True) as c:
-            total = p.variable(row[c])
-            with p.loop(i + 1, n) as j:
-                total.value = p.fma(-column[j], x.at(j * stride)[c], total.value)
-            row[c] = total.value
-    return p.finish()
+        row, column = x[i * stride :], lower[i * stride :]
+        for c in each(n, width=WIDTH, spill=True, disjoint=True):
+            total = row[c]
+            for j in range(i + 1, n):
+                total = fma(-column[j], x[j * stride :][c], total)
+            row[c] = total
 
 
-@shared
-def invert() -> Procedure:
-    """Return the inverse."""
-    p = Builder("invert", "Write the inverse to `out`, and say whether the matrix is singular to round-off.")
-    n, stride = p.given("n", WHOLE), p.given("stride", WHOLE)
-    a, out, work = p.array("a", read=True), p.array("out", room=WIDTH), p.array("work", room=WIDTH)
+@procedure(out=lambda: Array(room=WIDTH), work=lambda: Array(room=WIDTH))
+def invert(n: int, stride: int, a: In, out: Out, work: Out) -> bool:
+    """Write the inverse to `out`, and say whether the matrix is singular to round-off."""
     square = stride * stride
-    reciprocals = work.at(square)
-    with p.each(square, width=WIDTH, spill=True) as i:
+    reciprocals = work[square:]
+    for i in each(square, width=WIDTH, spill=True):
         out[i] = 0.0
-    with p.loop(0, n) as j:
+    for j in range(n):
         out[j * stride + j] = 1.0
-        first = _aligned(j)
-        column = work.at(j * stride + first)
-        with p.each(stride - first, width=WIDTH, spill=True) as i:
+        first = aligned(j)
+        column = work[j * stride + first :]
+        for i in each(stride - first, width=WIDTH, spill=True):
             column[i] = 0.0
-        with p.loop(j, n) as i:
+        for i in range(j, n):
             work[j * stride + i] = a[j * n + i]
-    trusted = p.call(factor_columns(), n, stride, a, work, reciprocals)
-    singular = p.variable(p.false, "singular")
-    with p.when(trusted, likely=True) as ways:
-        p.call(solve_columns(), n, stride, work, reciprocals, out)
-    with ways.otherwise():
-        singular.value = p.call(invert_dense(), n, a, work, work.at(n * n))
-        with p.loop(0, n) as j, p.loop(0, n) as i:
+    if likely(factor_columns(n, stride, a, work, reciprocals)):
+        solve_identity(n, stride, work, reciprocals, out)
+        return False
+    singular = invert_dense(n, a, work, work[n * n :])
+    for j in range(n):
+        for i in range(n):
             out[j * stride + i] = work[j * n + i]
-    p.leave(singular.value)
-    return p.finish(FLAG)
+    return singular

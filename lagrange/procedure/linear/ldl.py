@@ -14,13 +14,11 @@ L D L^T for kind 0, with L below the diagonal, and the factors of `factor_pivote
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, WHOLE, Procedure
+from lagrange.procedure.form import Array
+from lagrange.procedure.front.plain import procedure
+from lagrange.procedure.front.vocabulary import In, Out, each, fma
 from lagrange.procedure.linear.pivoted import PIVOT, factor_pivoted, pivoted_size, solve_pivoted
-from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Memory, Whole
 
 PIVOT_BESIDE_MULTIPLIERS = 2.0**-10
 """Elimination in a given order is trusted beside multipliers where each pivot exceeds this part of its terms.
@@ -47,134 +45,105 @@ def factor_size(n: int) -> int:
     return 1 + pivoted_size(n, n)
 
 
-def _parts(factors: Memory, n: Whole) -> tuple[Memory, Memory]:
-    """Return 1/d and the columns of L inside factors."""
-    return factors.at(1), factors.at(2 * n + 1)
-
-
-@shared
-def factor_symmetric() -> Procedure:
-    """Return L D L^T of a matrix, and whether every pivot can be trusted."""
-    p = Builder("factor_symmetric", "Factor A = L D L^T by columns, and say whether every pivot can be trusted.")
-    n = p.given("n", WHOLE)
-    a, factors = p.array("a", read=True), p.array("factors")
-    reciprocals, columns = _parts(factors, n)
-    with p.loop(0, n) as j, p.loop(j, n) as i:
-        columns[j * n + i] = a[j * n + i]
-    trusted = p.variable(p.true, "trusted")
-    with p.loop(0, n) as j:
-        column = columns.at(j * n)
-        d = column[j].called("d")
-        trusted.value = trusted.value & (d > abs(a[j * n + j]) * PIVOT)
+@procedure
+def factor_symmetric(n: int, a: In, factors: Out) -> bool:
+    """Factor A = L D L^T by columns, and say whether every pivot can be trusted."""
+    reciprocals, columns = factors[1:], factors[2 * n + 1 :]
+    for j in range(n):
+        for i in range(j, n):
+            columns[j * n + i] = a[j * n + i]
+    trusted = True
+    for j in range(n):
+        column = columns[j * n :]
+        d = column[j]
+        large = d > abs(a[j * n + j]) * PIVOT
+        trusted = trusted and large
         reciprocal = 1.0 / d
         reciprocals[j] = reciprocal
-        p.note("The finished column is subtracted from the columns behind it.")
-        with p.loop(j + 1, n) as k:
+        # The finished column is subtracted from the columns behind it.
+        for k in range(j + 1, n):
             factor = -(column[k] * reciprocal)
-            target = columns.at(k * n)
-            with p.when(~factor.equals(0.0)), p.loop(k, n) as i:
-                target[i] = p.fma(factor, column[i], target[i])
-        with p.loop(j + 1, n) as i:
-            column[i] = column[i] * reciprocal
-    p.leave(trusted.value)
-    return p.finish(FLAG)
+            target = columns[k * n :]
+            if factor != 0.0:
+                for i in range(k, n):
+                    target[i] = fma(factor, column[i], target[i])
+        for i in range(j + 1, n):
+            column[i] *= reciprocal
+    return trusted
 
 
-@shared
-def factor_dense() -> Procedure:
-    """Return the factorization of a symmetric matrix by L D L^T, or with pivoting if that cannot be trusted."""
-    p = Builder("factor_dense", "Factor a symmetric matrix, and say whether it is singular to round-off.")
-    n = p.given("n", WHOLE)
-    a, factors = p.array("a", read=True), p.array("factors")
-    trusted = p.call(factor_symmetric(), n, a, factors)
+@procedure
+def factor_dense(n: int, a: In, factors: Out) -> bool:
+    """Factor a symmetric matrix, with pivoting where L D L^T cannot be trusted; say whether it is singular."""
+    trusted = factor_symmetric(n, a, factors)
     factors[0] = 0.0
-    p.leave_if(trusted, p.false)
+    if trusted:
+        return False
     factors[0] = 1.0
-    p.leave(p.call(factor_pivoted(), n, n, a, factors.at(1)))
-    return p.finish(FLAG)
+    return factor_pivoted(n, n, a, factors[1:])
 
 
-@shared
-def solve_factored() -> Procedure:
-    """Return the solution of a factored system."""
-    p = Builder("solve_factored", "Replace a right-hand side by the solution.")
-    n = p.given("n", WHOLE)
-    factors, b = p.array("factors", read=True), p.array("b")
-    reciprocals, columns = _parts(factors, n)
-    with p.when(~factors[0].equals(0.0)):
-        p.call(solve_pivoted(), n, n, factors.at(1), b)
-        p.leave()
-    with p.loop(0, n) as j:
-        factor, column = -b[j], columns.at(j * n)
-        with p.loop(j + 1, n) as i:
-            b[i] = p.fma(factor, column[i], b[i])
-    with p.loop(0, n) as i:
-        b[i] = b[i] * reciprocals[i]
-    with p.loop(0, n) as back:
+@procedure
+def solve_factored(n: int, factors: In, b: Out) -> None:
+    """Replace a right-hand side by the solution, with the factors of `factor_dense`."""
+    reciprocals, columns = factors[1:], factors[2 * n + 1 :]
+    if factors[0] != 0.0:
+        solve_pivoted(n, n, factors[1:], b)
+        return
+    for j in range(n):
+        factor, column = -b[j], columns[j * n :]
+        for i in range(j + 1, n):
+            b[i] = fma(factor, column[i], b[i])
+    for i in range(n):
+        b[i] *= reciprocals[i]
+    for back in range(n):
         j = n - 1 - back
-        column, total = columns.at(j * n), p.variable(b[j], "total")
-        with p.loop(j + 1, n) as i:
-            total.value = p.fma(-column[i], b[i], total.value)
-        b[j] = total.value
-    return p.finish()
+        column, total = columns[j * n :], b[j]
+        for i in range(j + 1, n):
+            total = fma(-column[i], b[i], total)
+        b[j] = total
 
 
-@shared
-def solve_columns() -> Procedure:
-    """Return the solution of factored systems side by side, with the operations of `solve_factored` for each."""
-    p = Builder(
-        "solve_columns",
-        "Replace right-hand sides by solutions, entry k of column c at k*columns + c; `spare` takes n reals. The "
-        f"columns are a multiple of {COLUMNS_AT_ONCE}.",
-    )
-    n, columns = p.given("n", WHOLE), p.given("columns", WHOLE)
-    factors, b, spare = p.array("factors", read=True), p.array("b", room=COLUMNS_AT_ONCE), p.array("spare")
-    reciprocals, lower = _parts(factors, n)
+@procedure(b=lambda: Array(room=COLUMNS_AT_ONCE))
+def solve_columns(n: int, columns: int, factors: In, b: Out, spare: Out) -> None:
+    """Replace right-hand sides by solutions, entry k of column c at k*columns + c; `spare` takes n reals.
 
-    def every() -> AbstractContextManager[Whole]:
-        return p.each(columns, width=COLUMNS_AT_ONCE, spill=True)
-
-    p.note("Factors with pivoting are rare: one column after the other.")
-    with p.when(~factors[0].equals(0.0)):
-        with p.loop(0, columns) as c:
-            with p.loop(0, n) as k:
+    The columns are a multiple of `COLUMNS_AT_ONCE`. The operations are those of `solve_factored` for each.
+    """
+    reciprocals, lower = factors[1:], factors[2 * n + 1 :]
+    # Factors with pivoting are rare: one column after the other.
+    if factors[0] != 0.0:
+        for c in range(columns):
+            for k in range(n):
                 spare[k] = b[k * columns + c]
-            p.call(solve_factored(), n, factors, spare)
-            with p.loop(0, n) as k:
+            solve_factored(n, factors, spare)
+            for k in range(n):
                 b[k * columns + c] = spare[k]
-        p.leave()
-    with p.loop(0, n) as j:
-        source, column = b.at(j * columns), lower.at(j * n)
-        with p.loop(j + 1, n) as i:
-            target, entry = b.at(i * columns), -column[i]
-            with every() as c:
-                target[c] = p.fma(source[c], entry, target[c])
-    with p.loop(0, n) as back:
+        return
+    for j in range(n):
+        source, column = b[j * columns :], lower[j * n :]
+        for i in range(j + 1, n):
+            target, entry = b[i * columns :], -column[i]
+            for c in each(columns, width=COLUMNS_AT_ONCE, spill=True, disjoint=True):
+                target[c] = fma(source[c], entry, target[c])
+    for back in range(n):
         j = n - 1 - back
-        target, column, reciprocal = b.at(j * columns), lower.at(j * n), reciprocals[j]
-        with every() as c:
-            total = p.variable(target[c] * reciprocal, "total")
-            with p.loop(j + 1, n) as i:
-                total.value = p.fma(b.at(i * columns)[c], -column[i], total.value)
-            target[c] = total.value
-    return p.finish()
+        target, column, reciprocal = b[j * columns :], lower[j * n :], reciprocals[j]
+        for c in each(columns, width=COLUMNS_AT_ONCE, spill=True, disjoint=True):
+            total = target[c] * reciprocal
+            for i in range(j + 1, n):
+                total = fma(b[i * columns :][c], -column[i], total)
+            target[c] = total
 
 
-@shared
-def invert_dense() -> Procedure:
-    """Return the inverse of a symmetric matrix."""
-    p = Builder(
-        "invert_dense",
-        "Write the inverse by columns, and say whether the matrix is singular; `work` takes the factors.",
-    )
-    n = p.given("n", WHOLE)
-    a, out, work = p.array("a", read=True), p.array("out"), p.array("work")
-    singular = p.call(factor_dense(), n, a, work)
-    with p.loop(0, n) as j:
-        column = out.at(j * n)
-        with p.loop(0, n) as i:
+@procedure
+def invert_dense(n: int, a: In, out: Out, work: Out) -> bool:
+    """Write the inverse by columns, and say whether the matrix is singular; `work` takes the factors."""
+    singular = factor_dense(n, a, work)
+    for j in range(n):
+        column = out[j * n :]
+        for i in range(n):
             column[i] = 0.0
         column[j] = 1.0
-        p.call(solve_factored(), n, work, column)
-    p.leave(singular)
-    return p.finish(FLAG)
+        solve_factored(n, work, column)
+    return singular

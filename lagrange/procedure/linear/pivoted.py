@@ -6,17 +6,13 @@ within it, so that a long chain takes a time like n. The factors are those of th
 Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, sections 3.4 and 4.3.
 
 Factors take `pivoted_size` reals: [row scales (n), the row exchanged with each (n), columns]. A column has those of its
-rows that may be filled, from `_first_row` on.
+rows that may be filled, from row j - 2 band on, and `column` is its place, moved so that its index is the row.
 """
 
 from __future__ import annotations
 
-from typing import Any
-
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, WHOLE, Procedure
-from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Memory, Whole
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, Readable, Writable, fma
 
 PIVOT = 2.0**-46
 """A symmetric matrix is singular to round-off where elimination with pivoting, its rows scaled, meets a pivot of at
@@ -24,8 +20,9 @@ most this part of its row's largest entry: 64 rounding errors. The entries of it
 diagonal is one, then exceed 1 / PIVOT."""
 
 
-def band_size(n: Any, band: Any) -> Any:
-    """Return the number of reals of a lower triangle within a band less than n, of whole numbers or values."""
+@inline
+def band_size(n: int, band: int) -> int:
+    """Return the number of reals of a lower triangle within a band less than n."""
     return n * band + n
 
 
@@ -34,116 +31,93 @@ def pivoted_size(n: int, band: int) -> int:
     return 2 * n + n * min(n, 3 * band + 1)
 
 
-class _Columns:
-    """The columns of L and U: entry (i, j) is `of(j)[i]`."""
-
-    def __init__(self, p: Builder, n: Whole, band: Whole, memory: Memory) -> None:
-        self.p, self.band, self.memory = p, band, memory
-        self.height = p.smaller(n, 3 * band + 1).called("height")
-        self.last_start = n - self.height
-
-    def of(self, j: Whole) -> Memory:
-        """Return a column, moved so that its index is the row."""
-        first = self.p.smaller(self.p.larger(j - 2 * self.band, 0), self.last_start)
-        return self.memory.at(j * self.height - first)
+@inline
+def column(n: int, band: int, j: int) -> int:
+    """Return where column j of L and U begins in factors, such that its index is the row."""
+    height = min(n, 3 * band + 1)
+    first = min(max(j - 2 * band, 0), n - height)
+    return 2 * n + j * height - first
 
 
-def _parts(p: Builder, n: Whole, band: Whole, factors: Memory) -> tuple[Memory, Memory, _Columns]:
-    """Return row scales, exchanges and columns inside factors."""
-    return factors.at(0), factors.at(n), _Columns(p, n, band, factors.at(2 * n))
-
-
-def _end(p: Builder, n: Whole, last: Any) -> Any:
-    """Return the end of a loop to a row or column, at most n."""
-    return p.smaller(n, last + 1)
-
-
-@shared
-def factor_pivoted() -> Procedure:
-    """Return P A = L U of a matrix, and whether it is singular."""
-    p = Builder("factor_pivoted", "Factor P A = L U with scaled pivots, and say whether A is singular to round-off.")
-    n, band = p.given("n", WHOLE), p.given("band", WHOLE)
-    a, factors = p.array("a", read=True), p.array("factors")
-    scales, exchanges, columns = _parts(p, n, band, factors)
-    nothing = _scaled_rows(p, n, band, a, scales)
-    with p.loop(0, n) as j:
-        column, first = columns.of(j), p.larger(j - 2 * band, 0)
-        with p.loop(first, _end(p, n, j + band)) as i:
-            column[i] = 0.0
-    with p.loop(0, n) as j:
-        column, given = columns.of(j), a.at(j * band)
-        with p.loop(j, _end(p, n, j + band)) as i:
+@procedure
+def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
+    """Factor P A = L U with scaled pivots, and say whether A is singular to round-off."""
+    scales, exchanges = factors, factors[n:]
+    nothing = scale_rows(n, band, a, scales)
+    for j in range(n):
+        entries = factors[column(n, band, j) :]
+        for i in range(max(j - 2 * band, 0), min(n, j + band + 1)):
+            entries[i] = 0.0
+    for j in range(n):
+        entries, given = factors[column(n, band, j) :], a[j * band :]
+        for i in range(j, min(n, j + band + 1)):
             entry = given[i]
-            column[i] = entry
-            columns.of(i)[j] = entry
-    singular = p.variable(p.false, "singular")
-    with p.loop(0, n) as j:
-        column, rows, reach = columns.of(j), _end(p, n, j + band), _end(p, n, j + 2 * band)
-        best, row = p.variable(-1.0, "best"), p.variable(j, "row")
-        with p.loop(j, rows) as i:
-            size = abs(column[i]) * scales[i]
-            with p.when(size > best.value):
-                best.value = size
-                row.value = i
-        chosen = row.value
-        exchanges[j] = p.real(chosen)
-        scales[j], scales[chosen] = scales[chosen], scales[j]
-        with p.loop(j, reach) as k:
-            other = columns.of(k)
-            other[j], other[chosen] = other[chosen], other[j]
-        pivot = column[j].called("pivot")
-        p.note("A row of zeros gives 0 * inf.")
-        vanishes = (abs(pivot) * scales[j] <= PIVOT) | pivot.equals(0.0)
-        singular.value = singular.value | vanishes
+            entries[i] = entry
+            factors[column(n, band, i) :][j] = entry
+    singular = False
+    for j in range(n):
+        entries, rows, reach = factors[column(n, band, j) :], min(n, j + band + 1), min(n, j + 2 * band + 1)
+        best, row = -1.0, j
+        for i in range(j, rows):
+            size = abs(entries[i]) * scales[i]
+            if size > best:
+                best, row = size, i
+        exchanges[j] = float(row)
+        scales[j], scales[row] = scales[row], scales[j]
+        for k in range(j, reach):
+            other = factors[column(n, band, k) :]
+            other[j], other[row] = other[row], other[j]
+        pivot = entries[j]
+        # A row of zeros gives 0 * inf.
+        vanishes = abs(pivot) * scales[j] <= PIVOT
+        singular = singular or vanishes or pivot == 0.0
         reciprocal = 1.0 / pivot
-        with p.loop(j + 1, rows) as i:
-            column[i] = column[i] * reciprocal
-        with p.loop(j + 1, reach) as k:
-            target = columns.of(k)
+        for i in range(j + 1, rows):
+            entries[i] *= reciprocal
+        for k in range(j + 1, reach):
+            target = factors[column(n, band, k) :]
             factor = -target[j]
-            with p.when(~factor.equals(0.0)), p.loop(j + 1, rows) as i:
-                target[i] = p.fma(factor, column[i], target[i])
-    p.note("A matrix with an entry that is not finite is not singular: the entry passes to the solution.")
-    p.leave(singular.value & nothing.equals(0.0))
-    return p.finish(FLAG)
+            if factor != 0.0:
+                for i in range(j + 1, rows):
+                    target[i] = fma(factor, entries[i], target[i])
+    # A matrix with an entry that is not finite is not singular: the entry passes to the solution.
+    return singular and nothing == 0.0
 
 
-def _scaled_rows(p: Builder, n: Whole, band: Whole, a: Memory, scales: Memory) -> Any:
+@inline
+def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float]) -> float:
     """Write one over the largest entry of each row; return zero times all entries: NaN if one is not finite."""
-    nothing = p.variable(0.0, "nothing")
-    with p.loop(0, n) as i:
+    nothing = 0.0
+    for i in range(n):
         scales[i] = 0.0
-    with p.loop(0, n) as j:
-        given = a.at(j * band)
-        with p.loop(j, _end(p, n, j + band)) as i:
+    for j in range(n):
+        given = a[j * band :]
+        for i in range(j, min(n, j + band + 1)):
             size = abs(given[i])
             for row in (i, j):
-                scales[row] = p.choose(size > scales[row], size, scales[row])
-            p.note("Zero times a NaN or an infinity is NaN, and stays.")
-            nothing.value = p.fma(size, 0.0, nothing.value)
-    with p.loop(0, n) as i:
+                largest = scales[row]
+                scales[row] = size if size > largest else largest
+            # Zero times a NaN or an infinity is NaN, and stays.
+            nothing = fma(size, 0.0, nothing)
+    for i in range(n):
         scales[i] = 1.0 / scales[i]
-    return nothing.value
+    return nothing
 
 
-@shared
-def solve_pivoted() -> Procedure:
-    """Return the solution of a system with the factors of `factor_pivoted`."""
-    p = Builder("solve_pivoted", "Replace a right-hand side by the solution.")
-    n, band = p.given("n", WHOLE), p.given("band", WHOLE)
-    factors, b = p.array("factors", read=True), p.array("b")
-    _, exchanges, columns = _parts(p, n, band, factors)
-    with p.loop(0, n) as j:
-        chosen = p.whole(exchanges[j])
+@procedure
+def solve_pivoted(n: int, band: int, factors: In, b: Out) -> None:
+    """Replace a right-hand side by the solution, with the factors of `factor_pivoted`."""
+    exchanges = factors[n:]
+    for j in range(n):
+        chosen = int(exchanges[j])
         b[j], b[chosen] = b[chosen], b[j]
-        factor, column = -b[j], columns.of(j)
-        with p.loop(j + 1, _end(p, n, j + band)) as i:
-            b[i] = p.fma(factor, column[i], b[i])
-    with p.loop(0, n) as back:
+        factor, entries = -b[j], factors[column(n, band, j) :]
+        for i in range(j + 1, min(n, j + band + 1)):
+            b[i] = fma(factor, entries[i], b[i])
+    for back in range(n):
         j = n - 1 - back
-        column = columns.of(j)
-        x = b[j] / column[j]
+        entries = factors[column(n, band, j) :]
+        x = b[j] / entries[j]
         b[j] = x
-        with p.loop(p.larger(j - 2 * band, 0), j) as i:
-            b[i] = p.fma(-x, column[i], b[i])
-    return p.finish()
+        for i in range(max(j - 2 * band, 0), j):
+            b[i] = fma(-x, entries[i], b[i])

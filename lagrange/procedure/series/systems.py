@@ -193,7 +193,7 @@ def _inverse(p: Builder, n: int, lower: Triangle, negative: tuple[int, ...]) -> 
     with p.when(~trusted, likely=False):
         matrix, inverse = p.reserve(n * n, name="matrix"), p.reserve(n * n, name="inverse")
         _write_triangle(p, n, lower, matrix)
-        singular.value = p.call(invert_dense(), n, matrix, inverse, p.reserve(factor_size(n), name="work"))
+        singular.value = p.call(invert_dense.form(), n, matrix, inverse, p.reserve(factor_size(n), name="work"))
         for (i, j), variable in found.items():
             variable.value = inverse[j * n + i]
     entries = {place: variable.value for place, variable in found.items()}
@@ -215,7 +215,7 @@ def _inverted(
             second, first = sorted((block[i], block[j]))
             placed[first, second] = value
     _write_triangle(p, n, placed, matrix)
-    found = p.call(invert(), n, padded(n), matrix, inverse, work)
+    found = p.call(invert.form(), n, padded(n), matrix, inverse, work)
     assert isinstance(found, Flag)
     return found
 
@@ -255,7 +255,7 @@ class _FactoredBlock:
         self.trusted = trusted
         with p.when(~trusted, likely=False):
             write_band(p, how, lower, matrix)
-            singular.value = p.call(factor_pivoted(), n, band, matrix, self.factors)
+            singular.value = p.call(factor_pivoted.form(), n, band, matrix, self.factors)
         self.singular = Flag.of(singular.value)
 
     def solve(self, right: Sequence[Term]) -> list[Term]:
@@ -271,7 +271,7 @@ class _FactoredBlock:
         with ways.otherwise():
             for rank, x in zip(self.how.ranks, given, strict=True):
                 self.right[rank] = x
-            p.call(solve_pivoted(), n, self.how.band, self.factors, self.right)
+            p.call(solve_pivoted.form(), n, self.how.band, self.factors, self.right)
             for rank, variable in zip(self.how.ranks, found, strict=True):
                 variable.value = self.right[rank]
         return [variable.value for variable in found]

@@ -1,0 +1,342 @@
+"""Build a procedure from a rewritten function: each step that the function says becomes statements of the form.
+
+Values that are known when the procedure is built (numbers, options, layouts, tuples) are Python's own, and so a
+condition on them chooses, and a loop over them is written out. A name with a number that a branch or a loop sets again
+becomes a variable in front of it.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from types import GeneratorType
+from typing import Any
+
+from lagrange.procedure.builder import GivenFunction
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Get, Kind, Let, Procedure, Read, Set, Statement, When
+from lagrange.procedure.front.control import Branches, Chosen, Each, Loop, Repeat, Spliced, Written
+from lagrange.procedure.front.kinds import (
+    ZERO,
+    Ended,
+    Error,
+    Weighed,
+    common_kind,
+    described,
+    is_dynamic,
+    leaves,
+)
+from lagrange.procedure.front.names import Names
+from lagrange.procedure.front.vocabulary import (
+    OPERATION_OF,
+    likely,
+    reals,
+    record_of,
+    unlikely,
+    wholes,
+)
+from lagrange.procedure.interpreter import OPERATIONS as EXACT
+from lagrange.procedure.values import Fields, Flag, Memory, Value, Whole
+
+UNSAFE = ("quotient", "whole")
+"""Operations that machine code may not do for every operand: they are computed under their condition only."""
+
+CONTAINERS: tuple[Any, ...] = (tuple, list, zip, enumerate, reversed, len)
+"""Functions of Python that look at no value."""
+
+
+class Local:
+    """A function inside a procedure: it is written into its callers."""
+
+    def __init__(self, function: Callable[..., Any]) -> None:
+        self.function = function
+
+
+class Tracer(Names):
+    """The receiver that builds a procedure with kinds of results."""
+
+    Ended = Ended
+
+    # --- control flow
+
+    def branches(self, test: Any) -> Branches | Chosen:
+        """Return the branches of a condition."""
+        weighed = test if isinstance(test, Weighed) else Weighed(test, likely=True)
+        condition = weighed.condition
+        if not isinstance(condition, Value):
+            return Chosen([bool(condition)])
+        if self.iterations is not None:
+            raise Error("an iteration of an `each` has no branches: write `a if condition else b`.")
+        self.is_flag(condition)
+        return Branches(self, condition, weighed.likely if weighed is test else None)
+
+    def loop(self, *bounds: Any) -> Loop:
+        """Return the loop of `range`."""
+        start, stop, step = bounds if len(bounds) == 3 else (*bounds, 1) if len(bounds) == 2 else (0, *bounds, 1)
+        if not isinstance(step, int) or step <= 0:
+            raise Error("the step of `range` is a whole number above zero that is known when the procedure is built.")
+        values = [self.number(bound, WHOLE, "a bound of `range`") for bound in (start, stop)]
+        return Loop(self, lambda: self.p.loop(values[0], values[1], step))
+
+    def repeat(self) -> Repeat:
+        """Return the loop of a `while`."""
+        if self.iterations is not None:
+            raise Error("an iteration of an `each` has no `while`.")
+        return Repeat(self, self.p.block)
+
+    def sequence(self, values: Any) -> Loop | Written:
+        """Return the loop over values that are written out, or over those that an inline generator yields."""
+        if isinstance(values, GeneratorType):
+            return Spliced(self, values)
+        if isinstance(values, (Value, Memory)):
+            raise Error(f"a loop runs over `range`, `each` or a tuple; {described(values)} is given.")
+        return Written(values)
+
+    def each(self, count: Any, *, disjoint: bool = False, **options: Any) -> Each:
+        """Return the loop of an `each`."""
+        if self.iterations is not None:
+            raise Error("an `each` stands in another: use `range` inside.")
+        return Each(self, self.number(count, WHOLE, "the count of `each`"), options, disjoint=disjoint)
+
+    def leave(self, value: Any) -> None:
+        """Return from the procedure."""
+        values = () if value is None else value if isinstance(value, tuple) else (value,)
+        if len(values) != len(self.results):
+            raise Error(f"the procedure returns {len(self.results)} values; {len(values)} are given.")
+        self.p.leave(*[self.number(one, kind, "the result") for one, kind in zip(values, self.results, strict=True)])
+        raise Ended
+
+    # --- operations
+
+    def divide(self, a: Any, b: Any) -> Any:
+        """Return a / b."""
+        for operand in (a, b):
+            if isinstance(operand, Whole):
+                raise Error("`/` divides reals: write float(n), or `//`.")
+        if isinstance(a, Value) or isinstance(b, Value):
+            return a / b
+        return EXACT["div"](a, b)
+
+    def floor_divide(self, a: Any, b: Any) -> Any:
+        """Return a/b of whole numbers, rounded down."""
+        if not isinstance(a, Value) and not isinstance(b, Value):
+            return a // b
+        toward_zero = self.p.operation("quotient", a, b)
+        rest = a - toward_zero * b
+        off = ~rest.equals(0) & self.differ(
+            (rest < 0), self.p.operation("less", b, 0) if isinstance(b, Value) else b < 0
+        )
+        return toward_zero - self.p.whole(off)
+
+    def remainder(self, a: Any, b: Any) -> Any:
+        """Return a - (a//b)*b, of the sign of b."""
+        if not isinstance(a, Value) and not isinstance(b, Value):
+            return a % b
+        return a - self.floor_divide(a, b) * b
+
+    def power(self, a: Any, b: Any) -> Any:
+        """Return a ** b."""
+        if isinstance(a, Whole) or isinstance(b, Whole):
+            raise Error("`**` takes reals: write float(n).")
+        if isinstance(b, Value) and not isinstance(a, Value):
+            a = self.number(a, REAL, "a base")
+        return a**b
+
+    def equal(self, a: Any, b: Any) -> Any:
+        """Return a == b."""
+        if isinstance(a, Flag) or isinstance(b, Flag):
+            return self.opposite(self.differ(a, b))
+        return self.p.operation("equal", a, b) if isinstance(a, Value) or isinstance(b, Value) else a == b
+
+    def differ(self, a: Any, b: Any) -> Any:
+        """Return a != b."""
+        if isinstance(a, Flag) or isinstance(b, Flag):
+            first, second = (self.number(one, FLAG, "a flag") for one in (a, b))
+            return self.p.choose(Flag.of(first), self.opposite(second), second)
+        return self.opposite(self.equal(a, b))
+
+    def opposite(self, condition: Any) -> Any:
+        """Return the opposite of a condition."""
+        return ~self.is_flag(condition) if isinstance(condition, Value) else not condition
+
+    def both(self, left: Any, right: Callable[[], Any]) -> Any:
+        """Return `left and right`."""
+        return self._joined("and", left, right)
+
+    def either(self, left: Any, right: Callable[[], Any]) -> Any:
+        """Return `left or right`."""
+        return self._joined("or", left, right)
+
+    def _joined(self, op: str, left: Any, right: Callable[[], Any]) -> Any:
+        """Return `left and right`, or with `or`: a branch where the right side loads, calls or stores."""
+        if not isinstance(left, Value):
+            return right() if bool(left) == (op == "and") else left
+        with self.p.block() as body:
+            made = self.number(right(), FLAG, f"a side of `{op}`")
+        condition = self.is_flag(left)
+        if self.is_pure([body], "the right side of `and` and `or`"):
+            return self.p.operation(op, condition, made)
+        outcome = self.p.variable(condition)
+        branch = (*body, Set(outcome.ref, made.ref))
+        self.p.add(When(condition.ref, branch) if op == "and" else When(condition.ref, (), branch))
+        return outcome.value
+
+    def choose(self, test: Any, then: Callable[[], Any], otherwise: Callable[[], Any]) -> Any:
+        """Return one value or the other: both are computed, or there is a branch where one loads, calls or stores."""
+        condition = test.condition if isinstance(test, Weighed) else test
+        if not isinstance(condition, Value):
+            return then() if condition else otherwise()
+        bodies, values = [], []
+        for way in (then, otherwise):
+            with self.p.block() as body:
+                values.append(way())
+            bodies.append(body)
+        if values[0] is values[1] and not bodies[0] and not bodies[1]:
+            return values[0]
+        kind = common_kind(values)
+        if kind is None:
+            raise Error(f"`if` chooses between numbers; {' and '.join(map(described, values))} are given.")
+        for i, body in enumerate(bodies):
+            with self.resumed(body):
+                values[i] = self.number(values[i], kind, "the choice")
+        if self.is_pure(bodies, "a choice"):
+            return self.p.operation("select", self.is_flag(condition), *values)
+        outcome = self.p.variable(ZERO[kind])
+        ways = [(*body, Set(outcome.ref, value.ref)) for body, value in zip(bodies, values, strict=True)]
+        self.p.add(When(self.is_flag(condition).ref, ways[0], ways[1]))
+        return outcome.value
+
+    def is_pure(self, bodies: Sequence[list[Statement]], what: str) -> bool:
+        """Whether blocks only compute; then their statements join the present block."""
+        statements = [statement for body in bodies for statement in body]
+        pure = all(isinstance(s, (Get, Read)) or (isinstance(s, Let) and s.op not in UNSAFE) for s in statements)
+        if not pure and self.iterations is not None:
+            raise Error(f"{what} loads or divides inside an `each`: give the value a name first.")
+        if pure:
+            self.p.current.extend(statements)
+        return pure
+
+    # --- memory
+
+    def item(self, owner: Any, place: Any) -> Any:
+        """Return an element of an array, or of a tuple that is known when the procedure is built."""
+        if isinstance(owner, Memory):
+            return owner[self.place(owner, place, stored=False)]
+        if isinstance(place, Value):
+            raise Error(f"the place in {described(owner)} is known only at run time: use an array.")
+        return owner[place]
+
+    def place(self, array: Memory, place: Any, *, stored: bool) -> Value:
+        """Return a place in an array. Raises Error where it cannot stand."""
+        if not isinstance(place, Value) and isinstance(place, int) and place < 0:
+            raise Error(f"the place {place} counts from the end, which a procedure does not know.")
+        index = self.number(place, WHOLE, "a place")
+        if self.iterations is not None:
+            self.iterations.visit(array, index, stored=stored)
+        return index
+
+    def part(self, owner: Any, lower: Any, upper: Any) -> Any:
+        """Return the part of an array from a place on."""
+        if not isinstance(owner, Memory):
+            return owner[lower:upper]
+        if upper is not None:
+            raise Error("a part has no end: write a[i:], or copy with b[:n] = a[:n].")
+        if lower is None or (not isinstance(lower, Value) and lower == 0):
+            return owner
+        made = owner.at(self.number(lower, WHOLE, "a place"))
+        self.roots[made.ref] = self.root(owner)
+        return made
+
+    def store(self, owner: Any, place: Any, value: Any) -> None:
+        """Set an element."""
+        if not isinstance(owner, Memory):
+            raise Error(f"{described(owner)} is known when the procedure is built: only arrays can be set.")
+        if owner.array.read:
+            raise Error("an array of type In is only read: declare it as Out.")
+        owner[self.place(owner, place, stored=True)] = self.number(value, owner.array.kind, "the element")
+
+    def write(self, owner: Any, field: str, value: Any) -> None:
+        """Set a field of a record."""
+        if not isinstance(owner, Fields):
+            raise Error(f"{described(owner)} is no record: its field {field} cannot be set.")
+        setattr(owner, field, self.number(value, owner.kind_of(field), f"the field {field}"))
+
+    def copy(self, target: Any, lower: Any, upper: Any, source: Any, first: Any, last: Any) -> None:
+        """Copy a part of an array to a part of another."""
+        count = self.extent(lower, upper)
+        there = None if last is None else self.extent(first, last)
+        if isinstance(count, int) and isinstance(there, int) and count != there:
+            raise Error(f"{there} numbers are copied to {count} places.")
+        self.p.copy(self.part(source, first, None), self.part(target, lower, None), count, spill=False)
+
+    def fill(self, target: Any, lower: Any, upper: Any, value: Any) -> None:
+        """Set each element of a part of an array."""
+        part = self.part(target, lower, None)
+        number = self.number(value, part.array.kind, "the element")
+        with self.p.each(self.extent(lower, upper)) as i:
+            part[i] = number
+
+    def extent(self, lower: Any, upper: Any) -> Any:
+        """Return the number of elements from a place to another."""
+        if upper is None:
+            raise Error("a part that is written has an end: write b[:n] = a[:n].")
+        return upper if lower is None or (not isinstance(lower, Value) and lower == 0) else upper - lower
+
+    # --- calls
+
+    def local(self, function: Callable[..., Any]) -> Local:
+        """Return a function that is stated inside another."""
+        return Local(function)
+
+    def call(self, function: Any, /, *args: Any, **options: Any) -> Any:
+        """Return what a function gives: of a procedure a call, of an inline function its statements."""
+        if function in (likely, unlikely):
+            return Weighed(args[0], function is likely) if isinstance(args[0], Value) else args[0]
+        if isinstance(function, Local):
+            return function.function(*args, **options)
+        if isinstance(function, Procedure):
+            return self.call_procedure(function, [leaf for arg in args for leaf in leaves(arg)])
+        if isinstance(function, GivenFunction):
+            self._outside_each(function)
+            return function(*[leaf for arg in args for leaf in leaves(arg)])
+        if hasattr(function, "traced"):
+            return function.traced(self, *args, **options)
+        stated = record_of(function)
+        if stated is not None:
+            return self.p.reserve_record(stated)
+        if function is reals or function is wholes:
+            return self.p.reserve(args[0], REAL if function is reals else WHOLE, **options)
+        if not any(is_dynamic(arg) for arg in (*args, *options.values())):
+            known = EXACT[OPERATION_OF[function]] if function in OPERATION_OF else function
+            return known(*args, **options)
+        return self._of_values(function, args, options)
+
+    def call_procedure(self, callee: Procedure, args: list[Any]) -> Any:
+        """Return the results of a procedure for its arguments, bundles written out."""
+        self._outside_each(callee.name)
+        if len(args) != len(callee.parameters):
+            raise Error(f"{callee.name} takes {len(callee.parameters)} arguments; {len(args)} are given.")
+        pairs = zip(args, callee.parameters, strict=True)
+        handed = [
+            self.number(arg, one.type, f"{one.name} of {callee.name}") if isinstance(one.type, Kind) else arg
+            for arg, one in pairs
+        ]
+        return self.p.call(callee, *handed)
+
+    def _outside_each(self, callee: Any) -> None:
+        if self.iterations is not None:
+            raise Error(f"an iteration of an `each` calls {callee}: use `range`.")
+
+    def _of_values(self, function: Any, args: Sequence[Any], options: Mapping[str, Any]) -> Any:
+        """Return a function of Python of values that are known at run time."""
+        if function is float:
+            return self.p.real(*args)
+        if function is int:
+            return self.p.whole(*args)
+        if function is max or function is min:
+            return self.extreme(function, args)
+        if function in OPERATION_OF:
+            return self.p.operation(OPERATION_OF[function], *args)
+        if function in CONTAINERS or (isinstance(function, type) and dataclasses.is_dataclass(function)):
+            return function(*args, **options)
+        name = getattr(function, "__name__", repr(function))
+        raise Error(f"`{name}` is no procedure: declare it with @inline or @procedure.")

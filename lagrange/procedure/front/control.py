@@ -1,0 +1,265 @@
+"""Branches and loops while a procedure is built: what a name stands for inside and behind them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+from lagrange.procedure.builder import Folded
+from lagrange.procedure.form import FLAG, REAL, Kind, Set, Statement, When
+from lagrange.procedure.front.kinds import ZERO, Ended, Error, Missing, common_kind, real
+from lagrange.procedure.front.names import Names
+from lagrange.procedure.front.vocabulary import REDUCTIONS
+from lagrange.procedure.values import Flag, Memory, Value, Variable
+
+
+class Chosen:
+    """A condition that is known when the procedure is built: one branch."""
+
+    def __init__(self, ways: Sequence[Any]) -> None:
+        self.ways = ways
+        self.values: Sequence[Any] = ()
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.ways)
+
+    def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
+        """Return what names stand for inside."""
+        self.values = values
+        return values
+
+    def close(self, *values: Any) -> Sequence[Any]:
+        """Take what names stand for at the end; return what they stand for next."""
+        self.values = values
+        return values
+
+    def ended(self, ended: Exception) -> None:
+        """Take note that the block has returned."""
+        raise ended
+
+    def after(self) -> Sequence[Any]:
+        """Return what names stand for behind it."""
+        return self.values
+
+
+class Written(Chosen):
+    """A loop over values that are known when the procedure is built: its body is written out."""
+
+
+class Block:
+    """A part of a procedure under a condition: the names that it sets are variables, or missing behind it."""
+
+    where = ""
+
+    def __init__(self, tracer: Names) -> None:
+        self.tracer = tracer
+        self.names: Sequence[str] = ()
+        self.before: Sequence[Any] = ()
+        self.outer: list[Variable] = tracer.handed
+        self.lost: set[int] = set()
+        self.has_ended = False
+
+    def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
+        """Return what names stand for inside."""
+        self.names = names
+        self.outer = self.tracer.handed
+        pairs = zip(names, values, strict=True)
+        known = [Missing(name) if name in anew and value not in self.outer else value for name, value in pairs]
+        self.before = [self.tracer.varied(name, value) for name, value in zip(names, known, strict=True)]
+        self.tracer.handed = [*self.outer, *(value for value in self.before if isinstance(value, Variable))]
+        return self.before
+
+    def ended(self, ended: Exception) -> None:
+        """Take note that the block has returned."""
+        self.has_ended = True
+
+    def close(self, *values: Any) -> Sequence[Any]:
+        """Note which names have been set here; return what they stood for before."""
+        for i, (old, new) in enumerate(zip(self.before, values, strict=True)):
+            if old is not new:
+                self.lost.add(i)
+        return self.before
+
+    def after(self) -> Sequence[Any]:
+        """Return what names stand for behind it."""
+        self.tracer.handed = self.outer
+        pairs = zip(self.names, self.before, strict=True)
+        return [Missing(name, self.where) if i in self.lost else old for i, (name, old) in enumerate(pairs)]
+
+
+class Loop(Block):
+    """A loop whose body is built once."""
+
+    where = "behind the loop that sets it"
+
+    def __init__(self, tracer: Names, enter: Callable[[], Any]) -> None:
+        super().__init__(tracer)
+        self.enter = enter
+
+    def __iter__(self) -> Iterator[Any]:
+        with self.enter() as index:
+            yield index
+
+
+class Repeat(Loop):
+    """A loop while a condition holds."""
+
+    def times(self, test: Callable[[], Any]) -> Iterator[None]:
+        """Return the iterations of a `while`."""
+        p = self.tracer.p
+
+        def condition() -> Flag:
+            made = test()
+            if isinstance(made, Value):
+                return self.tracer.is_flag(made)
+            return Flag.of(self.tracer.number(bool(made), FLAG, "a condition"))
+
+        with p.repeat(condition):
+            yield None
+
+
+class Spliced(Loop):
+    """The values that an inline generator yields: its statements stand around those of the body."""
+
+    def __init__(self, tracer: Names, values: Iterator[Any]) -> None:
+        super().__init__(tracer, lambda: None)
+        self.values = values
+
+    def __iter__(self) -> Iterator[Any]:
+        return self.values
+
+
+class Branches(Block):
+    """Two branches under a condition that is known at run time."""
+
+    where = "behind the branch that sets it"
+
+    def __init__(self, tracer: Names, condition: Value, likely: bool | None) -> None:
+        super().__init__(tracer)
+        self.condition, self.likely = condition, likely
+        self.bodies: list[list[Statement]] = []
+        self.ways: list[Sequence[Any] | None] = []
+        """What the names stand for at the end of each branch; None if it ended the procedure."""
+
+    def __iter__(self) -> Iterator[bool]:
+        for way in (True, False):
+            self.has_ended = False
+            with self.tracer.p.block() as body:
+                yield way
+            self.bodies.append(body)
+
+    def close(self, *values: Any) -> Sequence[Any]:
+        """Take what names stand for at the end; return what they stand for next."""
+        self.ways.append(None if self.has_ended else values)
+        return super().close(*values) if not self.has_ended else self.before
+
+    def after(self) -> Sequence[Any]:
+        """Add the statement; a name that all branches set first becomes a variable in front of it."""
+        found = list(super().after())
+        ways = [(body, way) for body, way in zip(self.bodies, self.ways, strict=True) if way is not None]
+        for i in sorted(self.lost):
+            values = [way[i] for _, way in ways]
+            if all(value is values[0] for value in values) and not isinstance(values[0], (Value, Variable)):
+                found[i] = values[0]
+            elif (kind := common_kind(values)) is not None:
+                found[i] = self.joined(self.names[i], kind, [(body, way[i]) for body, way in ways])
+        self.tracer.p.add(When(self.condition.ref, tuple(self.bodies[0]), tuple(self.bodies[1]), self.likely))
+        if not ways:
+            raise Ended
+        return found
+
+    def joined(self, name: str, kind: Kind, ways: Sequence[tuple[list[Statement], Any]]) -> Variable:
+        """Return the variable that each branch sets at its end."""
+        tracer = self.tracer
+        variable = tracer.p.variable(ZERO[kind], name)
+        for body, value in ways:
+            with tracer.resumed(body):
+                number = tracer.number(tracer.read(value), kind, f"`{name}`")
+                tracer.p.add(Set(variable.ref, number.ref))
+        return variable
+
+
+class Each(Block):
+    """A loop whose iterations may run in any order."""
+
+    where = "behind the `each` that sets it"
+
+    def __init__(self, tracer: Names, count: Value, options: Mapping[str, Any], *, disjoint: bool) -> None:
+        super().__init__(tracer)
+        self.count, self.options, self.disjoint = count, options, disjoint
+        self.folds: dict[int, tuple[str, Folded]] = {}
+        self.index: Value | None = None
+        self.visits: list[tuple[int, int, bool, bool]] = []
+        """The whole array, the part, whether at the index itself and whether written, of each access."""
+
+    def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
+        """Return what names stand for inside."""
+        for name, value in zip(names, values, strict=True):
+            if not isinstance(value, Missing):
+                raise Error(f"`{name}` is set by an `each` and read by the next iteration or behind it: use `range`.")
+        self.names, self.before = names, values
+        return values
+
+    def __iter__(self) -> Iterator[Any]:
+        with self.tracer.p.each(self.count, **self.options) as index:
+            self.tracer.iterations, self.index = self, index
+            try:
+                yield index
+            finally:
+                self.tracer.iterations = None
+        self.check()
+
+    def ended(self, ended: Exception) -> None:
+        """Take note that the block has returned."""
+        raise Error("an iteration of an `each` returns: use `range`.")
+
+    def visit(self, array: Memory, place: Value, *, stored: bool) -> None:
+        """Note an access to an array."""
+        assert self.index is not None
+        own = place.ref == self.index.ref
+        if stored and not own:
+            raise Error("an iteration of an `each` writes at its own index only: use `range`.")
+        self.visits.append((self.tracer.root(array), array.ref, own, stored))
+
+    def check(self) -> None:
+        """Refuse parts of one array of which one is written, unless they are said to be disjoint."""
+        written = {root: part for root, part, _, stored in self.visits if stored}
+        for root, part, own, _ in self.visits:
+            if not self.disjoint and root in written and (part != written[root] or not own):
+                raise Error(
+                    "iterations of an `each` read or write other parts of an array that they write: use `range`, or "
+                    "say each(n, disjoint=True) if the parts do not overlap."
+                )
+
+    def fold(self, slot: int, function: Any, *values: Any) -> None:
+        """Add a value to a reduction."""
+        op = function if isinstance(function, str) else REDUCTIONS.get(function)
+        if op is None or len(values) != (2 if op == "dot" else 1):
+            raise Error(f"`{getattr(function, '__name__', function)}` is no reduction of an `each`.")
+        p, (value, *others) = self.tracer.p, [self.tracer.number(one, REAL, "a value of a reduction") for one in values]
+        made = {
+            "add": lambda: p.sum(real(value)),
+            "dot": lambda: p.dot(real(value), real(others[0])),
+            "most": lambda: p.largest(real(value), numbers=True),
+            "least": lambda: p.largest(-real(value), numbers=True),
+            "max": lambda: p.largest(real(value)),
+            "magnitude": lambda: p.largest_magnitude(real(value)),
+        }[op]()
+        self.folds[slot] = op, made
+
+    def folded(self, slot: int, first: Any) -> Any:
+        """Return a reduction, with the first value of its name."""
+        tracer = self.tracer
+        op, made = self.folds[slot]
+        value = made.value
+        neutral = {"add": 0.0, "dot": 0.0, "most": -math.inf, "max": -math.inf}.get(op)
+        if not isinstance(first, Value) and first == neutral:
+            return value
+        if op in ("add", "dot"):
+            return first + value
+        if op == "least":
+            return tracer.extreme(min, (first, -value))
+        if op == "most":
+            return tracer.extreme(max, (first, value))
+        return tracer.p.operation(op, first, value)

@@ -1,0 +1,273 @@
+"""Run a rewritten function on numbers, with the arithmetic of the form: what tests compare all other lives with.
+
+Nothing raises that a processor computes (1/0 is infinite), a sum over an `each` adds in the form's order, and the
+iterations of an `each` run in a shuffled order.
+"""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from lagrange.procedure.form import PARTIAL, Procedure
+from lagrange.procedure.front.kinds import Missing
+from lagrange.procedure.front.vocabulary import OPERATION_OF, REDUCTIONS, record_of
+from lagrange.procedure.interpreter import LARGER, OPERATIONS, Span, run
+
+
+class Returned(Exception):
+    """The function has returned a value."""
+
+    def __init__(self, value: Any) -> None:
+        super().__init__()
+        self.value = value
+
+
+class Exact:
+    """The receiver that computes. `seed` sets the order of iterations; without it they run one after the other."""
+
+    Ended = Returned
+
+    def __init__(self, seed: int | None = None) -> None:
+        self.random = None if seed is None else random.Random(seed)
+
+    def run(self, function: Callable[..., Any], /, *args: Any, **options: Any) -> Any:
+        """Return what a rewritten function returns."""
+        try:
+            function(self, *args, **options)
+        except Returned as returned:
+            return returned.value
+        return None
+
+    def missing(self, name: str) -> Missing:
+        """Return what a name stands for that has no value yet."""
+        return Missing(name)
+
+    def read(self, value: Any) -> Any:
+        """Return what a name stands for."""
+        assert not isinstance(value, Missing), f"{value.name} is read before it is set"
+        return value
+
+    def assign(self, before: Any, name: str, value: Any) -> Any:
+        """Return what a name stands for once it is set to a value."""
+        return value
+
+    def named(self, name: str, value: Any) -> Any:
+        """Return a value; a procedure keeps its name for printed code."""
+        return value
+
+    def unpacked(self, value: Any, count: int) -> Any:
+        """Return the values of a tuple."""
+        return value
+
+    def note(self, said: str) -> None:
+        """Comments do nothing."""
+
+    def leave(self, value: Any) -> None:
+        """Return from the procedure."""
+        raise Returned(value)
+
+    # --- control flow
+
+    def branches(self, test: Any) -> Ways:
+        """Return the branches of a condition."""
+        return Ways([bool(test)])
+
+    def loop(self, *bounds: int) -> Ways:
+        """Return the loop of `range`."""
+        return Ways(range(*bounds))
+
+    def sequence(self, values: Any) -> Ways:
+        """Return the loop over a tuple, or over what an inline generator yields."""
+        return Ways(values)
+
+    def repeat(self) -> Ways:
+        """Return the loop of a `while`."""
+        return Ways(())
+
+    def each(self, count: int, **options: Any) -> Iterations:
+        """Return the loop of an `each`."""
+        order = list(range(count))
+        if self.random is not None:
+            self.random.shuffle(order)
+        return Iterations(order)
+
+    # --- operations
+
+    def divide(self, a: Any, b: Any) -> Any:
+        """Return a / b."""
+        return OPERATIONS["div"](a, b)
+
+    def floor_divide(self, a: Any, b: Any) -> Any:
+        """Return a // b."""
+        return a // b
+
+    def remainder(self, a: Any, b: Any) -> Any:
+        """Return a % b."""
+        return a % b
+
+    def power(self, a: Any, b: Any) -> Any:
+        """Return a ** b."""
+        return OPERATIONS["power"](float(a), float(b))
+
+    def equal(self, a: Any, b: Any) -> bool:
+        """Return a == b."""
+        return bool(a == b)
+
+    def differ(self, a: Any, b: Any) -> bool:
+        """Return a != b."""
+        return bool(a != b)
+
+    def opposite(self, condition: Any) -> bool:
+        """Return the opposite of a condition."""
+        return not condition
+
+    def both(self, left: Any, right: Callable[[], Any]) -> Any:
+        """Return `left and right`."""
+        return left and right()
+
+    def either(self, left: Any, right: Callable[[], Any]) -> Any:
+        """Return `left or right`."""
+        return left or right()
+
+    def choose(self, test: Any, then: Callable[[], Any], otherwise: Callable[[], Any]) -> Any:
+        """Return one value or the other."""
+        return then() if test else otherwise()
+
+    # --- memory
+
+    def item(self, owner: Any, place: Any) -> Any:
+        """Return an element."""
+        value = owner[place]
+        return value.item() if isinstance(value, np.generic) else value
+
+    def part(self, owner: Any, lower: Any, upper: Any) -> Any:
+        """Return the part of an array from a place on."""
+        if isinstance(owner, Span):
+            return owner.part(lower or 0)
+        return owner[lower:upper]
+
+    def store(self, owner: Any, place: Any, value: Any) -> None:
+        """Set an element."""
+        owner[place] = value
+
+    def write(self, owner: Any, field: str, value: Any) -> None:
+        """Set a field of a record."""
+        setattr(owner, field, value)
+
+    def copy(self, target: Any, lower: Any, upper: Any, source: Any, first: Any, last: Any) -> None:
+        """Copy a part of an array to a part of another."""
+        for i in range(upper - (lower or 0)):
+            target[(lower or 0) + i] = source[(first or 0) + i]
+
+    def fill(self, target: Any, lower: Any, upper: Any, value: Any) -> None:
+        """Set each element of a part of an array."""
+        for i in range(lower or 0, upper):
+            target[i] = value
+
+    # --- calls
+
+    def local(self, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Return a function that is stated inside another."""
+        return function
+
+    def call(self, function: Any, /, *args: Any, **options: Any) -> Any:
+        """Return what a function gives."""
+        if isinstance(function, Procedure):
+            results = run(function, *args)
+            return results[0] if len(results) == 1 else results or None
+        if hasattr(function, "computed"):
+            return function.computed(self, *args, **options)
+        stated = record_of(function)
+        if stated is not None:
+            return stated.structure()
+        if function in OPERATION_OF:
+            return OPERATIONS[OPERATION_OF[function]](*args)
+        return function(*args, **options)
+
+
+class Ways:
+    """The values that a loop runs over, or the branch that is taken."""
+
+    def __init__(self, values: Any) -> None:
+        self.source = values
+        self.values: Sequence[Any] = ()
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.source)
+
+    def times(self, test: Callable[[], Any]) -> Iterator[None]:
+        """Return the iterations of a `while`."""
+        while test():
+            yield None
+
+    def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
+        """Return what names stand for inside."""
+        self.values = values
+        return values
+
+    def close(self, *values: Any) -> Sequence[Any]:
+        """Take what names stand for at the end; return what they stand for next."""
+        self.values = values
+        return values
+
+    def ended(self, ended: Exception) -> None:
+        """Take note that the block has returned."""
+        raise ended
+
+    def after(self) -> Sequence[Any]:
+        """Return what names stand for behind it."""
+        return self.values
+
+
+class Iterations(Ways):
+    """An `each`: what its iterations set is forgotten, and reductions are computed at the end."""
+
+    def __init__(self, order: Sequence[int]) -> None:
+        super().__init__(order)
+        self.index = 0
+        self.folds: dict[int, tuple[str, dict[int, tuple[float, ...]]]] = {}
+        self.first: Sequence[Any] = ()
+
+    def __iter__(self) -> Iterator[int]:
+        for index in self.source:
+            self.index = index
+            yield index
+
+    def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
+        """Return what names stand for inside."""
+        self.first = values
+        return super().open(names, anew, *values)
+
+    def close(self, *values: Any) -> Sequence[Any]:
+        """Take what names stand for at the end; return what they stand for next."""
+        return self.first
+
+    def fold(self, slot: int, function: Any, *values: float) -> None:
+        """Add a value to a reduction."""
+        op = function if isinstance(function, str) else REDUCTIONS[function]
+        self.folds.setdefault(slot, (op, {}))[1][self.index] = values
+
+    def folded(self, slot: int, first: float) -> float:
+        """Return a reduction, with the first value of its name."""
+        if slot not in self.folds:
+            return first
+        op, by_index = self.folds[slot]
+        values = [by_index[i] for i in sorted(by_index)]
+        if op in ("add", "dot"):
+            sums = [0.0] * PARTIAL
+            for i, given in enumerate(values):
+                before = sums[i % PARTIAL]
+                sums[i % PARTIAL] = before + given[0] if op == "add" else OPERATIONS["fma"](*given, before)
+            return first + ((sums[0] + sums[1]) + (sums[2] + sums[3]))
+        sign = -1.0 if op == "least" else 1.0
+        result = 0.0 if op == "magnitude" else -math.inf
+        for (value,) in values:
+            result = LARGER["most" if op == "least" else op](result, sign * value)
+        if op in ("most", "least"):
+            return LARGER["most"](sign * first, result) * sign
+        return LARGER[op](first, result)

@@ -1,0 +1,101 @@
+"""What stands for numbers while a procedure is built: their kinds, words for messages, and names without a value."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from lagrange.errors import LagrangeError
+from lagrange.procedure.builder import GivenFunction
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
+from lagrange.procedure.values import Fields, Memory, Real, Value, Variable, Whole
+
+ZERO: Mapping[Kind, Any] = {REAL: 0.0, WHOLE: 0, FLAG: False}
+
+
+class Ended(Exception):
+    """The block that is being built has ended with the results of the procedure."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Missing:
+    """What a name stands for before it is set, or behind the branch or loop that set it first."""
+
+    name: str
+    where: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Weighed:
+    """A condition that is likely, or unlikely, to hold."""
+
+    condition: Any
+    likely: bool
+
+
+class Error(LagrangeError):
+    """An error without its place; the front end adds file and line."""
+
+
+def leaves(value: Any) -> Iterator[Any]:
+    """Return the arguments that a bundle stands for, in the order of its fields."""
+    if value is None:
+        return
+    if isinstance(value, (tuple, list)):
+        for one in value:
+            yield from leaves(one)
+    elif dataclasses.is_dataclass(value) and not isinstance(value, type):
+        for field in dataclasses.fields(value):
+            yield from leaves(getattr(value, field.name))
+    else:
+        yield value
+
+
+def is_dynamic(value: Any) -> bool:
+    """Whether a value, or a part of it, is known at run time only."""
+    if isinstance(value, (tuple, list)):
+        return any(map(is_dynamic, value))
+    return isinstance(value, (Value, Memory, Fields, GivenFunction))
+
+
+def kind_of(value: Any) -> Kind | None:
+    """Return the kind of a number, known now or at run time, or None."""
+    if isinstance(value, (Value, Variable)):
+        return value.kind
+    for python, kind in ((bool, FLAG), (int, WHOLE), (float, REAL)):
+        if isinstance(value, python):
+            return kind
+    return None
+
+
+def common_kind(values: Sequence[Any]) -> Kind | None:
+    """Return the kind that numbers have in common: whole numbers of Python beside a real are reals."""
+    kinds = {kind_of(value) for value in values}
+    if kinds == {REAL, WHOLE} and not any(isinstance(value, Whole) for value in values):
+        return REAL
+    return kinds.pop() if len(kinds) == 1 else None
+
+
+def real(value: Value) -> Real:
+    """Return a value that is a real."""
+    assert isinstance(value, Real)
+    return value
+
+
+_NAMES = {REAL: "a real", WHOLE: "a whole number", FLAG: "a flag"}
+
+
+def named_kind(kind: Kind) -> str:
+    """Return words for a kind in a message."""
+    return _NAMES[kind]
+
+
+def described(value: Any) -> str:
+    """Return words for a value in a message."""
+    kind = kind_of(value)
+    if kind is not None:
+        return named_kind(kind)
+    if isinstance(value, Memory):
+        return "an array"
+    return "nothing" if value is None else f"an object of type {type(value).__name__}"

@@ -1,0 +1,148 @@
+"""Which names a branch or a loop hands on: those that it sets, and that are read behind it or in its next iteration.
+
+Only these may have to be variables of a procedure; every other name is a value inside its block.
+Source: A. V. Aho et al., Compilers, 2nd ed., 2006, section 9.2.5 (live variables), on a syntax tree.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from typing import NamedTuple
+
+Names = frozenset[str]
+NOTHING: Names = frozenset()
+
+
+class Carried(NamedTuple):
+    """The names that a branch or loop hands on."""
+
+    on: Names
+    anew: Names = NOTHING
+    """Those of them that all branches set: what they stood for before does not matter."""
+
+    across: Names = NOTHING
+    """Names that one branch sets, and the other reads before it sets them."""
+
+
+def carried(body: Sequence[ast.stmt]) -> Mapping[ast.stmt, Carried]:
+    """Return the names that each branch and loop of a function hands on."""
+    kept = frozenset(name for statement in body for name in mentions(statement).later)
+    found: dict[ast.stmt, Carried] = {}
+    _Walk(kept, found).block(body, kept)
+    return found
+
+
+class Mentions(NamedTuple):
+    """The names that a node mentions."""
+
+    loaded: Names = NOTHING
+    """Names that are read, or set in place; not those that comprehensions and functions make."""
+
+    stored: tuple[str, ...] = ()
+    """Names that are set, in order; not those of functions and comprehensions inside."""
+
+    later: Names = NOTHING
+    """Names that functions inside read, whenever these are called."""
+
+    returns: bool = False
+    """Whether a `return` stands inside."""
+
+
+@cache
+def mentions(node: ast.AST) -> Mentions:
+    """Return the names that a node mentions."""
+    if isinstance(node, ast.Name):
+        if isinstance(node.ctx, ast.Load):
+            return Mentions(frozenset((node.id,)))
+        return Mentions(stored=(node.id,))
+    inside = [mentions(child) for child in _children(node)]
+    if not inside:
+        return RETURNS if isinstance(node, ast.Return) else EMPTY
+    read = NOTHING.union(*[one.loaded for one in inside])
+    later = NOTHING.union(*[one.later for one in inside])
+    names = tuple(dict.fromkeys([name for one in inside for name in one.stored]))
+    match node:
+        case ast.ListComp() | ast.GeneratorExp():
+            return Mentions(read - frozenset(names), (), later)
+        case ast.Lambda():
+            read -= {arg.arg for arg in node.args.args}
+            return Mentions(read, (), later | read)
+        case ast.FunctionDef():
+            read -= {arg.arg for arg in node.args.args}
+            return Mentions(read, (node.name,), later | read)
+        case ast.AugAssign(target=ast.Name(id=name)):
+            read |= {name}
+    return Mentions(read, names, later, isinstance(node, ast.Return) or any(one.returns for one in inside))
+
+
+EMPTY, RETURNS = Mentions(), Mentions(returns=True)
+LEAVES = ("ctx", "op", "ops", "annotation", "returns")
+"""Fields of nodes without names of the run."""
+
+
+def _children(node: ast.AST) -> Iterator[ast.AST]:
+    """Return the nodes inside a node that may have names."""
+    for field in node._fields:
+        if field not in LEAVES:
+            value = getattr(node, field, None)
+            if isinstance(value, ast.AST):
+                yield value
+            elif isinstance(value, list):
+                for one in value:
+                    if isinstance(one, ast.AST):
+                        yield one
+
+
+def loaded(nodes: Iterable[ast.AST]) -> Names:
+    """Return the names that are read in nodes; see `Mentions.loaded`."""
+    return NOTHING.union(*[mentions(node).loaded for node in nodes])
+
+
+def stored(nodes: Iterable[ast.AST]) -> list[str]:
+    """Return the names that nodes set; see `Mentions.stored`."""
+    return list(dict.fromkeys([name for node in nodes for name in mentions(node).stored]))
+
+
+class _Walk:
+    """Walks a function from its end. `kept` are names that functions inside read at any time."""
+
+    def __init__(self, kept: Names, found: dict[ast.stmt, Carried]) -> None:
+        self.kept, self.found = kept, found
+
+    def block(self, body: Sequence[ast.stmt], live: Names) -> Names:
+        """Return the names that are live in front of a block, for those that are behind it."""
+        for statement in reversed(body):
+            live = self.statement(statement, live)
+        return live
+
+    def statement(self, s: ast.stmt, live: Names) -> Names:
+        match s:
+            case ast.If(test=test, body=body, orelse=orelse):
+                otherwise = self.block(orelse, live)
+                front = self.block(body, live) | otherwise
+                on = frozenset(stored([s])) & live
+                self.found[s] = Carried(on, on - front, frozenset(stored(body)) & otherwise - live)
+                return loaded([test]) | front
+            case ast.For(target=target, iter=iterable, body=body):
+                targets = frozenset(stored([target]))
+                return loaded([iterable]) | self.loop(s, body, live, loaded([target]), targets)
+            case ast.While(test=test, body=body):
+                return self.loop(s, body, live, loaded([test]), NOTHING)
+            case ast.Return(value=value):
+                return loaded([value]) | self.kept if value is not None else self.kept
+            case ast.FunctionDef(name=name):
+                return live - {name} | self.kept
+        return (live - frozenset(stored([s]))) | loaded([s]) | self.kept
+
+    def loop(self, s: ast.stmt, body: Sequence[ast.stmt], behind: Names, read: Names, targets: Names) -> Names:
+        """Return what is live in front of a loop: what is behind it, or in an iteration."""
+        live = behind | read
+        while True:
+            before = self.block(body, live) - targets
+            if before <= live:
+                break
+            live |= before
+        self.found[s] = Carried(frozenset(stored([s])) & live)
+        return live

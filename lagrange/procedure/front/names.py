@@ -1,0 +1,113 @@
+"""Names and numbers while a procedure is built: a number that is set again becomes a variable."""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import REAL, WHOLE, Kind, Statement
+from lagrange.procedure.front.kinds import Error, Missing, Weighed, common_kind, described, kind_of, named_kind
+from lagrange.procedure.values import Flag, Memory, Value, Variable
+
+
+class Names:
+    """The part of a receiver that knows what names stand for."""
+
+    def __init__(self, p: Builder, results: Sequence[Kind]) -> None:
+        self.p, self.results = p, results
+        self.iterations: Any = None
+        self.roots: dict[int, int] = {}
+        """The whole array of each part."""
+        self.handed: list[Variable] = []
+        """The variables of branches and loops that are open: behind these, a name that is set is a new value."""
+
+        self.unnamed = {parameter.ref for parameter in p.parameters}
+
+    # --- names
+
+    def missing(self, name: str) -> Missing:
+        """Return what a name stands for that has no value yet."""
+        return Missing(name)
+
+    def read(self, value: Any) -> Any:
+        """Return what a name that may be a variable stands for."""
+        if isinstance(value, Variable):
+            return value.value
+        if isinstance(value, Missing):
+            raise Error(f"`{value.name}` is read {value.where or 'before it is set'}: give it a first value in front.")
+        return value
+
+    def assign(self, before: Any, name: str, value: Any) -> Any:
+        """Return what a name stands for that is set to a value: the variable that it was, or the value."""
+        if isinstance(before, Variable) and before in self.handed:
+            before.value = self.number(value, before.kind, f"`{name}`")
+            return before
+        return self.named(name, value)
+
+    def named(self, name: str, value: Any) -> Any:
+        """Return a value; a procedure keeps its name for printed code."""
+        if isinstance(value, (Value, Memory)) and value.ref not in self.p.names and value.ref not in self.unnamed:
+            self.p.names[value.ref] = name
+        return value
+
+    def number(self, value: Any, kind: Kind, what: str) -> Value:
+        """Return a number as a value of a kind; a whole number of Python may be a real."""
+        if isinstance(value, Weighed):
+            value = value.condition
+        found = kind_of(value)
+        if found is None:
+            raise Error(f"{what} is a number; {described(value)} is given.")
+        if isinstance(value, Value):
+            if found is not kind:
+                instead = {(REAL, WHOLE): ": write float(n)", (WHOLE, REAL): ": write int(x)"}.get((kind, found), "")
+                raise Error(f"{what} is {named_kind(kind)}, and {named_kind(found)} is given{instead}.")
+            return value
+        if found is not kind and (kind, found) != (REAL, WHOLE):
+            raise Error(f"{what} is {named_kind(kind)}, and {value!r} is given.")
+        made: Value = self.p.constant(int(value) if isinstance(value, enum.IntEnum) else value, kind)
+        return made
+
+    def unpacked(self, value: Any, count: int) -> Sequence[Any]:
+        """Return the values of a tuple."""
+        if not isinstance(value, (tuple, list)) or len(value) != count:
+            raise Error(f"{count} values are expected; {described(value)} is given.")
+        return value
+
+    def varied(self, name: str, value: Any) -> Any:
+        """Return a name's number as a variable, for a branch or loop that sets it."""
+        return value if isinstance(value, Variable) or kind_of(value) is None else self.p.variable(value, name)
+
+    def note(self, said: str) -> None:
+        """Keep a comment."""
+        self.p.note(said)
+
+    def is_flag(self, value: Any) -> Flag:
+        """Return a condition. Raises Error if it is none."""
+        if not isinstance(value, Flag):
+            raise Error(f"a condition is true or false; {described(value)} is given: compare it.")
+        return value
+
+    def root(self, array: Memory) -> int:
+        """Return the whole array that a part belongs to."""
+        return self.roots.get(array.ref, array.ref)
+
+    @contextmanager
+    def resumed(self, body: list[Statement]) -> Iterator[None]:
+        """Add statements to a block that has been built."""
+        with self.p.block() as more:
+            yield
+        body.extend(more)
+
+    def extreme(self, function: Any, args: Sequence[Any]) -> Any:
+        """Return Python's `max` or `min`: the first argument unless a later one is beyond it."""
+        kind = common_kind(args)
+        if kind not in (REAL, WHOLE):
+            raise Error(f"`{function.__name__}` takes numbers of one kind.")
+        best, *others = [self.number(arg, kind, f"an argument of `{function.__name__}`") for arg in args]
+        for one in others:
+            pair = (best, one) if function is max else (one, best)
+            best = self.p.choose(self.p.operation("less", *pair), one, best)
+        return best

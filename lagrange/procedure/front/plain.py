@@ -1,0 +1,294 @@
+"""Declare a plain Python function as a procedure, or as a function that is written into its callers."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import inspect
+import sys
+import threading
+import traceback
+import typing
+from collections.abc import Callable, Hashable, Mapping
+from contextlib import suppress
+from functools import cached_property
+from types import CodeType, FunctionType, MethodType
+from typing import Any, Concatenate, Generic, ParamSpec, TypeVar, overload
+
+from lagrange.errors import LagrangeError
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import WHOLE, Array, Callee, Kind, Procedure, Record, Type
+from lagrange.procedure.front.building import Tracer
+from lagrange.procedure.front.executing import Exact
+from lagrange.procedure.front.kinds import Ended, Error, is_dynamic, leaves
+from lagrange.procedure.front.rewriting import Rewriter, as_module
+from lagrange.procedure.front.source import FILES, source_of
+from lagrange.procedure.front.vocabulary import KINDS, record_of
+
+Args = ParamSpec("Args")
+Result = TypeVar("Result")
+Owner = TypeVar("Owner")
+Rest = ParamSpec("Rest")
+
+_BUILDING = threading.RLock()
+"""One lock for all procedures: what is built builds what it calls."""
+
+Stated = Type | tuple["Stated", ...] | type | None
+"""The type of a parameter: of a number, an array, a record, a function, a bundle (a dataclass), several, or nothing."""
+
+
+class Located(LagrangeError):
+    """An error with the file and the line of the function that it comes from."""
+
+
+class Written(Generic[Args, Result]):
+    """A plain function that a receiver can run; called as it stands, it is the function."""
+
+    inlined = False
+
+    def __init__(self, function: Callable[Args, Result]) -> None:
+        self.function: Any = function
+        self.__doc__, self.__name__ = function.__doc__, function.__name__
+        self.__wrapped__ = function
+        self.signature = inspect.signature(function)
+
+    def __call__(self, *args: Args.args, **kwargs: Args.kwargs) -> Result:
+        result: Result = self.function(*args, **kwargs)
+        return result
+
+    def exactly(self, /, *args: Any, seed: int | None = None, **kwargs: Any) -> Any:
+        """Return what the function returns in the arithmetic of the form; see `executing`."""
+        return self.computed(Exact(seed), *args, **kwargs)
+
+    def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
+        """Return what the function returns to a receiver that computes."""
+        return exact.run(self.rewritten, **self.bound(args, kwargs))
+
+    def bound(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> dict[str, Any]:
+        """Return every argument by name, and the free names of the function."""
+        try:
+            given = self.signature.bind(*args, **kwargs)
+        except TypeError as error:
+            raise Error(f"{self.__name__}: {error}.") from None
+        given.apply_defaults()
+        cells = self.function.__closure__ or ()
+        free = {name: cell.cell_contents for name, cell in zip(self.function.__code__.co_freevars, cells, strict=True)}
+        return {**given.arguments, **free}
+
+    @cached_property
+    def rewritten(self) -> Callable[..., Any]:
+        """The function of a receiver; see `rewriting`."""
+        function: FunctionType = self.function
+        tree = Rewriter(source_of(function), inlined=self.inlined).function(function.__code__.co_freevars)
+        code = compile(as_module(tree), function.__code__.co_filename, "exec").co_consts[0]
+        assert isinstance(code, CodeType)
+        return FunctionType(code, function.__globals__)
+
+
+class Inline(Written[Args, Result]):
+    """A function that is written into its callers: it may take and return anything, and `yield` to a loop."""
+
+    inlined = True
+
+    @overload
+    def __get__(self, owner: None, kind: type) -> Inline[Args, Result]: ...
+    @overload
+    def __get__(self: Inline[Concatenate[Owner, Rest], Result], owner: Owner, kind: type) -> Callable[Rest, Result]: ...
+    def __get__(self, owner: Any, kind: type) -> Any:
+        return self if owner is None else _Method(self, owner)
+
+    def traced(self, tracer: Tracer, /, *args: Any, **kwargs: Any) -> Any:
+        """Return what the function returns, with its statements in the present block."""
+        return self.rewritten(tracer, **self.bound(args, kwargs))
+
+    def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
+        """Return what the function returns to a receiver that computes."""
+        return self.rewritten(exact, **self.bound(args, kwargs))
+
+
+class _Method:
+    """An inline function of an object."""
+
+    def __init__(self, inline: Inline[Any, Any], owner: Any) -> None:
+        self.inline, self.owner = inline, owner
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Any:
+        return MethodType(self.inline, self.owner)(*args, **kwargs)
+
+    def traced(self, tracer: Tracer, /, *args: Any, **kwargs: Any) -> Any:
+        return self.inline.traced(tracer, self.owner, *args, **kwargs)
+
+    def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
+        """Return what the function returns to a receiver that computes."""
+        return self.inline.computed(exact, self.owner, *args, **kwargs)
+
+
+class Plain(Written[Args, Result]):
+    """A procedure as a plain function. Parameters behind `*` are known when it is built: `form(**known)`."""
+
+    def __init__(
+        self, function: Callable[Args, Result], *, apart: bool, types: Mapping[str, Callable[..., Any]]
+    ) -> None:
+        super().__init__(function)
+        self.apart, self.types = apart, types
+        parameters = self.signature.parameters.values()
+        self.known = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
+        self._forms: dict[Hashable, Procedure] = {}
+
+    def form(self, **known: Any) -> Procedure:
+        """Return the procedure for what is known, which is built once."""
+        missing = [name for name in self.known if name not in known and self._default(name) is inspect.Parameter.empty]
+        unknown = [name for name in known if name not in self.known]
+        if missing or unknown:
+            wrong = f"{', '.join(missing)} is missing" if missing else f"{', '.join(unknown)} is not known to it"
+            names = ", ".join(self.known) or "nothing"
+            raise LagrangeError(f"procedure {self.__name__} is built for {names}: {wrong}.")
+        values = {name: known.get(name, self._default(name)) for name in self.known}
+        key = tuple((type(value), value) for value in values.values())
+        if key not in self._forms:
+            with _BUILDING:
+                if key not in self._forms:
+                    self._forms[key] = self._build(values)
+        return self._forms[key]
+
+    def _default(self, name: str) -> Any:
+        return self.signature.parameters[name].default
+
+    def traced(self, tracer: Tracer, /, *args: Any, **kwargs: Any) -> Any:
+        """Return the results of a call."""
+        given = self.bound(args, kwargs)
+        known = {name: given.pop(name) for name in self.known}
+        late = [name for name, value in known.items() if is_dynamic(value)]
+        if late:
+            raise Error(f"{late[0]} of {self.__name__} is known when it is built; a value of the run is given.")
+        for name in self.function.__code__.co_freevars:
+            given.pop(name)
+        return tracer.call_procedure(self.form(**known), [leaf for value in given.values() for leaf in leaves(value)])
+
+    def _build(self, known: Mapping[str, Any]) -> Procedure:
+        hints = typing.get_type_hints(self.function, include_extras=True)
+        about = inspect.getdoc(self.function) or ""
+        p = Builder(self.__name__ + _suffix(known), about.split("\n\n")[0].replace("\n", " "), apart=self.apart)
+        scope: dict[str, Any] = dict(known)
+        for name in self.signature.parameters:
+            if name not in known:
+                scope[name] = _parameter(p, name, self._type(name, hints, known))
+        results = results_of(hints.get("return", type(None)))
+        tracer = Tracer(p, results)
+        given, rewritten = self.bound((), scope), self.rewritten
+        try:
+            with suppress(Ended):
+                rewritten(tracer, **given)
+        except (LagrangeError, TypeError, AttributeError, ValueError, LookupError, NameError, ArithmeticError) as error:
+            raise self._located(error, p.name) from error
+        return p.finish(*results)
+
+    def _type(self, name: str, hints: Mapping[str, Any], known: Mapping[str, Any]) -> Stated:
+        """Return the type of a parameter: as the decorator states it for what is known, or as annotated."""
+        if name in self.types:
+            stated = self.types[name]
+            made: Stated = stated(**{one: known[one] for one in inspect.signature(stated).parameters})
+            return made
+        if name not in hints:
+            raise LagrangeError(f"procedure {self.__name__}: the parameter {name} has no type.")
+        return type_of(hints[name])
+
+    def _located(self, error: Exception, name: str) -> Located:
+        """Return an error with the file and the line of the function that it comes from."""
+        if isinstance(error, Located):
+            return error
+        frames = traceback.extract_tb(error.__traceback__)
+        own = [frame for frame in frames if frame.filename in FILES]
+        line = f"{own[-1].filename}, line {own[-1].lineno}: `{own[-1].line}`: " if own else ""
+        said = str(error).removeprefix(f"procedure {name}: ")
+        return Located(f"procedure {name}: {line}{said}")
+
+
+@overload
+def procedure(function: Callable[Args, Result], /) -> Plain[Args, Result]: ...
+@overload
+def procedure(
+    *, apart: bool = False, **types: Callable[..., Any]
+) -> Callable[[Callable[Args, Result]], Plain[Args, Result]]: ...
+def procedure(function: Any = None, /, *, apart: bool = False, **types: Callable[..., Any]) -> Any:
+    """Declare a plain function as a procedure.
+
+    A procedure that stands `apart` is not inlined. `types` give the type of a parameter as a function of what is known
+    when the procedure is built, by the names of those parameters.
+    """
+    if function is not None:
+        return Plain(function, apart=False, types={})
+    return lambda stated: Plain(stated, apart=apart, types=types)
+
+
+def inline(function: Callable[Args, Result]) -> Inline[Args, Result]:
+    """Declare a plain function, a method, or a generator as one that is written into its callers."""
+    return Inline(function)
+
+
+def type_of(annotation: Any) -> Stated:
+    """Return the type that an annotation of a parameter stands for."""
+    if annotation in KINDS:
+        return KINDS[annotation]
+    if isinstance(annotation, (Kind, Array, Record, Callee)):
+        return annotation
+    metadata = getattr(annotation, "__metadata__", ())
+    if metadata and isinstance(metadata[0], Array):
+        return metadata[0]
+    if isinstance(annotation, type):
+        made = record_of(annotation)
+        if made is not None:
+            return made
+        if issubclass(annotation, enum.IntEnum):
+            return WHOLE
+        if dataclasses.is_dataclass(annotation):
+            return annotation
+    if typing.get_origin(annotation) is Callable:
+        parameters, result = typing.get_args(annotation)
+        types = tuple(type_of(one) for one in parameters)
+        return Callee(typing.cast("tuple[Kind | Array, ...]", types), results_of(result))
+    raise LagrangeError(f"{annotation} is no type of a parameter: use float, int, bool, In, Out, a record or a bundle.")
+
+
+def results_of(annotation: Any) -> tuple[Kind, ...]:
+    """Return the kinds of results that a return annotation stands for."""
+    if annotation in (None, type(None)):
+        return ()
+    parts = typing.get_args(annotation) if typing.get_origin(annotation) is tuple else (annotation,)
+    kinds = [type_of(one) for one in parts]
+    return tuple(kind for kind in kinds if isinstance(kind, Kind))
+
+
+def _parameter(p: Builder, name: str, stated: Stated) -> Any:
+    """Return a parameter of a type; a bundle has one for each field, with the name of the bundle in front."""
+    if stated is None:
+        return None
+    if isinstance(stated, tuple):
+        return tuple(_parameter(p, f"{name}_{i}", one) for i, one in enumerate(stated))
+    if isinstance(stated, Record):
+        return p.record(name, stated)
+    if isinstance(stated, Callee):
+        return p.function(name, stated)
+    if isinstance(stated, (Kind, Array)):
+        return p.given(name, stated)
+    hints = typing.get_type_hints(stated, include_extras=True)
+    fields = {one.name: type_of(hints[one.name]) for one in dataclasses.fields(stated)}
+    return stated(**{field: _parameter(p, f"{name}_{field}", one) for field, one in fields.items()})
+
+
+def _suffix(known: Mapping[str, Any]) -> str:
+    """Return what tells the procedures of one function apart by name: numbers, words and options that hold."""
+    parts = []
+    for name, value in known.items():
+        if isinstance(value, bool):
+            parts += [name] if value else []
+        elif isinstance(value, (int, str)):
+            parts.append(str(value).replace("-", "m"))
+        elif isinstance(value, enum.Enum):
+            parts.append(value.name.lower())
+        else:
+            parts += [getattr(value, "procedure_name", "")]
+    return "".join(f"_{part}" for part in parts if part)
+
+
+__all__ = ["Inline", "Plain", "inline", "procedure", "sys"]

@@ -1,0 +1,585 @@
+"""Rewrite the syntax tree of a plain function into a function that says each step to a receiver.
+
+The receiver is the first argument, `_t`: `building.Tracer` makes statements of the form, `executing.Exact` computes.
+What Python can leave to the values themselves (a + b, a < b, attributes) stays as it is. Control flow, names that
+branches and loops set, division, elements of arrays and calls become calls of the receiver:
+
+    if a > b:                         _b0 = _t.branches(a > b)
+        x = 1.0                       x, = _b0.open(("x",), (), x)
+                                      for _w1 in _b0:
+                                          try:
+                                              if _w1:
+                                                  x = _t.assign(x, "x", 1.0)
+                                          except _t.Ended as _e2:
+                                              _b0.ended(_e2)
+                                          x, = _b0.close(x)
+                                      x, = _b0.after()
+
+The tracer runs both branches, each in a block of its own, and a receiver that computes runs one.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Mapping, Sequence
+
+from lagrange.errors import LagrangeError
+from lagrange.procedure.front.liveness import carried, mentions, stored
+from lagrange.procedure.front.source import Source
+
+RECEIVER = "_t"
+LOAD, STORE = ast.Load(), ast.Store()
+LOOPS = (ast.For, ast.While)
+DIRECT = (ast.Add, ast.Sub, ast.Mult, ast.BitAnd, ast.BitOr)
+"""Binary operators that values have themselves."""
+
+BY_RECEIVER: Mapping[type[ast.operator], str] = {
+    ast.Div: "divide",
+    ast.FloorDiv: "floor_divide",
+    ast.Mod: "remainder",
+    ast.Pow: "power",
+}
+EQUALITIES: Mapping[type[ast.cmpop], str] = {ast.Eq: "equal", ast.NotEq: "differ"}
+INSTEAD: Mapping[type[ast.AST], str] = {
+    ast.Break: "`break`: put the condition into the `while`",
+    ast.Continue: "`continue`: put what follows under the opposite condition",
+    ast.Try: "`try`: nothing raises; return a status",
+    ast.Raise: "`raise`: return a status",
+    ast.With: "`with`",
+    ast.Assert: "`assert`: return a status",
+    ast.Global: "`global`: hand the value on as an argument",
+    ast.Nonlocal: "`nonlocal`: return the value",
+    ast.Delete: "`del`",
+    ast.Match: "`match`: use `if`",
+    ast.NamedExpr: "`:=`: assign before the statement",
+    ast.Await: "`await`",
+    ast.Starred: "a starred target: write the names out",
+}
+"""What a plain procedure cannot have, and what to write instead."""
+
+
+def named(name: str) -> ast.expr:
+    """Return an expression that reads a name."""
+    return ast.Name(name, LOAD)
+
+
+def told(method: str, *args: ast.expr, of: str = RECEIVER) -> ast.Call:
+    """Return a call of a method of the receiver, or of what it gave."""
+    return ast.Call(ast.Attribute(named(of), method, LOAD), list(args), [])
+
+
+def text(value: str) -> ast.expr:
+    """Return a constant text."""
+    return ast.Constant(value)
+
+
+def lazily(value: ast.expr) -> ast.expr:
+    """Return a function without arguments that computes an expression."""
+    nothing = ast.arguments(posonlyargs=[], args=[], kwonlyargs=[], kw_defaults=[], defaults=[])
+    return ast.Lambda(nothing, value)
+
+
+def put(target: str, value: ast.expr) -> ast.stmt:
+    """Return an assignment to a name."""
+    return ast.Assign([ast.Name(target, STORE)], value)
+
+
+class Rewriter:
+    """Rewrites one function. `outer` are the names of enclosing functions that may be variables."""
+
+    def __init__(self, source: Source, *, inlined: bool, outer: frozenset[str] = frozenset()) -> None:
+        self.tree, self.comments, self.inlined = source.tree, source.comments, inlined
+        self.body = single_exit(self.tree) if inlined else self.tree.body
+        self.count = 0
+        arguments = self.tree.args
+        self.parameters = [arg.arg for arg in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
+        self.carried = carried(self.body)
+        """The names that each branch and loop hands on."""
+
+        self.own = {name for names in self.carried.values() for name in names.on}
+        self.changing = frozenset(self.own) | (outer - frozenset(self.parameters))
+        """Names that a branch or a loop hands on: they may be variables, or missing."""
+
+        self.scoped: list[frozenset[str]] = []
+        """Names of comprehensions and lambdas that are open."""
+
+    def function(self, free: Sequence[str] = ()) -> ast.FunctionDef:
+        """Return the function of the receiver, of the parameters, and of the free names of the plain one."""
+        first = [] if self.inlined and not free and self.outer_receiver else [RECEIVER]
+        names = [*first, *self.parameters, *free]
+        arguments = ast.arguments(
+            posonlyargs=[],
+            args=[ast.arg(name) for name in names],
+            kwonlyargs=[],
+            kw_defaults=[],
+            defaults=[],
+        )
+        missing = [put(name, told("missing", text(name))) for name in sorted(self.own) if name not in self.parameters]
+        body = [*missing, *self.block(self.body, self.tree.lineno)]
+        return ast.FunctionDef(self.tree.name, arguments, body or [ast.Pass()], [], lineno=self.tree.lineno)
+
+    outer_receiver = False
+
+    def fresh(self) -> str:
+        """Return a name that the function does not have."""
+        self.count += 1
+        return f"_{self.count}"
+
+    def refuse(self, node: ast.AST, what: str) -> LagrangeError:
+        """Return the error for a construct."""
+        line = getattr(node, "lineno", self.tree.lineno)
+        return LagrangeError(f"procedure {self.tree.name}, line {line}: a plain procedure cannot have {what}.")
+
+    # --- statements
+
+    def block(self, body: Sequence[ast.stmt], before: int) -> list[ast.stmt]:
+        """Return the statements for a body that begins behind a line."""
+        made: list[ast.stmt] = []
+        for statement in body:
+            said = [self.comments[line] for line in range(before + 1, statement.lineno) if line in self.comments]
+            before = statement.end_lineno or statement.lineno
+            if said:
+                made.append(ast.Expr(told("note", text(" ".join(said))), lineno=statement.lineno))
+            for one in self.statement(statement):
+                if "lineno" not in one.__dict__:
+                    one.lineno = statement.lineno
+                made.append(one)
+        return made
+
+    def statement(self, s: ast.stmt) -> list[ast.stmt]:
+        """Return the statements for one."""
+        match s:
+            case Handed(value=value):
+                return [ast.Return(self.expression(value) if value is not None else None)]
+            case ast.Expr(value=ast.Constant()) | ast.Pass():
+                return []
+            case ast.Expr(value=ast.Yield(value=value)):
+                return [ast.Expr(ast.Yield(self.expression(value) if value is not None else None))]
+            case ast.Expr(value=value):
+                return [ast.Expr(self.expression(value))]
+            case ast.Assign(targets=targets, value=value):
+                return self.assignment(targets, value)
+            case ast.AnnAssign(target=target, value=value) if value is not None:
+                return self.assignment([target], value)
+            case ast.AugAssign(target=target, op=op, value=value):
+                return self.augmented(target, op, value)
+            case ast.Return(value=value):
+                return [ast.Expr(told("leave", self.expression(value) if value is not None else ast.Constant(None)))]
+            case ast.If():
+                return self.branches(s)
+            case ast.While(test=test, body=body, orelse=[]):
+                head = put(loop := self.fresh(), told("repeat"))
+                return [head, *self.loop(loop, told("times", lazily(self.expression(test)), of=loop), None, s, body)]
+            case ast.For(iter=iterable, orelse=[]):
+                return self.for_loop(s, iterable)
+            case ast.FunctionDef():
+                return self.local_function(s)
+        raise self.refuse(s, INSTEAD.get(type(s), f"`{type(s).__name__.lower()}`"))
+
+    def assignment(self, targets: Sequence[ast.expr], value: ast.expr) -> list[ast.stmt]:
+        """Return an assignment to one or several targets."""
+        if isinstance(targets[0], ast.Subscript) and isinstance(targets[0].slice, ast.Slice):
+            return [ast.Expr(self.copy(targets[0], targets[0].slice, value))]
+        if len(targets) == 1 and isinstance(targets[0], ast.Name):
+            return [self.to_name(targets[0].id, self.expression(value))]
+        held = self.fresh()
+        made = [put(held, self.expression(value))]
+        for target in targets:
+            made += self.to_target(target, named(held))
+        return made
+
+    def to_target(self, target: ast.expr, value: ast.expr) -> list[ast.stmt]:
+        """Return the assignment of a value that is computed."""
+        match target:
+            case ast.Name(id=name):
+                return [self.to_name(name, value)]
+            case ast.Tuple(elts=targets) | ast.List(elts=targets):
+                held = self.fresh()
+                made = [put(held, told("unpacked", value, ast.Constant(len(targets))))]
+                for i, one in enumerate(targets):
+                    made += self.to_target(one, ast.Subscript(named(held), ast.Constant(i), LOAD))
+                return made
+            case ast.Subscript(value=array, slice=place) if not isinstance(place, ast.Slice):
+                return [ast.Expr(told("store", self.expression(array), self.expression(place), value))]
+            case ast.Attribute(value=owner, attr=field):
+                return [ast.Expr(told("write", self.expression(owner), text(field), value))]
+        raise self.refuse(target, INSTEAD.get(type(target), "this target"))
+
+    def to_name(self, name: str, value: ast.expr) -> ast.stmt:
+        """Return the assignment of a value to a name."""
+        if name in self.own:
+            return put(name, told("assign", named(name), text(name), value))
+        return put(name, told("named", text(name), value))
+
+    def copy(self, target: ast.Subscript, place: ast.Slice, value: ast.expr) -> ast.expr:
+        """Return the copy of a part of an array, or the part filled with a number."""
+        here = (self.expression(target.value), self.bound(place.lower), self.bound(place.upper))
+        if isinstance(value, ast.Subscript) and isinstance(value.slice, ast.Slice):
+            there = (self.expression(value.value), self.bound(value.slice.lower), self.bound(value.slice.upper))
+            return told("copy", *here, *there)
+        return told("fill", *here, self.expression(value))
+
+    def bound(self, place: ast.expr | None) -> ast.expr:
+        """Return the expression for a place, or None."""
+        return ast.Constant(None) if place is None else self.expression(place)
+
+    def augmented(self, target: ast.expr, op: ast.operator, value: ast.expr) -> list[ast.stmt]:
+        """Return `target op= value`, with the place of the target computed once."""
+        match target:
+            case ast.Name(id=name):
+                return [self.to_name(name, self.binary(op, self.name(name), self.expression(value)))]
+            case ast.Subscript(value=array, slice=place) if not isinstance(place, ast.Slice):
+                memory, index = self.fresh(), self.fresh()
+                made = self.binary(op, told("item", named(memory), named(index)), self.expression(value))
+                return [
+                    put(memory, self.expression(array)),
+                    put(index, self.expression(place)),
+                    ast.Expr(told("store", named(memory), named(index), made)),
+                ]
+            case ast.Attribute(value=owner, attr=field):
+                held = self.fresh()
+                before = ast.Attribute(named(held), field, LOAD)
+                made = self.binary(op, before, self.expression(value))
+                return [put(held, self.expression(owner)), ast.Expr(told("write", named(held), text(field), made))]
+        raise self.refuse(target, "this target of an assignment in place")
+
+    # --- control flow
+
+    def branches(self, s: ast.If) -> list[ast.stmt]:
+        """Return a condition with its two branches."""
+        ways, which = self.fresh(), self.fresh()
+        chosen = ast.If(
+            named(which),
+            self.block(s.body, s.lineno) or [ast.Pass()],
+            self.block(s.orelse, s.body[-1].end_lineno or s.lineno),
+        )
+        made = self.through(s, ways, named(ways), which, self.handed(s), [chosen])
+        first = put(ways, told("branches", self.expression(s.test)))
+        across = sorted(self.carried[s].across)
+        if not across:
+            return [first, *made]
+        # What one branch sets, the other does not see.
+        kept, loop = self.fresh(), made[1]
+        assert isinstance(loop, ast.For)
+        names = ast.Tuple([ast.Name(name, STORE) for name in across], STORE)
+        loop.body.append(ast.Assign([names], named(kept)))
+        return [first, put(kept, ast.Tuple([named(name) for name in across], LOAD)), *made]
+
+    def for_loop(self, s: ast.For, iterable: ast.expr) -> list[ast.stmt]:
+        """Return a loop over `range`, `each`, or what is known when the procedure is built."""
+        loop = self.fresh()
+        match iterable:
+            case ast.Call(func=ast.Name(id="range"), args=args, keywords=[]):
+                head = put(loop, told("loop", *[self.expression(arg) for arg in args]))
+            case ast.Call(func=ast.Name(id="each"), args=args, keywords=keywords):
+                options = [ast.keyword(one.arg, self.expression(one.value)) for one in keywords]
+                call = told("each", *[self.expression(arg) for arg in args])
+                call.keywords = options
+                return [put(loop, call), *self.iterations(loop, s)]
+            case _:
+                head = put(loop, told("sequence", self.expression(iterable)))
+        return [head, *self.loop(loop, named(loop), s.target, s, s.body)]
+
+    def loop(
+        self, loop: str, source: ast.expr, target: ast.expr | None, s: ast.stmt, body: Sequence[ast.stmt]
+    ) -> list[ast.stmt]:
+        """Return a loop over what its receiver gives; the target takes each value."""
+        index = self.fresh()
+        first = [] if target is None else self.to_target(target, named(index))
+        made = [*first, *self.block(body, s.lineno)] or [ast.Pass()]
+        return self.through(s, loop, source, index, self.handed(s), made)
+
+    def handed(self, s: ast.stmt) -> list[str]:
+        """Return the names that a branch or loop hands on, in the order in which it sets them."""
+        return [name for name in stored([s]) if name in self.carried[s].on]
+
+    def through(
+        self, s: ast.stmt, held: str, source: ast.expr, target: str, names: Sequence[str], body: list[ast.stmt]
+    ) -> list[ast.stmt]:
+        """Return a loop around the body of a statement; `held` hands out the names that it hands on."""
+        texts = ast.Tuple([text(name) for name in names], LOAD)
+        values = [named(name) for name in names]
+        anew = ast.Tuple([text(name) for name in names if name in self.carried[s].anew], LOAD)
+
+        def given(call: ast.expr) -> ast.stmt:
+            if not names:
+                return ast.Expr(call)
+            return ast.Assign([ast.Tuple([ast.Name(name, STORE) for name in names], STORE)], call)
+
+        if mentions(s).returns:
+            caught, name = ast.Attribute(named(RECEIVER), "Ended", LOAD), self.fresh()
+            handler = ast.ExceptHandler(caught, name, [ast.Expr(told("ended", named(name), of=held))])
+            body = [ast.Try(body, [handler], [], [])]
+        return [
+            given(told("open", texts, anew, *values, of=held)),
+            ast.For(ast.Name(target, STORE), source, [*body, given(told("close", *values, of=held))], []),
+            given(told("after", of=held)),
+        ]
+
+    def iterations(self, loop: str, s: ast.For) -> list[ast.stmt]:
+        """Return an `each`: names that every iteration adds to are reductions, all others are its own."""
+        if not isinstance(s.target, ast.Name):
+            raise self.refuse(s, "several indices of an `each`")
+        reductions = _reductions(s.body)
+        slots = {name: i for i, name in enumerate(reductions)}
+        body: list[ast.stmt] = self.to_target(s.target, named(index := self.fresh()))
+        before = s.lineno
+        for statement in s.body:
+            folded = next((name for name, (where, _, _) in reductions.items() if where is statement), None)
+            if folded is None:
+                body += self.block([statement], before)
+            else:
+                _, function, args = reductions[folded]
+                which = text("add") if function is None else self.expression(function)
+                given = [self.expression(arg) for arg in args]
+                body.append(ast.Expr(told("fold", ast.Constant(slots[folded]), which, *given, of=loop)))
+            before = statement.end_lineno or statement.lineno
+        names = [name for name in self.handed(s) if name not in reductions]
+        made = self.through(s, loop, named(loop), index, names, body)
+        for name, slot in slots.items():
+            made.append(self.to_name(name, told("folded", ast.Constant(slot), self.name(name), of=loop)))
+        return made
+
+    def local_function(self, s: ast.FunctionDef) -> list[ast.stmt]:
+        """Return a function inside another: it is written into its callers."""
+        if s.decorator_list:
+            raise self.refuse(s, "a decorated function inside another")
+        inner = Rewriter(Source(s, self.comments), inlined=True, outer=self.changing)
+        inner.outer_receiver = True
+        return [inner.function(), put(s.name, told("local", named(s.name)))]
+
+    # --- expressions
+
+    def expression(self, x: ast.expr) -> ast.expr:
+        """Return the expression for one."""
+        made = self._expression(x)
+        if "lineno" not in made.__dict__:
+            made.lineno = x.lineno
+        return made
+
+    def _expression(self, x: ast.expr) -> ast.expr:
+        match x:
+            case ast.Constant() | ast.JoinedStr():
+                return x
+            case ast.Name(id=name):
+                return self.name(name)
+            case ast.Attribute(value=owner, attr=field):
+                return ast.Attribute(self.expression(owner), field, LOAD)
+            case ast.Subscript(value=array, slice=ast.Slice(lower=lower, upper=upper, step=None)):
+                return told("part", self.expression(array), self.bound(lower), self.bound(upper))
+            case ast.Subscript(value=array, slice=ast.Slice(lower=lower, upper=upper, step=step)):
+                bounds = [self.bound(bound) for bound in (lower, upper, step)]
+                return told("item", self.expression(array), ast.Call(named("slice"), bounds, []))
+            case ast.Subscript(value=array, slice=place):
+                return told("item", self.expression(array), self.expression(place))
+            case ast.BinOp(left=left, op=op, right=right):
+                return self.binary(op, self.expression(left), self.expression(right))
+            case ast.UnaryOp(op=ast.Not(), operand=operand):
+                return told("opposite", self.expression(operand))
+            case ast.UnaryOp(op=ast.USub() | ast.UAdd() as op, operand=operand):
+                return ast.UnaryOp(op, self.expression(operand))
+            case ast.BoolOp(op=op, values=[first, *others]):
+                made = self.expression(first)
+                for value in others:
+                    made = told("both" if isinstance(op, ast.And) else "either", made, lazily(self.expression(value)))
+                return made
+            case ast.Compare():
+                return self.comparison(x)
+            case ast.IfExp(test=test, body=body, orelse=orelse):
+                return told(
+                    "choose", self.expression(test), lazily(self.expression(body)), lazily(self.expression(orelse))
+                )
+            case ast.Call(func=function, args=args, keywords=keywords):
+                made = told("call", self.expression(function), *[self.argument(arg) for arg in args])
+                made.keywords = [ast.keyword(one.arg, self.expression(one.value)) for one in keywords]
+                return made
+            case ast.Tuple(elts=values):
+                return ast.Tuple([self.argument(value) for value in values], LOAD)
+            case ast.List(elts=values):
+                return ast.List([self.argument(value) for value in values], LOAD)
+            case ast.ListComp() | ast.GeneratorExp() | ast.Lambda():
+                return self.scope(x)
+        raise self.refuse(x, INSTEAD.get(type(x), f"`{ast.unparse(x)}`"))
+
+    def name(self, name: str) -> ast.expr:
+        """Return what a name stands for: the present value of a variable."""
+        if name in self.changing and not any(name in names for names in self.scoped):
+            return told("read", named(name))
+        return named(name)
+
+    def argument(self, arg: ast.expr) -> ast.expr:
+        """Return the expression for an argument."""
+        if isinstance(arg, ast.Starred):
+            return ast.Starred(self.expression(arg.value), LOAD)
+        return self.expression(arg)
+
+    def binary(self, op: ast.operator, left: ast.expr, right: ast.expr) -> ast.expr:
+        """Return a binary operation."""
+        if isinstance(op, DIRECT):
+            return ast.BinOp(left, op, right)
+        if type(op) not in BY_RECEIVER:
+            raise self.refuse(op, f"the operator `{type(op).__name__}`")
+        return told(BY_RECEIVER[type(op)], left, right)
+
+    def comparison(self, x: ast.Compare) -> ast.expr:
+        """Return a comparison; a chain `a < b < c` is `a < b and b < c`, and b is a name or a number."""
+        made: ast.expr | None = None
+        left = x.left
+        for op, right in zip(x.ops, x.comparators, strict=True):
+            if left is not x.left and not isinstance(left, (ast.Name, ast.Constant)):
+                raise self.refuse(x, "a chain of comparisons around a computed value: give it a name first")
+            pair = self.expression(left), self.expression(right)
+            if type(op) in EQUALITIES:
+                one: ast.expr = told(EQUALITIES[type(op)], *pair)
+            else:
+                one = ast.Compare(pair[0], [op], [pair[1]])
+            made = one if made is None else told("both", made, lazily(one))
+            left = right
+        assert made is not None
+        return made
+
+    def scope(self, x: ast.ListComp | ast.GeneratorExp | ast.Lambda) -> ast.expr:
+        """Return a comprehension, which is written out, or a function in one expression."""
+        if isinstance(x, ast.Lambda):
+            with_names = frozenset(arg.arg for arg in x.args.args)
+            self.scoped.append(with_names)
+            made: ast.expr = told("local", ast.Lambda(x.args, self.expression(x.body)))
+        else:
+            sources = [self.expression(one.iter) for one in x.generators[:1]]
+            self.scoped.append(frozenset(stored([one.target for one in x.generators])))
+            sources += [self.expression(one.iter) for one in x.generators[1:]]
+            generators = [
+                ast.comprehension(one.target, source, [self.expression(test) for test in one.ifs], 0)
+                for one, source in zip(x.generators, sources, strict=True)
+            ]
+            made = type(x)(self.expression(x.elt), generators)
+        self.scoped.pop()
+        return made
+
+
+def as_module(tree: ast.FunctionDef) -> ast.Module:
+    """Return a function as a module, for `compile`."""
+    _place(tree, tree.lineno)
+    return ast.Module([tree], [])
+
+
+def _place(node: ast.AST, line: int) -> None:
+    """Give each node a line: its own, or that of the node around it."""
+    fields = node.__dict__
+    line = fields.setdefault("lineno", line)
+    fields.setdefault("col_offset", 0)
+    for value in list(fields.values()):
+        if isinstance(value, list):
+            for child in value:
+                if isinstance(child, ast.AST):
+                    _place(child, line)
+        elif isinstance(value, ast.AST) and value is not LOAD and value is not STORE:
+            _place(value, line)
+
+
+Reduction = tuple[ast.stmt, ast.expr | None, list[ast.expr]]
+
+
+def _reductions(body: Sequence[ast.stmt]) -> dict[str, Reduction]:
+    """Return the reductions of an `each` by name: the statement, the function (None for a sum), the values.
+
+    A name is one if its only mention in the body is `x += value`, `x = f(x, value)` or `x = fma(a, b, x)`.
+    """
+    mentions: dict[str, int] = {}
+    for node in (inner for statement in body for inner in ast.walk(statement)):
+        if isinstance(node, ast.Name):
+            mentions[node.id] = mentions.get(node.id, 0) + 1
+    found: dict[str, Reduction] = {}
+    for statement in body:
+        match statement:
+            case ast.AugAssign(target=ast.Name(id=name), op=ast.Add(), value=value) if mentions[name] == 1:
+                found[name] = statement, None, [value]
+            case ast.Assign(
+                targets=[ast.Name(id=name)], value=ast.Call(func=ast.Name() as function, args=args, keywords=[])
+            ) if mentions[name] == 2:
+                match args:
+                    case [ast.Name(id=same), value] if same == name:
+                        found[name] = statement, function, [value]
+                    case [a, b, ast.Name(id=same)] if same == name:
+                        found[name] = statement, function, [a, b]
+    return found
+
+
+RESULT = "result_"
+
+
+def single_exit(tree: ast.FunctionDef) -> list[ast.stmt]:
+    """Return the body of a function with one return, at its end: what follows a return in a branch goes into the other.
+
+    A function that is written into its caller needs this form. Raises LagrangeError for a return inside a loop.
+    """
+    returns = [node for node in _walk(tree.body) if isinstance(node, ast.Return)]
+    last = tree.body[-1]
+    if not returns or returns == [last]:
+        return [*tree.body[:-1], _native(last)] if returns else tree.body
+    for node in _walk(tree.body):
+        if isinstance(node, LOOPS) and any(isinstance(inner, ast.Return) for inner in _walk(node.body)):
+            raise LagrangeError(
+                f"procedure {tree.name}, line {node.lineno}: a function that is written into its callers cannot return "
+                "from inside a loop: keep the result in a name, and return it behind the loop."
+            )
+    counts = {len(one.value.elts) if isinstance(one.value, ast.Tuple) else 1 for one in returns if one.value}
+    count = counts.pop() if counts else 0
+    if counts:
+        raise LagrangeError(f"procedure {tree.name}: every return gives as many values.")
+    names = [f"{RESULT}{i}" for i in range(count)]
+    body = _nested(tree.body, names)
+    if not names:
+        return body
+    values = [ast.copy_location(ast.Name(name, LOAD), last) for name in names]
+    value = values[0] if len(values) == 1 else ast.Tuple(list(values), LOAD)
+    end = ast.copy_location(_native(ast.Return(value)), last)
+    return [*body, ast.fix_missing_locations(end)]
+
+
+class Handed(ast.Return):
+    """The return of a function that is written into its caller: Python's own."""
+
+
+def _native(statement: ast.stmt) -> ast.stmt:
+    assert isinstance(statement, ast.Return)
+    return ast.copy_location(Handed(statement.value), statement)
+
+
+def _nested(body: Sequence[ast.stmt], names: Sequence[str]) -> list[ast.stmt]:
+    """Return statements in which a return sets the results, and nothing follows it."""
+    made: list[ast.stmt] = []
+    for i, statement in enumerate(body):
+        rest = body[i + 1 :]
+        if isinstance(statement, ast.Return):
+            if names and statement.value is not None:
+                targets = [ast.Name(name, STORE) for name in names]
+                target = targets[0] if len(targets) == 1 else ast.Tuple(list(targets), STORE)
+                result = ast.copy_location(ast.Assign([target], statement.value), statement)
+                made.append(ast.fix_missing_locations(result))
+            return made
+        if isinstance(statement, ast.If) and any(isinstance(node, ast.Return) for node in _walk([statement])):
+            ways = statement.body, statement.orelse
+            then, otherwise = (_nested(way if _ends(way) else [*way, *rest], names) for way in ways)
+            made.append(ast.copy_location(ast.If(statement.test, then or [ast.Pass()], otherwise), statement))
+            return made
+        made.append(statement)
+    return made
+
+
+def _ends(body: Sequence[ast.stmt]) -> bool:
+    """Whether every way through statements returns."""
+    last = body[-1] if body else None
+    return isinstance(last, ast.Return) or (isinstance(last, ast.If) and _ends(last.body) and _ends(last.orelse))
+
+
+def _walk(body: Iterable[ast.stmt]) -> list[ast.stmt]:
+    """Return statements and those inside them, functions inside left out."""
+    found: list[ast.stmt] = []
+    for statement in body:
+        found.append(statement)
+        if isinstance(statement, ast.If):
+            found += _walk([*statement.body, *statement.orelse])
+        elif isinstance(statement, LOOPS):
+            found += _walk(statement.body)
+    return found

@@ -1,0 +1,212 @@
+"""The words of plain procedures beside Python's own: loops in any order, arithmetic that is rounded once, arrays.
+
+Every word works on numbers as it stands, so that a plain procedure runs in Python. What each means in a compiled
+procedure stands in `docs/dev/procedures.md`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from typing import Annotated, Any, Protocol, TypeVar, overload
+
+import numpy as np
+
+from lagrange.errors import LagrangeError
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Kind, Record
+from lagrange.procedure.interpreter import OPERATIONS as EXACT
+
+Number_co = TypeVar("Number_co", float, int, covariant=True)
+Written = TypeVar("Written", float, int)
+
+
+class Readable(Protocol[Number_co]):
+    """An array that is read: `a[i]` is an element, `a[i:]` the part from i on."""
+
+    @overload
+    def __getitem__(self, place: int) -> Number_co: ...
+    @overload
+    def __getitem__(self, place: slice) -> Readable[Number_co]: ...
+
+
+class Writable(Protocol[Written]):
+    """An array that is read and written. `a[:n] = b[:n]` copies, `a[:n] = 0.0` fills."""
+
+    @overload
+    def __getitem__(self, place: int) -> Written: ...
+    @overload
+    def __getitem__(self, place: slice) -> Writable[Written]: ...
+    @overload
+    def __setitem__(self, place: int, value: Written) -> None: ...
+    @overload
+    def __setitem__(self, place: slice, value: Written | Readable[Written]) -> None: ...
+
+
+In = Annotated[Readable[float], Array(REAL, read=True)]
+"""A parameter: an array of reals that is only read."""
+
+Out = Annotated[Writable[float], Array(REAL)]
+"""A parameter: an array of reals that may be written."""
+
+WholesIn = Annotated[Readable[int], Array(WHOLE, read=True)]
+"""A parameter: an array of whole numbers that is only read."""
+
+WholesOut = Annotated[Writable[int], Array(WHOLE)]
+"""A parameter: an array of whole numbers that may be written."""
+
+
+def each(count: int, **options: Any) -> range:
+    """Return the indices below `count`, for a loop whose iterations may run in any order or several at once.
+
+    Of the options, `width`, `spill` and `unrolled` are those of `form.Each`. With `disjoint` the function promises that
+    different parts of one array, of which one is written, do not overlap. Python runs one iteration after the other.
+    """
+    unknown = sorted(set(options) - {"width", "spill", "unrolled", "disjoint"})
+    if unknown:
+        raise LagrangeError(f"`each` has no option {', '.join(unknown)}.")
+    return range(count)
+
+
+def unrolled(*bounds: int) -> range:
+    """Return the indices of `range`, for a loop that is written out when the procedure is built."""
+    return range(*bounds)
+
+
+def likely(condition: bool) -> bool:
+    """Return a condition that nearly always holds: compilers lay out the code for that case."""
+    return condition
+
+
+def unlikely(condition: bool) -> bool:
+    """Return a condition that hardly ever holds."""
+    return condition
+
+
+def fma(a: float, b: float, c: float) -> float:
+    """Return a*b + c, rounded once."""
+    return float(EXACT["fma"](a, b, c))
+
+
+def larger(a: float, b: float) -> float:
+    """Return the larger of two numbers, NaN if either is. Python's `max` gives its first argument for NaN."""
+    return float(EXACT["max"](a, b))
+
+
+def smaller(a: float, b: float) -> float:
+    """Return the smaller of two numbers, NaN if either is."""
+    return float(EXACT["min"](a, b))
+
+
+def magnitude(a: float, b: float) -> float:
+    """Return the larger of |a| and |b|, NaN if either is. It costs processors less than `larger`."""
+    return float(EXACT["magnitude"](a, b))
+
+
+def quotient(a: int, b: int) -> int:
+    """Return a/b, rounded towards zero; `//` rounds down."""
+    return int(EXACT["quotient"](a, b))
+
+
+def nearest(x: float) -> float:
+    """Return the nearest whole number as a real, ties to even."""
+    return float(EXACT["round"](x))
+
+
+def sign(x: float) -> float:
+    """Return 1, -1, or x itself where it is zero or NaN."""
+    return float(EXACT["sign"](x))
+
+
+def two_to(k: int) -> float:
+    """Return 2**k for -1022 <= k <= 1023."""
+    return math.ldexp(1.0, k)
+
+
+def exponent(x: float) -> int:
+    """Return k of |x| = m * 2**k with 1 <= m < 2: 1024 for infinity and NaN, -1023 for zero and below the normals."""
+    return int(EXACT["exponent"](x))
+
+
+def mantissa(x: float) -> float:
+    """Return m of |x| = m * 2**k with 1 <= m < 2."""
+    return float(EXACT["mantissa"](x))
+
+
+def reals(size: int, *, room: int = 1) -> Writable[float]:
+    """Return a local array of reals with undefined values, NaN in Python; `room` is that of `form.Array`."""
+    made: Any = np.full(size + room - 1, math.nan)
+    array: Writable[float] = made
+    return array
+
+
+def wholes(size: int, *, room: int = 1) -> Writable[int]:
+    """Return a local array of whole numbers with undefined values, 0 in Python."""
+    made: Any = np.zeros(size + room - 1, dtype=np.int64)
+    array: Writable[int] = made
+    return array
+
+
+_LIBRARY = (
+    *("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "atan2", "copysign", "exp", "log"),
+    *("sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "erf"),
+)
+
+OPERATION_OF: Mapping[Callable[..., Any], str] = {
+    fma: "fma",
+    larger: "max",
+    smaller: "min",
+    magnitude: "magnitude",
+    quotient: "quotient",
+    nearest: "round",
+    sign: "sign",
+    two_to: "two_to",
+    exponent: "exponent",
+    mantissa: "mantissa",
+    abs: "abs",
+    math.pow: "power",
+    **{getattr(math, name): name for name in _LIBRARY},
+}
+"""The operation of the form that each function on numbers stands for."""
+
+REDUCTIONS: Mapping[Callable[..., Any], str] = {
+    max: "most",
+    min: "least",
+    larger: "max",
+    magnitude: "magnitude",
+    fma: "dot",
+}
+"""Functions f of `x = f(x, value)`, or `x = fma(a, b, x)`, that an `each` takes as reductions; see `form.Fold`."""
+
+KINDS: Mapping[Any, Kind] = {float: REAL, int: WHOLE, bool: FLAG}
+"""The kind of value that an annotation stands for."""
+
+Class = TypeVar("Class", bound=type)
+
+
+def record_of(stated: Any) -> Record | None:
+    """Return the record that a class stands for, or None."""
+    found = getattr(stated, "record", None)
+    return found if isinstance(stated, type) and isinstance(found, Record) else None
+
+
+def record(stated: Class) -> Class:
+    """Make a class a record: its annotated fields are numbers, zero at first, in the order of the class.
+
+    A procedure takes a record as a parameter, and reads and writes its fields. In Python an instance does; in machine
+    code it is the memory of `stated.record`, a `form.Record`.
+    """
+    fields: dict[str, Kind] = {}
+    for name, annotation in stated.__annotations__.items():
+        kind = {"float": REAL, "int": WHOLE}.get(annotation) if isinstance(annotation, str) else KINDS.get(annotation)
+        if kind not in (REAL, WHOLE):
+            raise LagrangeError(f"the field {name} of the record {stated.__name__} is {annotation}: use float or int.")
+        fields[name] = kind
+    made: Any = stated
+    made.record = Record(stated.__name__, tuple(fields.items()))
+
+    def start(self: Any) -> None:
+        for field, kind in fields.items():
+            setattr(self, field, 0.0 if kind is REAL else 0)
+
+    made.__init__ = start
+    return stated

@@ -1,0 +1,206 @@
+"""Plain procedures that use every construct of the front end."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Annotated
+
+from lagrange.procedure.form import REAL, Array
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import (
+    In,
+    Out,
+    Readable,
+    WholesOut,
+    Writable,
+    each,
+    fma,
+    larger,
+    likely,
+    magnitude,
+    quotient,
+    reals,
+    record,
+    unlikely,
+    unrolled,
+    wholes,
+)
+
+InBlocks = Annotated[Readable[float], Array(REAL, read=True, room=4)]
+OutBlocks = Annotated[Writable[float], Array(REAL, room=4)]
+
+
+@record
+class Counter:
+    """A counter."""
+
+    total: float
+    count: int
+
+
+class Status(IntEnum):
+    GOOD = 0
+    BAD = 7
+
+
+@dataclass(frozen=True)
+class Pair:
+    """Two arrays that belong together, of a length."""
+
+    source: InBlocks
+    target: OutBlocks
+    length: int
+
+
+@dataclass(frozen=True)
+class Weights:
+    """What is known when a procedure is built."""
+
+    numbers: tuple[float, ...]
+
+    @inline
+    def applied(self, x: float) -> float:
+        total = 0.0
+        for power, weight in enumerate(self.numbers):
+            total = weight if power == 0 else total + weight * x
+        return total
+
+
+@procedure
+def signs(n: int, a: In, out: Out) -> Status:
+    """Write the sign of each element, and stop at one that is not a number."""
+    for i in range(n):
+        x = a[i]
+        if unlikely(x != x):
+            return Status.BAD
+        if x > 0.0:
+            s = 1.0
+        elif x < 0.0:
+            s = -1.0
+        else:
+            s = 0.0
+        out[i] = s
+    return Status.GOOD
+
+
+@procedure
+def gathered(n: int, pair: Pair, counter: Counter) -> tuple[float, float, float]:
+    """Return reductions over a part of an array."""
+    total, most, least = 0.5, -1.0, 1.0
+    size = squares = 0.0
+    for i in each(pair.length):
+        x = pair.source[i]
+        total += x
+        most = max(most, x)
+        least = min(least, x)
+        size = magnitude(size, x)
+        squares = fma(x, x, squares)
+        pair.target[i] = x * 2.0 if x < 0.0 else x
+    counter.total += total + squares
+    counter.count = n
+    return most, least, size
+
+
+@procedure
+def guarded(n: int, a: In, out: Out) -> int:
+    """Return the first place of a negative element; no element beyond n is read."""
+    i = 0
+    while i < n and not a[i] < 0.0:
+        i += 1
+    out[0] = a[i] if i < n else math.inf
+    if i < n or a[0] > 1e300:
+        out[1] = 1.0
+    return i
+
+
+@inline
+def clipped(x: float, bound: float) -> float:
+    if x > bound:
+        return bound
+    if x < -bound:
+        return -bound
+    return x
+
+
+@inline
+def alternate(n: int) -> Iterator[int]:
+    for i in range(0, n, 2):
+        if i != 2:
+            yield i
+
+
+@procedure
+def spliced(n: int, x: float, a: Out, *, weights: Weights, twice: bool = False) -> float:
+    """Use functions that are written into this one."""
+    total = 0.0
+    for i in alternate(n):
+        a[i] = clipped(a[i], 1.5)
+        total = total + a[i]
+    if twice:
+        total = 2.0 * total
+
+    def shifted(value: float) -> float:
+        return value + x
+
+    def halved(value: float) -> float:
+        return shifted(value) * 0.5
+
+    first, second = halved(total), shifted(0.5)
+    return weights.applied(first) + second
+
+
+@procedure
+def arithmetic(k: int, m: int, x: float) -> tuple[int, int, int, int, float]:
+    """Return what the operators give."""
+    return k // m, k % m, quotient(k, m), int(x), max(min(float(k), x), -x) ** 2
+
+
+@procedure
+def scratch(n: int, a: In, out: Out) -> int:
+    """Use local arrays and a local record."""
+    work, places, kept = reals(4), wholes(4), Counter()
+    for i in unrolled(4):
+        work[i] = a[i] + float(i)
+        places[i] = 3 - i
+    work[1:3] = a[:2]
+    for j in range(4):
+        out[j] = work[places[j]]
+        kept.count += 1
+    out[4:6] = 0.25
+    last = out[n:]
+    last[0], out[0] = out[0], last[0]
+    return kept.count
+
+
+@procedure(work=lambda size: Array(REAL, size, room=4), tail=lambda with_tail: Array(REAL) if with_tail else None)
+def sized(work: Out, tail: Out | None, x: float, *, size: int, with_tail: bool) -> float:
+    """Have parameters whose types depend on what is known."""
+    for i in each(size, width=4, spill=False):
+        work[i] = x
+    if tail is not None:
+        tail[0] = work[size - 1]
+    return work[0]
+
+
+@procedure
+def applied(function: Callable[[float, In], float], x: float, a: In) -> float:
+    """Call a function that is given."""
+    y = function(x, a)
+    return function(y, a[1:]) if likely(y > 0.0) else y
+
+
+@procedure
+def caller(n: int, a: InBlocks, out: OutBlocks, marks: WholesOut) -> float:
+    """Call other procedures."""
+    status = signs(n, a, out)
+    if status != Status.GOOD:
+        return -1.0
+    marks[0] = guarded(n, a, out)
+    pair = Pair(a, out, n)
+    kept = Counter()
+    kept.total = 0.5
+    most, _, size = gathered(n, pair, kept)
+    return larger(most, size) + kept.total
