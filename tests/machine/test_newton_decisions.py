@@ -47,7 +47,7 @@ VERDICTS = {Outcome.DONE: True, Outcome.PAUSED: False}
 @cache
 def judgements(adaptive: bool) -> tuple[Callable[..., int], ...]:
     """Return the procedure as every printer has it, and the machine code of it to keep."""
-    procedure = assess_correction(adaptive=adaptive)
+    procedure = assess_correction.form(adaptive=adaptive)
     code = Module(module([procedure]), optimize=True)
     types = ctypes.c_void_p, ctypes.c_int64, ctypes.c_double, ctypes.c_double, ctypes.c_int64
     machine = ctypes.CFUNCTYPE(ctypes.c_int64, *types)(code.address(procedure.name))

@@ -189,6 +189,13 @@ def record_of(stated: Any) -> Record | None:
     return found if isinstance(stated, type) and isinstance(found, Record) else None
 
 
+def form_of(stated: type) -> Record:
+    """Return the record that a class under `@record` stands for."""
+    found = record_of(stated)
+    assert found is not None
+    return found
+
+
 def record(stated: Class) -> Class:
     """Make a class a record: its annotated fields are numbers, zero at first, in the order of the class.
 

@@ -142,7 +142,7 @@ def _iterate(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
             moved.value = p.fma(norm, unit, moved.value)
             p.leave_if(moved.value > LARGEST_DISTANCE, Outcome.DIVERGED)
         assessment = p.call(
-            assess_correction(adaptive=solve.adaptive, constrained=constrained),
+            assess_correction.form(adaptive=solve.adaptive, constrained=constrained),
             newton,
             iteration,
             norm,

@@ -11,39 +11,61 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.procedure.blocks import whole_blocks
-from lagrange.procedure.form import REAL, WHOLE, Record
+from lagrange.procedure.front.vocabulary import form_of, record
 from lagrange.procedure.linear.gauss_jordan import row_stride
 from lagrange.procedure.newton.constants import HISTORY
 from lagrange.program.actions import LAWS, Damp, Solve
 from lagrange.program.step import StepProgram
 
-EFFORT = Record.of("Effort", evaluations=WHOLE, residual=REAL)
-"""Cost of a step: evaluations of the law; and the size of the last correction relative to the unknown."""
 
-NEWTON = Record.of(
-    "Newton",
-    matrix_step=REAL,
-    differentiated=WHOLE,
-    rate=REAL,
-    noise=REAL,
-    age=WHOLE,
-    solved=WHOLE,
-    tried_step=REAL,
-    old_step=REAL,
-    known=WHOLE,
-    order=WHOLE,
-)
-"""The state of a solve, kept from step to step.
+@record
+class Effort:
+    """Cost of a step."""
 
-    matrix_step      the length of the steps that its matrix was built for, 0 if the next step builds a new one
-    differentiated   1 if the derivative of the law can be used for the next matrix
-    rate             contraction rate of the corrections
-    noise            size of corrections that are round-off, in units of the estimated round-off
-    age              steps since the matrix was built
-    solved           1 if the trial step has its unknowns
-    tried_step       the length of the trial step; `old_step` is that of the previous step
-    known            number of steps available for extrapolation; `order` is the number that is used
-"""
+    evaluations: int
+    """Evaluations of the law."""
+
+    residual: float
+    """Size of the last correction relative to the unknown."""
+
+
+@record
+class Newton:
+    """The state of a solve, kept from step to step."""
+
+    matrix_step: float
+    """Length of the steps that its matrix was built for; 0 if the next step builds a new one."""
+
+    differentiated: int
+    """1 if the derivative of the law can be used for the next matrix."""
+
+    rate: float
+    """Contraction rate of the corrections."""
+
+    noise: float
+    """Size of corrections that are round-off, in units of the estimated round-off."""
+
+    age: int
+    """Steps since the matrix was built."""
+
+    solved: int
+    """1 if the trial step has its unknowns."""
+
+    tried_step: float
+    """Length of the trial step."""
+
+    old_step: float
+    """Length of the previous step."""
+
+    known: int
+    """Number of steps available for extrapolation."""
+
+    order: int
+    """Number of steps that is used for extrapolation."""
+
+
+EFFORT, NEWTON = form_of(Effort), form_of(Newton)
+"""The records in memory."""
 
 
 class Layout:
