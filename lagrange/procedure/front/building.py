@@ -28,6 +28,7 @@ from lagrange.procedure.front.kinds import (
 from lagrange.procedure.front.names import Names
 from lagrange.procedure.front.vocabulary import (
     OPERATION_OF,
+    generated,
     likely,
     reals,
     record_of,
@@ -293,8 +294,8 @@ class Tracer(Names):
             return Weighed(args[0], function is likely) if isinstance(args[0], Value) else args[0]
         if isinstance(function, Local):
             return function.function(*args, **options)
-        if isinstance(function, Procedure):
-            return self.call_procedure(function, [leaf for arg in args for leaf in leaves(arg)])
+        if function is generated:
+            return self.call_procedure(args[0], [leaf for arg in args[1:] for leaf in leaves(arg)])
         if isinstance(function, GivenFunction):
             self._outside_each(function)
             return function(*[leaf for arg in args for leaf in leaves(arg)])

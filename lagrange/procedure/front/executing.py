@@ -13,10 +13,10 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.procedure.form import PARTIAL, Procedure
+from lagrange.procedure.form import PARTIAL
 from lagrange.procedure.front.kinds import Missing
 from lagrange.procedure.front.vocabulary import OPERATION_OF, REDUCTIONS, record_of
-from lagrange.procedure.interpreter import LARGER, OPERATIONS, Span, run
+from lagrange.procedure.interpreter import LARGER, OPERATIONS, Span
 
 
 class Returned(Exception):
@@ -177,9 +177,6 @@ class Exact:
 
     def call(self, function: Any, /, *args: Any, **options: Any) -> Any:
         """Return what a function gives."""
-        if isinstance(function, Procedure):
-            results = run(function, *args)
-            return results[0] if len(results) == 1 else results or None
         if hasattr(function, "computed"):
             return function.computed(self, *args, **options)
         stated = record_of(function)

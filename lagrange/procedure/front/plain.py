@@ -9,11 +9,12 @@ import sys
 import threading
 import traceback
 import typing
-from collections.abc import Callable, Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping, MutableMapping
 from contextlib import suppress
 from functools import cached_property
 from types import CodeType, FunctionType, MethodType
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar, overload
+from weakref import WeakValueDictionary
 
 from lagrange.errors import LagrangeError
 from lagrange.procedure.builder import Builder
@@ -33,7 +34,17 @@ Rest = ParamSpec("Rest")
 _BUILDING = threading.RLock()
 """One lock for all procedures: what is built builds what it calls."""
 
-Stated = Type | tuple["Stated", ...] | type | None
+
+@dataclasses.dataclass(frozen=True)
+class Bundle:
+    """The type of a parameter that is a dataclass, whose fields are parameters with names of their own."""
+
+    of: type
+    types: Mapping[str, Stated]
+    """Types of fields that depend on what is known; the others are annotated."""
+
+
+Stated = Type | tuple["Stated", ...] | Bundle | type | None
 """The type of a parameter: of a number, an array, a record, a function, a bundle (a dataclass), several, or nothing."""
 
 
@@ -133,7 +144,9 @@ class Plain(Written[Args, Result]):
         self.apart, self.types = apart, types
         parameters = self.signature.parameters.values()
         self.known = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
-        self._forms: dict[Hashable, Procedure] = {}
+        self._forms: MutableMapping[Hashable, Procedure] = WeakValueDictionary()
+        self._kept: dict[Hashable, Procedure] = {}
+        """The forms for numbers, words and options; a form for other objects lives as long as something uses it."""
 
     def form(self, **known: Any) -> Procedure:
         """Return the procedure for what is known, which is built once."""
@@ -145,11 +158,15 @@ class Plain(Written[Args, Result]):
             raise LagrangeError(f"procedure {self.__name__} is built for {names}: {wrong}.")
         values = {name: known.get(name, self._default(name)) for name in self.known}
         key = tuple((type(value), value) for value in values.values())
-        if key not in self._forms:
+        form = self._forms.get(key)
+        if form is None:
             with _BUILDING:
-                if key not in self._forms:
-                    self._forms[key] = self._build(values)
-        return self._forms[key]
+                form = self._forms.get(key)
+                if form is None:
+                    form = self._forms[key] = self._build(values)
+                    if all(isinstance(value, (int, float, str, enum.Enum)) for value in values.values()):
+                        self._kept[key] = form
+        return form
 
     def _default(self, name: str) -> Any:
         return self.signature.parameters[name].default
@@ -187,7 +204,7 @@ class Plain(Written[Args, Result]):
         """Return the type of a parameter: as the decorator states it for what is known, or as annotated."""
         if name in self.types:
             stated = self.types[name]
-            made: Stated = stated(**{one: known[one] for one in inspect.signature(stated).parameters})
+            made: Stated = stated(**{one: known[one] for one in inspect.signature(stated).parameters if one in known})
             return made
         if name not in hints:
             raise LagrangeError(f"procedure {self.__name__}: the parameter {name} has no type.")
@@ -271,9 +288,11 @@ def _parameter(p: Builder, name: str, stated: Stated) -> Any:
         return p.function(name, stated)
     if isinstance(stated, (Kind, Array)):
         return p.given(name, stated)
-    hints = typing.get_type_hints(stated, include_extras=True)
-    fields = {one.name: type_of(hints[one.name]) for one in dataclasses.fields(stated)}
-    return stated(**{field: _parameter(p, f"{name}_{field}", one) for field, one in fields.items()})
+    bundle, prefix = (stated, "") if isinstance(stated, Bundle) else (Bundle(stated, {}), f"{name}_")
+    hints = typing.get_type_hints(bundle.of, include_extras=True)
+    fields = [field.name for field in dataclasses.fields(bundle.of)]
+    types = {field: bundle.types[field] if field in bundle.types else type_of(hints[field]) for field in fields}
+    return bundle.of(**{field: _parameter(p, prefix + field, one) for field, one in types.items()})
 
 
 def _suffix(known: Mapping[str, Any]) -> str:

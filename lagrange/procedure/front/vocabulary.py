@@ -13,8 +13,10 @@ from typing import Annotated, Any, Protocol, TypeVar, overload
 import numpy as np
 
 from lagrange.errors import LagrangeError
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Kind, Record
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Kind, Procedure, Record
+from lagrange.procedure.front.kinds import leaves
 from lagrange.procedure.interpreter import OPERATIONS as EXACT
+from lagrange.procedure.interpreter import run
 
 Number_co = TypeVar("Number_co", float, int, covariant=True)
 Written = TypeVar("Written", float, int)
@@ -144,6 +146,12 @@ def wholes(size: int, *, room: int = 1) -> Writable[int]:
     made: Any = np.zeros(size + room - 1, dtype=np.int64)
     array: Writable[int] = made
     return array
+
+
+def generated(form: Procedure, *args: Any) -> Any:
+    """Return the results of a procedure that a generator has built."""
+    results = run(form, *leaves(args))
+    return results[0] if len(results) == 1 else results or None
 
 
 _LIBRARY = (

@@ -5,11 +5,9 @@ Source: E. Hairer, S. P. Norsett, G. Wanner, Solving Ordinary Differential Equat
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
-
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import WHOLE, Procedure
+from lagrange.procedure.form import Procedure
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import Out, larger, likely, smaller
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.constants import (
     AFTER_BROKEN,
@@ -26,135 +24,137 @@ from lagrange.procedure.step.constants import (
     SHORTENINGS,
     SPACING,
 )
-from lagrange.procedure.step.equal_steps import discard_history, equal_steps, is_finite, keep_entries, leave_at_budget
+from lagrange.procedure.step.equal_steps import discard_history, equal_steps, is_finite, kept_entries
 from lagrange.procedure.step.error_norm import error_norm, raise_floors, reject
 from lagrange.procedure.step.first_step import first_step
 from lagrange.procedure.step.memory import Layout
 from lagrange.procedure.step.projection import project_new_state
-from lagrange.procedure.step.trial import Running, accept_step, try_step
-from lagrange.procedure.values import Flag, Memory, Real
+from lagrange.procedure.step.trial import Running, accept_step, rows_array, running, try_step
 from lagrange.program.actions import LAWS
 from lagrange.program.step import Control
-
-
-def controlled_steps(layout: Layout, control: Control) -> Procedure:
-    """Return the loop; it returns at the end, after `budget` trials, or when no step succeeds."""
-    return _ControlledLoop(layout, control).build()
 
 
 def steps_of(layout: Layout) -> Procedure:
     """Return the loop over the steps of a step program."""
     control = layout.step.control
-    return equal_steps(layout) if control is None else controlled_steps(layout, control)
+    return equal_steps.form(layout=layout) if control is None else controlled_steps.form(layout=layout, control=control)
 
 
-class _ControlledLoop:
-    """Builds the procedure."""
+@procedure(given=running, rows=rows_array)
+def controlled_steps(
+    given: Running, budget: int, times: Out, rows: Out, *, layout: Layout, control: Control
+) -> Outcome:
+    """Take steps that follow the error, and return an outcome.
 
-    def __init__(self, layout: Layout, control: Control) -> None:
-        self.p = p = Builder("controlled_steps", "Take steps that follow the error, and return an outcome.")
-        self.layout, self.control = layout, control
-        self.rejection, self.measure = reject(layout), error_norm(layout, control)
-        self.given = Running(p, layout)
-        self.run, self.counts = self.given.run, self.given.counts
-        self.budget = p.given("budget", WHOLE)
-        self.times, self.rows = p.array("times"), p.array("rows", room=layout.block)
+    It returns at the end, after `budget` trials, or when no step succeeds. An accepted step becomes the state, and a
+    row. A rejected one is tried again with a shorter length.
+    """
+    run, counts = given.run, given.counts
+    discard_history(given, layout)
+    entries = kept_entries(given, layout)
+    end = run.end
+    distance = end - run.t
+    direction = -1.0 if distance < 0.0 else 1.0
+    if run.h == 0.0 and not begin(given, abs(distance), direction, layout, control):
+        return Outcome.UNSCALED
+    for _ in range(budget):
+        t = run.t
+        h = direction * smaller(abs(run.h), run.longest)
+        if t == end:
+            return Outcome.DONE
+        is_last = abs(h) * NEAR_END >= abs(end - t)
+        is_small = not abs(h) >= larger(abs(t), EARLIEST) * SPACING
+        is_retry = counts.after_reject != 0
+        if is_small and (not is_last or is_retry):
+            return Outcome.STEP_TOO_SMALL
+        after = end if is_last else t + h
+        # Far from time zero a step is a difference of times; elsewhere it is h, so that a matrix serves again.
+        length = after - t if is_last or abs(h) < abs(t) * FAR_FROM_ZERO else h
+        outcome = try_step(given, t, length, entries, layout=layout)
+        if is_finite(given, layout, errors=True) and outcome == Outcome.DONE:
+            norm = error_norm(run, given.floors, given.work, layout=layout, control=control)
+            exponent = -(1 / control.exponent - PI_SHARE * control.memory)
+            factor = larger(norm, LEAST_NORM) ** exponent * control.safety
+            if norm <= 1.0:
+                next_h = length * growth(factor, run.previous, is_retry, control)
+                if layout.projected:
+                    cause, moved = project_within_tolerance(given, after, entries, layout, control)
+                    if likely(cause == Outcome.DONE):
+                        accept(given, norm, next_h, layout)
+                        accept_step(
+                            run, counts, given.newtons, given.work, entries, moved, after, times, rows, layout=layout
+                        )
+                    elif retry(given, float(cause), length * AFTER_DIVERGED, layout, moved=False):
+                        return Outcome.UNSCALED
+                else:
+                    accept(given, norm, next_h, layout)
+                    accept_step(
+                        run, counts, given.newtons, given.work, entries, None, after, times, rows, layout=layout
+                    )
+            else:
+                shorter = smaller(larger(factor, control.least), LARGEST_RETRY)
+                if retry(given, float(Outcome.STEP_TOO_SMALL), length * shorter, layout, moved=True):
+                    return Outcome.UNSCALED
+        else:
+            cause = Outcome.NON_FINITE if outcome == Outcome.DONE else outcome
+            part = AFTER_DIVERGED if outcome == Outcome.DIVERGED else AFTER_BROKEN
+            if retry(given, float(cause), length * part, layout, moved=False):
+                return Outcome.UNSCALED
+    return Outcome.DONE if run.t == end else Outcome.PAUSED
 
-    def build(self) -> Procedure:
-        p, run = self.p, self.run
-        discard_history(self.given)
-        entries = keep_entries(self.given)
-        end = run.end
-        direction = self.begin(end)
-        with p.loop(0, self.budget):
-            t = run.t
-            h = direction * p.smaller(abs(run.h), run.longest)
-            p.leave_if(t.equals(end), Outcome.DONE)
-            final = abs(h) * NEAR_END >= abs(end - t)
-            small = ~(abs(h) >= p.larger(abs(t), EARLIEST) * SPACING)
-            rejected = ~self.counts.after_reject.equals(0)
-            p.leave_if(small & (~final | rejected), Outcome.STEP_TOO_SMALL)
-            after = p.choose(final, end, t + h)
-            p.note(
-                "Far from time zero a step is a difference of times; elsewhere it is h, so that a matrix serves again."
-            )
-            length = p.choose(final | (abs(h) < abs(t) * FAR_FROM_ZERO), after - t, h)
-            self.trial(t, length, after, rejected, entries)
-        leave_at_budget(self.given, end)
-        return p.finish(WHOLE)
 
-    def begin(self, end: Real) -> Real:
-        """Choose the length of the first step if none is given; return the direction of time."""
-        p, run = self.p, self.run
-        distance = end - run.t
-        direction = p.real(p.choose(distance < 0.0, -1.0, 1.0))
-        with p.when(run.h.equals(0.0)):
-            size = p.call(first_step(self.layout, self.control), *self.given.handed, abs(distance), direction)
-            if LAWS[self.layout.step.law].results == 1:
-                self.counts.evaluations = self.counts.evaluations + 3
-            p.leave_if(size < 0.0, Outcome.UNSCALED)
-            run.h = size * direction
-        return direction
+@inline
+def begin(given: Running, distance: float, direction: float, layout: Layout, control: Control) -> bool:
+    """Choose the length of the first step; return False if the sizes of the entries are needed first."""
+    size = first_step(given, distance, direction, layout=layout, control=control)
+    if LAWS[layout.step.law].results == 1:
+        given.counts.evaluations += 3
+    if not size < 0.0:
+        given.run.h = size * direction
+    return not size < 0.0
 
-    def trial(self, t: Real, length: Real, after: Real, rejected: Flag, entries: Sequence[Memory]) -> None:
-        """Take a trial step; reject it if it fails or is not finite, else test its error."""
-        p = self.p
-        outcome = p.call(try_step(self.layout), *self.given.handed, t, length, *entries)
-        done = outcome.equals(Outcome.DONE)
-        with p.when(is_finite(self.given, errors=True) & done) as ways:
-            self.control_error(length, after, rejected, entries)
-        with ways.otherwise():
-            cause = p.choose(done, float(Outcome.NON_FINITE), p.real(outcome))
-            part = p.choose(outcome.equals(Outcome.DIVERGED), AFTER_DIVERGED, AFTER_BROKEN)
-            self.reject(cause, length * part, moved=False)
 
-    def control_error(self, length: Real, after: Real, rejected: Flag, entries: Sequence[Memory]) -> None:
-        """Accept or reject a finite trial step by its error norm, and choose the length of the next one."""
-        p, run, control, given = self.p, self.run, self.control, self.given
-        norm = p.call(self.measure, run, given.floors, given.work).called("norm")
-        exponent = -(1 / control.exponent - PI_SHARE * control.memory)
-        factor: Any = p.larger(norm, LEAST_NORM) ** exponent * control.safety
-        with p.when(norm <= 1.0) as ways:
-            longer = factor * run.previous**control.memory if control.memory else factor
-            longer = p.larger(p.smaller(longer, p.choose(rejected, 1.0, control.most)), control.least)
-            if control.hold > 1:
-                longer = p.choose((longer >= 1.0) & (longer < control.hold), 1.0, longer)
-            self.project(norm, length, length * longer, after, entries)
-        with ways.otherwise():
-            shorter = p.smaller(p.larger(factor, control.least), LARGEST_RETRY)
-            self.reject(float(Outcome.STEP_TOO_SMALL), length * shorter, moved=True)
+@inline
+def growth(factor: float, previous: float, is_retry: bool, control: Control) -> float:
+    """Return the factor of the step length after an accepted step: `factor` by its error, within bounds.
 
-    def project(self, norm: Real, length: Real, longer: Real, after: Real, entries: Sequence[Memory]) -> None:
-        """Accept the trial step, on the constraints of the system if it has any; reject it if it cannot get there."""
-        p = self.p
-        if not self.layout.projected:
-            self.accept(norm, longer, after, entries)
-            return
-        outcome, moved = project_new_state(self.given, after, entries)
-        done, correction = outcome.equals(Outcome.DONE), p.variable(0.0, "correction")
-        with p.when(moved):
-            correction.value = p.call(self.measure, self.run, self.given.floors, self.given.work)
-        begun_off = p.larger(ROUNDED_START / self.run.rtol, LARGEST_CORRECTION)
-        most = p.choose(self.counts.after_reject >= SHORTENINGS, begun_off, LARGEST_CORRECTION)
-        with p.when(done & (correction.value <= most), likely=True) as ways:
-            self.accept(norm, longer, after, [*entries, moved])
-        with ways.otherwise():
-            cause = p.choose(done, float(Outcome.STEP_TOO_SMALL), p.real(outcome))
-            self.reject(cause, length * AFTER_DIVERGED, moved=False)
+    `previous` is the error norm of the step before. A step that has just been rejected is not made longer.
+    """
+    longer = factor * previous**control.memory if control.memory else factor
+    longer = larger(smaller(longer, 1.0 if is_retry else control.most), control.least)
+    if control.hold > 1:
+        longer = 1.0 if longer >= 1.0 and longer < control.hold else longer
+    return longer
 
-    def accept(self, norm: Real, longer: Real, after: Real, more: Sequence[Any]) -> None:
-        """Accept the trial step, and take a longer or shorter one next."""
-        p, run, given = self.p, self.run, self.given
-        run.previous = p.larger(norm, LEAST_PREVIOUS)
-        run.h = longer
-        self.counts.after_reject = 0
-        raise_floors(given)
-        accepted = (run, self.counts, *given.newtons, given.work, *more)
-        p.call(accept_step(self.layout), *accepted, after, self.times, self.rows)
 
-    def reject(self, cause: Any, h: Real, *, moved: bool) -> None:
-        """Try again with a step of h; return to the caller if the sizes of the entries are needed."""
-        p, given = self.p, self.given
-        flag = p.true if moved else p.false
-        asked = p.call(self.rejection, self.run, self.counts, given.floors, given.work, cause, h, flag)
-        p.leave_if(asked, Outcome.UNSCALED)
+@inline
+def project_within_tolerance(
+    given: Running, after: float, entries: Out | None, layout: Layout, control: Control
+) -> tuple[Outcome, bool]:
+    """Move the trial state onto the constraints of the system, and say whether it has moved.
+
+    The outcome is STEP_TOO_SMALL if the displacement is too large against the tolerance of the step.
+    """
+    outcome, moved = project_new_state(given, after, entries, layout)
+    correction = 0.0
+    if moved:
+        correction = error_norm(given.run, given.floors, given.work, layout=layout, control=control)
+    begun_off = larger(ROUNDED_START / given.run.rtol, LARGEST_CORRECTION)
+    most = begun_off if given.counts.after_reject >= SHORTENINGS else LARGEST_CORRECTION
+    cause = Outcome.STEP_TOO_SMALL if outcome == Outcome.DONE and not correction <= most else outcome
+    return cause, moved
+
+
+@inline
+def accept(given: Running, norm: float, h: float, layout: Layout) -> None:
+    """Note the error norm of the step that is accepted, and the length of the next one; raise the floors."""
+    given.run.previous = larger(norm, LEAST_PREVIOUS)
+    given.run.h = h
+    given.counts.after_reject = 0
+    raise_floors(given.run.share, given.floors, given.work, layout)
+
+
+@inline
+def retry(given: Running, cause: float, h: float, layout: Layout, *, moved: bool) -> bool:
+    """Try again with a step of h; return whether the sizes of the entries are needed first."""
+    return reject(given.run, given.counts, given.floors, given.work, cause, h, moved, layout=layout)

@@ -2,92 +2,100 @@
 
 from __future__ import annotations
 
-from typing import Any
-
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import REAL, WHOLE, Procedure
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import Out, each, fma, reals, unrolled
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.step.constants import SHORTEST_LAST_STEP
-from lagrange.procedure.step.memory import NEWTON, Layout
+from lagrange.procedure.step.memory import Layout, Newton
 from lagrange.procedure.step.projection import project_new_state
-from lagrange.procedure.step.trial import Running, accept_step, try_step
-from lagrange.procedure.values import Flag, Memory, Real
+from lagrange.procedure.step.trial import Running, accept_step, rows_array, running, try_step
 
 WRITTEN_OUT = 2
 """The test for finite entries is written out for vectors of up to this many blocks."""
 
 
-def equal_steps(layout: Layout) -> Procedure:
-    """Return the loop; it returns at the end, after `budget` steps, or when a step fails."""
-    p = Builder("equal_steps", "Take equal steps towards the end, and return an outcome.")
-    given = Running(p, layout)
+@procedure(given=running, rows=rows_array)
+def equal_steps(given: Running, budget: int, times: Out, rows: Out, *, layout: Layout) -> Outcome:
+    """Take equal steps towards the end, and return an outcome.
+
+    It returns at the end, after `budget` steps, or when a step fails. Time k of the grid is `start + k*h`, rounded
+    once, so that errors of the times do not add up.
+    """
     run, counts = given.run, given.counts
-    budget, times, rows = p.given("budget", WHOLE), p.array("times"), p.array("rows", room=layout.block)
-    discard_history(given)
-    entries = keep_entries(given)
+    discard_history(given, layout)
+    entries = kept_entries(given, layout)
     start, end, h = run.start, run.end, run.step
-    with p.loop(0, budget):
+    for _ in range(budget):
         t = run.t
-        p.leave_if(t.equals(end), Outcome.DONE)
-        grid = p.fma(p.real(counts.steps + 1), h, start)
-        left = end - p.fma(SHORTEST_LAST_STEP, h, grid)
-        beyond = p.choose(h < 0.0, -left, left) <= 0.0
-        length = p.choose(beyond, end - t, h)
-        outcome = p.call(try_step(layout), *given.handed, t, length, *entries)
-        p.leave_if(~outcome.equals(Outcome.DONE), outcome)
-        p.leave_if(~is_finite(given), Outcome.NON_FINITE)
-        after = p.choose(beyond, end, grid)
-        more: list[Any] = [*entries]
+        if t == end:
+            return Outcome.DONE
+        grid = fma(float(counts.steps + 1), h, start)
+        left = end - fma(SHORTEST_LAST_STEP, h, grid)
+        is_last = (-left if h < 0.0 else left) <= 0.0
+        length = end - t if is_last else h
+        outcome = try_step(given, t, length, entries, layout=layout)
+        if outcome != Outcome.DONE:
+            return outcome
+        if not is_finite(given, layout, errors=False):
+            return Outcome.NON_FINITE
+        after = end if is_last else grid
+        moved: bool | None = None
         if layout.projected:
-            outcome, moved = project_new_state(given, after, entries)
-            p.leave_if(~outcome.equals(Outcome.DONE), outcome)
-            more.append(moved)
-        p.call(accept_step(layout), run, counts, *given.newtons, given.work, *more, after, times, rows)
-    leave_at_budget(given, end)
-    return p.finish(WHOLE)
+            projected, moved = project_new_state(given, after, entries, layout)
+            if projected != Outcome.DONE:
+                return projected
+        accept_step(run, counts, given.newtons, given.work, entries, moved, after, times, rows, layout=layout)
+    return Outcome.DONE if run.t == end else Outcome.PAUSED
 
 
-def leave_at_budget(given: Running, end: Real) -> None:
-    """Return from a loop over steps when its budget is used up."""
-    p = given.p
-    p.leave(p.choose(given.run.t.equals(end), p.whole(Outcome.DONE), p.whole(Outcome.PAUSED)))
-
-
-def discard_history(given: Running) -> None:
+@inline
+def discard_history(given: Running, layout: Layout) -> None:
     """Clear the data of previous steps if it belongs to another run. A starter rebuilds its own at every step."""
-    p, layout, work = given.p, given.layout, given.work
-    if not layout.keeps_history:
-        return
-    with p.when(given.counts.kept.equals(0)):
-        given.counts.kept = 1
-        work[layout.flags] = 0.0
-        work[layout.flags + 1] = 0.0
-        for newton in given.newtons:
-            for name, kind in NEWTON.fields:
-                setattr(newton, name, 0.0 if kind is REAL else 0)
-        lost = work.at(layout.lost)
-        with p.each(layout.step.states * layout.width if layout.step.exact else 0, spill=True) as i:
-            lost[i] = 0.0
+    if layout.keeps_history:
+        work = given.work
+        if given.counts.kept == 0:
+            given.counts.kept = 1
+            work[layout.flags] = 0.0
+            work[layout.flags + 1] = 0.0
+            for newton in given.newtons:
+                clear(newton)
+            lost = work[layout.lost :]
+            for i in each(layout.step.states * layout.width if layout.step.exact else 0, spill=True):
+                lost[i] = 0.0
 
 
-def keep_entries(given: Running) -> list[Memory]:
+@inline
+def clear(newton: Newton) -> None:
+    """Set all that a solve keeps to zero."""
+    newton.matrix_step = 0.0
+    newton.differentiated = 0
+    newton.rate = 0.0
+    newton.noise = 0.0
+    newton.age = 0
+    newton.solved = 0
+    newton.tried_step = 0.0
+    newton.old_step = 0.0
+    newton.known = 0
+    newton.order = 0
+
+
+@inline
+def kept_entries(given: Running, layout: Layout) -> Out | None:
     """Return the array of the entries of the state, read from the work array, if they are kept in registers."""
-    p, layout = given.p, given.layout
     if not layout.keeps_entries:
-        return []
-    entries = p.reserve(2 * layout.dimension)
-    for i in range(layout.step.states):
-        for k in range(layout.length):
+        return None
+    entries = reals(2 * layout.dimension)
+    for i in unrolled(layout.step.states):
+        for k in unrolled(layout.length):
             entries[i * layout.length + k] = given.work[layout.place(i) + k]
-    return [entries]
+    return entries
 
 
-def is_finite(given: Running, *, errors: bool = False) -> Flag:
+@inline
+def is_finite(given: Running, layout: Layout, *, errors: bool) -> bool:
     """Whether the new state is finite, and with `errors` its error vectors: 0 * x is NaN for all other numbers."""
-    p, layout = given.p, given.layout
-    new, zero = given.work.at(layout.place(layout.new)), p.constant(0.0, REAL)
+    new, total = given.work[layout.place(layout.new) :], 0.0
     vectors = layout.step.states + (len(layout.step.errors) if errors else 0)
-    with p.each(vectors * layout.width, unrolled=layout.width <= WRITTEN_OUT * layout.block) as i:
-        total = p.dot(new[i], zero)
-    found: Flag = total.value.equals(0.0)
-    return found
+    for i in each(vectors * layout.width, unrolled=layout.width <= WRITTEN_OUT * layout.block):
+        total = fma(new[i], 0.0, total)
+    return total == 0.0

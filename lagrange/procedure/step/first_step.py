@@ -10,10 +10,9 @@ cancelling terms, as at an equilibrium, is replaced by its sensitivity to the co
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
 
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import REAL, Procedure
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, smaller, unrolled
 from lagrange.procedure.step.constants import (
     CANCELLATION,
     CANCELLATION_DOMINANCE,
@@ -27,10 +26,8 @@ from lagrange.procedure.step.constants import (
     SPACING,
     perturbation_factors,
 )
-from lagrange.procedure.step.error_norm import higher
 from lagrange.procedure.step.memory import Layout
-from lagrange.procedure.step.trial import Running
-from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.procedure.step.trial import Running, copy_vector, running
 from lagrange.program.actions import LAWS
 from lagrange.program.step import Control
 
@@ -38,150 +35,123 @@ NEEDS_SIZES = -1.0
 """The result if the caller has to estimate the sizes of the entries first."""
 
 
-def first_step(layout: Layout, control: Control) -> Procedure:
-    """Return the procedure that chooses the size of the first step within a span; see `NEEDS_SIZES`."""
-    return _FirstStep(layout, control).build()
+@procedure(apart=True, given=running)
+def first_step(given: Running, span: float, direction: float, *, layout: Layout, control: Control) -> float:
+    """Return the size of a first step within a span, from three slopes; see `NEEDS_SIZES`.
 
-
-class _Size(NamedTuple):
-    """The size of an entry including its floor, and whether the entry is not zero."""
-
-    whole: Real
-    some: Flag
-
-
-class _FirstStep:
-    """Builds the procedure.
-
-    The second half of `sensitivity` has, for accelerations that may be round-off, their derivative by the state times
-    its size.
+    A law without slopes, as that of momenta, gives a fraction of the span: errors of the steps show the rest.
     """
+    run, work, floors, half = given.run, given.work, given.floors, layout.dimension // 2
+    t, follows = run.t, run.share > 0.0
+    least = abs(t) * (LEAST_SPACINGS * SPACING)
+    if LAWS[layout.step.law].results > 1:
+        if follows and given.counts.surveyed == 0:
+            return NEEDS_SIZES
+        return smaller(larger(DEFAULT_FIRST * span, least), span)
+    # Vectors of the step that are free before its first trial; `later` are slopes after an Euler step.
+    y, argument, result = work[0:], work[layout.argument :], work[layout.result :]
+    slope, later = work[layout.place(layout.vectors - 1) :], work[layout.place(layout.errors) :]
+    sensitivity = work[layout.place(layout.new) :]
+    singular = evaluate(given, t, y, slope, layout)
+    rate = trial_rate(y, slope, floors, run.rtol, half)
+    trial = smaller(FIRST_SHARE / rate if rate > 0.0 else FIRST_TRIAL * span, span)
+    # Slopes after an Euler step, and at a slightly perturbed state.
+    move = trial * direction
+    for i in each(layout.width, spill=True, disjoint=True):
+        argument[i] = fma(move, slope[i], y[i])
+    failed_later = evaluate(given, t + move, argument, later, layout)
+    for k, factor in enumerate(perturbation_factors(layout.dimension).tolist()):
+        argument[k] = y[k] * (1 + RELATIVE_PERTURBATION * factor)
+    failed_beside = evaluate(given, t, argument, result, layout)
+    singular = singular or failed_later or failed_beside
+    doubtful, others, moving, paired = 0.0, 0.0, 0.0, 0.0
+    for i in range(half):
+        below = i + half
+        here = slope[below]
+        force, place, speed = abs(here), size(y, floors, run.rtol, i), size(y, floors, run.rtol, below)
+        has_place, has_speed = abs(y[i]) > 0.0, abs(y[below]) > 0.0
+        sensed = abs(result[below] - here) / RELATIVE_PERTURBATION
+        # An acceleration that may be round-off of cancelling terms.
+        doubt = force < CANCELLATION * sensed
+        jerk = abs(later[below] - here) / trial / speed if has_speed else 0.0
+        part = force / speed
+        other = smaller(force / place if has_place else math.inf, part * part if has_speed else math.inf)
+        square = jerk if jerk > 0.0 else other if has_place or has_speed else 0.0
+        doubtful = larger(doubtful, square if doubt else 0.0)
+        others = larger(others, 0.0 if doubt else square)
+        moving = larger(moving, larger(force, abs(slope[i])))
+        paired = larger(paired, sensed / place if doubt and has_place else 0.0)
+        sensitivity[below] = sensed if doubt else 0.0
+    asked = doubtful > CANCELLATION_DOMINANCE * others or moving == 0.0
+    if follows and given.counts.surveyed == 0 and asked and not singular:
+        return NEEDS_SIZES
+    if singular:
+        return DEFAULT_FIRST * span
+    change = math.sqrt(larger(larger(doubtful, others), paired))
+    rate = change if change > 0.0 and change < math.inf else rate
+    aim = (FIRST_SHARE * run.rtol) ** (1.0 / control.exponent)
+    h = smaller(larger(aim / rate if rate > 0.0 else DEFAULT_FIRST * span, least), span)
+    if follows:
+        first_floors(given, h, h / trial, layout)
+        noise_floors(floors, sensitivity, 1.0 / rate if rate > 0.0 else 0.0, half)
+    return h
 
-    def __init__(self, layout: Layout, control: Control) -> None:
-        self.p = p = Builder("first_step", "Return the size of a first step from three slopes.", apart=True)
-        self.layout, self.control, self.half = layout, control, layout.dimension // 2
-        self.given = Running(p, layout)
-        self.run, self.work, self.floors = self.given.run, self.given.work, self.given.floors
-        self.span, self.direction = p.given("span", REAL), p.given("direction", REAL)
 
-    def build(self) -> Procedure:
-        p, run, layout, work = self.p, self.run, self.layout, self.work
-        if LAWS[layout.step.law].results > 1:
-            return self.without_slopes()
-        self.y, self.argument, self.result = work.at(0), work.at(layout.argument), work.at(layout.result)
-        self.slope, self.later = work.at(layout.place(layout.vectors - 1)), work.at(layout.place(layout.errors))
-        self.sensitivity = work.at(layout.place(layout.new))
-        self.t, self.follows = run.t, run.share > 0.0
-        self.singular = p.variable(p.false, "singular")
-        self.evaluate(self.t, self.y, self.slope)
-        rate = self.trial_rate()
-        trial = p.smaller(p.choose(rate > 0.0, FIRST_SHARE / rate, FIRST_TRIAL * self.span), self.span)
-        self.move(trial * self.direction)
-        squared = self.squared_rate(trial)
-        with p.when(self.singular.value):
-            p.leave(DEFAULT_FIRST * self.span)
-        change = p.sqrt(squared)
-        rate = p.choose((change > 0.0) & (change < math.inf), change, rate)
-        aim = (FIRST_SHARE * run.rtol) ** (1.0 / self.control.exponent)
-        some = rate > 0.0
-        least = abs(self.t) * (LEAST_SPACINGS * SPACING)
-        h = p.smaller(p.larger(p.choose(some, aim / rate, DEFAULT_FIRST * self.span), least), self.span).called("h")
-        with p.when(self.follows):
-            self.first_floors(h, h / trial)
-            self.noise_floors(p.choose(some, 1.0 / rate, 0.0))
-        p.leave(h)
-        return p.finish(REAL)
+@inline
+def evaluate(given: Running, t: float, y: In, out: Out, layout: Layout) -> bool:
+    """Evaluate the right-hand side at a state, in whole blocks; return whether a matrix is singular."""
+    n = layout.dimension
+    if not layout.in_registers:
+        result = given.work[layout.result :]
+        failed: bool = given.law(t, y, given.parameters, result)
+        copy_vector(result, out, layout.width)
+        return failed
+    state = tuple([y[i] for i in unrolled(n)])
+    results = given.law(t, *state, given.parameters)
+    for k, value in enumerate((*state[n // 2 :], *results[:-1])):
+        out[k] = value
+    for k in unrolled(n, layout.width):
+        out[k] = 0.0
+    singular: bool = results[-1]
+    return singular
 
-    def without_slopes(self) -> Procedure:
-        """Build the procedure of a law without slopes: the caller estimates the sizes, and errors show the rest."""
-        p, run, counts = self.p, self.run, self.given.counts
-        p.leave_if((run.share > 0.0) & counts.surveyed.equals(0), NEEDS_SIZES)
-        least = abs(run.t) * (LEAST_SPACINGS * SPACING)
-        p.leave(p.smaller(p.larger(DEFAULT_FIRST * self.span, least), self.span))
-        return p.finish(REAL)
 
-    def evaluate(self, t: Real, y: Memory, out: Memory) -> None:
-        """Evaluate the right-hand side at a state, in whole blocks."""
-        p, laws, n = self.p, self.given.laws, self.layout.dimension
-        if self.layout.in_registers:
-            state = [y[i] for i in range(n)]
-            *found, failed = laws.law(t, *state, laws.parameters)
-            values = [*state[self.half :], *found, *[p.constant(0.0, REAL)] * (self.layout.width - n)]
-            for k, value in enumerate(values):
-                out[k] = value
-        else:
-            failed = laws.law(t, y, laws.parameters, self.result)
-            p.copy(self.result, out, self.layout.width)
-        self.singular.value = self.singular.value | failed
+@inline
+def size(y: In, floors: In, rtol: float, i: int) -> float:
+    """Return the size of an entry, with its floor."""
+    return abs(y[i]) + floors[i] / rtol
 
-    def size(self, i: Whole) -> _Size:
-        size = abs(self.y[i])
-        return _Size(size + self.floors[i] / self.run.rtol, size > 0.0)
 
-    def trial_rate(self) -> Real:
-        """Return the rate that gives the trial length, from accelerations alone."""
-        p, rate = self.p, self.p.variable(0.0, "rate")
-        with p.loop(0, self.half) as i:
-            force, place, speed = abs(self.slope[i + self.half]), self.size(i), self.size(i + self.half)
-            other = p.choose(speed.some, force / speed.whole, 0.0)
-            rate.value = p.larger(rate.value, p.choose(place.some, p.sqrt(force / place.whole), other))
-        return p.real(rate.value)
+@inline
+def trial_rate(y: In, slope: In, floors: In, rtol: float, half: int) -> float:
+    """Return the rate that gives the trial length, from accelerations alone."""
+    rate = 0.0
+    for i in range(half):
+        force, place, speed = abs(slope[i + half]), size(y, floors, rtol, i), size(y, floors, rtol, i + half)
+        other = force / speed if abs(y[i + half]) > 0.0 else 0.0
+        rate = larger(rate, math.sqrt(force / place) if abs(y[i]) > 0.0 else other)
+    return rate
 
-    def move(self, h: Real) -> None:
-        """Evaluate the right-hand side after an Euler step of h, and at a slightly perturbed state."""
-        p = self.p
-        with p.each(self.layout.width, spill=True) as i:
-            self.argument[i] = p.fma(h, self.slope[i], self.y[i])
-        self.evaluate(self.t + h, self.argument, self.later)
-        for k, factor in enumerate(perturbation_factors(self.layout.dimension).tolist()):
-            self.argument[k] = self.y[k] * (1 + RELATIVE_PERTURBATION * factor)
-        self.evaluate(self.t, self.argument, self.result)
 
-    def squared_rate(self, trial: Real) -> Real:
-        """Return the square of the rate for the first step; leave to ask for sizes if it is not determined."""
-        p, half = self.p, self.half
-        doubtful, others, moving, paired = (p.variable(0.0) for _ in range(4))
-        with p.loop(0, half) as i:
-            below = i + half
-            here = self.slope[below]
-            force, place, speed = abs(here), self.size(i), self.size(below)
-            sensitivity = abs(self.result[below] - here) / RELATIVE_PERTURBATION
-            doubt = force < CANCELLATION * sensitivity
-            jerk = p.choose(speed.some, abs(self.later[below] - here) / trial / speed.whole, 0.0)
-            part = force / speed.whole
-            other = p.smaller(
-                p.choose(place.some, force / place.whole, math.inf), p.choose(speed.some, part * part, math.inf)
-            )
-            square = p.choose(jerk > 0.0, jerk, p.choose(place.some | speed.some, other, 0.0))
-            largest: list[tuple[Any, Real]] = [
-                (doubtful, p.choose(doubt, square, 0.0)),
-                (others, p.choose(doubt, 0.0, square)),
-                (moving, p.larger(force, abs(self.slope[i]))),
-                (paired, p.choose(doubt & place.some, sensitivity / place.whole, 0.0)),
-            ]
-            for variable, value in largest:
-                variable.value = p.larger(variable.value, value)
-            self.sensitivity[below] = p.choose(doubt, sensitivity, 0.0)
-        asked = (doubtful.value > CANCELLATION_DOMINANCE * others.value) | moving.value.equals(0.0)
-        p.leave_if(self.follows & self.given.counts.surveyed.equals(0) & asked & ~self.singular.value, NEEDS_SIZES)
-        return p.real(p.larger(p.larger(doubtful.value, others.value), paired.value))
+@inline
+def first_floors(given: Running, h: float, longer: float, layout: Layout) -> None:
+    """Let the floors of entries that are zero begin at what a step of h adds by its slopes."""
+    work, floors = given.work, given.floors
+    y, slope, later = work[0:], work[layout.place(layout.vectors - 1) :], work[layout.place(layout.errors) :]
+    factor = larger(given.run.share, LEAST_FIRST) * h
+    for i in each(layout.width, spill=True, disjoint=True):
+        here, floor = slope[i], floors[i]
+        ahead = abs(fma(later[i] - here, longer, here))
+        still = ahead < math.inf and abs(here) == 0.0
+        reach = factor * (ahead if still else abs(here))
+        floors[i] = max(floor, reach if y[i] == 0.0 else 0.0)
 
-    def first_floors(self, h: Real, longer: Real) -> None:
-        """Let the floors of entries that are zero begin at what a step of h adds by its slopes."""
-        p = self.p
-        factor = p.larger(self.run.share, LEAST_FIRST) * h
-        with p.each(self.layout.width, spill=True) as i:
-            here = self.slope[i]
-            ahead = abs(p.fma(self.later[i] - here, longer, here))
-            still = (ahead < math.inf) & abs(here).equals(0.0)
-            reach = factor * p.choose(still, ahead, abs(here))
-            self.floors[i] = higher(p, p.choose(self.y[i].equals(0.0), reach, 0.0), self.floors[i])
 
-    def noise_floors(self, period: Real) -> None:
-        """Raise the floors above the round-off of accelerations that cancel, over a period."""
-        p, floors = self.p, self.floors
-        with p.loop(0, self.half) as i:
-            below = i + self.half
-            noise = period * SLOPE_NOISE * self.sensitivity[below]
-            floors[i] = p.larger(floors[i], period * noise)
-            floors[below] = p.larger(floors[below], noise)
+@inline
+def noise_floors(floors: Out, sensitivity: In, period: float, half: int) -> None:
+    """Raise the floors above the round-off of accelerations that cancel, over a period."""
+    for i in range(half):
+        below = i + half
+        noise = period * SLOPE_NOISE * sensitivity[below]
+        floors[i] = larger(floors[i], period * noise)
+        floors[below] = larger(floors[below], noise)

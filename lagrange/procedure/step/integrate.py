@@ -114,7 +114,7 @@ def adaptive_run(step: StepProgram, dimension: int, name: str, *, projected: boo
         p.copy(y.at(k * layout.length), work.at(layout.place(k)), layout.length, spill=False)
     laws = (law, parameters, jacobian, parameters)
     known = (run, counts, floors, effort, work, *(one for held in projection for one in (held, parameters)))
-    outcome = p.call(controlled_steps(layout, control), *laws, *known, most, times, rows)
+    outcome = p.call(controlled_steps.form(layout=layout, control=control), *laws, *known, most, times, rows)
     time[0] = run.t
     for k in range(step.states):
         p.copy(work.at(layout.place(k)), y.at(k * layout.length), layout.length, spill=False)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from lagrange.procedure.blocks import whole_blocks
+from lagrange.procedure.form import Array
 from lagrange.procedure.front.vocabulary import form_of, record
 from lagrange.procedure.linear.gauss_jordan import row_stride
 from lagrange.procedure.newton.constants import HISTORY
@@ -66,6 +67,16 @@ class Newton:
 
 EFFORT, NEWTON = form_of(Effort), form_of(Newton)
 """The records in memory."""
+
+
+def floors_array(layout: Layout) -> Array:
+    """Return the type of the parameter with the absolute tolerance of each entry of the state."""
+    return Array(size=layout.dimension, read=True, room=layout.block)
+
+
+def work_array(layout: Layout, *, read: bool = False) -> Array:
+    """Return the type of the parameter with the vectors of a step and the data of its solves."""
+    return Array(size=layout.size, read=read, room=layout.block)
 
 
 class Layout:

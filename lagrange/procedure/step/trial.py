@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.compensated import compensated
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.form import FLAG, WHOLE, Array, Procedure
+from lagrange.procedure.front.plain import Bundle, Stated, inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, each, form_of, generated, unrolled
 from lagrange.procedure.newton.corrections import product, solve_unknowns
 from lagrange.procedure.newton.prediction import keep
 from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.projection import CORRECTIONS
-from lagrange.procedure.step.memory import EFFORT, Layout
-from lagrange.procedure.step.run import COUNTS, RUN
-from lagrange.procedure.step.vectors import Given, Laws, Sum, Vectors, floors_of, newton_records
-from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.procedure.step.memory import Effort, Layout, Newton, work_array
+from lagrange.procedure.step.run import Counts, Run
+from lagrange.procedure.step.vectors import BY_PLACE, READ, Given, Sum, Vectors, law_of
+from lagrange.procedure.values import Memory
 from lagrange.program.actions import Damp, LawCall
 
 
@@ -90,144 +93,183 @@ def _keep_result(vectors: Vectors, state: int, entries: Memory | None) -> None:
         new[i], tried[i] = compensated(old[i], added[i] + lost[i])
 
 
+@dataclass(frozen=True)
 class Running:
-    """The arguments of a procedure that takes steps of a run: laws, state of the run, and records of its solves."""
+    """The arguments of a procedure that takes steps of a run."""
 
-    def __init__(self, p: Builder, layout: Layout) -> None:
-        self.p, self.layout, self.laws = p, layout, Laws(p, layout)
-        self.run: Any = p.record("run", RUN)
-        self.counts: Any = p.record("counts", COUNTS)
-        self.floors = floors_of(p, layout, read=False)
-        self.effort: Any = p.record("effort", EFFORT)
-        self.newtons = newton_records(p, layout)
-        self.starters = newton_records(p, layout.starting, "starter_") if layout.step.starter is not None else []
-        self.work = p.array("work", size=layout.size, room=layout.block)
-        self.projection: tuple[Any, ...] = ()
-        """The corrections that constraints want and their parameters, if there are constraints."""
-        if layout.projected:
-            self.projection = p.function("projection", CORRECTIONS), p.array("projection_numbers", read=True)
+    law: Callable[..., Any]
+    parameters: In
+    jacobian: Callable[..., Any]
+    """The derivative of the law."""
 
-    @property
-    def handed(self) -> tuple[Any, ...]:
-        """The arguments for another procedure of the same run."""
-        return (
-            *self.laws.handed,
-            self.run,
-            self.counts,
-            self.floors,
-            self.effort,
-            *self.newtons,
-            *self.starters,
-            self.work,
-            *self.projection,
-        )
+    constants: In
+    """The parameters of the derivative."""
 
-    def take(self, t: Real, h: Real, slope_known: Flag, more: Sequence[Memory]) -> Whole:
-        """Take a step from the state, and return the outcome."""
-        numbers = t, h, self.run.rtol, self.floors
-        given = (*self.laws.handed, *numbers, self.effort, *self.newtons, self.work)
-        return self.p.whole(self.p.call(take_step(self.layout), *given, slope_known, *more))
+    run: Run
+    counts: Counts
+    floors: Out
+    """The absolute tolerance of each entry of the state, (dimension,)."""
 
-    def start(self, t: Real, h: Real) -> Whole:
-        """Take a step of the starter, in its own memory, and return the outcome."""
-        p, layout, starting = self.p, self.layout, self.layout.starting
-        memory = self.work.at(layout.end)
+    effort: Effort
+    newtons: tuple[Newton, ...]
+    """The records of the solves of the step."""
 
-        for i in range(layout.step.states):
-            p.copy(self.work.at(layout.place(i)), memory.at(starting.place(i)), layout.width)
-        numbers = t, h, self.run.rtol, self.floors
-        given = (*self.laws.handed, *numbers, self.effort, *self.starters, memory)
-        outcome = p.call(take_step(starting, "starter_"), *given, p.false)
-        for i in range(layout.step.states):
-            p.copy(
-                memory.at(starting.place(starting.new + i)), self.work.at(layout.place(layout.new + i)), layout.width
-            )
-        return p.whole(outcome)
+    starters: tuple[Newton, ...]
+    """The records of the solves of the starter."""
+
+    work: Out
+    """The vectors of the step and the data of its solves; see `Layout`."""
+
+    projection: Callable[..., Any]
+    """The corrections that constraints want, None without constraints."""
+
+    projection_numbers: In
+    """The parameters of the projection."""
 
 
-def try_step(layout: Layout) -> Procedure:
-    """Return the trial of a step of a run; the starter takes it if the state one step back is not known."""
-    step = layout.step
-    p = Builder("try_step", "Try a step of a run, count what it takes, and return an outcome.")
-    given = Running(p, layout)
-    t, h = p.given("t", REAL), p.given("h", REAL)
-    entries = entries_of(p, layout)
-    counts = given.counts
-    effort = given.effort if layout.keeps_history else None
-    if effort is not None:
+def running(layout: Layout) -> Bundle:
+    """Return the type of the arguments of a run."""
+    newton = form_of(Newton)
+    starters = len(layout.starting.solves) if layout.step.starter is not None else 0
+    types: dict[str, Stated] = {
+        "law": law_of(layout),
+        "jacobian": BY_PLACE,
+        "floors": Array(size=layout.dimension, room=layout.block),
+        "newtons": (newton,) * len(layout.solves),
+        "starters": (newton,) * starters,
+        "work": work_array(layout),
+        "projection": CORRECTIONS if layout.projected else None,
+        "projection_numbers": READ if layout.projected else None,
+    }
+    return Bundle(Running, types)
+
+
+def entries_array(layout: Layout) -> Array | None:
+    """Return the type of the array of the entries of the state and of the new state, None if they are not kept."""
+    return Array(size=2 * layout.dimension) if layout.keeps_entries else None
+
+
+def rows_array(layout: Layout) -> Array:
+    """Return the type of the array of rows, the states of a run."""
+    return Array(room=layout.block)
+
+
+@procedure(given=running, entries=entries_array)
+def try_step(given: Running, t: float, h: float, entries: Out | None, *, layout: Layout) -> Outcome:
+    """Try a step of a run, count what it takes, and return an outcome.
+
+    The starter takes it if the state one step back is not known.
+    """
+    step, counts, effort = layout.step, given.counts, given.effort
+    if layout.keeps_history:
         effort.evaluations = 0
     if step.starter is None:
-        known = ~counts.slope_known.equals(0)
-        calls = len(step.calls) - p.whole(known) if step.starts_with_slope else len(step.calls)
-        counts.evaluations = counts.evaluations + calls
-        outcome = given.take(t, h, known, [] if entries is None else [entries])
+        known = counts.slope_known != 0
+        counts.evaluations += len(step.calls) - int(known) if step.starts_with_slope else len(step.calls)
+        outcome = take(given, t, h, known, entries, layout)
     else:
-        outcome = _try_either(given, t, h)
-    if effort is not None:
-        counts.evaluations = counts.evaluations + effort.evaluations
+        # A step from two states needs them at the distance of this one.
+        equal = h == given.run.step
+        given.work[layout.flags + 1] = float(equal)
+        if equal and given.work[layout.flags] == 1.0:
+            counts.evaluations += len(step.calls)
+            outcome = take(given, t, h, slope_known=False, entries=entries, layout=layout)
+        else:
+            counts.evaluations += len(layout.starting.step.calls)
+            outcome = take_starting_step(given, t, h, layout)
+    if layout.keeps_history:
+        counts.evaluations += effort.evaluations
         given.run.residual = effort.residual
     if step.starts_with_slope:
         counts.slope_known = 1
-    p.leave(outcome)
-    return p.finish(WHOLE)
+    return outcome
 
 
-def _try_either(given: Running, t: Real, h: Real) -> Whole:
-    """Try a step from two states, or one of the starter; return the outcome."""
-    p, layout, counts = given.p, given.layout, given.counts
-    equal = h.equals(given.run.step)
-    given.work[layout.flags + 1] = p.real(equal)
-    outcome = p.variable(Outcome.DONE, "outcome")
-    with p.when(equal & given.work[layout.flags].equals(1.0)) as ways:
-        counts.evaluations = counts.evaluations + len(layout.step.calls)
-        outcome.value = given.take(t, h, p.false, [])
-    with ways.otherwise():
-        counts.evaluations = counts.evaluations + len(layout.starting.step.calls)
-        outcome.value = given.start(t, h)
-    return p.whole(outcome.value)
+@inline
+def take(given: Running, t: float, h: float, slope_known: bool, entries: Out | None, layout: Layout) -> Outcome:
+    """Take a step from the state, and return the outcome."""
+    laws = given.law, given.parameters, given.jacobian, given.constants
+    numbers = t, h, given.run.rtol, given.floors
+    outcome: Outcome = generated(
+        take_step(layout), laws, numbers, given.effort, given.newtons, given.work, slope_known, entries
+    )
+    return outcome
 
 
-def accept_step(layout: Layout) -> Procedure:
-    """Return the procedure that makes the trial step the state.
+@inline
+def take_starting_step(given: Running, t: float, h: float, layout: Layout) -> Outcome:
+    """Take a step of the starter, in its own memory, and return the outcome."""
+    work, starting, width = given.work, layout.starting, layout.width
+    memory = work[layout.end :]
+    for i in unrolled(layout.step.states):
+        copy_vector(work[layout.place(i) :], memory[starting.place(i) :], width)
+    laws = given.law, given.parameters, given.jacobian, given.constants
+    numbers = t, h, given.run.rtol, given.floors
+    slope_known = False
+    outcome: Outcome = generated(
+        take_step(starting, "starter_"), laws, numbers, given.effort, given.starters, memory, slope_known
+    )
+    for i in unrolled(layout.step.states):
+        copy_vector(memory[starting.place(starting.new + i) :], work[layout.place(layout.new + i) :], width)
+    return outcome
 
-    If the projection has moved the state, the slope at the end of the step is not that of the state.
+
+@inline
+def copy_vector(source: In, target: Out, width: int) -> None:
+    """Copy a vector of the work array in whole blocks."""
+    for i in each(width, spill=True, disjoint=True):
+        target[i] = source[i]
+
+
+@procedure(
+    newtons=lambda layout: (form_of(Newton),) * len(layout.solves),
+    work=work_array,
+    entries=entries_array,
+    moved=lambda layout: FLAG if layout.projected else None,
+    rows=rows_array,
+)
+def accept_step(
+    run: Run,
+    counts: Counts,
+    newtons: tuple[Newton, ...],
+    work: Out,
+    entries: Out | None,
+    moved: bool | None,
+    t: float,
+    times: Out,
+    rows: Out,
+    *,
+    layout: Layout,
+) -> None:
+    """Make the trial step the state at a time, and a row where rows are kept.
+
+    If the projection has `moved` the state, the slope at the end of the step is not that of the state.
     """
-    step = layout.step
-    p = Builder("accept_step", "Make the trial step the state at a time, and a row where rows are kept.")
-    run: Any = p.record("run", RUN)
-    counts: Any = p.record("counts", COUNTS)
-    newtons = newton_records(p, layout)
-    work = p.array("work", size=layout.size, room=layout.block)
-    entries = entries_of(p, layout)
-    moved: Flag | None = p.given("moved", FLAG) if layout.projected else None
-    t, times, rows = p.given("t", REAL), p.array("times"), p.array("rows", room=layout.block)
-
+    step, width = layout.step, layout.width
     run.t = t
     if step.starter is not None:
         work[layout.flags] = work[layout.flags + 1]
-    for i in range(step.states):
-        state, new = work.at(layout.place(i)), work.at(layout.place(layout.new + i))
+    for i in unrolled(step.states):
+        state, new = work[layout.place(i) :], work[layout.place(layout.new + i) :]
         if step.starter is not None:
-            p.copy(state, work.at(layout.place(step.states + i)), layout.width)
-        p.copy(new, state, layout.width)
+            copy_vector(state, work[layout.place(step.states + i) :], width)
+        copy_vector(new, state, width)
         if step.compensated(i):
-            lost = layout.lost + i * layout.width
-            p.copy(work.at(lost + step.states * layout.width), work.at(lost), layout.width)
+            lost = layout.lost + i * width
+            copy_vector(work[lost + step.states * width :], work[lost:], width)
     if entries is not None:
-        for k in range(layout.dimension):
+        for k in unrolled(layout.dimension):
             entries[k] = entries[layout.dimension + k]
     if step.ends_with_slope:
-        first, last = (work.at(layout.place(step.calls[k].first)) for k in (0, -1))
-        p.copy(last, first, layout.width)
-    same = int(step.ends_with_slope)
-    counts.slope_known = same if moved is None else p.choose(moved, 0, p.whole(same))
+        copy_vector(work[layout.place(step.calls[-1].first) :], work[layout.place(step.calls[0].first) :], width)
+    is_known = int(step.ends_with_slope)
+    counts.slope_known = is_known if moved is None else 0 if moved else is_known
     for solve, newton in zip(layout.solves, newtons, strict=True):
-        p.call(keep(layout, solve), newton, work)
-    counts.steps = counts.steps + 1
-    with p.when(~counts.record.equals(0)):
+        generated(keep(layout, solve), newton, work)
+    counts.steps += 1
+    if counts.record != 0:
         row = counts.rows
         times[row] = t
-        for i in range(step.states):
-            p.copy(work.at(layout.place(i)), rows.at(row * layout.dimension + i * layout.length), layout.width)
+        for i in unrolled(step.states):
+            copy_vector(work[layout.place(i) :], rows[row * layout.dimension + i * layout.length :], width)
         counts.rows = row + 1
-    return p.finish()
