@@ -279,7 +279,7 @@ class SourcePrinter(Visitor, Syntax):
                     self.inside(otherwise)
                 self.put(self.closing("if"))
             case Loop(place=index, start=start, stop=stop, step=step, body=body):
-                self.iterations(index, (self.text(start), self.text(stop), str(step)), body, ())
+                self.iterations(index, (self.text(start), self.text(stop, self.end_binds), str(step)), body, ())
             case Repeat(test=test, condition=condition, body=body):
                 self.repeat(test, condition, body)
             case Each():
@@ -321,7 +321,7 @@ class SourcePrinter(Visitor, Syntax):
 
     def each(self, each: Each) -> None:
         """Print an `each` as a loop, with partial sums in an array of four."""
-        count = self.text(each.iterations)
+        count = self.text(each.iterations, self.end_binds)
         for fold in each.folds:
             self.settle()
             self.begin_fold(fold)

@@ -25,6 +25,8 @@ class Syntax(ABC):
     """Characters of a name, of which many languages distinguish no more."""
     widest: ClassVar[int] = 118
     """Longest line, where a language breaks lines."""
+    end_binds: ClassVar[int] = 0
+    """How tightly the end of a loop must bind to stand without parentheses."""
 
     @abstractmethod
     def head(self) -> list[str]:

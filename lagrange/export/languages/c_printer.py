@@ -40,6 +40,7 @@ class BracedPrinter(SourcePrinter):
     functions: Mapping[str, str] = {}
     helpers: ClassVar[Mapping[str, tuple[str, Any]]]
     index_type: str
+    end_binds = COMMON["less"].operands[1]
 
     def __init__(self, procedure: Procedure, needed: dict[str, None], taken: Iterable[str]) -> None:
         self.needed = needed

@@ -18,7 +18,7 @@ from weakref import WeakValueDictionary
 
 from lagrange.errors import LagrangeError
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import WHOLE, Array, Callee, Kind, Procedure, Record, Type
+from lagrange.procedure.form import WHOLE, Array, Callee, Kind, Procedure, Record
 from lagrange.procedure.front.building import Tracer
 from lagrange.procedure.front.executing import Exact
 from lagrange.procedure.front.kinds import Ended, Error, is_dynamic, leaves
@@ -44,7 +44,7 @@ class Bundle:
     """Types of fields that depend on what is known; the others are annotated."""
 
 
-Stated = Type | tuple["Stated", ...] | Bundle | type | None
+Stated = Kind | Array | Record | Callee | tuple["Stated", ...] | Bundle | type | None
 """The type of a parameter: of a number, an array, a record, a function, a bundle (a dataclass), several, or nothing."""
 
 
