@@ -12,7 +12,7 @@ import sympy
 
 import lagrange as lg
 from lagrange.machine.array_source import arrays_loaded
-from lagrange.members import job, work
+from lagrange.members import job
 from lagrange.procedure.members.along import lobatto
 from lagrange.procedure.members.extremum import largest_between, memory_size
 
@@ -130,30 +130,6 @@ def test_the_drift_is_that_to_the_time_of_the_end(method: str, monkeypatch: pyte
     assert "side by side" in together.form and "one after" in alone.form
     assert set(together.status) == {lg.Status.MAX_STEPS} and np.abs(together["drift"]).min() > 1e-6
     assert np.allclose(together["drift"], alone["drift"], rtol=1e-9)
-
-
-@pytest.mark.slow
-def test_what_is_kept_depends_on_the_member_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Chunks, threads, order, and neighbours that escape: the same bytes."""
-    henon = lg.scene("henon-heiles")
-    x, y = henon.coordinates
-    grid = lg.grid({"x": (-1.0, 1.0, 7), "y": [-0.2, 0.1, 0.9]})
-    for method in ("taylor", "dop853"):
-        given: dict[str, Any] = {"keep": ("end", ("max", x * y), ("mean", y), ("min", x)), "method": method}
-        given |= {"t_eval": np.linspace(0.0, 6.0, 7), "rtol": 1e-8}
-        whole = lg.ensemble(henon, 6.0, grid, workers=1, **given)
-        assert {lg.Status.SUCCESS} < set(whole.status)
-        for size, workers in ((1, 1), (5, 2), (8, 1)):
-            with monkeypatch.context() as changed:
-                changed.setattr(work, "FIRST_CHUNK", size)
-                changed.setattr(work, "LARGEST_CHUNK", size)
-                runs = lg.ensemble(henon, 6.0, grid, workers=workers, **given)
-            for name in (column.name for column in whole.columns):
-                assert runs.results.column(name).tobytes() == whole.results.column(name).tobytes(), name
-        order = np.random.default_rng(2).permutation(len(whole))
-        mixed = lg.ensemble(henon, 6.0, {"x": whole.given("x")[order], "y": whole.given("y")[order]}, **given)
-        for name in (column.name for column in whole.columns):
-            assert mixed.results.column(name).tobytes() == whole.results.column(name)[order].tobytes(), name
 
 
 def test_a_rejected_taylor_step_leaves_no_trace(monkeypatch: pytest.MonkeyPatch) -> None:

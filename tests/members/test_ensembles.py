@@ -69,20 +69,39 @@ def test_parameters_vary_and_outputs_are_those_of_a_run() -> None:
         assert np.allclose(runs.y[:, :, i], alone.y, rtol=1e-12, atol=1e-13)
 
 
-def test_how_members_are_divided_does_not_change_a_bit(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Threads, chunks, and neighbours: some of these starts escape, and their lanes run on."""
+x, y = lg.coordinates("x y")
+ALONG: dict[str, Any] = {"keep": ("end", ("max", x * y), ("mean", y), ("min", x)), "t_eval": np.linspace(0.0, 6.0, 7)}
+EVENTS: dict[str, Any] = {"keep": ("end", ("events", 3), ("min", x)), "events": [lg.event(x, terminal=2), y]}
+DIVIDED = [
+    pytest.param(15.0, {}, id="ends"),
+    *(
+        pytest.param(6.0, {"method": method, **METHODS[method], **kept}, id=f"{name}-{method}", marks=pytest.mark.slow)
+        for name, kept in (("along", ALONG), ("events", EVENTS))
+        for method in ("taylor", "dop853", "tsit5", "rk4", "verlet")
+    ),
+]
+"""How long runs are, and what they keep: ends; extremes, means and states on the way; events."""
+
+
+@pytest.mark.parametrize(("end", "options"), DIVIDED)
+def test_how_members_are_divided_does_not_change_a_bit(
+    end: float, options: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Threads, chunks, order and neighbours: some of these starts escape, and their lanes run on."""
+    henon = system("henon-heiles")
     initial = lg.grid({"x": (-1.0, 1.0, 9), "y": [-0.2, 0.1, 0.9]})
-    whole = lg.ensemble(system("henon-heiles"), 15.0, initial, workers=1)
-    assert lg.Status.SUCCESS in whole.status and lg.Status.STEP_TOO_SMALL in whole.status
+    whole = lg.ensemble(henon, end, initial, workers=1, **options)
+    assert len(set(whole.status)) > 1
+    order = np.random.default_rng(1).permutation(len(whole))
+    mixed = lg.ensemble(henon, end, {name: whole.given(name)[order] for name in ("x", "y")}, **options)
     for size, workers in ((1, 1), (3, 2), (8, 1), (11, 2), (100, 3)):
         monkeypatch.setattr(work, "FIRST_CHUNK", size)
         monkeypatch.setattr(work, "LARGEST_CHUNK", size)
-        runs = lg.ensemble(system("henon-heiles"), 15.0, initial, workers=workers)
+        runs = lg.ensemble(henon, end, initial, workers=workers, **options)
         for name in (column.name for column in whole.columns):
-            assert runs.results.column(name).tobytes() == whole.results.column(name).tobytes()
-    order = np.random.default_rng(1).permutation(len(whole))
-    shuffled = lg.ensemble(system("henon-heiles"), 15.0, {"x": whole.given("x")[order], "y": whole.given("y")[order]})
-    assert shuffled.results.column("state").tobytes() == whole.results.column("state")[order].tobytes()
+            assert runs.results.column(name).tobytes() == whole.results.column(name).tobytes(), name
+    for name in (column.name for column in whole.columns):
+        assert mixed.results.column(name).tobytes() == whole.results.column(name)[order].tobytes(), name
 
 
 @pytest.mark.parametrize(("method", "least"), [("taylor", lanes()), ("radau5", 1)])

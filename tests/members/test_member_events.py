@@ -12,7 +12,7 @@ import pytest
 import sympy
 
 import lagrange as lg
-from lagrange.members import job, work
+from lagrange.members import job
 from lagrange.members.singly import RunEngine
 from lagrange.trajectory.events import event_loop
 
@@ -205,30 +205,6 @@ def test_events_at_both_ends_of_a_run(method: str, monkeypatch: pytest.MonkeyPat
             assert "side by side" in together.form
             with without_lanes(monkeypatch):
                 agree(together, lg.ensemble(ball(), 1.0, start, workers=1, **given))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("method", FIRST)
-def test_what_a_member_keeps_depends_on_it_alone(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Chunks, threads, order, and neighbours that escape or are left to runs of their own: the same bytes."""
-    henon = lg.scene("henon-heiles")
-    x, y = henon.coordinates
-    given: dict[str, Any] = {"keep": ("end", ("events", 3), ("min", x)), "method": method, **METHODS[method]}
-    given["events"] = [lg.event(x, terminal=2), y]
-    grid = lg.grid({"x": (-1.0, 1.0, 7), "y": [-0.2, 0.1, 0.9]})
-    whole = lg.ensemble(henon, 6.0, grid, workers=1, **given)
-    assert len(set(whole.status)) > 2
-    for size, workers in ((1, 1), (5, 2), (8, 1)):
-        with monkeypatch.context() as changed:
-            changed.setattr(work, "FIRST_CHUNK", size)
-            changed.setattr(work, "LARGEST_CHUNK", size)
-            runs = lg.ensemble(henon, 6.0, grid, workers=workers, **given)
-        for name in (column.name for column in whole.columns):
-            assert runs.results.column(name).tobytes() == whole.results.column(name).tobytes(), name
-    order = np.random.default_rng(3).permutation(len(whole))
-    mixed = lg.ensemble(henon, 6.0, {"x": whole.given("x")[order], "y": whole.given("y")[order]}, **given)
-    for name in (column.name for column in whole.columns):
-        assert mixed.results.column(name).tobytes() == whole.results.column(name)[order].tobytes(), name
 
 
 def test_a_root_in_the_forces_is_watched_in_lanes_too(monkeypatch: pytest.MonkeyPatch) -> None:

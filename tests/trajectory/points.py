@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from types import SimpleNamespace
 from typing import Any
 
@@ -59,12 +58,6 @@ class Point:
         return np.array(columns).T
 
 
-def stated_time(run: Any) -> float:
-    found = re.search(r" at t = (\S+)", run.message)
-    assert found
-    return float(found[1])
-
-
 def oscillator(t: float, x: float, v: float) -> float:
     return -x
 
@@ -73,22 +66,6 @@ def problem(acceleration: Any, t1: float = 2.0, y0: Any = (1.0, 0.0), **options:
     model: Any = Point(acceleration)
     given: dict[str, Any] = {"t0": 0.0, "max_wall": 1000.0, "max_steps": 20_000, "rtol": 1e-8, "atol": 1e-10}
     return Problem(model=model, parameters={}, t1=t1, y0=np.array(y0, dtype=float), **(given | options))
-
-
-def nan_later(t: float, x: float, v: float) -> float:
-    return np.nan if t > 0.5 else -x
-
-
-def inf_later(t: float, x: float, v: float) -> float:
-    return np.inf if t > 0.5 else -x
-
-
-def leaves_domain(t: float, x: float, v: float) -> float:
-    return float(-2.0 * np.sqrt(x + 0.5) - 1.0)
-
-
-def blow_up(t: float, x: float, v: float) -> float:
-    return v * v
 
 
 def double_pole(t: float, x: float, v: float) -> float:

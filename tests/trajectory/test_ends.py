@@ -203,6 +203,20 @@ def test_a_singularity_in_time(name: str, target: str) -> None:
         assert "below the spacing of floating-point times" in found.message
 
 
+@cache
+def pulled() -> Model:
+    return build(kinetic=x.dot**2 / 2, forces={x: 1 - x})
+
+
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_tolerances_of_zero_from_rest(name: str) -> None:
+    """Every scale of the error is zero at the start."""
+    found = run(pulled(), 3.0, name, rtol=0.0, atol=0.0)
+    assert found.status is Status.SUCCESS and found.y[0, -1] == pytest.approx(1 - np.cos(3), abs=1e-10)
+    least = 1.11e-16 if name == "taylor" else 2.22e-14  # a series has no estimate made of differences, full of noise
+    assert f"rtol = 0 is below round-off and was raised to {least}" in found.message
+
+
 @pytest.mark.parametrize("target", TARGETS)
 def test_progress_is_told_where_the_run_is(target: str) -> None:
     seen: list[float] = []

@@ -1,4 +1,4 @@
-"""Solvers of other packages through the protocol, what holds for each: a run ends, says how, and keeps what it has."""
+"""Solvers of other packages through the protocol, what holds for each. How their runs end: `tests/faults`."""
 
 from __future__ import annotations
 
@@ -16,14 +16,8 @@ from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.trajectory import Status
 from tests.trajectory.points import (
     Singular,
-    blow_up,
-    double_pole,
-    inf_later,
-    leaves_domain,
-    nan_later,
     oscillator,
     problem,
-    stated_time,
 )
 from tests.trajectory.runs import OUTSIDE
 
@@ -57,23 +51,6 @@ def test_reaches_the_end_with_a_path_between_the_steps(method: Any, t1: float) -
     np.testing.assert_allclose(run.dense(run.t), run.y, atol=1e-12)
 
 
-def test_step_and_time_limits_keep_what_was_computed(method: Any) -> None:
-    run = method.integrate(problem(oscillator, 1e6, max_steps=5))
-    assert run.status is Status.MAX_STEPS and run.steps + run.rejected >= 5 >= run.steps == len(run.t) - 1
-    assert "used up max_steps = 5 at t = " in run.message and "Raise max_steps" in run.message
-
-    def slow(t: float, x: float, v: float) -> float:
-        time.sleep(1e-3)
-        return -x
-
-    run = method.integrate(problem(slow, 1e6, max_wall=0.1))
-    assert run.status is Status.MAX_WALL and run.wall < 1 and run.steps > 0
-    assert "used up max_wall = 0.1 s at t = " in run.message and "Raise max_wall" in run.message
-    times = np.linspace(0.0, 1e6, 11)
-    run = method.integrate(problem(oscillator, 1e6, t_eval=times, max_steps=5))
-    assert run.t.tolist() == [0.0], "no output beyond the last accepted step"
-
-
 def test_a_stiff_oscillator_ends_in_time_where_the_method_is_for_it(method: Any) -> None:
     def van_der_pol(t: float, x: float, v: float) -> float:
         return 1e5 * (1 - x * x) * v - x
@@ -103,33 +80,6 @@ def test_output_times_are_met_and_do_not_change_the_steps(method: Any) -> None:
     np.testing.assert_allclose(run.y[0], np.cos(times), atol=1e-6)
 
 
-@pytest.mark.parametrize("fault", [nan_later, inf_later])
-def test_a_derivative_that_turns_bad_stops_the_run_there(method: Any, fault: Any) -> None:
-    run = method.integrate(problem(fault))
-    assert run.status is Status.NON_FINITE
-    assert 0.3 < run.t[-1] <= 0.5000001 and np.isfinite(run.y).all() and run.steps > 0
-    # LSODA does not go back for the last few thousandths.
-    assert stated_time(run) == pytest.approx(0.5, abs=0.02 if method.name == "scipy-lsoda" else 1e-3)
-    assert "on the way from 0 to 2: the acceleration of x is " in run.message
-    assert "Look for a division by zero" in run.message
-
-
-def test_leaving_the_domain_stops_the_run_at_its_edge(method: Any) -> None:
-    run = method.integrate(problem(leaves_domain))
-    assert run.status is Status.NON_FINITE and "x" in run.message
-    assert np.isfinite(run.y).all() and -0.5 <= run.y[0, -1] < 0.5
-
-
-@pytest.mark.parametrize(("fault", "y0"), [(blow_up, (0.0, 1.0)), (double_pole, (1.0, 2.0))])
-@pytest.mark.parametrize("sign", [1, -1])
-def test_a_singularity_of_the_solution_ends_the_run(method: Any, fault: Any, y0: Any, sign: int) -> None:
-    run = method.integrate(problem(lambda t, x, v: fault(sign * t, x, sign * v), 2.0 * sign, (y0[0], sign * y0[1])))
-    assert run.status in (Status.STEP_TOO_SMALL, Status.NON_FINITE, Status.DIVERGED), run.message
-    assert run.t[-1] == pytest.approx(sign, abs=1e-2) and np.isfinite(run.y).all()
-    assert stated_time(run) == pytest.approx(sign, abs=1e-2), run.message
-    assert "x_dot" in run.message or "of x" in run.message
-
-
 @pytest.mark.parametrize(
     ("acceleration", "y0", "words"),
     [
@@ -145,28 +95,11 @@ def test_a_start_that_is_not_finite_is_not_run(method: Any, acceleration: Any, y
     np.testing.assert_array_equal(run.dense(np.array([0.0]))[:, 0], y0)
 
 
-def test_bad_right_after_the_start_ends_too(method: Any) -> None:
-    run = method.integrate(problem(lambda t, x, v: np.nan if t > 0 else 1.0))
-    assert run.status is Status.NON_FINITE and np.isfinite(run.y).all()
-
-
 def test_a_singular_mass_matrix_is_reported_in_the_models_words(method: Any) -> None:
     run = method.integrate(replace(problem(oscillator), model=Singular(oscillator)))
     assert run.status is Status.SINGULAR
     assert 0.5 <= run.y[0, -1] < 0.6
     assert "on the way from 0 to 2: the mass matrix of the clock is singular at x = 0." in run.message
-
-
-def test_an_interruption_keeps_what_was_computed(method: Any) -> None:
-    def interrupted(t: float, x: float, v: float) -> float:
-        if t > 1:
-            raise KeyboardInterrupt
-        return -x
-
-    run = method.integrate(problem(interrupted))
-    assert run.status is Status.INTERRUPTED and 0.3 < run.t[-1] <= 1 and run.steps == len(run.t) - 1
-    assert "was interrupted at t = " in run.message and "kept" in run.message
-    assert method.integrate(problem(oscillator)).status is Status.SUCCESS, "the next run is a run of its own"
 
 
 def test_progress_is_told_the_time_reached(method: Any) -> None:
@@ -178,11 +111,6 @@ def test_progress_is_told_the_time_reached(method: Any) -> None:
 
     run = method.integrate(problem(slow, progress=times.append))
     assert times and times == sorted(times) and times[-1] <= run.t[-1]
-
-
-def test_an_empty_span_is_one_state(method: Any) -> None:
-    run = method.integrate(problem(oscillator, 0.0))
-    assert run.status is Status.SUCCESS and run.t.tolist() == [0.0] and run.y.tolist() == [[1.0], [0.0]]
 
 
 def test_a_state_below_atol_is_spoken_of(method: Any) -> None:

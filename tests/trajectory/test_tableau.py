@@ -87,25 +87,6 @@ def symmetry(tree: Any) -> int:
     return math.prod(math.factorial(tree.count(child)) * symmetry(child) ** tree.count(child) for child in {*tree})
 
 
-@pytest.mark.parametrize("tableau", ALL[:-1], ids=lambda tableau: tableau.name)
-def test_claimed_order_is_seen_on_a_pendulum(tableau: ButcherTableau) -> None:
-    """The order of verner9 is not seen above round-off: test_steps_precisely has it."""
-    y0 = np.array([1.0, 0.2])
-    span, counts = (
-        1.0,
-        {1: (64, 128, 256), 2: (32, 64, 128), 3: (32, 64, 128), 4: (16, 32, 64), 5: (8, 16, 32), 8: (3, 4, 6)},
-    )
-    exact = reference(0.3, y0, np.array([0.3 + span]))[:, -1]
-    errors, sizes = [], []
-    for count in counts[tableau.order]:
-        h, y = span / count, y0
-        for i in range(count):
-            y = step(tableau, pendulum, 0.3 + i * h, y, h)
-        errors.append(np.abs(y - exact).max())
-        sizes.append(h)
-    assert slope_of(errors, sizes) == pytest.approx(tableau.order, abs=0.25)
-
-
 @pytest.mark.parametrize("tableau", ALL, ids=lambda tableau: tableau.name)
 def test_the_path_has_its_order_and_meets_both_ends(tableau: ButcherTableau) -> None:
     assert tableau.dense
