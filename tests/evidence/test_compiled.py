@@ -32,6 +32,7 @@ def test_compiled_systems_hold_on_both_targets(make: Callable[[], Statement]) ->
     quick_check(other)
 
 
+@pytest.mark.slow
 def test_a_chain_holds() -> None:
     statement = statements.pendulum_chain(4)
     model = model_of(statement, LlvmMachine())
