@@ -22,20 +22,6 @@ from tests.trajectory.watched import FALL, G, ball, free, go, harmonic
 # Zeros
 
 
-@pytest.mark.parametrize("rtol", [1e-9, 1e-12])
-@pytest.mark.parametrize("depth", range(1, 9))
-def test_grazing_turns_of_a_pendulum(depth: int, rtol: float) -> None:
-    """Started at rest from 1 rad, it passes 1 - eps at each return, twice within sqrt(8 eps / sin 1)."""
-    eps = 10.0**-depth
-    found = go(build(kinetic=x.dot**2 / 2, potential=-cos(x), initial={x: 1.0}), 50.0, [x - (1 - eps)], rtol=rtol)
-    times = found.t_events[0]
-    assert len(times) == 15
-    apart = math.sqrt(8 * eps / math.sin(1))
-    assert np.diff(times)[1::2] == pytest.approx(
-        apart, rel=0.5 * eps + 1e-13 / eps + (1e-8 if rtol > 1e-10 else 1e-11) / eps
-    )
-
-
 def test_a_loose_run_grazes_where_its_own_path_does() -> None:
     """At rtol = 1e-6 the amplitude drifts by some 1e-8: what counts are the crossings of the path that is returned."""
     graze = 1 - 1e-8
@@ -80,20 +66,6 @@ def test_the_zeros_are_those_of_a_dense_search(expression: Any) -> None:
     found = go(harmonic(), 20.0, [expression])
     assert found.status is Status.SUCCESS
     assert found.t_events[0] == pytest.approx(expected, abs=1e-9)
-
-
-@pytest.mark.parametrize("target", TARGETS)
-def test_directions_and_touches(target: str) -> None:
-    """x falls and rises through zero by turns; (x - 1)**2 only touches it, which has no direction."""
-    events = [event(x, direction=1), event(x, direction=-1), x, (x - 1) ** 2, event((x - 1) ** 2, direction=1)]
-    found = go(build(target, kinetic=x.dot**2 / 2, potential=x**2 / 2, initial={x: 2.0}), 7.0, events, rtol=3e-13)
-    falling, rising = math.pi / 2, 3 * math.pi / 2
-    assert found.t_events[0] == pytest.approx([rising], rel=1e-11)
-    assert found.t_events[1] == pytest.approx([falling], rel=1e-11)
-    assert found.t_events[2] == pytest.approx([falling, rising], rel=1e-11)
-    # A double root is as uncertain as the square root of round-off.
-    assert found.t_events[3] == pytest.approx([math.pi / 3, 5 * math.pi / 3], abs=1e-6)
-    assert len(found.t_events[4]) == 0
 
 
 def test_a_kink_that_touches_zero_is_one_touch() -> None:
@@ -152,26 +124,6 @@ def test_an_event_that_stays_zero_is_no_obstacle() -> None:
 
 
 # Starts and ends
-
-
-def test_a_zero_at_the_start_is_no_event_and_one_at_the_end_is() -> None:
-    found = go(free(), 1.0, [x, event(x, terminal=True), x - 1])
-    assert [list(times) for times in found.t_events] == [[], [], [1.0]] and found.status is Status.SUCCESS
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize(
-    ("terminal", "direction", "turns"), [(True, 0, 1), (1, -1, 2), (2, 0, 2), (2, -1, 4), (3, 1, 5)]
-)
-def test_a_terminal_event_ends_the_run(terminal: int, direction: int, turns: int, target: str) -> None:
-    """x = sin t is zero at each multiple of pi, falling at the odd ones."""
-    turns = turns - 1 if direction == -1 else turns + 1 if direction == 1 else turns
-    found = go(harmonic(target), 40.0, [event(x, direction=direction, terminal=terminal), x.dot])
-    assert found.status is Status.EVENT and found.status.complete
-    assert found.message.startswith(f"taylor stopped at an event at t = {turns * math.pi:.6g}.")
-    assert found.t[-1] == found.t_events[0][-1] == pytest.approx(turns * math.pi, rel=1e-9)
-    assert found.y[:, -1] == pytest.approx(found.y_events[0][-1], abs=0) and len(found.t_events[0]) == terminal
-    assert len(found.t_events[1]) == turns
 
 
 def test_a_terminal_event_at_the_end_of_the_span() -> None:

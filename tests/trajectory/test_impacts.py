@@ -12,31 +12,9 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import FloatArray, Status
-from tests.models import LLVM_FIRST, TARGETS, build, x, y
+from tests.models import build, x, y
 from tests.trajectory.runs import run
-from tests.trajectory.watched import FALL, G, ball, floor, free, go
-
-
-def bounces(restitution: float, count: int) -> FloatArray:
-    flights = 2 * FALL * restitution ** np.arange(1, count)
-    return np.asarray(FALL + np.concatenate([[0.0], np.cumsum(flights)]))
-
-
-@pytest.mark.parametrize("target", LLVM_FIRST)
-@pytest.mark.parametrize("level", [0.0, 3.0, 6.4e6])
-@pytest.mark.parametrize("restitution", [0.5, 0.9])
-def test_a_ball_comes_to_rest_after_infinitely_many_bounces(restitution: float, level: float, target: str) -> None:
-    """It stops in words where they accumulate, and never falls through, be the floor a planet's radius away."""
-    if target == "numpy" and level:
-        pytest.skip("interpreted, and the same as without an offset")
-    found = go(ball(target, height=level + 1), 100.0, [floor(restitution, level)])
-    end = FALL * (1 + restitution) / (1 - restitution)
-    assert found.status is Status.STEP_TOO_SMALL
-    assert found.t[-1] == pytest.approx(end, rel=1e-13)
-    assert "comes to rest" in found.message and f"at t = {end:.6g} on the way from 0 to 100" in found.message
-    assert found.y[0].min() >= level - 4e-15 * max(level, 1)
-    times = found.t_events[0]
-    assert len(times) > 40 and times == pytest.approx(bounces(restitution, len(times)), rel=1e-14 + 3e-16 * level)
+from tests.trajectory.watched import FALL, G, ball, bounces, floor, free, go
 
 
 @pytest.mark.parametrize(("direction", "level"), [(-1, 0.0), (0, 0.0), (0, 6.4e6)])
@@ -57,23 +35,6 @@ def test_what_begins_in_the_other_direction_is_not_thrown_back() -> None:
     assert len(below.t_events[0]) == 0 and below.y[0, -1] == pytest.approx(9 - G / 2)
     passing = go(free(x=1.0, x_dot=1.0), 1.0, [event(x - 1, direction=1, reset={x.dot: x.dot / 2})])
     assert len(passing.t_events[0]) == 0 and passing.y[0, -1] == 2.0
-
-
-@pytest.mark.parametrize("target", TARGETS)
-def test_a_circular_billiard(target: str) -> None:
-    """Energy and angular momentum are conserved, and chords take the same time, over 2000 impacts."""
-    r2 = x**2 + y**2
-    normal = (x * x.dot + y * y.dot) / r2
-    mirror = event(r2 - 1, direction=1, reset={x.dot: x.dot - 2 * normal * x, y.dot: y.dot - 2 * normal * y})
-    start = {x: 0.3, y: 0.1, x.dot: 0.7, y.dot: 0.5}
-    model = build(target, kinetic=(x.dot**2 + y.dot**2) / 2, coordinates=[x, y], initial=start)
-    found = go(model, 5000.0 if target == "llvm" else 100.0, [mirror])
-    spin = found.y[0] * found.y[3] - found.y[1] * found.y[2]
-    assert len(found.t_events[0]) > (2000 if target == "llvm" else 40)
-    # Some 3 roundings an impact, which add up like a random walk or, at worst, one by one.
-    assert np.ptp(spin) < 1e-12 and np.ptp((found.y[2:] ** 2).sum(axis=0)) < 1e-12
-    assert np.ptp(np.diff(found.t_events[0])) < 1e-11
-    assert (found.y[:2] ** 2).sum(axis=0).max() < 1 + 1e-12
 
 
 def folded(u: Any) -> FloatArray:

@@ -153,7 +153,6 @@ def test_in_velocities_a_method_of_slopes_is_not_symplectic_where_the_mass_matri
     assert defect(name, DOUBLE_PENDULUM, lagrange=True) > 1e-6
 
 
-@pytest.mark.few
 @pytest.mark.parametrize("name", [*EXPLICIT, *SOLVED])
 def test_a_step_back_undoes_a_step_where_that_is_claimed(name: str) -> None:
     law = DOUBLE_PENDULUM if name in MOMENTA else HENON_HEILES
