@@ -19,6 +19,7 @@ from lagrange.machine.python_source import RAISING, Printer
 from lagrange.procedure.form import (
     CONSTANT,
     FLAG,
+    REAL,
     Declare,
     Get,
     Let,
@@ -356,8 +357,13 @@ class _Rows(_Floats):
         """Print a sine and a cosine."""
         if self.half_angles and pair.angle not in self.fixed:
             self.by_half_angle(pair.angle, sin=pair.sine, cos=pair.cosine)
-        else:
-            super().pair(pair)
+            return
+        # The sine must leave the row of the angle to the cosine.
+        last = self.last[pair.angle]
+        self.last[pair.angle] = self.place + 1
+        self.let(Let(pair.sine, REAL, "sin", (pair.angle,)))
+        self.last[pair.angle] = last
+        self.let(Let(pair.cosine, REAL, "cos", (pair.angle,)))
 
     def by_half_angle(self, angle: int, *, sin: int | None = None, cos: int | None = None) -> None:
         """Print sine and cosine of an angle x from t = tan(x/2): 2 t/(1 + t^2) and 2/(1 + t^2) - 1."""
