@@ -9,11 +9,13 @@ from functools import cache
 from typing import Any
 
 import pytest
+import sympy
 import sympy as sp
 
 import lagrange as lg
 from lagrange.errors import StatementError
 from lagrange.mechanics.grading.student_equations import spelled
+from lagrange.mechanics.grading.term_difference import _expanded
 from tests.models import shared_scene
 
 RIGHT = re.compile(r"The equations are right: they are equivalent to those of the system, at the \d+ states tried\.")
@@ -429,3 +431,10 @@ def test_a_filter_of_first_order() -> None:
     delay = lg.System(0, 0, coordinates=[e], forces={e: 1 - e}, dissipation=e.dot**2 / 2)
     assert delay.compare("e' = 1 - e") and delay.compare("e'' = -e'")
     assert "the term e has the wrong sign" in delay.compare("e' = 1 + e").message
+
+
+def test_the_sine_of_a_large_multiple_is_one_term() -> None:
+    """Expanded, it is a polynomial of that degree: the thousandth takes twenty seconds."""
+    x = sympy.Symbol("x")
+    assert _expanded(sympy.sin(1000 * x)) == (sympy.sin(1000 * x),)
+    assert set(_expanded(sympy.sin(2 * x))) == {2 * sympy.sin(x) * sympy.cos(x)}

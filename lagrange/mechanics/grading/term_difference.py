@@ -19,6 +19,9 @@ Numbers = list[Any]
 Write = Callable[[Any], str]
 """Function that returns the text of an expression in plain symbols."""
 
+LARGEST_MULTIPLE = 20
+"""Largest multiple of an angle whose sine is expanded."""
+
 MOST_TERMS = 2_000
 """Largest number of terms of an expanded sum in which a wrong term is searched."""
 
@@ -166,13 +169,23 @@ def _choices(rest: Sequence[Any], sums: Sequence[Any]) -> Iterator[Any]:
 
 def _opened(expression: Any) -> tuple[Any, ...]:
     """Return the terms of an expression after addition theorems expand sines and cosines of sums."""
-    return summands(sympy.expand_trig(expression))
+    return summands(_without_sums(expression))
 
 
 def _expanded(expression: Any) -> tuple[Any, ...]:
     """Return the terms of an expression after full expansion, powers and denominators included."""
-    terms: tuple[Any, ...] = sympy.Add.make_args(sympy.expand(sympy.expand_trig(expression)))
+    terms: tuple[Any, ...] = sympy.Add.make_args(sympy.expand(_without_sums(expression)))
     return terms
+
+
+def _without_sums(expression: Any) -> Any:
+    """Return an expression with sines and cosines of sums expanded; the expression itself if a multiple is too large.
+
+    The sine of n times an angle becomes a polynomial of degree n.
+    """
+    calls = expression.atoms(sympy.sin, sympy.cos, sympy.tan)
+    factors = (abs(term.as_coeff_Mul()[0]) for call in calls for term in sympy.Add.make_args(call.args[0]))
+    return expression if any(factor > LARGEST_MULTIPLE for factor in factors) else sympy.expand_trig(expression)
 
 
 def _times(number: Fraction, expression: Any) -> Any:
