@@ -20,6 +20,7 @@ FUNCTIONS = {
         "The symbols of a statement, and energies of common parts.",
         ("coordinate", "coordinates", "parameters", "t", "given", "table", "multiplier", "event"),
         ("kinetic_energy", "rotational_energy", "gravity", "spring"),
+        ("contact", "gap", "impact_speed"),
         ("scene", "scenes"),
     ),
     "run": (
@@ -52,6 +53,7 @@ WRITING_METHODS = ("Claims", "Integrator", "Problem")
 ERRORS = ("LagrangeError", "StatementError", "SceneError", "RunError")
 DATA = {
     "t": "The time, a SymPy symbol, in statements, events and ``solution.evaluate``.",
+    "impact_speed": "The speed -dgap/dt before an impact, a SymPy symbol, for the restitution of a contact.",
     "__version__": "The version of the package, a text.",
 }
 ELSEWHERE = ("methods",)

@@ -25,7 +25,15 @@ SECTIONS = {
     ),
     "Hand on": ("other-solvers", "export/README"),
     "Look up": ("reference", "api/index", "commands", "errors", "limits"),
-    "Behind it": ("dev/theory", "dev/extending", "dev/evidence", "dev/glossary", "benchmarks/README", "changes"),
+    "Behind it": (
+        "dev/theory",
+        "dev/extending",
+        "dev/procedures",
+        "dev/evidence",
+        "dev/glossary",
+        "benchmarks/README",
+        "changes",
+    ),
 }
 """Pages of the sidebar by heading."""
 
