@@ -8,39 +8,15 @@ from typing import Any
 
 from lagrange.procedure.builder import Folded
 from lagrange.procedure.form import FLAG, REAL, Kind, Set, Statement, When
+from lagrange.procedure.front.executing import Ways
 from lagrange.procedure.front.kinds import ZERO, Ended, Error, Missing, common_kind, real
 from lagrange.procedure.front.names import Names
 from lagrange.procedure.front.vocabulary import REDUCTIONS
 from lagrange.procedure.values import Flag, Memory, Value, Variable
 
 
-class Chosen:
+class Chosen(Ways):
     """A condition that is known when the procedure is built: one branch."""
-
-    def __init__(self, ways: Sequence[Any]) -> None:
-        self.ways = ways
-        self.values: Sequence[Any] = ()
-
-    def __iter__(self) -> Iterator[Any]:
-        return iter(self.ways)
-
-    def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return what names stand for inside."""
-        self.values = values
-        return values
-
-    def close(self, *values: Any) -> Sequence[Any]:
-        """Take what names stand for at the end; return what they stand for next."""
-        self.values = values
-        return values
-
-    def ended(self, ended: Exception) -> None:
-        """Take note that the block has returned."""
-        raise ended
-
-    def after(self) -> Sequence[Any]:
-        """Return what names stand for behind it."""
-        return self.values
 
 
 class Written(Chosen):
