@@ -307,7 +307,7 @@ def run_in_segments(problem: Problem, run: Callable[[Problem], Trajectory]) -> T
             told = message(behind.result.status, problem, end, before, parts[-1].method, cause=behind.result.detail)
             parts[-1] = replace(parts[-1], status=behind.result.status, message=told)
             break
-        last = _last(problem, parts)
+        last = status_at_end(problem, parts)
         parts[-1] = before_outputs_at_end(problem, parts[-1])
         rest = rest_of(segment, parts[-1:], end, behind.y, output_at_begin=True)
         rest = replace(rest, parameters=behind.parameters, step=parts[0].step)
@@ -345,7 +345,7 @@ def _is_begin(problem: Problem, met: Sequence[int], begin: float, end: float) ->
     return bool(met) and not moved and abs(end - begin) <= CLOSEST * max(abs(end), EARLIEST)
 
 
-def _last(problem: Problem, parts: Sequence[Trajectory]) -> Status | None:
+def status_at_end(problem: Problem, parts: Sequence[Trajectory]) -> Status | None:
     """Return the status if the run ends with these segments, or None if it goes on."""
     for i, event in enumerate(problem.events):
         if event.terminal and sum(len(part.t_events[i]) for part in parts) >= event.terminal:

@@ -124,9 +124,7 @@ class Bounces:
         if len(known) < len(restitutions) or weakest == 1.0:
             return UNKNOWN_IMPACTS if None in restitutions else ELASTIC_IMPACTS
         share = self.speeds[-1] / max(self.speeds) if self.speeds else 1.0
-        return (
-            max(1, math.ceil(math.log(SMALLEST_BOUNCE / share) / math.log(weakest))) if share > SMALLEST_BOUNCE else 1
-        )
+        return max(1, math.ceil(math.log(SMALLEST_BOUNCE / share) / math.log(weakest)))
 
     @property
     def end(self) -> float | None:

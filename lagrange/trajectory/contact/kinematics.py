@@ -44,7 +44,10 @@ class Touch:
 
 
 class Kinematics:
-    """Evaluates the contacts of a model for the parameters of a run."""
+    """Evaluates the contacts of a model for the parameters of a run.
+
+    `rows` has the rows of each contact: that of dgap/dt, which is also in `normals`, then those of its slips.
+    """
 
     def __init__(self, model: Model, parameters: FloatArray) -> None:
         self.model, self.parameters, self.contacts = model, parameters, model.statement.contacts
@@ -58,9 +61,10 @@ class Kinematics:
         found = constraint_equations(stated, holonomic, equations.q, equations.v, equations.time)
         gaps = [gap for gap in found.positions if gap is not None]
         gradient = [entry for row in found.gradient for entry in row]
-        self._rows, self._count = len(found), len(gaps)
+        sizes = [1 + len(each.slip) for each in self.contacts]
+        self.normals = [sum(sizes[:i]) for i in range(len(sizes))]
+        self.rows = [list(range(row, row + size)) for row, size in zip(self.normals, sizes, strict=True)]
         self._places, self._speeds = np.zeros(len(gaps)), np.zeros(len(found))
-        self._owners = [i for i, each in enumerate(self.contacts) for _ in range(1 + len(each.slip))]
         nodes = (*gaps, *found.velocities, *found.bias, *gradient)
         self._kernel = model.function("contacts", nodes)
         values = dict(zip(model.statement.parameters, map(Float, parameters.tolist()), strict=True))
@@ -87,31 +91,20 @@ class Kinematics:
 
     def gaps(self, times: FloatArray, states: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the gaps (k, N) at times (N,) and states (2n, N), and the gap (k,) up to which each counts as zero."""
-        found = np.asarray(self._kernel(times, states, self.parameters))[: self._count]
+        found = np.asarray(self._kernel(times, states, self.parameters))[: len(self.normals)]
         return found.copy(), TOUCHING * np.maximum(self._places, np.abs(found).max(axis=1))
-
-    def rows(self, contacts: Sequence[int]) -> list[int]:
-        """Return the rows of some contacts: for each dgap/dt, then its slips."""
-        sizes = [1 + len(each.slip) for each in self.contacts]
-        begins = np.concatenate([[0], np.cumsum(sizes)]).astype(int)
-        return [row for i in contacts for row in range(begins[i], begins[i + 1])]
-
-    def normal(self, contact: int) -> int:
-        """Return the row of dgap/dt of a contact."""
-        return self.rows([contact])[0]
 
     def at(self, t: float, y: FloatArray) -> Touch:
         """Return the contacts at a state (2n,)."""
-        n, k, rows = self.model.dimension, self._count, self._rows
+        n, k, rows = self.model.dimension, len(self.normals), len(self._speeds)
         values = np.asarray(self._kernel(t, y, self.parameters))
         gaps, rates, bias, gradient = np.split(values, [k, k + rows, k + 2 * rows])
         directions = gradient.reshape(rows, n)
         q, v = self.model.layout.split(y)
-        normals = [self.normal(i) for i in range(k)]
-        places = np.abs(directions[normals]) @ np.abs(q) + np.abs(gaps)
+        places = np.abs(directions[self.normals]) @ np.abs(q) + np.abs(gaps)
         speeds = np.abs(directions) @ np.abs(v) + np.abs(rates - directions @ v)
         self._places, self._speeds = np.maximum(self._places, places), np.maximum(self._speeds, speeds)
-        fastest = [self._speeds[self.rows([i])].max() for i in self._owners]
+        fastest = np.concatenate([np.full(len(mine), self._speeds[mine].max()) for mine in self.rows])
         noise = STILL * np.maximum(fastest, SLOW_SHARE * self._speeds.max())
         return Touch(gaps, rates, directions, bias, TOUCHING * self._places, noise)
 
@@ -127,6 +120,20 @@ class Kinematics:
         whole = np.block([[mass, -held.T], [held, np.zeros((m, m))]])
         right = np.vstack([touch.directions.T, np.zeros((m, len(touch.directions)))])
         return np.asarray(np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n])
+
+    def closed(self, t: float, y: FloatArray, contacts: Sequence[int], steps: int) -> FloatArray:
+        """Return a state whose gaps of some contacts are closed by steps of Newton's method, by the least change.
+
+        The kinetic energy measures the change.
+        """
+        y, normals = y.copy(), [self.normals[i] for i in contacts]
+        for _ in range(steps if normals else 0):
+            touch = self.at(t, y)
+            responses = self.responses(t, y, touch)
+            square = (touch.directions @ responses)[np.ix_(normals, normals)]
+            change = responses[:, normals] @ np.linalg.lstsq(square, touch.gaps[contacts], rcond=1e-12)[0]
+            y[self.model.layout.q] -= change
+        return y
 
     def stated_directions(self, t: float, y: FloatArray) -> FloatArray:
         """Return the gradient (m, n) by the velocities of the stated constraints."""

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
-from weakref import WeakKeyDictionary
 
 import sympy
 
@@ -26,6 +25,9 @@ SLOWEST = 1e-12
 """Slip in a plane, as a fraction of the largest so far, at which it counts as zero: its direction is not smooth there.
 
 The rest of the slip is taken away by an impulse."""
+
+MODELS_KEPT = 16
+"""Number of models whose modes are kept."""
 
 EVENTS_KEPT = 8
 """Number of lists of events that are kept for a mode, so that its runs use the same drivers."""
@@ -115,15 +117,10 @@ class Modes:
         return self._models[plain]
 
 
-_KNOWN: WeakKeyDictionary[Model, Modes] = WeakKeyDictionary()
-
-
+@lru_cache(maxsize=MODELS_KEPT)
 def modes_of(model: Model) -> Modes:
     """Return the modes of a model, which are made once for it."""
-    found = _KNOWN.get(model)
-    if found is None:
-        found = _KNOWN[model] = Modes(model)
-    return found
+    return Modes(model)
 
 
 def mode_statement(statement: Statement, mode: Mode) -> Statement:

@@ -20,16 +20,18 @@ from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, mo
 from lagrange.trajectory.contact.transition import Behind, Impact, Transitions, Undetermined
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, number
-from lagrange.trajectory.parts import before_outputs_at_end, joined, last_state, point_of, rest_of
+from lagrange.trajectory.parts import before_outputs_at_end, joined, last_state, point_of, rest_of, status_at_end
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 MOST_REPEATS = 3
 """Most tries of a segment that ends where it begins because of round-off."""
 
-
 SAMPLES, OVERLAP = 4, 1e-8
 """Number of times in a segment at which gaps are looked at, and the overlap that is more than errors, as a part of the
 terms of the gap."""
+
+STEPS_OUTSIDE = 30
+"""Steps of Newton's method from a start inside a body to one outside."""
 
 MOST_AT_ONCE = 32
 """Most changes of the mode at one instant."""
@@ -77,47 +79,48 @@ class _ContactRun:
         self._check_start()
         n = len(self.contacts)
         try:
-            behind = self.transitions.behind(problem.t0, problem.y0, Mode(("open",) * n, (None,) * n))
+            behind = self.transitions.behind(problem.t0, problem.y0, Mode((OPEN,) * n, (None,) * n))
         except Undetermined as refusal:
             raise StatementError(f"the motion cannot start there: {refusal}") from refusal
         self._book(problem.t0, behind)
         segment = replace(problem, y0=behind.y)
         while True:
-            part, mode = self._segment(segment, behind.mode)
-            end = part.span[1]
-            fired = self._fired(part, mode)
-            settled = bool(mode.bouncing) and self.rest_time <= end
-            if settled:
+            mode = self._segment(segment, behind.mode)
+            part, last = self.parts[-1], status_at_end(problem, self.parts)
+            end, fired = part.span[1], self._fired()
+            goes_on = bool(fired)
+            if mode.bouncing and self.rest_time <= end:
                 mode, self.rest_time = replace(mode, bouncing=()), math.inf
-            if (
-                part.status is Status.UNRELIABLE
-                or self._user_end(part)
-                or not (fired or (settled and part.status is Status.SUCCESS))
-            ):
-                break
-            if settled and end == problem.t1:
+                goes_on = last is None and (goes_on or part.status is Status.SUCCESS)
+            if part.status is Status.UNRELIABLE or last is Status.EVENT or not goes_on:
                 break
             try:
-                behind = self._after(part, mode, fired)
+                behind = self._after(mode, fired)
             except Undetermined as refusal:
-                told = message(Status.SINGULAR, problem, end, last_state(part), part.method, cause=str(refusal))
-                self.parts[-1] = replace(self.parts[-1], status=Status.SINGULAR, message=told)
+                self._stop(Status.SINGULAR, str(refusal))
                 break
             if (limit := self._limit(end, mode, behind.mode)) is not None:
-                status, cause = limit
-                told = message(status, problem, end, last_state(part), part.method, cause=cause)
-                self.parts[-1] = replace(self.parts[-1], status=status, message=told)
+                self._stop(*limit)
                 break
-            last = Status.SUCCESS if end == problem.t1 else None
             self.parts[-1] = before_outputs_at_end(problem, self.parts[-1])
             if last is not None:
-                self.begins.append(end)
-                self.kept.append(behind.mode)
-                self.parts.append(point_of(problem, self.parts[-1], behind.y, last))
+                self._keep(end, behind.mode, point_of(problem, self.parts[-1], behind.y, last))
                 break
             segment = rest_of(problem, self.parts, end, behind.y, output_at_begin=True)
         found = joined(problem, self.parts, self._note(), both_at_joints=True)
         return replace(found, contacts=self._history())
+
+    def _keep(self, begin: float, mode: Mode, part: Trajectory) -> None:
+        """Keep a segment."""
+        self.begins.append(begin)
+        self.kept.append(mode)
+        self.parts.append(part)
+
+    def _stop(self, status: Status, cause: str) -> None:
+        """Give the last segment a status and a cause that end the run."""
+        part = self.parts[-1]
+        told = message(status, self.problem, part.span[1], last_state(part), part.method, cause=cause)
+        self.parts[-1] = replace(part, status=status, message=told)
 
     def _limit(self, end: float, mode: Mode, following: Mode) -> tuple[Status, str] | None:
         """Return the status and the cause of a run that reached a limit between two modes, or None."""
@@ -139,8 +142,8 @@ class _ContactRun:
             "contact lead to no motion that goes on. Change restitution or friction, or end the run before."
         )
 
-    def _segment(self, segment: Problem, mode: Mode) -> tuple[Trajectory, Mode]:
-        """Run a segment in a mode, and keep it with the events of the user alone."""
+    def _segment(self, segment: Problem, mode: Mode) -> Mode:
+        """Run a segment in a mode, keep it with the events of the user alone, and return the mode."""
         users, written = len(self.problem.events), None if mode.closed else self.written
         until = min(self.rest_time, segment.t1) if mode.bouncing else segment.t1
         most = self.bounces.most(self.kinematics.restitutions)
@@ -158,18 +161,16 @@ class _ContactRun:
             if written is not None and not self._passed_impacts(written):
                 written = self.written = None
                 continue
-            if tries < MOST_REPEATS and self._is_begin(self.found, mode, segment.t0):
+            if tries < MOST_REPEATS and self._is_begin(segment.t0):
                 tries += 1
                 segment = replace(segment, y0=last_state(self.found))
                 continue
-            self.found = self._before_resets(mode) if written else self.found
+            self.found = self._before_resets() if written else self.found
             part = replace(self.found, t_events=self.found.t_events[:users], y_events=self.found.y_events[:users])
-        self.begins.append(segment.t0)
-        self.kept.append(mode)
-        self.parts.append(self._verified(part, mode))
-        return self.parts[-1], mode
+        self._keep(segment.t0, mode, self._verified(part))
+        return mode
 
-    def _verified(self, part: Trajectory, mode: Mode) -> Trajectory:
+    def _verified(self, part: Trajectory) -> Trajectory:
         """Return a segment, with the status UNRELIABLE if bodies overlap in it: an impact was missed."""
         times = np.linspace(*part.span, SAMPLES + 1)[1:]
         gaps, near = self.kinematics.gaps(times, part.dense(times))
@@ -218,34 +219,29 @@ class _ContactRun:
             self.bounces.add(t, speed, frozenset([i]))
         return True
 
-    def _fired(self, part: Trajectory, mode: Mode) -> list[tuple[int, str]]:
-        """Return the contacts whose events ended a segment, with the kind of each."""
+    def _fired(self) -> list[tuple[int, str]]:
+        """Return the contacts whose events ended the last segment, with the kind of each."""
         if self.found.status is not Status.EVENT:
             return []
-        users, end = len(self.problem.events), part.span[1]
-        ends = self.prepared.ends
-        times = self.found.t_events[users:]
-        return [which for which, when in zip(ends, times, strict=True) if len(when) and when[-1] == end]
+        pairs = zip(self.prepared.ends, self.found.t_events[len(self.problem.events) :], strict=True)
+        return [which for which, when in pairs if len(when) and when[-1] == self.found.span[1]]
 
-    def _is_begin(self, part: Trajectory, mode: Mode, begin: float) -> bool:
+    def _is_begin(self, begin: float) -> bool:
         """Return whether a segment ends where it begins, at a gap that opens or a slip that begins."""
-        end = part.span[1]
-        fired = self._fired(part, mode)
+        end, fired = self.found.span[1], self._fired()
         if not fired or abs(end - begin) > CLOSEST * max(abs(end), EARLIEST):
             return False
-        touch = self.kinematics.at(end, last_state(part))
-        opens = [i for i, kind in fired if kind == GAP and touch.rates[self.kinematics.normal(i)] >= 0]
-        slides = [i for i, kind in fired if kind == SLIP and i in self.freed]
-        return len(opens) + len(slides) == len(fired)
+        rates = self.kinematics.at(end, last_state(self.found)).rates[self.kinematics.normals]
+        return all((kind == GAP and rates[i] >= 0) or (kind == SLIP and i in self.freed) for i, kind in fired)
 
-    def _before_resets(self, mode: Mode) -> Trajectory:
+    def _before_resets(self) -> Trajectory:
         """Return the last segment with the state before the reset of an event that ended it."""
-        found, y = self.found, self._end_state(mode)
+        found = self.found
         if not len(found.t) or found.t[-1] != found.span[1]:
             return found
-        return replace(found, y=np.column_stack([found.y[:, :-1], y]))
+        return replace(found, y=np.column_stack([found.y[:, :-1], self._end_state()]))
 
-    def _end_state(self, mode: Mode) -> FloatArray:
+    def _end_state(self) -> FloatArray:
         """Return the state (2n,) at the events that ended the last segment, before any reset."""
         found, users = self.found, len(self.problem.events)
         for when, states in zip(found.t_events[users:], found.y_events[users:], strict=True):
@@ -253,16 +249,9 @@ class _ContactRun:
                 return np.ascontiguousarray(states[-1])
         return last_state(found)
 
-    def _user_end(self, part: Trajectory) -> bool:
-        """Return whether an event of the user ends the run."""
-        for i, event in enumerate(self.problem.events):
-            if event.terminal and sum(len(each.t_events[i]) for each in self.parts) >= event.terminal:
-                return True
-        return False
-
-    def _after(self, part: Trajectory, mode: Mode, fired: Sequence[tuple[int, str]]) -> Behind:
-        """Return what follows the end of a segment."""
-        t, y = part.span[1], self._end_state(mode)
+    def _after(self, mode: Mode, fired: Sequence[tuple[int, str]]) -> Behind:
+        """Return the state and the mode after the last segment, with the impacts between."""
+        t, y = self.found.span[1], self._end_state()
         by_kind = {kind: [i for i, other in fired if other == kind] for kind in (RELEASE, GAP, SLIP, CONE)}
         ends = {"met": by_kind[GAP], "released": by_kind[RELEASE], "stopped": by_kind[SLIP], "freed": by_kind[CONE]}
         behind = self.transitions.behind(t, y, mode, **ends)
@@ -306,12 +295,7 @@ class _ContactRun:
     def _nearest(self, contact: int) -> str:
         """Return a sentence with the nearest start at which a gap is closed, by Newton's method."""
         problem, kin, layout = self.problem, self.kinematics, self.problem.model.layout
-        y = problem.y0.copy()
-        for _ in range(30):
-            touch = kin.at(problem.t0, y)
-            row = kin.normal(contact)
-            along = kin.responses(problem.t0, y, touch)[:, row]
-            y[layout.q] -= along * touch.gaps[contact] / (touch.directions[row] @ along)
+        y = kin.closed(problem.t0, problem.y0, [contact], STEPS_OUTSIDE)
         if not np.isfinite(y).all() or abs(kin.at(problem.t0, y).gaps[contact]) > 1e-6:
             return "Give a start at which the bodies do not overlap."
         moved = [

@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from lagrange.equations.regularity import independent_rows
 from lagrange.errors import RunError, listing
-from lagrange.statement.contact import NEWTON, SEQUENCE
-from lagrange.trajectory.contact.complementarity import (
-    OPEN,
-    SLIDING,
-    STICKING,
-    Balance,
-    Friction,
-    solutions,
-)
+from lagrange.statement.contact import SEQUENCE
+from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING, Balance, solutions
 from lagrange.trajectory.contact.kinematics import STILL, TOUCHING, Kinematics, Touch
 from lagrange.trajectory.contact.modes import SLOWEST, Mode, Modes
 from lagrange.trajectory.trajectory import FloatArray
@@ -25,6 +18,11 @@ from lagrange.trajectory.trajectory import FloatArray
 MOST_IN_SEQUENCE = 500
 """Most impacts at one instant that follow each other. What infinitely many leave over is then stopped at once."""
 
+IMPACT_NOISE = 1e-13
+"""A gap rate after an impact is round-off below this part of the speed of the impact."""
+
+UNCOUPLED = 1e-12
+"""Part of the largest response below which one contact does not move another."""
 
 SLIGHT, SHORT = 2.0**-48, 1e-3
 """A slip or a gap begins with what the largest acceleration terms times this make, in the time so far or in a short
@@ -75,7 +73,6 @@ class Transitions:
 
     def __init__(self, modes: Modes, kinematics: Kinematics, span: float) -> None:
         self.modes, self.kinematics = modes, kinematics
-        self.statement = modes.model.statement
         self._layout, self._slowest, self._moment = modes.model.layout, 0.0, SHORT * span
 
     def behind(
@@ -99,7 +96,7 @@ class Transitions:
         """
         kin = self.kinematics
         touch = kin.at(t, y)
-        normals = [kin.normal(i) for i in range(len(kin.contacts))]
+        normals = kin.normals
         near = [i for i in range(len(normals)) if i in met or touch.gaps[i] <= touch.near[i]]
         lasting = [i for i in mode.closed if i not in released]
         touching = sorted({*near, *lasting} - set(released))
@@ -110,8 +107,8 @@ class Transitions:
         if closing:
             y, impacts, speeds = self._impact(t, y, touch, touching, closing, plastic)
             touch = kin.at(t, y)
-        still = [self._still(touch, row, speeds) for row in normals]
-        resting = [i for i in touching if touch.rates[normals[i]] <= still[i] or i in plastic]
+        still = touch.noise + IMPACT_NOISE * max(speeds, default=0.0)
+        resting = [i for i in touching if touch.rates[normals[i]] <= still[normals[i]] or i in plastic]
         y, following, pulls = self._next(t, y, touch, resting, stopped, ways, released)
         bounced = [i for i in closing if i not in following.closed]
         unseen = frozenset(
@@ -120,11 +117,7 @@ class Transitions:
             if i not in following.closed
             and 0 < touch.rates[normals[i]] ** 2 < -2 * pulls[normals[i]] * SMALLEST_GAP / TOUCHING * touch.near[i]
         )
-        return Behind(self._without_gaps(t, y, bounced), following, impacts, speeds, unseen)
-
-    def _still(self, touch: Touch, row: int, speeds: Sequence[float]) -> float:
-        """Return the gap rate up to which a contact rests: noise, also of the speeds of impacts."""
-        return float(touch.noise[row]) + 1e-13 * max(speeds, default=0.0)
+        return Behind(kin.closed(t, y, bounced, NEWTON_STEPS), following, impacts, speeds, unseen)
 
     def _freed_ways(self, t: float, y: FloatArray, mode: Mode, freed: Collection[int]) -> dict[int, FloatArray]:
         """Return the directions, against the friction force, in which contacts at their cone begin to slide."""
@@ -154,26 +147,22 @@ class Transitions:
         """Return the state behind an impact, the impact of each contact, and the speeds of the closing ones."""
         kin, v = self.kinematics, self._layout.v
         responses = kin.responses(t, y, touch)
-        law = self.statement.simultaneous
-        if len(touching) > 1 and not law:
-            if not self._coupled(touch, responses, touching):
-                law = NEWTON
-            else:
-                names = listing(kin.contacts[i].name for i in touching)
-                raise Undetermined(
-                    f"{names} meet at one instant, and the result depends on the law of simultaneous impacts: state "
-                    "simultaneous='newton', all at once, or 'sequence', one after the other, on the system."
-                )
+        matrix, law = touch.directions @ responses, self.modes.model.statement.simultaneous
+        if not law and self._coupled(matrix, touching):
+            names = listing(kin.contacts[i].name for i in touching)
+            raise Undetermined(
+                f"{names} meet at one instant, and the result depends on the law of simultaneous impacts: state "
+                "simultaneous='newton', all at once, or 'sequence', one after the other, on the system."
+            )
         rates, impulses = touch.rates.copy(), np.zeros(len(touch.rates))
         rounds = 0
         while True:
-            approaching = [i for i in touching if rates[kin.normal(i)] < -touch.noise[kin.normal(i)]]
+            approaching = [i for i in touching if rates[kin.normals[i]] < -touch.noise[kin.normals[i]]]
             if not approaching or rounds > (MOST_IN_SEQUENCE if law == SEQUENCE else 0):
                 break
             last = law != SEQUENCE or rounds == MOST_IN_SEQUENCE
-            chosen = list(touching) if last else [min(approaching, key=lambda i: rates[kin.normal(i)])]
-            step = self._impulses(touch, responses, rates, chosen, touching if rounds and last else plastic)
-            impulses += step
+            chosen = list(touching) if last else [min(approaching, key=lambda i: rates[kin.normals[i]])]
+            impulses += self._impulses(matrix, rates, chosen, touching if rounds and last else plastic)
             rates = touch.rates + touch.directions @ (responses @ impulses)
             rounds += 1
         after = y.copy()
@@ -181,45 +170,45 @@ class Transitions:
         middle = (touch.rates + rates) / 2
         impacts = []
         for i in touching:
-            rows = kin.rows([i])
+            rows = kin.rows[i]
             if not impulses[rows[0]]:
                 continue
             lost = -float(impulses[rows] @ middle[rows])
             friction = tuple(impulses[rows[1:]].tolist())
             impacts.append((i, Impact(t, float(impulses[rows[0]]), friction, lost)))
-        return after, tuple(impacts), tuple(float(-touch.rates[kin.normal(i)]) for i in closing)
+        return after, tuple(impacts), tuple(float(-touch.rates[kin.normals[i]]) for i in closing)
 
-    def _coupled(self, touch: Touch, responses: FloatArray, touching: Sequence[int]) -> bool:
+    def _coupled(self, matrix: FloatArray, touching: Sequence[int]) -> bool:
         """Return whether an impulse at one of some contacts changes the rates of another."""
-        kin = self.kinematics
-        matrix = np.abs(touch.directions @ responses)
-        for i in touching:
-            for j in touching:
-                if i != j and matrix[np.ix_(kin.rows([i]), kin.rows([j]))].max() > 1e-12 * matrix.max():
-                    return True
-        return False
+        others = np.abs(matrix)
+        for rows in self.kinematics.rows:
+            others[np.ix_(rows, rows)] = 0.0
+        rows = [row for i in touching for row in self.kinematics.rows[i]]
+        return bool(others[np.ix_(rows, rows)].max() > UNCOUPLED * np.abs(matrix).max())
 
     def _impulses(
         self,
-        touch: Touch,
-        responses: FloatArray,
+        matrix: FloatArray,
         rates: FloatArray,
         chosen: Sequence[int],
         plastic: Collection[int],
     ) -> FloatArray:
-        """Return the impulses (rows,) of an impact of the chosen contacts by Newton's and Coulomb's law."""
+        """Return the impulses (rows,) of an impact of the chosen contacts by Newton's and Coulomb's law.
+
+        `matrix` (rows, rows) has the rates that unit impulses cause, `rates` (rows,) are those before the impact.
+        """
         kin = self.kinematics
         laws, rows, shift = [], list[int](), list[float]()
         for i in chosen:
-            normal, *along = kin.rows([i])
+            normal, *along = kin.rows[i]
             speed = max(-float(rates[normal]), 0.0)
             e = 0.0 if i in plastic or not speed else kin.restitution(i, speed)
             law = kin.friction(i, np.zeros(len(along)), np.zeros(1))
             laws.append(law)
             rows += [normal, *along[: law.components]]
             shift += [-e * speed] + [0.0] * law.components
-        matrix = (touch.directions @ responses)[np.ix_(rows, rows)]
-        found = self._only(solutions(matrix, rates[rows] + np.array(shift), laws), chosen, "impact")
+        bias = rates[rows] + np.array(shift)
+        found = self._only(solutions(matrix[np.ix_(rows, rows)], bias, laws), chosen, "impact")
         impulses = np.zeros(len(rates))
         impulses[rows] = found.forces
         return impulses
@@ -264,17 +253,16 @@ class Transitions:
         if resting:
             laws, rows = [], list[int]()
             for i in resting:
-                normal, *along = kin.rows([i])
+                normal, *along = kin.rows[i]
                 slip = np.zeros(len(along)) if i in stopped else touch.rates[along]
                 law = kin.friction(i, slip, np.maximum(touch.noise[along], 0.0) if along else np.zeros(1))
                 if i in ways:
-                    law = Friction(law.components, law.static, law.kinetic, ways[i])
+                    law = replace(law, way=ways[i])
                 laws.append(law)
                 rows += [normal, *along[: law.components]]
             responses = kin.responses(t, y, touch)
             matrix = (touch.directions @ responses)[np.ix_(rows, rows)]
-            bias = pulls[rows]
-            found = self._only(solutions(matrix, bias, laws), resting, "motion")
+            found = self._only(solutions(matrix, pulls[rows], laws), resting, "motion")
             pulls = pulls + (touch.directions @ responses)[:, rows] @ found.forces
             terms[rows] += np.abs(matrix) @ np.abs(found.forces)
             for i, state, way in zip(resting, found.states, found.ways, strict=True):
@@ -288,13 +276,13 @@ class Transitions:
         kept = self._independent(t, y, touch, states)
         mode = Mode(tuple(states), tuple(kept_ways), kept, slowest=self._slowest if plane else 0.0)
         slight = SLIGHT * float(terms.max()) * max(abs(t), self._moment)
-        begins = {kin.normal(i): slight for i in {*resting, *released} if states[i] == OPEN}
+        begins = {kin.normals[i]: slight for i in {*resting, *released} if states[i] == OPEN}
         for i, way in slides.items():
-            along = kin.rows([i])[1:]
+            along = kin.rows[i][1:]
             if np.linalg.norm(touch.rates[along]) <= touch.noise[along].max():
                 slow = 0.0 if len(way) == 1 else 2 * max(mode.slowest, float(touch.noise[along].max()))
                 begins |= dict(zip(along, (max(slow, slight) * way).tolist(), strict=True))
-        return self._entered(t, self._without_gaps(t, y, mode.closed), mode, begins), mode, pulls
+        return self._entered(t, kin.closed(t, y, mode.closed, NEWTON_STEPS), mode, begins), mode, pulls
 
     def _independent(self, t: float, y: FloatArray, touch: Touch, states: Sequence[str]) -> tuple[int, ...] | None:
         """Return the independent ones of the constraints of a mode if some follow from others, else None."""
@@ -311,22 +299,9 @@ class Transitions:
         rows = []
         for i, state in enumerate(states):
             if state != OPEN:
-                mine = kin.rows([i])
+                mine = kin.rows[i]
                 rows += mine if state == STICKING else mine[:1]
         return rows
-
-    def _without_gaps(self, t: float, y: FloatArray, contacts: Collection[int]) -> FloatArray:
-        """Return a state in which gaps of round-off are closed by Newton's method, by the least change of all."""
-        if not contacts:
-            return y
-        kin, layout, y, chosen = self.kinematics, self._layout, y.copy(), list(contacts)
-        normals = [kin.normal(i) for i in chosen]
-        for _ in range(NEWTON_STEPS):
-            touch = kin.at(t, y)
-            responses = kin.responses(t, y, touch)
-            square = (touch.directions @ responses)[np.ix_(normals, normals)]
-            y[layout.q] -= responses[:, normals] @ np.linalg.lstsq(square, touch.gaps[chosen], rcond=1e-12)[0]
-        return y
 
     def _entered(self, t: float, y: FloatArray, mode: Mode, begins: dict[int, float]) -> FloatArray:
         """Return a state whose velocities are those of a mode.
