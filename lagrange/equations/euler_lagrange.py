@@ -12,7 +12,7 @@ from typing import Any
 
 from lagrange.equations.constraints import ConstraintEquations, check_rows, constraint_equations
 from lagrange.equations.decisions import StatedLaws
-from lagrange.equations.solve_plan import SolvePlan, plan_of
+from lagrange.equations.solve_plan import SolvePlan, eliminated, plan_of
 from lagrange.equations.structure import Structure, find_structure
 from lagrange.errors import StatementError
 from lagrange.graph.differentiate import gradient, tangents
@@ -206,30 +206,17 @@ def least_norm(stated: ConstraintEquations, kept: Sequence[int], multipliers: Se
         return [_dot(row, other) for other in rows]
 
     square = [products(row) for row in rows]
-    shares = [_eliminated(square, products(stated.gradient[i])) for i in others]
+    order = range(len(rows))
+    shares = [eliminated(square, products(stated.gradient[i]), order) for i in others]
     one = graph.one
     gram = [
         [graph.sum([(int(a == b), one), *((1, c[a] * c[b]) for c in shares)]) for b in range(len(rows))]
         for a in range(len(rows))
     ]
-    weights = _eliminated(gram, list(multipliers))
+    weights = eliminated(gram, list(multipliers), order)
     by_index = dict(zip(kept, weights, strict=True))
     by_index |= {i: _dot(c, weights) for i, c in zip(others, shares, strict=True)}
     return [by_index[i] for i in range(len(stated))]
-
-
-def _eliminated(matrix: Sequence[Sequence[Node]], right: Sequence[Node]) -> list[Node]:
-    """Return the solution of a symmetric positive definite system, eliminated in nodes, which have Taylor series."""
-    rows = [[*row, entry] for row, entry in zip(matrix, right, strict=True)]
-    for k, pivot in enumerate(rows):
-        for row in rows[k + 1 :]:
-            factor = row[k] / pivot[k]
-            row[k:] = [x - factor * y for x, y in zip(row[k:], pivot[k:], strict=True)]
-    found: list[Node] = []
-    for k in reversed(range(len(rows))):
-        known = zip(rows[k][k + 1 : -1], found, strict=True)
-        found.insert(0, (rows[k][-1] - rows[k][-1].graph.sum([(1, x * y) for x, y in known])) / rows[k][k])
-    return found
 
 
 def _dot(a: Sequence[Node], b: Sequence[Node]) -> Node:

@@ -16,6 +16,7 @@ from typing import Any
 import sympy
 
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
+from lagrange.equations.solve_plan import eliminated
 from lagrange.errors import StatementError, listing
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.generic import generic_rank
@@ -93,26 +94,5 @@ def _multipliers(equations: Equations, system: str, names: Sequence[str]) -> lis
             "forces cancel those of a constraint. Change the forces that contain multipliers."
         )
     order = [unknown for block in e.plan.blocks for unknown in block]
-    solution = _eliminated(matrix, substitute(right, dict.fromkeys(symbols, zero)), order)
+    solution = eliminated(matrix, substitute(right, dict.fromkeys(symbols, zero)), order)
     return [-solution[place] for place in places]
-
-
-def _eliminated(matrix: Sequence[Sequence[Node]], right: Sequence[Node], order: Sequence[int]) -> dict[int, Node]:
-    """Return x of matrix x = right for a regular matrix, by elimination in this order, with exchange of rows.
-
-    The result is made of sums and products: unlike that of a `SolvePlan` it has a Taylor series by itself.
-    """
-    graph, left = right[0].graph, list(order)
-    rows = [[*row, entry] for row, entry in zip(matrix, right, strict=True)]
-    pivots: list[list[Node]] = []
-    for k in order:
-        chosen = next(i for i in sorted(left, key=k.__ne__) if generic_rank([[rows[i][k]]]))
-        left.remove(chosen)
-        pivots.append([entry / rows[chosen][k] for entry in rows[chosen]])
-        for i in left:
-            if rows[i][k] is not graph.zero:
-                rows[i] = [a - rows[i][k] * b for a, b in zip(rows[i], pivots[-1], strict=True)]
-    solution: dict[int, Node] = {}
-    for k, pivot in zip(reversed(order), reversed(pivots), strict=True):
-        solution[k] = graph.sum([(1, pivot[-1]), *((-1, pivot[i] * x) for i, x in solution.items())])
-    return solution

@@ -18,6 +18,7 @@ from sympy import Add, Derivative, Integer, Mul, Rational, S
 from sympy.core.function import AppliedUndef
 
 from lagrange.equations.terms import ONE, Algebra, MonomialSum, TooLargeError, printable
+from lagrange.graph.generic import generic_rank
 from lagrange.graph.node import Binding, Node
 
 
@@ -314,3 +315,24 @@ def coupled(neighbours: Sequence[Sequence[int]]) -> tuple[tuple[int, ...], ...]:
         seen |= group
         groups.append(tuple(sorted(group)))
     return tuple(groups)
+
+
+def eliminated(matrix: Sequence[Sequence[Node]], right: Sequence[Node], order: Sequence[int]) -> list[Node]:
+    """Return x of matrix x = right for a regular matrix, by elimination in this order, with exchange of rows.
+
+    The result is made of sums and products: unlike that of a `SolvePlan` it has a Taylor series by itself.
+    """
+    graph, left = right[0].graph, list(order)
+    rows = [[*row, entry] for row, entry in zip(matrix, right, strict=True)]
+    pivots: list[list[Node]] = []
+    for k in order:
+        chosen = next(i for i in sorted(left, key=k.__ne__) if generic_rank([[rows[i][k]]]))
+        left.remove(chosen)
+        pivots.append([entry / rows[chosen][k] for entry in rows[chosen]])
+        for i in left:
+            if rows[i][k] is not graph.zero:
+                rows[i] = [a - rows[i][k] * b for a, b in zip(rows[i], pivots[-1], strict=True)]
+    solution: dict[int, Node] = {}
+    for k, pivot in zip(reversed(order), reversed(pivots), strict=True):
+        solution[k] = graph.sum([(1, pivot[-1]), *((-1, pivot[i] * x) for i, x in solution.items())])
+    return [solution[k] for k in range(len(rows))]
