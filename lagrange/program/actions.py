@@ -1,4 +1,4 @@
-"""What a step program is made of: the laws that a step calls, and the actions that it takes, in numbered vectors."""
+"""Parts of a step program: the laws that a step evaluates, and its actions on numbered vectors."""
 
 from __future__ import annotations
 
@@ -31,10 +31,11 @@ def in_doubles(number: Exact) -> tuple[float, float]:
 
 @dataclass(frozen=True)
 class Law:
-    """What a step calls: how many vectors are its state, go into a call, and come out of it.
+    """A law of motion as a step calls it.
 
-    `quantity` is the model's quantity that a call evaluates, `derivative` its derivative in the arguments, and `inputs`
-    how many vectors of n numbers these two read.
+    `states`, `arguments` and `results` are numbers of vectors: of the state, of the arguments and of the results of a
+    call. `quantity` names the model's quantity that a call evaluates, `derivative` that of its derivative by the
+    arguments. `inputs` is the number of vectors of n numbers that these two read.
     """
 
     states: int
@@ -46,11 +47,11 @@ class Law:
 
     @property
     def through_memory(self) -> bool:
-        """Whether calls pass arrays for states of any size: a law of multipliers has too many numbers."""
+        """True if calls pass arrays for states of any size: laws with multipliers have too many numbers to pass."""
         return self.inputs > 2
 
     def dimension(self, numbers: int) -> int:
-        """Return how many numbers a state has where the quantity reads so many."""
+        """Return the size of a state, if the quantity reads `numbers` numbers."""
         return 2 * numbers // self.inputs
 
 
@@ -76,7 +77,7 @@ class LawCall:
 
     @property
     def argument(self) -> Combination:
-        """The first argument, which is the only one but for momenta."""
+        """The first argument. Only laws of momenta have a second."""
         return self.arguments[0]
 
 
@@ -99,7 +100,7 @@ class Solve:
 
     @property
     def count(self) -> int:
-        """How many unknown vectors there are."""
+        """The number of unknown vectors."""
         return len(self.residuals)
 
     def reach(self, unknown: int, place: int) -> list[Node]:

@@ -19,11 +19,11 @@ from lagrange.program.projection import constraint_positions, projection
 
 @dataclass(frozen=True)
 class Quantity:
-    """What a model offers: the nodes of its results by name, and how many indices each entry has.
+    """A quantity that a model evaluates.
 
-    What has two indices is a square matrix, or has so many `rows`.
-
-    `inputs` are the nodes that it is a function of, beside t. For `solved` and `returned` see `Program`.
+    `results` gives its nodes by name. `indices` is 0 for a number, 1 for a vector, 2 for a matrix with `rows` rows,
+    which is square without `rows`. `inputs` gives the nodes that it is a function of, except t. For `solved` and
+    `returned` see `Program`.
     """
 
     results: Callable[[Equations], Named]
@@ -48,7 +48,7 @@ def jacobian(equations: Equations) -> Named:
     """
     graph, held = equations.graph, equations.constraints
     n, m = len(equations.v), len(equations.constraints)
-    # Symbols stand for the accelerations while differentiating: M times the solution of M a = h would cancel.
+    # Accelerations are symbols while this differentiates: M times the solution of M a = h would cancel.
     a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(n)]
     direction = dict(zip((*equations.q, *equations.v), (*equations.rate, *a), strict=True))
     along = tangents([*equations.motion.momenta, *held.velocities], {**direction, **graph.rates})

@@ -2,8 +2,8 @@
 
 The m multipliers of n coordinates are padded to n entries, and so are the constraints: where no constraint stands,
 the entry is the multiplier itself. A step that brings all entries to zero has padding multipliers of zero, and the
-matrix of Newton's method is square and regular. A constraint that is stated in velocities has no phi: its multiplier
-stands there. Momenta and forces are those that are solved, with a definite mass matrix where constraints alone give it.
+matrix of Newton's method is square and regular. A constraint on velocities has no phi: its multiplier takes the place
+of phi. Momenta and forces are those of the solved form, whose mass matrix is regular.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ def multiplier_symbols(equations: Equations) -> list[Node]:
 
 
 def constrained_inputs(equations: Equations) -> dict[str, Sequence[Node]]:
-    """Return the inputs of the law by part: the state, and behind it the multipliers."""
+    """Return the inputs of the law by part: the state, followed by the multipliers."""
     return {**equations.state, "multipliers": multiplier_symbols(equations)}
 
 

@@ -93,13 +93,13 @@ class Elimination:
 
     @property
     def written_out(self) -> bool:
-        """Whether the operations are written out one by one."""
+        """True if the operations are printed one by one, and not as loops."""
         return self.order <= WRITTEN_OUT or (bool(self.negative) and self.operations <= MOST_OPERATIONS)
 
 
 @lru_cache(maxsize=256)
 def elimination(order: int, entries: frozenset[tuple[int, int]], negative: tuple[int, ...] = ()) -> Elimination:
-    """Return an elimination; what follows from it is kept."""
+    """Return an elimination. Calls with equal arguments share one object, whose properties are computed once."""
     return Elimination(order, entries, negative)
 
 
@@ -114,9 +114,9 @@ def block_eliminations(plan: SolvePlan) -> list[Elimination]:
 
 
 def is_factored(plan: SolvePlan) -> bool:
-    """Return whether a moving matrix is solved with by its factors, written out, and not by its inverse.
+    """Return True if systems with a moving matrix are solved by its written-out factors, and not by its inverse.
 
-    That is so beside multipliers, where most entries are zero.
+    Factors serve matrices with multipliers, most of whose entries are zero.
     """
     blocks = [block for block in block_eliminations(plan) if block.order > 1]
     return plan.inverted and all(block.negative and block.written_out for block in blocks)

@@ -1,9 +1,9 @@
 """The forms in which the equations of motion enter a series, as sums of terms.
 
 The momentum form is dp/dt = f. In d'Alembert's form each term C Y of p, with C free of velocities, is differentiated
-by parts: C dY/dt = f - Y dC/dt. Where the Lagrangian is a sum of squares of velocities of points, what is subtracted
-cancels against f, and half of the products are gone. Both forms have the same mass matrix, so that one kernel serves
-both; the caller builds both and keeps the cheaper.
+by parts: C dY/dt = f - Y dC/dt. If the Lagrangian is a sum of squares of velocities of points, Y dC/dt cancels against
+terms of f, and half of the products are gone. Both forms have the same mass matrix, so that one kernel serves both. The
+caller builds both and keeps the cheaper.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ _Term = tuple[tuple[Node, ...], Exact]
 
 
 def _used_again(outputs: Sequence[Node]) -> frozenset[Node]:
-    """Return the sums that stand in more than one place, and the products that are outputs themselves as well."""
+    """Return the sums that are read more than once, and products that are outputs and are read elsewhere too."""
     uses: Counter[Node] = Counter(outputs)
     for node in reachable(outputs):
         uses.update(node.args)
@@ -134,8 +134,8 @@ def _terms(graph: Graph, expansion: Expansion) -> LinearTerms:
 class _ByParts:
     """D'Alembert's form. `slopes` has Y dC/dt, summed over all terms C Y of a momentum, as an expansion.
 
-    Where momenta are sums that contain other momenta, as in a chain with relative angles, so do their slopes and the
-    forces: what is left of one coordinate's force then stands for that of all coordinates behind it.
+    Momenta may be sums that contain other momenta, as in a chain with relative angles. Their slopes and the forces then
+    contain those of the other coordinates. So one remaining force replaces those of all later coordinates.
     """
 
     def __init__(
@@ -222,7 +222,7 @@ class _Behind:
         self._forces.append((force, slope, rest))
 
     def joined(self, terms: Expansion) -> Expansion:
-        """Replace a force of another coordinate, less the slope of its momentum, by what is left of both."""
+        """Replace the force of another coordinate, minus the slope of its momentum, by the terms that remain."""
         found = dict(terms)
         todo = [place for key in found for place in self._places.get(key, ())]
         heapify(todo)

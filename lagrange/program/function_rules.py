@@ -1,4 +1,4 @@
-"""How each function of the graph becomes values with rules: as an integral of its derivative."""
+"""Series rules of each function of the graph: its value is the integral of its derivative."""
 
 from __future__ import annotations
 
@@ -155,4 +155,4 @@ FUNCTION_RULES: dict[str, FunctionRule] = {
     **dict.fromkeys(("abs", "sign", "min", "max", "less", "less_equal", "equal", "and", "or", "not"), _refuse),
     **dict.fromkeys(("pi", "e", "nan"), _refuse),
 }
-"""How each function of the graph becomes values; what switches is gone by then, and constants never get here."""
+"""Builder of the series of each function. Switches were replaced by sides before, and constants are never passed."""

@@ -91,7 +91,7 @@ class _Lowering:
         return self.done[node]
 
     def emit(self, op: str, *args: int, level: Binding = Binding.CONSTANT, **data: Any) -> int:
-        """Return the number of an instruction, a new one only if there is none like it."""
+        """Return the number of an instruction; an equal instruction is reused."""
         instruction = Instruction(op, args, **data)
         if instruction not in self.numbers:
             self.numbers[instruction] = len(self.instructions)
@@ -110,7 +110,7 @@ class _Lowering:
         return self.emit("constant", value=nearest)
 
     def is_fused(self, node: Node) -> bool:
-        """Whether a product is used once, by a sum that can take it into a multiply-add, or is a divisor."""
+        """Return True for a product that is used once: by a sum, as part of a multiply-add, or as a divisor."""
         return node.kind is Kind.PRODUCT and self.uses.get(node, 0) == 1 and node not in self.inner
 
     def compute(self, node: Node) -> int:
@@ -262,7 +262,7 @@ _CONSTANTS = {"pi": 3.141592653589793, "e": 2.718281828459045, "nan": float("nan
 
 
 def _beyond_doubles(value: Exact, what: str) -> StatementError:
-    """Return the refusal of an exact constant; it need not stand in the statement, as 2e323 does not in x/5e-324."""
+    """Return the refusal of an exact constant. It may be computed: x/5e-324 contains 2e323."""
     exact = Fraction(value)
     with localcontext(prec=8, Emax=MAX_EMAX, Emin=MIN_EMIN):
         size = Decimal(exact.numerator) / Decimal(exact.denominator)

@@ -95,9 +95,9 @@ class ProgramBlock(NamedTuple):
 class Program:
     """A checked straight-line program; `shape` is the shape of its result, `outputs` its entries in C order.
 
-    `inputs` are what `state` reads, one block behind the other, and `results` divide the outputs. `returned` are the
-    results that a call in registers gives back, where steps call the program so: the caller knows the others.
-    `solved` says that the mass matrix was divided by: where an inertia is zero, results are infinite or NaN.
+    `inputs` are the blocks of numbers that "state" instructions read, in order. `results` divide the outputs into
+    blocks. `returned` are the results that a call from a step returns in registers: the caller knows the others.
+    `solved` is true if a result divides by the mass matrix: if an inertia is zero, results are infinite or NaN.
     """
 
     name: str
@@ -125,7 +125,7 @@ class Program:
 
     @property
     def states(self) -> int:
-        """How many numbers the inputs are."""
+        """The total size of the inputs."""
         return sum(block.size for block in self.inputs)
 
     def part(self, name: str) -> tuple[int, ...]:
@@ -139,7 +139,7 @@ class Program:
 
     @cached_property
     def eliminations(self) -> Mapping[int, Elimination]:
-        """How the matrix of each factorization is eliminated in its order, without what is identically zero."""
+        """The elimination of each "factor" instruction by its index; entries that are identically zero are left out."""
         code, found = self.instructions, {}
         for ref, one in enumerate(code):
             if one.op == "factor":
@@ -151,9 +151,9 @@ class Program:
 
     @property
     def saved(self) -> tuple[int, ...]:
-        """The hoisted results that the rest of the program reads, in order, but for constants and parameters.
+        """The hoisted results that the rest of the program reads, in order, without constants and parameters.
 
-        Who solves with a hoisted factor may need the matrix as well, to factor it again with pivoting.
+        Entries of a matrix with a hoisted factor are included: a solve may have to factor it again with pivoting.
         """
         read = {arg for instruction in self.instructions[self.hoisted :] for arg in instruction.args}
         read.update(self.outputs)

@@ -32,11 +32,11 @@ def constraint_positions(held: ConstraintEquations) -> list[Node]:
 
 
 def projection(equations: Equations) -> Named:
-    """Return the corrections [dq, dv] of a state, its violation, and what the corrections leave of it.
+    """Return the corrections [dq, dv] of a state, its violation, and the remainder after the corrections.
 
-    Both are relative to the sizes of the terms: the violation is the largest of all constraints, what is left the sum
-    of all. It is the second order of the constraints along the corrections: near a configuration where constraints
-    become dependent the corrections are large, and it may be larger than the violation.
+    Both are relative to the sizes of the terms. The violation is that of the worst constraint; the remainder is the sum
+    over all constraints of the second-order term along the corrections. Near a configuration where constraints become
+    dependent the corrections are large, and the remainder may exceed the violation.
     """
     graph, held = equations.graph, equations.constraints
     n, zero = len(equations.q), equations.graph.zero
@@ -58,13 +58,13 @@ def projection(equations: Equations) -> Named:
     sizes = term_sizes(values)
     shares, rest = (_shares(part, sizes) for part in (values, left))
     violation = reduce(lambda a, b: graph.call("max", a, b), shares)
-    # A sum is NaN wherever one of its terms is: what is left of a correction that is no number.
+    # A sum, and not a maximum: it is NaN if one of its terms is.
     remainder = graph.sum([(1, share) for share in rest])
     return {"coordinates": moved, "velocities": turned, "violation": [violation], "remainder": [remainder]}
 
 
 def projection_program(equations: Equations) -> Program:
-    """Return the corrections with the violation and what is left of it, as one vector."""
+    """Return the program of the corrections, the violation and the remainder, as one vector."""
     results = projection(equations)
     shape = (sum(map(len, results.values())),)
     state, time, parameters = equations.state, equations.time, equations.parameters

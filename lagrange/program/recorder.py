@@ -1,4 +1,4 @@
-"""What a step function is given to trace with: vectors for arrays, and what writes down its calls and solves."""
+"""Trace a step function: it runs on symbolic vectors, and its calls and solves are recorded."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Vector:
 
 
 class Recorder:
-    """What a step function is given in place of a law and of a solver: it writes down what is asked for."""
+    """Recorder of a step function's calls of the law and of its solves, in place of both."""
 
     def __init__(self, name: str, law: str, graph: Graph, states: int) -> None:
         self.name, self.law, self.graph = name, LAWS[law], graph
@@ -74,7 +74,7 @@ class Recorder:
         return Vector({self.vectors - 1: self.graph.one})
 
     def call(self, at: Any, *arguments: Any) -> Any:
-        """Record an evaluation of the law; stands for f, a or g."""
+        """Record an evaluation of the law and return its results as vectors: the function f, a or g of a step."""
         wanted = self.law.arguments
         if len(arguments) != wanted:
             raise StatementError(
@@ -149,14 +149,14 @@ class Recorder:
         vectors = tuple(returned) if several else (returned,)
         if not all(isinstance(vector, Vector) for vector in vectors):
             raise StatementError(
-                f"step function {self.name} gives solve something that is no combination of vectors: guesses, "
+                f"step function {self.name} gives solve something that is not a combination of vectors: guesses, "
                 "residuals and predictions add vectors and multiply them by numbers made of t and h."
             )
         return made, tuple(vector.combination() for vector in vectors), several
 
 
 class Solver:
-    """What an implicit step function is given as `solve`."""
+    """The argument `solve` of an implicit step function."""
 
     def __init__(self, recorder: Recorder) -> None:
         self._recorder = recorder

@@ -23,10 +23,11 @@ LONGEST_SHARED = 12
 
 
 class RecurrenceBuilder:
-    """Numbers values, each once; `nodes` says what each is at order 0, where a node says it. `rate` is dq/dt, if not v.
+    """Builds the series values of graph nodes, each once, and numbers them.
 
-    `unknowns` are symbols that a stage behind that of the velocities is solved for, each with its place among all.
-    With `apart` the rate of a sum such as a - b is multiplied term by term: cos(a - b) a' may be there already.
+    `nodes` has the node of each value at order 0, if there is one. `rate` is dq/dt, by default v. `unknowns` are
+    symbols that a stage after that of the velocities solves for, each with its number among all unknowns. With `apart`
+    the rate of a sum such as a - b is multiplied term by term: cos(a - b) a' may exist already.
     """
 
     def __init__(
@@ -69,9 +70,10 @@ class RecurrenceBuilder:
                 self.value(node)
 
     def _pairs(self, order: Sequence[Node]) -> Counter[tuple[Node, Node]]:
-        """Count how often two factors stand in one product; a product of just these two counts as many.
+        """Return the number of products that contain each pair of factors.
 
-        So do cos(q) and sin(q) with the velocity, which the series of sin(q) and cos(q) need anyway.
+        A product of just the two counts as many: it exists already. So do cos(q) and sin(q) times the velocity, which
+        the series of sin(q) and cos(q) need.
         """
         counts: Counter[tuple[Node, Node]] = Counter()
         for node in order:
@@ -88,9 +90,9 @@ class RecurrenceBuilder:
         return counts
 
     def add(self, rule: SeriesRule, node: Node | None, constant: Node | None = None) -> int:
-        """Return the number of a value with that rule, a new one only if there is none like it.
+        """Return the number of the value with that rule; an equal value is reused.
 
-        `constant` is what the value has at order 0 beside the rule: x - 1 and x - 2 are two values.
+        `constant` is added at order 0, which the rule does not say: x - 1 and x - 2 are two values.
         """
         key = rule, constant
         if key not in self.numbers:
@@ -193,7 +195,7 @@ class RecurrenceBuilder:
         return self.add(SeriesRule("mul", (min(a, b), max(a, b))), node)
 
     def node_of(self, value: int) -> Node:
-        """Return what a value is at order 0."""
+        """Return the node of a value at order 0."""
         return known_node(self.nodes[value])
 
     def power(self, node: Node) -> int:
@@ -302,5 +304,5 @@ def _is_divisor(node: Node) -> bool:
 
 
 def _moving(product: Node) -> list[Node]:
-    """Return the factors that are no constants, those that depend on the coordinates alone first."""
+    """Return the factors that are not constant; those that depend on the coordinates alone come first."""
     return sorted((a for a in product.args if a.binding > Binding.PARAMETER), key=lambda f: (f.binding, f.id))

@@ -57,11 +57,14 @@ orders below k only, so that they may stand later in the list.
 """
 
 LAGGED = {"integral": 0, "along": 1}
-"""Which argument of a rule is read below order k only (beside its order 0)."""
+"""Index of the argument of a rule that is read at order 0 and at orders below k only."""
 
 
 class SeriesRule(NamedTuple):
-    """How one value's coefficients follow; `coefficients` are places in the table of constants, or a coordinate."""
+    """Recurrence of one value's Taylor coefficients: operation, arguments, and indices in the table of constants.
+
+    For "unknown", `coefficients` has the index of the unknown.
+    """
 
     op: str
     args: tuple[int, ...] = ()
@@ -87,12 +90,12 @@ class SeriesProgram:
     """The series of a motion of n coordinates.
 
     `constants` gives the table of coefficients; `numbers` has the value of each that is known now, else None. `start`
-    gives, for `started`, the values of order 0. The lower triangles of the matrices, stage by stage, follow behind the
-    one or, of a constant one, the other. Both take the parameters, then the `sides` of the switching surfaces (see
-    `lagrange.program.switching`), which have the signs of what `surfaces` gives; `start` takes the table as well, and
-    its state is [q, v] and what rounding lost of it. `rates` are the values that dq/dt are, `watched` those of the
-    surfaces and events; `values` gives these from a state, the parameters and the sides. `projection` gives the
-    corrections of a state of a system with constraints, from the parameters alone.
+    gives the values `started` at order 0. After them come the lower triangles of the matrices, stage by stage; those of
+    constant matrices are in `constants` instead. Both programs take the parameters, then the `sides` of the switching
+    surfaces (see `lagrange.program.switching`), which are the signs of the results of `surfaces`. `start` takes the
+    table as well; its state is [q, v] and the rounding errors of q and v. `rates` are the values of dq/dt, `watched`
+    those of the surfaces and events. `values` computes the watched ones from a state, the parameters and the sides.
+    `projection` gives the corrections of a state onto the constraints, from the parameters alone.
     """
 
     name: str
@@ -116,7 +119,7 @@ class SeriesProgram:
 
     @cached_property
     def depth(self) -> tuple[int, ...]:
-        """How many stages must be done at an order before each value is known."""
+        """The number of stages to solve, at each order, before each value is known."""
         solved = {unknown: place for place, stage in enumerate(self.stages, 1) for unknown in stage.unknowns}
         depths: list[int] = []
         for i in range(len(self.rules)):
@@ -141,12 +144,12 @@ class SeriesProgram:
 
     @cached_property
     def found(self) -> tuple[tuple[int, ...], ...]:
-        """For each stage the values to find once it is solved, in order: what is read at this or a later order."""
+        """The values to compute after each stage, in order: those that this or a later order reads."""
         needed = self._needed(self._outputs(left=len(self.stages) > 1))
         return tuple(self._at(needed, place) for place in range(1, len(self.stages) + 1))
 
     def _at(self, values: Sequence[int], place: int) -> tuple[int, ...]:
-        """Return those of some values that a stage makes known, but for its unknowns."""
+        """Return the given values that are known after a stage, without its unknowns."""
         return tuple(i for i in values if self.depth[i] == place and self.rules[i].op != "unknown")
 
     def _outputs(self, *, left: bool) -> list[int]:
@@ -180,7 +183,7 @@ class SeriesProgram:
 
     @cached_property
     def watched_degree(self) -> int:
-        """The highest power of the state in what is watched: a series of lower order may show nothing of it."""
+        """The highest power of the state in a watched value: a series of lower order may not contain that term."""
         found: list[int] = []
         for op, args, _ in self.rules:
             powers = [found[arg] if arg < len(found) else 0 for arg in args]
@@ -194,16 +197,16 @@ class SeriesProgram:
 
     @cached_property
     def hides_growth(self) -> bool:
-        """Whether there are functions whose series begin far below all others, and grow beyond them."""
+        """True if there are functions, such as exp, whose series may begin far below all others and outgrow them."""
         return any(instruction.op in ("exp", "tanh", "sinh", "cosh") for instruction in self.start.instructions)
 
     @cached_property
     def may_cross(self) -> bool:
-        """Whether rows that grow from below rounding may be rounding: where motions that obey constraints cross."""
+        """True if rows that grow from below rounding may be rounding: at points where constrained motions cross."""
         return any(stage.plan.multipliers for stage in self.stages) and not self.hides_growth
 
     def _needed(self, outputs: list[int]) -> list[int]:
-        """Return what the outputs are computed from at the same order, arguments first."""
+        """Return the values that the outputs need at the same order, in order of computation."""
         marked = set(outputs)
         for i in range(len(self.rules) - 1, -1, -1):
             if i in marked:
@@ -248,7 +251,7 @@ def kept_values(rules: Sequence[SeriesRule]) -> frozenset[int]:
 
 
 def integrated(rules: Sequence[SeriesRule], rates: Sequence[int]) -> tuple[int, ...]:
-    """Return the rates of the coordinates that are no velocities, which are known as they are."""
+    """Return the rates of coordinates that are not velocities: they are values that need no solve."""
     return tuple(rate for rate in rates if not 0 <= rate < len(rules) or rules[rate].op != "unknown")
 
 

@@ -1,4 +1,4 @@
-"""A program with fewer operations, for machines on which each one costs a call: the same value but for rounding.
+"""Rewrite a program with fewer operations, for machines on which each operation is a call. Only rounding differs.
 
 Signs are carried to where they cost nothing. A multiply-add becomes two operations, so that products can be shared. A
 sum that has F*(u - v) and F*v, as derivatives of an angle between two links give, gets F*u in their place.
@@ -37,7 +37,7 @@ Term = tuple[bool, tuple[int, ...]]
 
 
 def simplified(program: Program) -> Program:
-    """Return the program with fewer operations, or as it is if there are no fewer or it is long."""
+    """Return the program with fewer operations; unchanged if none can be saved or if it has more than LARGEST."""
     if len(program.instructions) > LARGEST:
         return program
     found = _Simplifier(program).made()
@@ -45,7 +45,7 @@ def simplified(program: Program) -> Program:
 
 
 def operations(program: Program) -> int:
-    """Return how many operations are done each time, a multiply-add as two."""
+    """Return the number of operations of one evaluation; a multiply-add counts as two."""
     moving = program.instructions[program.hoisted :]
     return sum(one.op not in NO_OPERATION for one in moving) + sum(one.op == "fma" for one in moving)
 
@@ -58,9 +58,9 @@ class _Simplifier:
         self.code: list[Instruction] = []
         self.hoisted: list[bool] = []
         self.reads: list[int] = []
-        """How often each new instruction is read so far."""
+        """The number of reads of each new instruction so far."""
         self.factors: list[tuple[int, ...]] = []
-        """The factors of each new instruction, sorted: itself, where it is no product."""
+        """The factors of each new instruction, sorted; the instruction itself unless it is a product."""
         self.numbers: dict[Instruction, int] = {}
         self.values: list[Signed] = []
         self.sums: dict[int, list[Term]] = {}
@@ -86,7 +86,7 @@ class _Simplifier:
         )
 
     def needed(self, outputs: Sequence[int]) -> list[int]:
-        """Return what the outputs are computed from, in order."""
+        """Return the instructions that the outputs need, in order."""
         marked = [False] * len(self.code)
         for ref in outputs:
             marked[ref] = True
@@ -97,7 +97,7 @@ class _Simplifier:
         return [ref for ref, mark in enumerate(marked) if mark]
 
     def emit(self, op: str, *args: int, **data: Any) -> int:
-        """Return the number of an instruction, a new one only if there is none like it."""
+        """Return the number of an instruction; an equal instruction is reused."""
         one = Instruction(op, args, **data)
         if one not in self.numbers:
             ref = self.numbers[one] = len(self.code)
@@ -161,7 +161,7 @@ class _Simplifier:
         return self.emit("neg", value.ref) if free is None else free
 
     def turned(self, ref: int, readers: int) -> int | None:
-        """Return the negative of a value where it takes no operation more, as no more than so many others read it."""
+        """Return the negative of a value if that costs no operation, else None. At most `readers` others read it."""
         one = self.code[ref]
         if one.op == "constant":
             return self.emit("constant", value=-one.value)
@@ -183,7 +183,7 @@ class _Simplifier:
         return self.emit("sub", found, first) if one.op == "add" else self.emit(one.op, first, found)
 
     def parts(self, ref: int) -> list[Signed]:
-        """Return the two parts of a sum or difference, none for what is neither."""
+        """Return the two operands of a sum or difference with their signs; an empty list for other instructions."""
         one = self.code[ref]
         if one.op not in SUMS:
             return []
@@ -231,12 +231,12 @@ class _Simplifier:
 
 
 def _data(one: Instruction) -> dict[str, Any]:
-    """Return what an instruction has beside its operation and operands."""
+    """Return the fields of an instruction other than its operation and operands."""
     return {name: getattr(one, name) for name in ("place", "value", "order", "negative")}
 
 
 def _uses(program: Program) -> list[int]:
-    """Return how often each result is read."""
+    """Return the number of reads of each result."""
     found = [0] * len(program.instructions)
     for one in program.instructions:
         for arg in one.args:

@@ -1,4 +1,4 @@
-"""Which systems with one factored matrix are solved together, and the order of instructions that lets them be.
+"""Group solves that share a factored matrix, and order the instructions so that each group is solved at once.
 
 Systems belong together where no right-hand side depends on the solution of another. A Jacobian has many such: one for
 each entry of the state.
@@ -31,7 +31,7 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
     if len(factors) == len(dict.fromkeys(factors)):
         return list(refs)
     known: dict[int, int] = {}
-    """How many solves the operands of an instruction build upon."""
+    """Depth of solves in the operands of each instruction."""
     depth: dict[int, int] = {}
     alike: dict[tuple[int, int], list[int]] = {}
     for i in refs:
@@ -52,7 +52,7 @@ def scheduled(program: Program, refs: Iterable[int], most: Callable[[int], int])
 
 
 def _parts(solves: list[int], most: int) -> list[tuple[int, ...]]:
-    """Return groups of about the same size; a system alone is none."""
+    """Return groups of about the same size, at most `most` each, without groups of one."""
     if min(len(solves), most) < 2:
         return []
     size = -(-len(solves) // -(-len(solves) // most))

@@ -30,7 +30,7 @@ from lagrange.program.recorder import Recorder, Solver, Vector
 
 @dataclass(frozen=True)
 class Control:
-    """How the step follows the error: h grows by safety * norm**(-1/exponent) * previous norm**memory, within bounds.
+    """Step size control: h is multiplied by safety * norm**(-1/exponent) * previous norm**memory, within bounds.
 
     `exponent` is the power of h with which the error norm shrinks. With `damped`, the step has two error vectors,
     and the norm is that of DOP853: e5 / sqrt((e5 + 0.01 e3) dim), of sums of squares. A step that could grow by less
@@ -71,12 +71,12 @@ class StepProgram:
 
     @property
     def partitioned(self) -> bool:
-        """Whether coordinates and velocities are vectors of their own."""
+        """True if coordinates and velocities are two vectors."""
         return LAWS[self.law].states == 2
 
     @property
     def states(self) -> int:
-        """How many state vectors there are."""
+        """The number of state vectors."""
         return LAWS[self.law].states
 
     @cached_property
@@ -117,31 +117,31 @@ class StepProgram:
 
     @property
     def exact(self) -> bool:
-        """Whether a run is held to Brouwer's law: that rounding, which is blind, is all that its invariants feel.
+        """True for equal implicit steps, whose invariants shall drift by random rounding alone (Brouwer's law).
 
-        A number of a step that is rounded, or a part of an unknown that is left out, errs to the same side at every
-        step. So with equal implicit steps factors of h have twice the digits, states are compensated sums, and
-        unknowns are found to the last digit. Of a pendulum's energy gauss3 loses 7e-21 and galerkin6 6e-20 at a step
-        (1e7 steps of 0.02 from 16 starts; 4e-20 and 1.3e-18 without all that); stages are still rounded to doubles.
+        A rounded coefficient of a step, or a truncated part of an unknown, errs to the same side at every step. So
+        coefficients of h have twice the digits, states are compensated sums, and unknowns are found to the last digit.
+        Of a pendulum's energy gauss3 loses 7e-21 and galerkin6 6e-20 per step (1e7 steps of 0.02 from 16 starts; 4e-20
+        and 1.3e-18 without these measures). Stages are still rounded to doubles.
         Source: E. Hairer, R. I. McLachlan, A. Razakarivony, Achieving Brouwer's law with implicit Runge-Kutta methods,
         BIT 48, 2008.
         """
         return bool(self.solves) and self.control is None
 
     def compensated(self, state: int) -> bool:
-        """Whether what rounding takes from a state is given to the next: where a step adds to it."""
+        """Return True if the rounding error of a state vector is carried to the next step, which must add to it."""
         return self.exact and (state, self.graph.one) in self.results[state]
 
     @property
     def starts_with_slope(self) -> bool:
-        """Whether the first call is at the state that the step starts from."""
+        """True if the first call is at the state at which the step starts."""
         first = self.actions[0]
         known = isinstance(first, LawCall) and LAWS[self.law].results == 1 and self.starter is None
         return known and self.calls[0].time is self.time and self.calls[0].argument == ((0, self.graph.one),)
 
     @property
     def ends_with_slope(self) -> bool:
-        """Whether the last call is at the state that the step ends with, so that the next step has it already."""
+        """True if the last call is at the state at which the step ends, so that the next step can reuse it."""
         if not self.starts_with_slope or self.solves:
             return False
         last = self.calls[-1]
@@ -186,8 +186,8 @@ def trace(
 
     The function returns the new state, or (new state, error, ...) where a `control` is given; one of a law with two
     state vectors, "accelerations", "momentum" or "constrained", returns (q, v) and errors of both. An `implicit` one
-    gets `solve` as its last argument, and one with a `starter` the state one step back behind the state. Raises
-    StatementError if it does anything but combine vectors.
+    gets `solve` as its last argument. One with a `starter` gets the state one step back after the state. Raises
+    StatementError if it does anything other than combining vectors.
     """
     graph = Graph()
     states = LAWS[law].states

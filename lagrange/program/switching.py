@@ -3,11 +3,11 @@
 A series holds on one side of a surface only. Every switch is a question about the sign of some smooth g(q, v, t);
 here each g gets a symbol, its side, that is 1 where g > 0, -1 where g < 0 and 0 while g stays zero. With the sides
 as run-time constants abs(a) is side * a, sign(a) is the side itself and a condition is one about sides. Who runs the
-series watches each g, ends a step on its surface, and goes on with the other side. A g that may have no value counts
-as 1 where it stands in a branch that is not taken.
+series watches each g, ends a step on its surface, and goes on with the other side. A g without a value, in a branch
+that is not taken, counts as 1.
 
 atan2(y, x) jumps by 2 pi where y = 0 and x < 0, so that y is a surface too. Its series is smooth through the jump;
-only its value at order 0 asks for the side: that of y = 0 has y with the sign of the side, -0.0 for -1.
+only its value at order 0 depends on the side: at y = 0, y has the sign of the side, -0.0 for -1.
 """
 
 from __future__ import annotations
@@ -28,9 +28,9 @@ SWITCHES = frozenset(("abs", "sign", "min", "max", "less", "less_equal", "equal"
 class Switched:
     """Expressions made smooth: `outputs` in terms of `sides`, one symbol for each of the `surfaces`.
 
-    `stated` has the surfaces in terms of the state alone, with the switches that are in them; `expressions` has them
-    as they stand in the statement, whatever branch that is in. `starts` has for each output, or part of one, that jumps
-    on a surface its value at order 0, which depends on the side.
+    `stated` has the surfaces as functions of the state alone, with the switches inside them. `expressions` has them as
+    in the statement, whatever branch they are in. `starts` has the value at order 0 of each output, or part of one,
+    that jumps on a surface: this value depends on the side.
     """
 
     outputs: tuple[Node, ...]
@@ -44,8 +44,8 @@ class Switched:
 def switch(graph: Graph, outputs: Sequence[Node], events: Sequence[Node] = ()) -> Switched:
     """Replace every switch that moves by its side; what depends on parameters alone stays as it is.
 
-    The smooth `events` follow the outputs. An atan2 that is in the value of events alone gets no surface: a jump is no
-    zero, and no step needs to end at it.
+    The smooth `events` follow the outputs. An atan2 in events alone gets no surface: its jump is not a zero, and no
+    step needs to end at it.
     """
     outputs = (*outputs, *events)
     switches = _Switches(graph, read_when(graph, outputs), _with_sides(outputs, len(outputs) - len(events)))
@@ -134,7 +134,7 @@ class _Switches:
 def _with_sides(outputs: Sequence[Node], count: int) -> Mapping[Node, None]:
     """Return the nodes that must not jump within a step: those of the first outputs and of every switch.
 
-    What stands only in sin(3*atan2(y, x)) may jump by 2 pi.
+    The angle in sin(3*atan2(y, x)) may jump by 2 pi, if it is used nowhere else.
     """
     found: dict[Node, None] = {}
     waiting = [*outputs[:count]]
@@ -153,7 +153,7 @@ def _is_periodic(node: Node) -> bool:
 
 
 def _without_turns(a: Node) -> list[Node]:
-    """Return what a is computed from by sums; of an angle that is taken a whole number of times, its arguments."""
+    """Return the terms of a, through nested sums; an angle times a whole number is replaced by its arguments."""
     found: list[Node] = []
     terms: list[tuple[Exact, Node]] = [(1, a)]
     while terms:
@@ -167,7 +167,7 @@ def _without_turns(a: Node) -> list[Node]:
 
 
 def _has_cut(node: Node) -> bool:
-    """Whether a node is an atan2 that the motion may take over its cut: not where x is a positive number."""
+    """Return True for an atan2 that the motion may carry across its cut; not if x is a positive number."""
     if node.kind is not Kind.CALL or node.data != "atan2":
         return False
     y, x = node.args

@@ -37,9 +37,9 @@ def series_program(equations: Equations, watched: Sequence[Node] = ()) -> tuple[
 
 
 def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Switched:
-    """Return what a series is made of, with one branch of every choice: its outputs are those that `_Parts` names.
+    """Return the nodes of a series, smooth between switching surfaces; `_Parts` names its outputs.
 
-    In what is watched symbols stand for the accelerations and multipliers that a linear system is solved for.
+    In the watched nodes, accelerations and multipliers from a linear system are replaced by symbols.
     """
     e, held = equations, equations.constraints
     gradient = [entry for row in held.gradient for entry in row]
@@ -54,7 +54,7 @@ def switched_equations(equations: Equations, watched: Sequence[Node] = ()) -> Sw
 
 
 def solved_within(watched: Sequence[Node]) -> bool:
-    """Return whether accelerations or multipliers from a linear system are in what is watched."""
+    """Return True if the watched nodes contain accelerations or multipliers from a linear system."""
     return any(node.kind is Kind.COMPONENT for node in reachable(watched))
 
 
@@ -64,9 +64,10 @@ def motion_symbols(e: Equations) -> list[Node]:
 
 
 class _Parts(NamedTuple):
-    """The momenta, forces, constraints on velocities and their gradients G, the system matrix, and what is watched.
+    """The outputs of `switched_equations`: momenta, forces, constraints on velocities, G, the system matrix, and more.
 
-    `right` is the right-hand side of the equations of motion if their solution is in what is watched.
+    `right` is the right-hand side of the equations of motion if the watched nodes contain their solution, else empty.
+    `watched` are the switching surfaces, then the watched nodes.
     """
 
     momenta: Sequence[Node]
@@ -252,7 +253,7 @@ class _Assembly:
 
     @property
     def cost(self) -> tuple[int, int]:
-        """What an order costs: its sums over lower orders, then its values."""
+        """The cost of an order: the number of sums over lower orders, then the number of values."""
         return convolutions(self.builder.rules), len(self.builder.rules)
 
     def program(self, name: str) -> SeriesProgram:
@@ -293,7 +294,7 @@ class _Assembly:
         )
 
     def stages(self) -> tuple[Stage, ...]:
-        """Return the solve for the velocities, and behind it that for the accelerations and multipliers if watched."""
+        """Return the stage of the velocities, then that of accelerations and multipliers if these are watched."""
         n, b = len(self.equations.q), self.builder
         first = Stage((*range(n, 2 * n), *self.impulses), tuple(self.momenta), tuple(self.forces), self.plan)
         if not self.motion:
