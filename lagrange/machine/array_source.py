@@ -1,6 +1,6 @@
 """Print a procedure as Python source on NumPy's arrays: all iterations of an `each` are taken at once.
 
-It is for procedures that go through long vectors; what stands outside of an `each` is as `python_source` prints it.
+It is for procedures with loops over long vectors. Statements outside of an `each` are printed as in `python_source`.
 """
 
 from __future__ import annotations
@@ -28,19 +28,19 @@ AT_ONCE: Mapping[str, Callable[..., Any]] = {
     "magnitude": lambda a, b: np.maximum(abs(a), abs(b)),
     "sqrt": np.sqrt,
 }
-"""Operations that are spelled otherwise for all iterations at once."""
+"""NumPy functions for operations that are spelled otherwise on arrays than on numbers."""
 
 AS_WRITTEN = ("add", "sub", "mul", "neg", "abs", "fma", "fnma", "less", "less_equal", "equal")
-"""Operations that Python spells for arrays as for numbers."""
+"""Operations that Python spells alike for arrays and numbers."""
 
 
 def arrays_source(procedure: Procedure) -> str:
-    """Return Python source of a procedure and of all that it calls: one function each, callees first."""
+    """Return Python source of a procedure and its transitive callees: one function each, callees first."""
     return "\n\n".join(_ArrayPrinter(one).function() for one in (*procedure.callees, procedure))
 
 
 def arrays_loaded(procedure: Procedure) -> Callable[..., Any]:
-    """Return a procedure as a Python function; its arrays are NumPy's, of one dimension."""
+    """Return a procedure as a Python function of numbers and one-dimensional NumPy arrays."""
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items()}
     names |= {f"_all_{op}": function for op, function in AT_ONCE.items()}
     names |= {"_part": _part, "_reals": np.empty, "_largest": _largest, "nan": math.nan, "inf": math.inf}
@@ -52,7 +52,7 @@ def _part(array: Any, start: int) -> Any:
 
 
 def _largest(values: Any) -> float:
-    """Return the largest |value|, NaN if any is, and 0 of none."""
+    """Return the largest |value|: NaN if any value is, and 0 for no values."""
     return float(np.max(np.abs(values), initial=0.0))
 
 
@@ -90,7 +90,7 @@ class _ArrayPrinter(Printer):
         if each is None or not isinstance(statement, (Load, Store)) or statement.place != each.place:
             super().memory(statement)
         elif isinstance(statement, Load):
-            # A view would change with what is stored.
+            # A view would change with later stores to the same array.
             copied = ".copy()" if statement.array in self.stored else ""
             self.made(statement.ref, statement.kind, ATOM, f"{self.text(statement.array)}[:{self.count}]{copied}")
         else:

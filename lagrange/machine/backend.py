@@ -22,11 +22,11 @@ from lagrange.program.switching import Switched
 FloatArray = NDArray[np.float64]
 
 Places = NDArray[np.int64]
-"""Numbers of steps, (K,)."""
+"""Indices of steps, (K,)."""
 
 
 class SingularMassMatrix(RunError):
-    """The mass matrix has no inverse at the given state; `column` says which of a batch."""
+    """The mass matrix has no inverse at a state. `column` is the index of the state in a batch, None for one state."""
 
     def __init__(self, column: int | None = None) -> None:
         super().__init__("the mass matrix is singular")
@@ -36,8 +36,8 @@ class SingularMassMatrix(RunError):
 class QuickCalls(NamedTuple):
     """Functions of (t, y) and of (t, q, v) that return the result for one state, or None if `Kernel` must be called.
 
-    They are quick because they leave error reports to `Kernel`. They return None for a time that is no float and for a
-    state that is no plain NumPy array of doubles of the right shape. A result is finite.
+    Quick calls do not report errors. They return None unless the time is a float and each state is a plain NumPy array
+    of doubles of the right shape, and unless the result is finite.
     """
 
     whole: Callable[..., FloatArray | None]
@@ -60,7 +60,7 @@ class Kernel(Protocol):
         """
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Return the result for columns of each of the program's inputs, (size, batch), without joining them."""
+        """Return the result for columns, one array (size, batch) for each of the program's inputs, not joined."""
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
         """Return quick calls for one state with these parameters, or None. Raises SingularMassMatrix."""
@@ -70,13 +70,13 @@ class Driver(Protocol):
     """Advances a run by many steps, without Python code for each step if the machine can."""
 
     def adopt(self, state: DriverState) -> None:
-        """Let the state's y use the driver's memory if that saves a copy; its entries are lost."""
+        """Make the state's y a view of the driver's memory if that saves a copy. The entries of y are then lost."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Try up to `budget` steps and record each accepted one in `times` (c,) and `rows` (c, 2n) from the first on.
 
-        `state` is left at the last accepted step; it says how many rows were written. `rows` has four doubles to
-        spare behind its last row, for machines that write whole vectors.
+        On return `state` is at the last accepted step, and its count ROWS is the number of rows written. `rows` needs
+        four spare doubles after its last row, because machines write whole vectors.
         """
 
 
@@ -84,21 +84,21 @@ class TaylorDriver(Driver, Protocol):
     """A driver of Taylor steps, whose parameters may change during a run."""
 
     def watch(self, memory: Any) -> None:
-        """Deal with what is watched by an `EventMemory` from now on, as far as it is enabled there."""
+        """Find zeros of the event functions of an `EventMemory` from now on, if its record is enabled."""
 
     def use(self, parameters: FloatArray) -> None:
-        """Continue with other parameters or sides, (k + sides,)."""
+        """Continue with other parameters and sides of switching surfaces, (k + sides,)."""
 
     def restart(self, state: DriverState) -> None:
-        """Reset the compensation: the state has jumped."""
+        """Reset the compensation of rounding: the state has jumped."""
 
 
 class BlockPolynomial(NamedTuple):
-    """What writes the polynomials of a block of steps, for procedures that take it as `POLYNOMIAL` says.
+    """A callback that writes the polynomials of a block of steps, as `POLYNOMIAL` describes.
 
-    `function` is an address or a function of Python, and `given` its first argument. A block has `columns` steps, which
-    the procedure `gather` writes, with those beside them if `both`. It works in so many doubles as `work` says. `kept`
-    must stay referenced while it is used.
+    `function` is an address or a Python function, and `given` its first argument. A block has `columns` steps in the
+    layout that the procedure `gather` writes; if `both`, the neighbouring steps are passed as well. `work` is the
+    number of doubles of working memory. `kept` holds objects that must stay referenced while `function` is used.
     """
 
     function: Any
@@ -110,9 +110,9 @@ class BlockPolynomial(NamedTuple):
 
 
 class DensePath(Protocol):
-    """The polynomials of a run's steps, for one kind of path, right-hand side and set of parameters.
+    """The dense output of a run, for one kind of path, right-hand side and set of parameters.
 
-    A run is given by its accepted times (S+1,) and states (S+1, 2n), and step i leads from row i to the next.
+    A run is its accepted times (S+1,) and states (S+1, 2n). Step i leads from row i to row i + 1.
     """
 
     @property
@@ -120,15 +120,15 @@ class DensePath(Protocol):
         """The degree of the polynomials."""
 
     def polynomial(self) -> BlockPolynomial:
-        """Return what writes the polynomials of a block of steps. Raises SingularMassMatrix."""
+        """Return the callback that writes the polynomials of a block of steps. Raises SingularMassMatrix."""
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the polynomials of some steps (k,) in the fraction of the step, by powers, (degree + 1, 2n, k)."""
+        """Return coefficients of some steps (k,) by powers of the fraction of the step, (degree + 1, 2n, k)."""
 
     def at(self, times: FloatArray, states: FloatArray, wanted: FloatArray, out: FloatArray) -> None:
-        """Write the states at times (K,) that lie in the order of the run to `out` (2n, K), its rows without gaps.
+        """Write the states at times (K,), sorted in the direction of the run, to `out` (2n, K) with contiguous rows.
 
-        At accepted times they are the accepted states, those of the later step where two are at one time.
+        At accepted times these are the accepted states. If two accepted steps have the same time, the later one counts.
         """
 
 
@@ -137,10 +137,10 @@ class Series(Protocol):
 
     @property
     def program(self) -> SeriesProgram:
-        """What it computes."""
+        """The program of the series."""
 
     def form(self, order: int) -> str:
-        """Return in a word how the series of an order is computed, for the status card."""
+        """Return one word on how the series of an order is computed, for the status card."""
 
     def order(self, tolerance: float) -> int:
         """Return the order that reaches a relative tolerance at the least cost."""
@@ -153,12 +153,12 @@ class Series(Protocol):
 
     @property
     def values(self) -> Kernel:
-        """What is watched as a function of the state; its parameters are those of the series."""
+        """The event functions and switching surfaces as a kernel of the state, with the parameters of the series."""
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the series at a state (2n,): row k has the coefficients of order k times scale**k.
+        """Return the scaled Taylor coefficients at a state (2n,): row k has those of order k times scale**k.
 
-        The result has shape (order + 1, 2n + watched). Raises SingularMassMatrix.
+        The result has shape (order + 1, 2n + watched), with the watched functions last. Raises SingularMassMatrix.
         """
 
 
@@ -178,17 +178,17 @@ class Machine(Protocol):
     def driver(
         self, step: StepProgram, kernel: Any, parameters: FloatArray, jacobian: Any = None, projection: Any = None
     ) -> Driver:
-        """Make a driver that advances a run by a step program whose law the kernel evaluates; it is this machine's.
+        """Return a driver that advances a run by a step program. All kernels must be of this machine.
 
-        `jacobian` is the kernel of the law's derivative, for a step that solves, and `projection` that of the
-        corrections of a state, for a system with constraints.
+        `kernel` evaluates the law of the step program. `jacobian` is the kernel of its derivative, for implicit steps.
+        `projection` is the kernel of the corrections of a state, for systems with constraints.
         """
 
     def called(self, procedure: Procedure) -> Callable[..., Any]:
-        """Return a procedure as a function of numbers and arrays: it returns nothing, a value or a tuple of values."""
+        """Return a procedure as a Python function of numbers and arrays, which returns None, a value or a tuple."""
 
     def dense(self, kind: StepPolynomial, kernel: Any, parameters: FloatArray, jacobian: Any = None) -> DensePath:
-        """Make the dense output of a kind of path; the kernels are this machine's, that of the derivative if wanted."""
+        """Return the dense output of a kind of path. The kernels are this machine's; some paths need the `jacobian`."""
 
     def event_steps(
         self,
@@ -199,31 +199,31 @@ class Machine(Protocol):
         dense: DensePath,
         screen: DensePath | None,
     ) -> EventSteps | None:
-        """Return what takes the steps of a driver with events and resets; None where NumPy is to do it on arrays.
+        """Return a callable that takes steps with events and resets, or None if NumPy reviews many steps on arrays.
 
-        The dense output is computed on steps on which a cheaper `screen` leaves doubts, or on all without one.
+        With a cheaper `screen` the dense output is computed only for steps that the screen does not decide.
         """
 
     @property
     def processor(self) -> str:
-        """The processor that code is compiled for, in a few words; empty where none is."""
+        """Name of the processor that code is compiled for, or an empty string without compilation."""
 
     def members(self, procedure: Procedure) -> MemberRuns | None:
         """Compile a procedure over members of an ensemble; see `lagrange.procedure.members.queue`.
 
-        Returns None where members are not run side by side.
+        Returns None if the machine does not run members in parallel lanes.
         """
 
 
 class MemberRuns(Protocol):
-    """A procedure over members of an ensemble, several at once."""
+    """A procedure over members of an ensemble, which run in parallel lanes."""
 
     @property
     def lanes(self) -> int:
-        """How many members run side by side."""
+        """Number of members that run at the same time."""
 
     def __call__(self, given: Mapping[str, Any]) -> None:
-        """Run members; arrays are C-contiguous, of doubles or 64-bit whole numbers. Other threads run meanwhile."""
+        """Run members. Arrays are C-contiguous, of doubles or 64-bit integers. The interpreter lock is released."""
 
 
 @runtime_checkable
@@ -238,13 +238,13 @@ class KernelProvider(Protocol):
         """Return the kernel of a quantity of the system."""
 
     def interpreted(self, name: str) -> Kernel:
-        """Return such a kernel for a few states, for which compilation would take longer."""
+        """Return an interpreted kernel: for a few states compilation would take longer."""
 
     def function(self, name: str, nodes: tuple[Node, ...]) -> Kernel:
         """Return nodes of the equations' graph as a function of t, q and v."""
 
     def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
-        """Return the Taylor series of the motion with what is watched, and its switching surfaces."""
+        """Return the Taylor series of the motion and of the `watched` nodes, and the switching surfaces."""
 
     @property
     def again(self) -> Callable[..., Any]:

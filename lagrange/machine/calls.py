@@ -12,9 +12,9 @@ from lagrange.machine.backend import FloatArray, Kernel, QuickCalls, SingularMas
 
 
 class Quick(dict[str, QuickCalls]):
-    """The quick calls of a model by quantity, with the parameters of its statement, made on first use.
+    """The quick calls of a model by quantity, with the parameters of its statement, created on first use.
 
-    If there are none, they are calls that return None.
+    For a quantity without quick calls, both functions return None.
     """
 
     def __init__(self, kernel: Callable[[str], Kernel], parameters: Callable[[], FloatArray]) -> None:
@@ -31,9 +31,9 @@ class Quick(dict[str, QuickCalls]):
 
 
 def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatArray], FloatArray]:
-    """Return a kernel as a function of a time and of one state (2n,), quick where it can be.
+    """Return a kernel as a function of a time and one state (2n,), by quick calls if there are any.
 
-    The state is a plain array of doubles. Raises SingularMassMatrix, here and at calls.
+    The state must be a plain array of doubles. Raises SingularMassMatrix, here and in calls.
     """
     quick = kernel.quick(parameters)
     if quick is None:
@@ -48,19 +48,19 @@ def one_state(kernel: Kernel, parameters: FloatArray) -> Callable[[float, FloatA
 
 
 def quickly(kernel: Kernel, parameters: FloatArray, t: float, y: FloatArray) -> FloatArray | None:
-    """Return a kernel's result at one state if that is quickly found and finite, else None; see `one_state`."""
+    """Return a kernel's result at one state from its quick call, or None if it has no quick call or is not finite."""
     quick = kernel.quick(parameters)
     return None if quick is None else quick.whole(t, y)
 
 
 def nothing(*_: Any) -> None:
-    """Return None: the caller takes the other way."""
+    """Return None: the caller then evaluates the kernel itself."""
 
 
 def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
-    """Return whether a result may be zero at some state; what parameters alone determine is looked at.
+    """Return whether a result may be zero at some state. Results of parameters alone are evaluated here.
 
-    To look at the results of 100,000 states takes as long as to compute those of small systems.
+    Testing the results of 100,000 states takes as long as computing those of small systems.
     """
     program = kernel.program
     if any(one.op in ("state", "time") for one in program.instructions):
@@ -70,13 +70,13 @@ def may_vanish(kernel: Kernel, parameters: FloatArray) -> bool:
 
 
 def column_of_zero(kernel: Kernel, t: Any, inputs: Sequence[FloatArray], parameters: FloatArray) -> int | None:
-    """Return the first column where a result is zero, 0 for one state, or None."""
+    """Return the first column with a zero result, 0 for one state, or None without zeros."""
     zeros = (kernel.columns(t, [one.reshape(len(one), -1) for one in inputs], parameters) == 0.0).any(axis=0)
     return int(np.argmax(zeros)) if zeros.any() else None
 
 
 FEW_ENTRIES = 64
-"""Up to this many entries Python adds them in less time than NumPy needs for two calls, 1 us."""
+"""Largest array that Python sums faster than NumPy, whose two calls take 1 us."""
 
 
 def surely_finite(array: FloatArray) -> bool:
@@ -90,5 +90,5 @@ def surely_finite(array: FloatArray) -> bool:
 
 
 def scalar(value: FloatArray) -> Any:
-    """Return a single number as a float, and an array as it is."""
+    """Return a zero-dimensional array as a float, and other arrays unchanged."""
     return float(value) if value.ndim == 0 else value

@@ -44,4 +44,4 @@ class UnpickledKernel(Shared):
     def __getattr__(self, name: str) -> Any:
         if name.startswith("_"):
             raise AttributeError(name)
-        return getattr(self._kernel, name)  # attributes of a machine's kernels beyond the protocol, such as an address
+        return getattr(self._kernel, name)  # attributes of kernels that are not in the protocol, such as `address`

@@ -1,4 +1,4 @@
-"""The memory of a Taylor run that watches events and surfaces: what the loop over steps reads and writes."""
+"""The memory of a Taylor run with events and switching surfaces, which the loop over steps reads and writes."""
 
 from __future__ import annotations
 
@@ -19,14 +19,15 @@ from lagrange.procedure.taylor.watching import COUNT, NEAR, SETTINGS, SIDES, SIG
 from lagrange.program.series import SeriesProgram
 
 ROOM = 4096
-"""So many events are written before the loop comes back."""
+"""Number of events that are written before the loop returns."""
 
 
 class Reaction(NamedTuple):
-    """What is to happen at zeros of something that is watched; see `lagrange.procedure.taylor.watching`.
+    """Settings of an event function or switching surface; see `lagrange.procedure.taylor.watching`.
 
-    `first` is where its resets begin among all, and `entries` are those of the state that they are for. What is
-    `smooth` does not jump.
+    `direction` is the sign of the crossings that count, 0 for both. The run ends after `terminal` events, never if 0.
+    The new values of a reset begin at `first` among the results of all resets, and replace the `entries` of the state.
+    `root` is true for a square root, and `smooth` for an event function without jumps.
     """
 
     direction: int = 0
@@ -38,20 +39,20 @@ class Reaction(NamedTuple):
 
 
 def idle(program: SeriesProgram) -> EventMemory:
-    """Return the memory of a run for which nobody watches: the driver comes back before each doubtful step."""
+    """Return the memory of a run without events: the driver returns before each step that may cross a surface."""
     events = len(program.watched) - program.sides
     return EventMemory(2 * program.dimension, program.sides, [Reaction()] * events)
 
 
 @lru_cache(maxsize=64)
 def _tilts(dimension: int) -> FloatArray:
-    """Return the factors by which the entries of a state and the time are moved."""
+    """Return the relative perturbations of the entries of a state and of the time, (2n + 1,)."""
     return np.asarray(1 + RELATIVE_PERTURBATION * perturbation_factors(dimension + 1))
 
 
 @lru_cache(maxsize=64)
 def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
-    """Return the settings of all that is watched, which the loop only reads."""
+    """Return the read-only settings of all watched functions, one block for each setting, then the reset entries."""
     own = [
         (one.direction, one.terminal, one.first, len(one.entries), int(one.root), int(one.smooth)) for one in reactions
     ]
@@ -62,9 +63,9 @@ def _settings(reactions: tuple[Reaction, ...]) -> NDArray[np.int64]:
 
 
 class EventMemory:
-    """What a run watches, `surfaces` first, then events, and what has happened at them since it was last asked.
+    """Memory for the watched functions of a run, `surfaces` first, then events, and for the events since the last call.
 
-    `values` is what is watched as a function of the state, of the parameters and the sides; `resets` gives the new
+    `values` evaluates the watched functions from the state, the parameters and the sides. `resets` evaluates the new
     entries of all resets from the state and the parameters (k,).
     """
 
@@ -96,11 +97,11 @@ class EventMemory:
         self.keep_start()
 
     def keep_start(self) -> None:
-        """Let what holds now be what every run begins with, by the same driver with the same parameters."""
+        """Save the present record as the start of every run by the same driver with the same parameters."""
         self._start = bytes(self.record), self.combinations.copy()
 
     def restart(self) -> None:
-        """Begin another run: nothing has happened, and no sides are known."""
+        """Begin another run: no events, and unknown sides."""
         record, combinations = self._start
         ctypes.memmove(ctypes.addressof(self.record), record, len(record))
         self.combinations[:] = combinations
@@ -108,11 +109,11 @@ class EventMemory:
 
     @property
     def nbytes(self) -> int:
-        """How many bytes the arrays take."""
+        """Bytes of all arrays."""
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def hold(self, sides: FloatArray, size: int) -> int:
-        """Let sides hold; return where in arrays of numbers, of a size for each, those for these sides belong."""
+        """Set the sides. Return the index at which their prepared numbers begin, in an array with `size` for each."""
         self.record.combination = self.combination(sides)
         self.record.numbers = (1 + self.record.combination) * size
         if self.record.combination >= 0:
@@ -120,7 +121,7 @@ class EventMemory:
         return int(self.record.numbers)
 
     def combination(self, sides: FloatArray) -> int:
-        """Return sides as a binary number, or -1 where that has no use: there are many, or a motion on a surface."""
+        """Return sides as a binary number, or -1 for too many surfaces and for a motion on a surface (side 0)."""
         if self.surfaces == 0:
             return 0
         if len(sides) > MOST_SURFACES or not (np.abs(sides) == 1.0).all():
@@ -128,11 +129,11 @@ class EventMemory:
         return sum(1 << i for i, side in enumerate(sides.tolist()) if side > 0)
 
     def sides_of(self, combination: int) -> FloatArray:
-        """Return the sides that a binary number stands for."""
+        """Return the sides, 1.0 or -1.0, that a binary number encodes; see `combination`."""
         return np.array([1.0 if combination >> i & 1 else -1.0 for i in range(self.surfaces)])
 
     def switched(self) -> list[tuple[int, int]]:
-        """Return the changes of sides since the last call: rows, and the binary numbers of the sides."""
+        """Return the changes of sides since the last call, as pairs of a row and the binary number of the new sides."""
         count, self.record.switches = self.record.switches, 0
         return list(zip(self.switch_rows[:count].tolist(), self.switch_combinations[:count].tolist(), strict=True))
 
@@ -142,47 +143,47 @@ class EventMemory:
 
     @property
     def signs(self) -> NDArray[np.int64]:
-        """The side of each before the next step; see `roots`."""
+        """Side of each watched function before the next step; see `roots`."""
         return self._block(SIGN)
 
     @property
     def nears(self) -> NDArray[np.int64]:
-        """Whether each has come near to zero."""
+        """1 for each watched function that came near zero, else 0."""
         return self._block(NEAR)
 
     @property
     def starting(self) -> NDArray[np.int64]:
-        """Which start at zero."""
+        """1 for each watched function that starts at zero, else 0."""
         return self._block(STARTING)
 
     @property
     def counts(self) -> NDArray[np.int64]:
-        """How often each event has counted."""
+        """Number of events so far, for each watched function."""
         return self._block(COUNT)
 
     def keep(self) -> None:
-        """Let what is there now be what holds before the next step, too."""
+        """Copy the present sides and counts to the half that is restored if the next step is not proven."""
         half = len(self.sides) // 2
         self.sides[half:] = self.sides[:half]
 
     @property
     def mark(self) -> tuple[int, float, float]:
-        """What tells the events that are written from those before: how many, the first time and the last."""
+        """Identifier of the batch of written events: their number, first time and last time."""
         count = self.record.done
         return count, float(self.times[0]), float(self.times[count - 1])
 
     def forget(self) -> None:
-        """Let the events that are written have been taken over."""
+        """Discard the written events, after the caller has copied them."""
         self.record.done = self.record.ahead = 0
 
     def written(self) -> list[tuple[FloatArray, FloatArray]]:
-        """Return the times (k,) and states (k, 2n) of the events that are written, for each thing watched."""
+        """Return times (k,) and states (k, 2n) of the written events, for each watched function."""
         count, size = self.record.done, self._dimension
         times, states = self.times[:count], self.states[: count * size].reshape(count, size)
         if self.count == 1:
             return [(times.copy(), states.copy())]
         places = self.places[:count]
-        # Numbers of 8 and 16 bits are sorted without comparisons; an index in brackets takes rows ten times as long.
+        # NumPy sorts 8-bit and 16-bit integers by radix. Indexing rows with [order] takes ten times as long as `take`.
         order = places.astype(np.min_scalar_type(self.count)).argsort(kind="stable")
         ends = np.bincount(places, minlength=self.count).cumsum().tolist()
         times, states = times.take(order), states.take(order, axis=0)

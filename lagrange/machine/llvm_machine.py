@@ -35,7 +35,7 @@ class LlvmMachine:
             raise RunError(f"LLVM could not compile {program.name}: {error}. Use target='numpy'.") from error
 
     def series(self, program: SeriesProgram) -> LlvmSeries:
-        """Return a series program that is compiled when an order is first asked for."""
+        """Return a series program; each order is compiled at its first use."""
         return LlvmSeries(program)
 
     def driver(
@@ -46,7 +46,7 @@ class LlvmMachine:
         jacobian: LlvmKernel | None = None,
         projection: LlvmKernel | None = None,
     ) -> LlvmDriver:
-        """Compile the loop over steps; it is kept for other models of the same dimension."""
+        """Compile the loop over steps, or take it from the cache for other models of the same dimension."""
         return LlvmDriver(step, kernel, parameters, jacobian, projection)
 
     def called(self, procedure: Procedure) -> CompiledProcedure:
@@ -55,7 +55,7 @@ class LlvmMachine:
 
     @property
     def processor(self) -> str:
-        """This processor, by LLVM's name, and the doubles of its vectors."""
+        """Name of this processor in LLVM, and the number of doubles in its vectors."""
         return processor()
 
     def members(self, procedure: Procedure) -> MembersCode:
@@ -65,7 +65,7 @@ class LlvmMachine:
     def dense(
         self, kind: StepPolynomial, kernel: LlvmKernel, parameters: FloatArray, jacobian: LlvmKernel | None = None
     ) -> LlvmStepDense:
-        """Return the dense output of a kind of path, which is compiled when it is first used."""
+        """Return the dense output of a kind of path, compiled at its first use."""
         return LlvmStepDense(kind, kernel, parameters, jacobian)
 
     def event_steps(
@@ -77,7 +77,7 @@ class LlvmMachine:
         dense: DensePath,
         screen: DensePath | None,
     ) -> LlvmEventSteps | None:
-        """Return the compiled loop; None where a mass matrix that does not move is singular: there are no paths."""
+        """Return the compiled loop, or None if a constant mass matrix is singular: then no dense output exists."""
         try:
             return LlvmEventSteps(driver, events, resets, parameters, dense, screen)
         except SingularMassMatrix:

@@ -36,13 +36,13 @@ FUNCTIONS_KEPT = 64
 """Number of functions of events and expressions that are cached."""
 
 SERIES_KEPT = 16
-"""Number of series with events that are cached, beside the one without; each takes some 2 MB of machine code."""
+"""Number of cached series with events, beside the series without events; each takes some 2 MB of machine code."""
 
 NO_QUANTITY = "{given} is no quantity of a model: they are {known}."
 
 
 class Model:
-    """A system compiled for one machine. Kernels are made when they are first asked for.
+    """A system compiled for one machine. Kernels are compiled at their first use.
 
     Coordinates and velocities are arrays (n,), or (n, batch) for many states at once; a state y is [q, v],
     (2n,) or (2n, batch). Units are those of the statement. `parameters` is a dict, by symbol or name, over the
@@ -63,7 +63,7 @@ class Model:
         self._series: dict[tuple[Node, ...], tuple[Series, Switched]] = {}
         self._quick_rhs: Callable[[Any, Any], FloatArray | None] = self._first_rhs
         self.prepared: dict[Any, Any] = {}
-        """What runs have prepared for other runs, by what it was prepared for."""
+        """Cache of objects that one run prepares for later runs, by key."""
 
     def __reduce__(self) -> tuple[Any, ...]:
         return self._made.again, (self.statement,)
@@ -74,7 +74,7 @@ class Model:
 
     @property
     def machine(self) -> Machine:
-        """What its kernels run on."""
+        """The machine that runs the kernels."""
         return self._made.machine
 
     @property
@@ -94,11 +94,11 @@ class Model:
 
     @property
     def conservative(self) -> bool:
-        """Whether the energy is conserved by the equations."""
+        """True if the equations conserve the energy."""
         return self.equations.structure.conservative
 
     def kernel(self, name: str) -> Kernel:
-        """Return the kernel of a quantity by name, compiled when it is first asked for.
+        """Return the kernel of a quantity by name, compiled at its first use.
 
         The names are rhs, jacobian, accelerations, mass_matrix, energy, momenta, lagrangian, forces and bias, and of a
         system with constraints multipliers, constraint_forces (m, n), constraints (phi, then dphi/dt),
@@ -111,18 +111,18 @@ class Model:
         return self._kernels[name]
 
     def law(self, name: str) -> Kernel:
-        """Return the kernel of a law that steps call: a quantity, or one that takes multipliers as well."""
+        """Return the kernel of a law that steps evaluate: a quantity, or a function that also takes multipliers."""
         return self._law(name) if isinstance(name, str) and name in LAW_QUANTITIES else self.kernel(name)
 
     def interpreted(self, name: str) -> Kernel:
-        """Return the kernel of a quantity for a few states, for which compiling would take longer."""
+        """Return an interpreted kernel of a quantity: for a few states compilation would take longer."""
         one_of(name, quantities_of(self.equations), NO_QUANTITY)
         return self._made.interpreted(name)
 
     def source(self, name: str) -> str:
-        """Return the Python that the numpy target runs for a quantity by name: one state, and columns of many.
+        """Return the Python source of a quantity on the numpy target: a function of one state, and one of columns.
 
-        It has our own names and exact literals. Raises StatementError where a linear system is too large to be printed.
+        Names are generated and literals exact. Raises StatementError for a linear system too large to be printed.
         """
         return printed(self.interpreted(name).program)
 
@@ -134,10 +134,10 @@ class Model:
         return self._function(name, nodes)
 
     def series(self, watched: tuple[Node, ...] = ()) -> tuple[Series, Switched]:
-        """Return the Taylor series of the motion on this machine, and its switching surfaces; made when asked for.
+        """Return the Taylor series of the motion on this machine, and its switching surfaces, built at the first use.
 
-        `watched` are nodes of the equations' graph whose series are wanted as well, behind those of the surfaces. The
-        last few are kept: an event with another number in it is another series.
+        `watched` are nodes of the equations' graph, such as event functions: their series follow those of the surfaces.
+        The last few series are cached. An event with another constant in it has another series.
         """
         watched = _nodes(watched)
         if watched not in self._series:
@@ -149,15 +149,15 @@ class Model:
 
     @cached_property
     def square_roots(self) -> Mapping[Node, Node]:
-        """The square roots of what has a fractional power in momenta and forces; see `square_roots_in`."""
+        """The square roots of radicands with a fractional power in momenta and forces; see `square_roots_in`."""
         return self.square_roots_in((*self.equations.momenta, *self.equations.forces))
 
     def square_roots_in(self, nodes: Iterable[Node]) -> Mapping[Node, Node]:
-        """Return the square roots of what has a fractional power in some nodes, with what is under each.
+        """Return the square roots of bases with a fractional power in some nodes, each with its radicand.
 
-        Where one is zero no series goes on, and none is seen to end: sqrt(x**2) continues as x. A root in a branch that
-        is not taken counts as 1. Powers of positions from -1 down, as in gravity, are left out: there the forces
-        themselves are infinite, and the steps shrink.
+        A Taylor series ends where a radicand is zero, and the coefficients do not show it: sqrt(x**2) continues as x.
+        A root in a branch that is not taken counts as 1. Powers of positions with exponents up to -1, as in gravity,
+        are left out: there the forces are infinite, and the steps shrink.
         """
         return square_roots(self.equations.graph, _nodes(nodes))
 
@@ -180,7 +180,7 @@ class Model:
         return self._run("rhs", t, self._checked_state(y), parameters) if found is None else found
 
     def _first_rhs(self, t: Any, y: Any) -> FloatArray | None:
-        """Find the quick call of the right-hand side, which stands in this one's place from then on."""
+        """Look up the quick call of the right-hand side, which replaces this method from then on."""
         self._quick_rhs = self._quick["rhs"].whole
         return self._quick_rhs(t, y)
 
@@ -337,21 +337,21 @@ class Model:
 
     @cached_property
     def _alone(self) -> list[int]:
-        """The coordinates whose acceleration is a division: a kernel gives inf or NaN where their inertia is zero."""
+        """The coordinates whose acceleration is a plain division, which gives inf or NaN if the inertia is zero."""
         return [block[0] for block in self.equations.plan.blocks if len(block) == 1]
 
     @cached_property
     def _masses(self) -> Kernel:
-        """The inertia of each coordinate of `_alone`, printed: every run asks for it where it starts."""
+        """The inertia of each coordinate of `_alone`, as a printed kernel: every run evaluates it at its start."""
         return PythonKernel(self.function("inertia", tuple(self.equations.mass[i][i] for i in self._alone)).program)
 
     def column_without_inertia(
         self, t: float | FloatArray, q: FloatArray, v: FloatArray, parameters: FloatArray
     ) -> int | None:
-        """Return the first column where a coordinate that is coupled to no other has no inertia, or None.
+        """Return the first column in which a coordinate that is coupled to no other has zero inertia, or None.
 
-        For one state, q (n,), that is 0 or None. Where the accelerations are not finite this tells why; they can be
-        finite all the same, if the inertia cancels in their formula.
+        For one state, q (n,), this is 0 or None. It explains accelerations that are not finite. If the inertia cancels
+        in their formula, they are finite nevertheless.
         """
         if not self._alone:
             return None
@@ -366,7 +366,7 @@ class Model:
     def singular_message(
         self, t: float | FloatArray, q: FloatArray, column: int | None = None, parameters: Parameters = None
     ) -> str:
-        """Return a sentence on why there are no accelerations at coordinates q, or at states (2n,), or (2n, batch)."""
+        """Return a message on why accelerations do not exist at coordinates q, or at states (2n,) or (2n, batch)."""
         q = real_array(q, "q")
         if q.ndim not in (1, 2):
             raise StatementError(f"q has shape {q.shape}: give (n,), or (n, batch).")
@@ -405,7 +405,7 @@ class Model:
 
 
 MOST_NODES = 10_000_000
-"""Nodes that a list may have. One of a user's own class may have no end."""
+"""Largest number of nodes in a list. A list of a user's class may be endless."""
 
 
 def _nodes(given: Iterable[Any]) -> tuple[Node, ...]:

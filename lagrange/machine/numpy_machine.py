@@ -1,4 +1,4 @@
-"""The numpy machine: nothing but Python and NumPy."""
+"""The numpy machine, which needs only Python and NumPy."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from lagrange.program.step import StepProgram
 
 @dataclass(frozen=True)
 class NumpyMachine:
-    """Runs programs without a compiler, as Python that is printed for each."""
+    """Runs programs without a compiler, as Python source that is printed for each program."""
 
     name: str = "numpy"
 
     def load(self, program: Program) -> Kernel:
-        """Return the program as Python; one with a large linear system is interpreted."""
+        """Return the program as Python. Programs with a large linear system are interpreted."""
         return PythonKernel(program) if fits(program) else InterpretedKernel(program)
 
     def series(self, program: SeriesProgram) -> NumpySeries:
@@ -52,7 +52,7 @@ class NumpyMachine:
 
     @property
     def processor(self) -> str:
-        """Nothing is compiled."""
+        """Empty: nothing is compiled."""
         return ""
 
     def members(self, procedure: Procedure) -> None:
@@ -73,4 +73,4 @@ class NumpyMachine:
         dense: DensePath,
         screen: DensePath | None,
     ) -> None:
-        """Return None: NumPy looks at many steps at once, on arrays, where Python would go step by step."""
+        """Return None: the caller searches events on many steps at once with NumPy, faster than a Python loop."""

@@ -18,19 +18,19 @@ from lagrange.statement.statement import Statement
 Parameters = Mapping[Any, Any] | FloatArray | None
 """Parameters as a user gives them: a dict over the defaults, or all values as `parameter_array` returns them.
 
-These have the shape (k,), or (k, batch) where each of many states has its own.
+    The shape is (k,), or (k, batch) with one column for each state.
 """
 
 
 def ordered(values: Mapping[Any, float], parameters: tuple[Any, ...]) -> FloatArray:
-    """Return a value for each of the parameters, (k,)."""
-    if tuple(values) == parameters:  # the hash of a symbol takes longer than all else here
+    """Return the values in the order of the parameters, (k,)."""
+    if tuple(values) == parameters:  # hashing the symbols would take longer than the rest of this function
         return np.array(list(values.values()), dtype=float)
     return np.array([values[symbol] for symbol in parameters], dtype=float)
 
 
 def some_of(parameters: Parameters, states: Any) -> Parameters:
-    """Return the parameters of some of many states, by number; `parameters` itself where all have the same."""
+    """Return the columns of some states, by index; `parameters` unchanged if all states share them."""
     if isinstance(parameters, np.ndarray) and parameters.ndim == 2:
         return np.ascontiguousarray(parameters[:, states])
     return parameters
@@ -44,7 +44,7 @@ def by_parameters(
 ) -> FloatArray:
     """Return the results of `call(t, (q, v), parameters)` for states (2n, batch) with parameters (k, batch).
 
-    States with the same parameters (k,) are one call.
+    The states that share parameters (k,) are evaluated in one call.
     """
     q, v = state
     if q.shape[1:] != parameters.shape[1:]:
@@ -63,7 +63,7 @@ def by_parameters(
 
 
 def with_zero_inputs(statement: Statement, given: Parameters) -> Parameters:
-    """Return parameters in which an input that is given no value is 0."""
+    """Return parameters in which inputs without a value are 0."""
     if isinstance(given, np.ndarray) or not statement.inputs:
         return given
     stated = table_of(given, "parameters", "parameter to value")
@@ -72,7 +72,7 @@ def with_zero_inputs(statement: Statement, given: Parameters) -> Parameters:
 
 
 class ParameterValues:
-    """The parameters of a statement: their defaults, and what a user gives over them."""
+    """The parameters of a statement: its defaults, overridden by the values that a user passes."""
 
     def __init__(self, statement: Statement) -> None:
         self._statement = statement
@@ -82,7 +82,7 @@ class ParameterValues:
         return dict(self._defaults) if given is None else self._overlaid(given)
 
     def array(self, given: Parameters) -> FloatArray:
-        """Return the values (k,) in the statement's order; an array, also (k, batch), is checked and returned."""
+        """Return the values (k,) in the statement's order. An array, (k,) or (k, batch), is checked and returned."""
         if given is None:
             return self._default_array
         if isinstance(given, np.ndarray):
@@ -117,15 +117,15 @@ class ParameterValues:
             )
         values = array.tolist()
         if values and not (math.isfinite(sum(values)) and (min(values) >= 0.0 or self._may_be_negative(values))):
-            # What a dict may not say an array may not either.
+            # An array must satisfy the same conditions as a dict, which raises the error.
             self._overlaid(dict(zip(parameters, values, strict=True)))
         return array
 
     @cached_property
     def _positive(self) -> list[int]:
-        """The parameters that may not be below zero."""
+        """Indices of the parameters that must not be negative."""
         return [i for i, symbol in enumerate(self._statement.parameters) if symbol.is_nonnegative]
 
     def _may_be_negative(self, values: list[float]) -> bool:
-        """Return whether no parameter is below zero that may not be."""
+        """Return True if all parameters that must not be negative are not."""
         return all(values[i] >= 0.0 for i in self._positive)

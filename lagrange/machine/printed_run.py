@@ -1,4 +1,4 @@
-"""What is printed as Python and run: procedures that are called, and loops over steps that the drivers share."""
+"""Procedures printed as Python and run: functions to call, and the loop over steps that the drivers share."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lagrange.procedure.form import Procedure
 from lagrange.procedure.step.run import COUNTS, RUN
 
 EMPTY = memoryview(array("d"))
-"""Stands for an array that is not used."""
+"""Placeholder for an array that is not used."""
 
 Records = tuple[Any, Any]
 Recorded = tuple[memoryview, memoryview]
@@ -29,9 +29,9 @@ def advance(
     rows: FloatArray,
     steps: Callable[[Records, Recorded], int],
 ) -> Outcome:
-    """Take steps from the state, which stands first in the work array meanwhile, and leave it where they end.
+    """Take steps from the state and leave it at their end. During the steps the state is the first part of `work`.
 
-    `steps` is called with the records of the run and with the arrays that accepted steps are written to.
+    `steps` is called with the records of the run and with the arrays for accepted times and states.
     """
     y = work[: len(state.y)]
     y[:] = state.y

@@ -1,8 +1,8 @@
-"""Print a procedure as Python source, and load it: plain floats and integers, arrays by place, nothing else needed.
+"""Print a procedure as Python source, and load it: plain floats and integers, arrays by index, no libraries.
 
-Names are made here and literals are exact, so no text of a user's is ever run. What has no value is NaN or infinite, as
-in machine code: where Python would raise, a function of `interpreter.OPERATIONS` stands. Products and sums are rounded
-one by one, so the digits of `fma` are those of two operations.
+Names are generated here and literals are exact, so no text of a user is ever run. Undefined results are NaN or
+infinite, as in machine code: operations that would raise in Python call a function of `interpreter.OPERATIONS`. `fma`
+rounds the product and the sum separately.
 """
 
 from __future__ import annotations
@@ -29,24 +29,24 @@ OPERATORS: Mapping[str, Operator] = {
     "real": Operator(9, "float({0})"),
     "whole": Operator(9, "int({0})"),
 }
-"""Operators of Python. The other operations are functions; a division is one since it may raise."""
+"""Operators of Python. The other operations call functions; division is one of them because it may raise."""
 
 RAISING: Mapping[str, Operator] = {**OPERATORS, "div": COMMON["div"]}
-"""Operators of Python where an error is wanted, or where numbers are not Python's."""
+"""Operators of Python for callers that catch errors, and for numbers that are not Python's."""
 
 LITERALS = Literals("inf", "nan", ("False", "True"))
 
 
 def source(procedure: Procedure) -> str:
-    """Return Python source of a procedure and of all that it calls: one function each, callees first."""
+    """Return Python source of a procedure and its transitive callees: one function each, callees first."""
     return "\n\n".join(_PythonPrinter(one).function() for one in (*procedure.callees, procedure))
 
 
 def loaded(procedure: Procedure) -> Callable[..., Any]:
     """Return a procedure as a Python function.
 
-    Arrays are memory views, which are quickest, or anything with places, or a `Span` of one. It returns nothing, a
-    value or a tuple of values.
+    Arrays are memory views, which are fastest, or any objects with indices, or a `Span` of one. The function returns
+    None, a value or a tuple of values.
     """
     names: dict[str, Any] = {f"_{op}": function for op, function in OPERATIONS.items() if op not in OPERATORS}
     names |= {"_part": part_of, "_reals": _reals, "_wholes": _wholes, "_record": SimpleNamespace}
@@ -65,7 +65,7 @@ def loaded(procedure: Procedure) -> Callable[..., Any]:
 
 
 def defined(text: str, name: str, names: Mapping[str, Any]) -> Callable[..., Any]:
-    """Return the function of a name that printed source defines, which may use other names."""
+    """Return the function `name` that printed source defines. `names` are the global names that the source uses."""
     known = dict(names)
     exec(compile(text, f"<{name}>", "exec"), known)
     made: Callable[..., Any] = known[name]
@@ -73,11 +73,11 @@ def defined(text: str, name: str, names: Mapping[str, Any]) -> Callable[..., Any
 
 
 AS_THEY_ARE = (memoryview, Span)
-"""Arrays of which a part is an array."""
+"""Array types whose slices share memory."""
 
 
 def part_of(array: Any, start: int) -> Any:
-    """Return an array from one of its places on."""
+    """Return the part of an array from index `start` on."""
     return array[start:] if isinstance(array, memoryview) else array.part(start)
 
 
@@ -133,7 +133,7 @@ class _PythonPrinter(SourcePrinter):
         self.write(f"{names} = {made}" if names else made)
 
     def named(self, ref: int, kind: Kind) -> str:
-        """Return the new name of a result."""
+        """Define a result and return its new name."""
         self.types[ref] = kind
         return self.name(ref)
 

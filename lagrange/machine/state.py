@@ -17,16 +17,16 @@ from lagrange.procedure.taylor.memory import OUTPUTS, TAYLOR
 __all__ = ["MOST_LANES", "OUTCOMES", "DriverState", "Outcome", "Outputs"]
 
 MOST_LANES = 8
-"""Most entries of the state that a machine computes at once."""
+"""Largest number of entries of the state that a machine computes at once."""
 
 OUTCOMES = tuple(Outcome)
 """The outcomes by number."""
 
 
 class Outputs:
-    """The states at output times that lie in the order of a run, (k,): a driver of series writes them as it goes.
+    """The states at output times (k,), sorted in the direction of the run. Taylor drivers write them during the run.
 
-    `times` has NaN behind the last, and `states` (k + 1, 2n) a row to spare: machines write whole blocks.
+    `times` has NaN after its last entry. `states` (k, 2n) has `MOST_LANES` spare rows, since machines write blocks.
     """
 
     def __init__(self, times: NDArray[np.float64], dimension: int) -> None:
@@ -35,7 +35,7 @@ class Outputs:
         self.record: Any = OUTPUTS.structure()
 
     def write(self, end: float, direction: float, path: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> None:
-        """Write the states at the times before an end, which was reached without series; see `joined` for the path."""
+        """Write the states at output times before `end`, on a stretch without series; see `joined` for the path."""
         rest = self.times[self.record.done : -1]
         count = int(np.count_nonzero((rest - end) * direction < 0))
         if count:
@@ -45,7 +45,7 @@ class Outputs:
     def joined(
         self, times: NDArray[np.float64], path: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     ) -> NDArray[np.float64]:
-        """Return the states (2n, k) at the first k times, the others by a path from times (k,) to states (2n, k)."""
+        """Return states (2n, k) at the first k times. `path` maps times (k,) that are not written to states (2n, k)."""
         done, count = self.record.done, len(times)
         if done < count:
             self.states[done:count] = path(times[done:]).T
@@ -53,31 +53,30 @@ class Outputs:
 
 
 NO_OUTPUTS = Outputs(np.empty(0), 1)
-"""Those of a run that has none; what drivers write to the record is zero."""
+"""Outputs of a run without output times; the counts in its record stay zero."""
 
 
 class DriverState:
-    """Where a run stands. Arrays are shared with machine code, entries in the order of the constants below.
+    """State of a run. Arrays are shared with machine code, with entries in the order of the constants below.
 
-    `reals`: T is the time, END where the run goes, START and STEP the grid of equal steps; H is the next step,
-    signed, 0 if it is to be chosen, and LONGEST the bound of all steps, a size; PREVIOUS is the error norm of the step
-    before, and CAUSE the `Outcome` for which the last trial was rejected. RESIDUAL is the size of the last correction
-    of an implicit step against that of its unknowns.
+    `reals`: T is the time and END the end time of the run. START and STEP define the grid of equal steps. H is the next
+    step, signed, or 0 if it is to be chosen. LONGEST bounds the size of all steps. PREVIOUS is the error norm of the
+    last step. CAUSE is the `Outcome` for which the last trial was rejected. RESIDUAL is the size of the last correction
+    of an implicit step relative to its unknowns.
 
-    An entry of the state may be wrong by RTOL times its size in a step and its floor. The floors (2n,), padded to
-    whole vectors of a machine, are the last `reals`. An accepted step raises a floor to SHARE times the size of its
-    entry there: floors that are given stay as they are with a SHARE of 0, and those that follow the scale begin at
-    `LEAST_FLOOR`.
+    The tolerance of an entry of the state is RTOL times its size in the step, plus its floor. The floors (2n,), padded
+    to whole vectors of a machine, are the last `reals`. An accepted step raises a floor to SHARE times the size of the
+    entry. Stated floors have a SHARE of 0 and stay; floors that follow the scale begin at `LEAST_FLOOR`.
 
     `counts`: STEPS accepted, REJECTED trials, EVALUATIONS of the law, and ROWS written, none unless RECORD is 1.
-    AFTER_REJECT counts the rejected trials in a row behind which the run stands; SLOPE_KNOWN is 1 where the first slope
-    of the next step is there already. KEPT is 0 where nothing that a driver has kept from former steps, such as a
-    matrix or unknowns to extrapolate, belongs to this run. SURVEYED is how often the run came back as UNSCALED.
+    AFTER_REJECT counts the rejected trials directly before the present one. SLOPE_KNOWN is 1 if the first slope of the
+    next step is known. KEPT is 0 if data of former steps, such as a matrix or unknowns to extrapolate, do not belong to
+    this run. SURVEYED counts how often the run returned as UNSCALED.
 
-    `taylor` is what a run by Taylor series knows; see `TAYLOR`. Such a run writes `outputs` on the way.
+    `taylor` is the record of a run by Taylor series; see `TAYLOR`. Such a run writes `outputs` while it advances.
 
-    `floats` and `integers` are the same entries, to be set one by one: that takes a fifth of the time. `fault` is
-    what a driver that is no machine code has to say of its failed step, and `kept` how many bytes it keeps of the run.
+    `floats` and `integers` are views of the same entries; setting one entry there takes a fifth of the time. `fault` is
+    the error of a failed step, from drivers in Python. `kept` is the number of bytes that such a driver keeps of a run.
     """
 
     T, END, H, RTOL, SHARE, PREVIOUS, START, STEP, CAUSE, LONGEST, RESIDUAL = RUN.places.values()
@@ -96,7 +95,7 @@ class DriverState:
     ) -> None:
         """Begin at (t, y) towards `end`; `step` is the signed step of a fixed-step method, or a first step, or 0.
 
-        `atol` is the floor of every entry to begin with.
+        `atol` is the initial floor of every entry.
         """
         self.reals = np.zeros(self.FLOORS + whole_blocks(len(y), MOST_LANES))
         self.reals[self.FLOORS :] = 1.0
@@ -129,7 +128,7 @@ class DriverState:
         step: float,
         longest: float,
     ) -> None:
-        """Begin another run by the same driver, over a span from y; `first` are the `reals` with which one began."""
+        """Begin another run by the same driver, over a span from y; `first` are the initial `reals` of a run."""
         reals, floats = self.reals, self.floats
         reals[:] = first
         floats[self.T], floats[self.END] = span
@@ -141,21 +140,21 @@ class DriverState:
         self.fault, self.kept = None, 0
 
     def restart_series(self) -> None:
-        """Forget what a former run by series has left, where something looks at it before the driver begins."""
+        """Reset the record of a former run by series, for readers that run before the driver begins."""
         taylor = self.taylor
         taylor.low, taylor.scale, taylor.next_limit, taylor.limit = 0.0, 1.0, math.inf, math.inf
         taylor.rescalings = taylor.failures = taylor.inspect = 0
 
     @property
     def t(self) -> float:
-        """The time reached."""
+        """The time that the run has reached."""
         return float(self.floats[self.T])
 
     @property
     def cause(self) -> Outcome:
-        """What made the last step fail: an error too large counts as STEP_TOO_SMALL."""
+        """The reason why the last step failed: an error too large counts as STEP_TOO_SMALL."""
         return Outcome(int(self.reals[self.CAUSE]))
 
     def count(self, which: int) -> int:
-        """Return one of the counts."""
+        """Return one of the counts, by its index."""
         return int(self.integers[which])

@@ -1,4 +1,4 @@
-"""The memory of a run by a step program with events: what the loop over steps and those who watch read and write."""
+"""The memory of a run by a step program with events, shared by the loop over steps and the search for events."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ FloatArray = NDArray[np.float64]
 WholeArray = NDArray[np.int64]
 
 ROOM = 2048
-"""So many events, and so many changes of the motion, are written before the loop comes back."""
+"""Number of events, and of changes of the motion, that are written before the loop returns."""
 
 
 class Reaction(NamedTuple):
-    """What is to happen at the zeros of an event: those of a `direction` count, 0 for all.
+    """Settings of an event: only zeros in this `direction` count, or all if it is 0.
 
-    Its resets begin at the `first` among all, and are for some `entries` of the state.
+    The new values of its reset begin at `first` among the results of all resets, and replace `entries` of the state.
     """
 
     direction: int = 0
@@ -32,9 +32,9 @@ class Reaction(NamedTuple):
 
 
 class StepFunction(NamedTuple):
-    """What takes steps, for procedures that take it as `STEPS` says: its address, and the first argument.
+    """A compiled function that takes steps, as `STEPS` describes: its address and its first argument, the `laws`.
 
-    It works in `work`, where the entries of the state stand at some places.
+    It uses the array `work`. The entries of the state are at the indices `entries` of it.
     """
 
     address: int
@@ -44,10 +44,10 @@ class StepFunction(NamedTuple):
 
 
 class Happened(NamedTuple):
-    """What happened since it was last asked: zeros that count, by event, with times (k,) and states (k, 2n).
+    """Events since the last call: index of the event function `which`, times `when` (k,) and states `there` (k, 2n).
 
-    And the changes of the motion: the rows behind which it is another, and the ends of the steps that were cut for
-    them, times (m,), NaN where none was, and states (m, 2n).
+    The changes of the motion are `rows`, after which another smooth piece begins, and the ends of the steps that were
+    cut there: `times` (m,), NaN if no step was cut, and `states` (m, 2n).
     """
 
     which: WholeArray
@@ -59,9 +59,9 @@ class Happened(NamedTuple):
 
 
 class StepEventMemory:
-    """What a run of states of a `size` with events knows; see `EVENT_RUN` and `REVIEW`, and `ReviewArguments`.
+    """Memory of a run with events, for states of a `size`; see `EVENT_RUN`, `REVIEW` and `ReviewArguments`.
 
-    The steps that wait to be reviewed are rows of `times` and `states`, from row 1 on, and row 0 is the one before.
+    Steps that are not reviewed yet are rows of `times` and `states` from row 1 on. Row 0 is the state before them.
     """
 
     def __init__(self, size: int, reactions: Sequence[Reaction]) -> None:
@@ -85,42 +85,42 @@ class StepEventMemory:
         self.keep_start()
 
     def keep_start(self) -> None:
-        """Let the records as they are be those that every run begins with."""
+        """Save the present records as the start of every run."""
         self._start = bytes(self.run), bytes(self.review)
 
     def restart(self) -> None:
-        """Begin another run by the same driver: no steps were taken, and nothing has happened."""
+        """Begin another run by the same driver: no steps and no events."""
         for record, start in zip((self.run, self.review), self._start, strict=True):
             ctypes.memmove(ctypes.addressof(record), start, len(start))
         self.kept_counts.fill(0)
 
     @property
     def nbytes(self) -> int:
-        """How many bytes the arrays take."""
+        """Bytes of all arrays."""
         return sum(array.nbytes for array in vars(self).values() if isinstance(array, np.ndarray))
 
     def keep(self, state: DriverState) -> None:
-        """Make room for the numbers and counts of a run."""
+        """Allocate copies of the numbers and counts of a run."""
         if len(self.kept_reals) != len(state.reals):
             self.kept_reals, self.kept_counts = state.reals.copy(), state.counts.copy()
 
     @property
     def waits(self) -> bool:
-        """Whether there are steps that were not reviewed."""
+        """True if some steps are not reviewed yet."""
         return bool(self.run.begin <= self.run.count)
 
     @property
     def taken(self) -> int:
-        """How many steps the run had when those that wait were taken."""
+        """Number of accepted steps of the run when the steps to be reviewed began."""
         return int(self.kept_counts[DriverState.STEPS])
 
     @property
     def reviewed(self) -> int:
-        """How many steps of the run were reviewed."""
+        """Number of steps of the run that are reviewed."""
         return self.taken + int(self.run.begin) - 1
 
     def happened(self) -> Happened:
-        """Return what happened since the last call."""
+        """Return the events and changes of the motion since the last call."""
         found, breaks = self.review.found, self.run.breaks
         self.review.found = self.run.breaks = self.run.proven = 0
         zeros = self.which[:found].copy(), self.when[:found].copy(), self.there[:found].copy()

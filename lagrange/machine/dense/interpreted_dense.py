@@ -19,15 +19,15 @@ from lagrange.procedure.dense.series import series_polynomial
 from lagrange.procedure.form import Procedure
 
 MOST_STEPS, MOST_TIMES = 1024, 16384
-"""So many steps make a block, and so many times are evaluated at once: their memory stays small."""
+"""Largest number of steps in a block, and of times evaluated at once: bounds on memory."""
 
 
 FEW = 16
-"""Up to so many numbers of a block the procedure is printed for numbers and not for arrays: an operation on an array
-takes as long as that on twenty numbers."""
+"""Largest number of entries of a block for which the procedure is printed for numbers instead of arrays. An operation
+on a short array takes as long as twenty operations on numbers."""
 
 NONE = np.empty(0).data
-"""The place of an array that is not used."""
+"""Placeholder for an array that is not used."""
 
 
 @lru_cache(maxsize=64)
@@ -36,7 +36,7 @@ def _loaded(procedure: Procedure, *, by_arrays: bool) -> Callable[..., Any]:
 
 
 class NumpyDense(ABC):
-    """What all dense output shares: how polynomials are written for many steps, and evaluated; see `DensePath`."""
+    """Common part of all dense output: polynomials of many steps, and their evaluation; see `DensePath`."""
 
     @property
     @abstractmethod
@@ -51,18 +51,18 @@ class NumpyDense(ABC):
     @property
     @abstractmethod
     def both(self) -> bool:
-        """Whether the steps beside those of a block are wanted."""
+        """True if the callback also needs the neighbouring steps."""
 
     @abstractmethod
     def size(self, columns: int) -> int:
-        """Return in how many doubles the polynomials of a block are written."""
+        """Return the number of doubles of working memory for a block of `columns` steps."""
 
     @abstractmethod
     def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
-        """Write the polynomials of a block of so many columns; see `POLYNOMIAL`."""
+        """Write the polynomials of a block of `columns` steps to `out`; see `POLYNOMIAL`."""
 
     def polynomial(self) -> BlockPolynomial:
-        """Return what writes the polynomials of a block of steps; see `DensePath`."""
+        """Return the callback that writes the polynomials of a block of steps; see `DensePath`."""
 
         def write(_: Any, columns: int, *arrays: Any) -> None:
             own, beside, work, out = (one if isinstance(one, np.ndarray) else np.frombuffer(one) for one in arrays)
@@ -96,7 +96,7 @@ class NumpyDense(ABC):
                 out[:, part][:, exact] = states[rows[exact]].T
 
     def _block(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
-        """Return the polynomials of so many steps as make a block."""
+        """Return the polynomials of one block of steps, (degree + 1, 2n, K)."""
         n, count = self.dimension, len(steps)
         out = np.empty((self.degree + 1) * n * count)
         own, beside = _gathered(times, states, steps), np.empty(0)
@@ -120,21 +120,21 @@ class NumpyStepDense(NumpyDense):
 
     @property
     def dimension(self) -> int:
-        """The length of a state."""
+        """The length 2n of a state."""
         return self.kernel.program.states
 
     @property
     def degree(self) -> int:
-        """The degree of the kind."""
+        """The degree of the polynomials of this kind."""
         return self.kind.degree
 
     @property
     def both(self) -> bool:
-        """Whether the kind of path joins slopes."""
+        """True if the kind of path uses the slopes of neighbouring steps."""
         return self.kind.derivative
 
     def size(self, columns: int) -> int:
-        """Return what the kind of path works in."""
+        """Return the number of doubles of working memory."""
         return self.kind.size(self.dimension, columns)
 
     def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
@@ -151,13 +151,13 @@ class NumpyStepDense(NumpyDense):
 
 
 def write_series(jet: Callable[..., bool], dimension: int, width: int, order: int, *arrays: Any) -> None:
-    """Write the polynomials of a block of Taylor steps by a series with rows of some width; see `NumpyDense.write`."""
+    """Write the polynomials of a block of Taylor steps; `width` is the length of a row. See `NumpyDense.write`."""
     made = _loaded(series_polynomial(), by_arrays=True)
     made(jet, None, None, order, width, dimension, dimension, *arrays)
 
 
 def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
-    """Return a kernel as procedures call it over columns; where a mass matrix is singular it gives NaN."""
+    """Return a kernel as the callback over columns that procedures call. Singular columns get NaN."""
     half = kernel.program.states // 2
 
     def evaluate(count: int, t: Any, q: Any, v: Any, _: Any, out: Any) -> int:
@@ -170,7 +170,7 @@ def _by_columns(kernel: Kernel, parameters: FloatArray) -> Callable[..., int]:
 
 
 def _invert(order: int, columns: int, a: Any, _: Any) -> None:
-    """Write the inverse of the matrix of each column behind its rows, NaN where there is none; see `INVERT`."""
+    """Write the inverse of each column's matrix after its rows, or NaN if it is singular; see `INVERT`."""
     both = np.asarray(a)[: 2 * order * order * columns].reshape(order, 2 * order, columns)
     matrices = np.moveaxis(both[:, :order], -1, 0).copy()
     try:
@@ -188,7 +188,7 @@ def _inverse(matrix: FloatArray) -> FloatArray:
 
 
 def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return the results of columns, NaN where the mass matrix is singular."""
+    """Return the results of columns, with NaN in columns with a singular mass matrix."""
     try:
         return kernel(float(t[0]), y[:, 0], parameters)[..., None] if len(t) == 1 else kernel(t, y, parameters)
     except SingularMassMatrix as error:
@@ -200,7 +200,7 @@ def _known(kernel: Kernel, t: FloatArray, y: FloatArray, parameters: FloatArray)
 
 
 def _gathered(times: FloatArray, states: FloatArray, steps: Places, side: FloatArray | float = 0.0) -> FloatArray:
-    """Return some steps by columns, as `OwnStep` has them."""
+    """Return some steps in columns, in the layout of `OwnStep`."""
     count = len(steps)
     block = np.empty(block_size(states.shape[1], count))
     rows = block.reshape(-1, count)

@@ -2,8 +2,8 @@
 
     void polynomial(ptr given, i64 columns, ptr own, ptr beside, ptr work, ptr out)
 
-writes the polynomials of a block of steps, see `POLYNOMIAL`; `given` are the addresses and numbers that the kind of
-path wants beside. What evaluates is one function for all of them, which takes this by its address.
+writes the polynomials of a block of steps, see `POLYNOMIAL`; `given` are the addresses and numbers of the kind of path.
+One function evaluates all kinds of polynomials: it calls this one by its address.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from lagrange.procedure.taylor.memory import TaylorLayout
 
 @lru_cache(maxsize=64)
 def compiled_polynomial(procedure: Procedure) -> Module:
-    """Return what writes polynomials, compiled with the function `polynomial` that takes what is given by place."""
+    """Return a procedure that writes polynomials, in the uniform signature of the function `polynomial`."""
     own = len(procedure.parameters) - len(POLYNOMIAL.parameters) + 1
     e = Emitter()
     kinds = [argument_type(parameter.type) for parameter in procedure.parameters]
@@ -47,7 +47,7 @@ def compiled_polynomial(procedure: Procedure) -> Module:
 
 @cache
 def inversion() -> Module:
-    """Return what inverts the matrices of columns, compiled once per process."""
+    """Return the module that inverts the matrices of columns, compiled once per process."""
     return Module(module([invert_columns.form()]), merge=True)
 
 
@@ -57,7 +57,7 @@ def _module(procedure: Procedure, entry: str) -> Module:
 
 
 class LlvmDense(ABC):
-    """What all dense output shares: how polynomials are written for many steps, and evaluated; see `DensePath`."""
+    """Common part of all dense output: polynomials of many steps, and their evaluation; see `DensePath`."""
 
     @property
     @abstractmethod
@@ -71,7 +71,7 @@ class LlvmDense(ABC):
 
     @abstractmethod
     def polynomial(self) -> BlockPolynomial:
-        """Return what writes the polynomials of a block of steps. Raises SingularMassMatrix."""
+        """Return the callback that writes the polynomials of a block of steps. Raises SingularMassMatrix."""
 
     def coefficients(self, times: FloatArray, states: FloatArray, steps: Places) -> FloatArray:
         """Return the polynomials of some steps; see `DensePath`."""
@@ -97,7 +97,7 @@ class LlvmDense(ABC):
         self._run(outputs(), written, times, states, **own, c=c, out=out, stride=out.strides[0] // out.itemsize)
 
     def _written(self) -> BlockPolynomial | None:
-        """Return what writes polynomials, None where a constant mass matrix is singular."""
+        """Return the callback that writes polynomials, or None if a constant mass matrix is singular."""
         try:
             return self.polynomial()
         except SingularMassMatrix:
@@ -106,7 +106,7 @@ class LlvmDense(ABC):
     def _run(
         self, procedure: Procedure, written: BlockPolynomial, times: FloatArray, states: FloatArray, **own: Any
     ) -> None:
-        """Run a procedure that serves all kinds of paths, compiled once per process, with its own arguments."""
+        """Run a procedure for all kinds of paths, compiled once per process. `own` are its further arguments."""
         n = self.dimension
         given = {
             "polynomial": written.function,
@@ -138,16 +138,16 @@ class LlvmStepDense(LlvmDense):
 
     @property
     def dimension(self) -> int:
-        """The length of a state."""
+        """The length 2n of a state."""
         return self.kernel.program.states
 
     @property
     def degree(self) -> int:
-        """The degree of the kind."""
+        """The degree of the polynomials of this kind."""
         return self.kind.degree
 
     def polynomial(self) -> BlockPolynomial:
-        """Return what writes the polynomials, with the kernels' addresses; see `LlvmDense`."""
+        """Return the callback with the addresses of the kernels; see `LlvmDense`."""
         kind, n = self.kind, self.dimension
         code = compiled_polynomial(kind.procedure)
         kept: list[Any] = [code, kind.table]
@@ -163,7 +163,7 @@ class LlvmStepDense(LlvmDense):
 
 
 def of_series(jet: int, numbers: tuple[FloatArray, FloatArray], layout: TaylorLayout, order: int) -> BlockPolynomial:
-    """Return what writes the polynomials of Taylor steps by a series at an address with its numbers."""
+    """Return the callback for Taylor steps. `jet` is the address of the series, and `numbers` are its arrays."""
     code, padded = compiled_polynomial(series_polynomial()), layout.padded
     places = [jet, *map(address, numbers), order, layout.width, padded, layout.dimension]
     given, work = np.array(places, dtype=np.int64), 2 * padded + layout.size(order)

@@ -24,7 +24,7 @@ STANDING = (
     *("times", "states", "sign", "near", "direction", "remaining", "stayed", "came", "which", "when", "there"),
     *("settings", "break_rows", "break_times", "break_states", "kept_reals", "kept_counts"),
 )
-"""What stands in the memory of a run, by the names of the loop's arguments."""
+"""Arrays of a `StepEventMemory`, by the names of the loop's arguments."""
 
 
 class CompiledSteps(Protocol):
@@ -32,10 +32,10 @@ class CompiledSteps(Protocol):
 
     @property
     def function(self) -> StepFunction:
-        """What takes its steps."""
+        """The compiled function that takes the driver's steps."""
 
     def count(self, steps: int) -> None:
-        """Count steps that were taken: code that is used often is compiled again."""
+        """Count accepted steps: frequently used code is compiled again with optimization."""
 
 
 class LlvmEventSteps:
@@ -51,7 +51,7 @@ class LlvmEventSteps:
         screen: DensePath | None,
     ) -> None:
         self._driver, self._written = driver, dense.polynomial()
-        # What solves for its stages takes steps that a cubic through their ends says little of.
+        # For implicit methods a cubic through the ends of a step is not a safe screen, since their steps are long.
         screens = screen is not None and not self._written.both
         self._screen = screen.polynomial() if screen is not None and screens else self._written
         self._kernel = kernel = _compiled(events)
@@ -68,7 +68,7 @@ class LlvmEventSteps:
             **{name: np.zeros(block_size(n, LANES) + LANES) for name in ("own", "beside")},
             "screen": self._screen.function,
             "screen_given": self._screen.given,
-            # What a block polynomial is given begins with the law over columns and its parameters.
+            # The arguments of a block polynomial begin with the law over columns and its parameters.
             "law": int(self._screen.given[0]),
             "law_parameters": int(self._screen.given[1]),
             "screens": screens,
@@ -115,7 +115,7 @@ class LlvmEventSteps:
 
 
 def _of_memory(memory: StepEventMemory) -> dict[str, Any]:
-    """Return the arguments that stand in the memory of a run."""
+    """Return the arguments of the loop that are arrays and records of the run's memory."""
     arrays = {name: getattr(memory, name) for name in STANDING}
     return {**arrays, "review": ctypes.addressof(memory.review), "event_run": ctypes.addressof(memory.run)}
 

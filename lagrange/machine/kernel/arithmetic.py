@@ -1,4 +1,4 @@
-"""The operations of a program on numbers: NumPy's doubles, or any other arithmetic with a table of its own."""
+"""The operations of a program on numbers: NumPy's doubles, or another arithmetic with its own table of functions."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ OPERATIONS: dict[str, Callable[..., Any]] = {
     **DOUBLE_FUNCTIONS,
     "select": np.where,
 }
-"""The spelling of each operation, on numbers or on one number per column."""
+"""The function of each operation, on numbers or on arrays with one number per column."""
 
 
 @dataclass(frozen=True)
 class Arithmetic:
     """A number type: its function for each operation of a program, and the conversion from a double.
 
-    `systems` has factor and solve, as functions of the order and the operands, if there are any.
+    `systems` has the functions `factor` and `solve` of the order and the operands, if the arithmetic supports them.
     """
 
     operations: Mapping[str, Callable[..., Any]]
@@ -42,7 +42,7 @@ class Arithmetic:
     def evaluate(
         self, program: Program, t: Any, y: Sequence[Any] | NDArray[Any], parameters: Sequence[Any] | NDArray[Any]
     ) -> list[Any]:
-        """Return the outputs of a program."""
+        """Return the outputs of a program at a time, an input vector and parameters, as a list."""
         values: list[Any] = []
         for op, args, place, value, order, _ in program.instructions:
             if op == "state":

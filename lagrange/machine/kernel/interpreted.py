@@ -17,7 +17,7 @@ from lagrange.program.program import Program
 
 @dataclass(frozen=True)
 class InterpretedKernel:
-    """A program and the loop that interprets it."""
+    """A program, evaluated instruction by instruction."""
 
     program: Program
 
@@ -82,17 +82,17 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
 
 
 def _scale(a: FloatArray) -> FloatArray:
-    """Return the units (n, k) in which a positive definite matrix has a unit diagonal, and ones for any other."""
+    """Return factors (n, k) that scale positive definite matrices to a unit diagonal, and ones for other matrices."""
     diagonal = np.einsum("iik->ik", a)
     return np.where((diagonal > 0).all(axis=0), 1 / np.sqrt(np.abs(diagonal)), 1.0)
 
 
 def _check_pivot(pivot: FloatArray, largest: FloatArray, finite: NDArray[np.bool_], columns: tuple[int, ...]) -> None:
-    """Refuse a pivot that is zero to round-off; matrices with entries that are not finite are not judged."""
+    """Raise SingularMassMatrix for a pivot that is zero to round-off. Matrices that are not finite are skipped."""
     singular = finite & ((np.abs(pivot) <= PIVOT * largest) | (pivot == 0.0))
     if singular.any():
         raise SingularMassMatrix(int(np.argmax(singular)) if columns else None)
 
 
 WITH_SYSTEMS = replace(FLOATS, systems={"factor": _matrix, "solve": _solve})
-"""Doubles, with the linear systems of the mass matrix."""
+"""Arithmetic of doubles with the linear systems of the mass matrix."""

@@ -1,17 +1,17 @@
-"""Calls of a kernel with Python's objects as they are: machine code reads time and arrays, checks them and calls.
+"""Calls of a kernel with Python objects as arguments: machine code reads time and arrays, and checks them itself.
 
-A call through ctypes takes some 0.5 us, and the checks of its arguments in Python as much again; the kernel of a small
-system is a tenth of that. Here Python gets a built-in function whose code is ours, as an extension module has them: an
-entry of `PyMethodDef` with the flag METH_FASTCALL, given to `PyCFunction_NewEx`. Both are part of Python's stable
+A call through ctypes takes some 0.5 us, and checking its arguments in Python as much again; the kernel of a small
+system takes a tenth of that. Here Python gets a built-in function in machine code, as extension modules define them: an
+entry of `PyMethodDef` with the flag METH_FASTCALL, passed to `PyCFunction_NewEx`. Both are part of Python's stable
 interface. The function reads the structures of NumPy's arrays (`PyArrayObject`: data, number of dimensions, dimensions,
-strides, base, type of the entries) and of floats; how they are laid out is tried before it is relied on.
+strides, base, type of the entries) and of floats. Their layout is tested before it is used.
 
     whole(t, y)        y (size,)
     parts(t, q, v)     q (size / 2,), v (size / 2,)
 
-They return a new array, or None where an argument is no float or no plain array of doubles of the right shape, where
-the time or a result is not finite, or where the mass matrix is singular: the caller then takes the way that finds out
-and tells. Python calls them with its lock held.
+They return a new array. They return None if an argument has another type or shape (a float and plain arrays of doubles
+are expected), if the time or a result is not finite, or if the mass matrix is singular. The caller then evaluates the
+kernel itself, which reports the error. Python calls them with its lock held.
 """
 
 from __future__ import annotations
@@ -44,14 +44,14 @@ FIELDS = (
     *("kernel", "prepared", "size", "results", "empty", "shape", "none", "array", "doubles", "float", "numpy_float"),
     *("call", "release", "retain"),
 )
-"""The record of a function, one address or count each: what it computes, the objects that it needs, and what it calls
-of Python's interface."""
+"""The record of a function, one address or count each: the kernel, the objects that it needs, and the functions of
+Python's interface that it calls."""
 
 METH_FASTCALL = 0x80
 
 
 def _field(name: str, kind: str = "ptr") -> str:
-    """Return the lines that read a field of %record."""
+    """Return the IR lines that read a field of %record."""
     return f"""  %at.{name} = getelementptr i64, ptr %record, i64 {FIELDS.index(name)}
   %{name} = load {kind}, ptr %at.{name}"""
 
@@ -235,7 +235,7 @@ declare void @llvm.memcpy.p0.p0.i64(ptr, ptr, i64, i1)
 """
 
 MOST_STATE = 4096
-"""Most inputs that a call of two arrays joins on the stack."""
+"""Largest number of inputs for which a call joins q and v on the stack."""
 
 
 class _Method(ctypes.Structure):
@@ -250,7 +250,7 @@ class _Method(ctypes.Structure):
 
 
 class _Record(np.ndarray[Any, Any]):
-    """The record of a function, with all that it has addresses of."""
+    """The record of a function, with references to all objects whose addresses it holds."""
 
     kept: tuple[Any, ...]
 
@@ -258,9 +258,9 @@ class _Record(np.ndarray[Any, Any]):
 def quick_calls(
     kernel: tuple[Module, int], prepared: FloatArray, size: int, shape: tuple[int, ...]
 ) -> QuickCalls | None:
-    """Return the quick calls of a scalar kernel, or None where objects are laid out in another way.
+    """Return the quick calls of a scalar kernel, or None if objects do not have the expected layout.
 
-    The kernel is given by its module and its address there.
+    `kernel` is the module and the address of the function in it.
     """
     return None if size > MOST_STATE or not _as_documented() else _made(kernel, prepared, size, shape)
 
@@ -292,7 +292,7 @@ def _module() -> Module:
 
 @lru_cache(maxsize=1)
 def _as_documented() -> bool:
-    """Return whether floats and arrays are read right, and what does not fit is refused."""
+    """Return whether floats and arrays are read correctly, and other objects are refused."""
     if not by_layout:
         return False
     whole, parts = _made((_module(), _module().address("probe")), np.zeros(1), 4, (2,))

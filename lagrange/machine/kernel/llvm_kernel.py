@@ -1,4 +1,4 @@
-"""A program in machine code, called through ctypes; the kernel over columns is compiled when it is first called."""
+"""A program in machine code, called through ctypes; the kernel over columns is compiled at its first call."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from lagrange.procedure.linear.ldl import solve_columns
 from lagrange.program.program import Program
 
 SHORT_PROGRAM = 4096
-"""Up to this many instructions a call of one state holds the interpreter's lock: releasing it takes as long."""
+"""Largest program whose calls of one state keep the interpreter lock, in instructions: releasing it takes as long."""
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SCALAR = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
@@ -57,7 +57,7 @@ class LlvmKernel(Shared):
 
     @property
     def program(self) -> Program:
-        """What it computes."""
+        """The program of this kernel."""
         return self._program
 
     @property
@@ -69,13 +69,13 @@ class LlvmKernel(Shared):
     def address(self) -> int:
         """Address of ``int32_t f(double t, const double *y, const double *prepared, double *out)``.
 
-        `prepared` is what `prepare` returns; the result is 1 where the mass matrix is singular, else 0.
+        `prepared` is the result of `prepare`. The return value is 1 if the mass matrix is singular, else 0.
         """
         return self._address
 
     @property
     def prepare_address(self) -> int:
-        """Address of ``int32_t f(double *prepared)``, which fills what begins with the parameters; see `address`."""
+        """Address of ``int32_t f(double *prepared)``, which appends to the parameters the values of them alone."""
         return self._module.address(f"{self._program.name}_prepare")
 
     @property
@@ -85,13 +85,13 @@ class LlvmKernel(Shared):
 
     @property
     def law_address(self) -> int:
-        """Address of the kernel that steps call: in registers where it is small, else that of `address`."""
+        """Address of the kernel that steps call: of the kernel in registers for small states, else `address`."""
         name = self._program.name
         return self._module.address(f"{name}_registers") if in_registers(self._program) else self._address
 
     @property
     def columns_address(self) -> int:
-        """Address of the kernel over columns: their number, times, inputs, `prepared` and results; see `columns`."""
+        """Address of the kernel over columns. Arguments: count, times, inputs, `prepared`, results; see `columns`."""
         module, _ = self._column_kernel
         return module.address(f"{self._program.name}_columns")
 
@@ -120,7 +120,7 @@ class LlvmKernel(Shared):
         return out
 
     def quick(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return quick calls that hold the interpreter's lock, for a program that takes microseconds; see `Kernel`."""
+        """Return quick calls, which keep the interpreter lock, for programs that take microseconds; see `Kernel`."""
         if len(self._program.instructions) > SHORT_PROGRAM:
             return None
         prepared, known = self.prepare(parameters), self._quick
@@ -130,7 +130,7 @@ class LlvmKernel(Shared):
         return known[1]
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Evaluate every column; see `Kernel`. An incomplete last block is padded with copies of the last column."""
+        """Evaluate every column; see `Kernel`. The last block is filled up with copies of the last column."""
         prepared = self.prepare(parameters)
         batch = inputs[0].shape[1]
         if batch == 0:
@@ -151,7 +151,7 @@ class LlvmKernel(Shared):
         return out[:, :batch].reshape(*self._shape, batch)
 
     def _singular_column(self, block: range, times: FloatArray, states: FloatArray, prepared: FloatArray) -> int:
-        """Return which column of a block is singular, by evaluating each alone."""
+        """Return the index of the singular column of a block, by evaluating each column alone."""
         out = np.empty(self._program.shape)
         for column in block:
             y = np.ascontiguousarray(states[:, column])
@@ -165,13 +165,13 @@ class LlvmKernel(Shared):
 
     @cached_property
     def _lanes(self) -> int:
-        # Working memory of a large linear system times eight lanes would not fit the stack.
+        # Eight lanes of working memory of a large linear system would not fit the stack.
         largest = max((i.order for i in self._program.instructions if i.op == "factor"), default=0)
         return lanes() if largest <= 64 else 1
 
     @cached_property
     def _column_kernel(self) -> tuple[Module, ctypes._CFunctionType]:
-        """The module and its function as one value: threads that compile it concurrently each keep their own pair."""
+        """The module and its function as one value: threads that compile concurrently each keep their own pair."""
         module = Module(self._code.column_module(self._lanes))
         pointers = [ctypes.c_void_p] * (3 + len(self._program.inputs))
         columns = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, *pointers)
@@ -179,7 +179,7 @@ class LlvmKernel(Shared):
 
 
 def _filled(array: FloatArray, count: int) -> FloatArray:
-    """Return the rows as contiguous doubles, continued to `count` columns with copies of the last."""
+    """Return the rows as contiguous doubles, filled up to `count` columns with copies of the last."""
     if array.shape[1] != count:
         array = np.concatenate([array, np.repeat(array[:, -1:], count - array.shape[1], axis=1)], axis=1)
     return np.ascontiguousarray(array, dtype=float)

@@ -1,18 +1,18 @@
 """From a program to LLVM IR: `prepare` once per set of parameters, a scalar kernel, and a kernel over columns.
 
-Parameters live in one array: the k given values, then the saved results of the program's hoisted part.
+Parameters are one array: the k stated values, then the saved results of the program's hoisted part.
 
     i32 NAME_prepare(ptr parameters)                       fills in the saved results
     i32 NAME(double t, ptr y, ptr parameters, ptr out)     1 if a matrix is singular, else 0
     {double, ..., i32} NAME_registers(double t, double y0, ..., ptr parameters)
     i64 NAME_columns(i64 count, ptr t, ptr INPUT ..., ptr parameters, ptr out)
 
-Kernels of small models have the third: a step passes a state on from one call to the next, and through memory each way
-costs some ten cycles, as long as the call; a block of coordinates and velocities waits there for the slowest of its
-entries. A right-hand side returns the accelerations alone, `Program.returned`.
+Kernels of small models have the third function. A step passes a state from one call to the next. Through memory that
+costs some ten cycles each way, as long as the call itself, because a block of coordinates and velocities waits for the
+slowest of its entries. A right-hand side returns only the accelerations, `Program.returned`.
 
-The last takes `count` columns, a multiple of the lanes, of C-ordered arrays: t[count], every input of the program as
-[size][count], out[size][count]; it returns the first column of a block with a singular matrix, or -1.
+The last function takes `count` columns, a multiple of the lanes, of C-ordered arrays: t[count], each input of the
+program as [size][count], out[size][count]. It returns the first column with a singular matrix, or -1.
 """
 
 from __future__ import annotations
@@ -37,15 +37,15 @@ BLOCK = 4
 """Doubles that kernels and steps load and store at once."""
 
 MOST_IN_REGISTERS = 8
-"""Most numbers of a state, and most results, that are passed in registers."""
+"""Largest number of entries of a state, and of results, that are passed in registers."""
 
 SCALAR = Style(largest=WRITTEN_OUT, substituted=1_000_000, systems=32, entries=32, side_by_side=True, early=False)
-"""One state. Systems that are written out meet behind one test of pivots, where all their entries are live; those in
-memory are four vectors of eight reals for each row."""
+"""Style for one state. Systems that are written out share one test of pivots, at which all their entries are live;
+systems in memory are four vectors of eight reals for each row."""
 
 LANES = Style(substituted=4_000, systems=1, pivoting=False)
-"""A column in each lane. Matrices up to 20 unknowns are eliminated in lanes; a column that needs pivoting is evaluated
-again alone."""
+"""Style with one column in each lane. Matrices up to 20 unknowns are eliminated in lanes; a column that needs pivoting
+is evaluated again alone."""
 
 
 def fit(dimension: int) -> bool:
@@ -59,19 +59,19 @@ def in_registers(program: Program) -> bool:
 
 
 def solves(program: Program) -> bool:
-    """Return whether a program may call the solver of dense systems; a small system does where a pivot fails."""
+    """Return whether a program may call the solver of dense systems. A small system calls it if a pivot fails."""
     return any(instruction.op in SYSTEMS for instruction in program.instructions)
 
 
 @dataclass(frozen=True, eq=False)
 class KernelCode:
-    """The procedures of a program, and their IR."""
+    """The procedures of a program, and their LLVM IR."""
 
     program: Program
 
     @cached_property
     def prepared(self) -> Prepared:
-        """The places of saved results after the parameters."""
+        """The indices of saved results after the parameters."""
         return Prepared.of([self.program], WRITTEN_OUT)
 
     @cached_property
@@ -82,7 +82,7 @@ class KernelCode:
 
     @cached_property
     def scalar(self) -> tuple[Procedure, ...]:
-        """The kernel of one state, after the one in registers if the program has that."""
+        """The kernel of one state, after the kernel in registers if the program has one."""
         program, prepared = self.program, self.prepared
         if not in_registers(program):
             return (kernel(program, prepared, program.name, f"Evaluate {program.name}.", style=SCALAR),)
@@ -94,7 +94,7 @@ class KernelCode:
 
     @property
     def called(self) -> tuple[Procedure, ...]:
-        """The procedures of other modules that the kernel calls."""
+        """The procedures in other modules that the kernel calls."""
         every = (one for made in (self.prepare, *self.scalar) for one in made.callees)
         return tuple(dict.fromkeys(one for one in every if one not in self.scalar))
 
@@ -115,7 +115,7 @@ class KernelCode:
 
     @property
     def _bases(self) -> list[str]:
-        """The addresses of what a kernel over columns is given: times and inputs."""
+        """The pointer arguments of a kernel over columns: times and inputs."""
         return ["%t", *(f"%{block.name}" for block in self.program.inputs)]
 
     def _alone(self) -> str:
@@ -147,7 +147,7 @@ class KernelCode:
         return e.function(f"define i64 @{name}_columns(i64 %count, {given.replace('ptr', 'ptr noalias')}) #0")
 
     def _block(self, e: Emitter, i: str, members: MemberProgram, given: str) -> None:
-        """Emit the evaluation of a vector of columns from one on; what needs pivoting is computed again alone."""
+        """Emit the evaluation of `lanes` columns from column `i` on. Columns that need pivoting are repeated alone."""
         program, lanes = self.program, members.lanes
         by_value = kernel_by_value(program, self.prepared, program.outputs, style=LANES)
         kind = f"<{lanes} x double>"
@@ -168,17 +168,17 @@ class KernelCode:
 
 
 def _leave_if(e: Emitter, status: str, column: str) -> None:
-    """Emit the end of a kernel over columns where a status says that a matrix is singular."""
+    """Emit an early return from a kernel over columns, for a status that reports a singular matrix."""
     with e.when(e.value(f"icmp ne i32 {status}, 0")):
         e.do(f"ret i64 {column}")
         e.label(e.fresh("never"))
 
 
 def _row(e: Emitter, place: int, column: str) -> str:
-    """Return where an entry of a column stands."""
+    """Return the index of entry `place` of a column."""
     return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {place}')}, {column}") if place else column
 
 
 def _at(e: Emitter, k: str) -> str:
-    """Return where entry k of the column stands."""
+    """Return the index of entry k of the current column."""
     return e.value(f"add nsw i64 {e.value(f'mul nsw i64 %count, {k}')}, %column")

@@ -1,7 +1,7 @@
-"""A program as Python that is printed for it: floats for one state, NumPy rows for blocks of many.
+"""A program printed as Python: floats for one state, NumPy rows for blocks of many.
 
-Where Python raises, as it does for sqrt(-1.0) or 1/0.0, or where a pivot of the mass matrix cannot be trusted, the
-program is interpreted instead: that has the right infinities and NaNs, pivots, and names what is singular.
+If Python raises, as for sqrt(-1.0) or 1/0.0, or if a pivot of the mass matrix cannot be trusted, the program is
+interpreted instead. The interpreter gives the right infinities and NaNs, pivots, and names singular columns.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ CACHED = 2**17
 """Doubles of a block of columns: 1 MiB, which fits the second-level cache of most processors."""
 
 LEAST_COLUMNS, MOST_COLUMNS = 64, 16384
-"""The least and the largest number of columns of a block."""
+"""Smallest and largest number of columns of a block."""
 
 PASSING_ROWS = 3
-"""Rows of inputs and results that are in the cache beside those to work with: an operation reads two and writes one."""
+"""Rows of inputs and results in the cache besides the working rows: an operation reads two and writes one."""
 
 FUNCTIONS: dict[str, Any] = {
     **{one.name: one.of_float for one in ELEMENTARY.values()},
@@ -46,13 +46,13 @@ FUNCTIONS: dict[str, Any] = {
     "nan": math.nan,
     "inf": math.inf,
 }
-"""The functions of printed operations. Those of `math` raise if there is no finite value."""
+"""The functions of printed operations. Those of `math` raise if the result is not finite."""
 
 NO_VALUE = (ZeroDivisionError, ValueError, OverflowError)
-"""What Python raises where there is no finite value."""
+"""Exceptions that Python raises if an operation has no finite value."""
 
 NO_NUMBERS = (*NO_VALUE, TypeError)
-"""What Python raises there, or where rows of a matrix stand for numbers."""
+"""The same exceptions, and that for rows of a matrix in the place of numbers."""
 
 CHECKS: dict[str, Any] = {
     "ndarray": np.ndarray,
@@ -60,15 +60,15 @@ CHECKS: dict[str, Any] = {
     "isfinite": math.isfinite,
     "NO_VALUE": NO_NUMBERS,
 }
-"""What checks of one state, and what makes an array of its results, are made of."""
+"""Names that the checks of one state use, and those that create an array of its results."""
 
 
 @lru_cache(maxsize=1)
 def tangents_are_fast() -> bool:
-    """Return whether NumPy computes tangents with vectors of eight doubles, as it does not sines and cosines.
+    """Return whether NumPy computes tangents, but not sines and cosines, with vectors of eight doubles.
 
     Then a tangent takes 1.5 ns, a sine 3 to 11; elsewhere all take as long as in the C library. NumPy has such tangents
-    on Linux alone; one before 2.0 does not say what it has.
+    on Linux only. Versions before 2.0 do not report their features.
     """
     if sys.platform != "linux" or not hasattr(np.lib, "introspect"):
         return False
@@ -94,9 +94,9 @@ COLUMNS_NOTE = "\n\n# Many states: rows y and out, (columns,) each, and {buffers
 
 
 def printed(program: Program) -> str:
-    """Return what `PythonKernel` runs of a program: for one state, and for blocks of columns.
+    """Return the source that `PythonKernel` runs for a program: for one state, and for blocks of columns.
 
-    Raises StatementError where a linear system is too large to be printed.
+    Raises StatementError if a linear system is too large to be printed.
     """
     if not fits(program):
         orders = max(one.order for one in program.instructions if one.op in ("factor", "solve"))
@@ -111,7 +111,7 @@ def printed(program: Program) -> str:
 
 
 class _Prepared:
-    """A printed function of parameters, which computes what depends on them alone; the last result is cached.
+    """A printed function of parameters, which computes the values of them alone; the last result is cached.
 
     The result is a function, or None if these parameters require the interpreter.
     """
@@ -143,7 +143,7 @@ class PythonKernel:
 
     @property
     def program(self) -> Program:
-        """What it computes."""
+        """The program of this kernel."""
         return self._program
 
     @property
@@ -177,7 +177,7 @@ class PythonKernel:
         return known[1]
 
     def _calls_of(self, parameters: FloatArray) -> QuickCalls | None:
-        """Return printed functions with their checks; that of two arrays is printed when it is first called."""
+        """Return printed functions with their checks; the function of two arrays is printed at its first call."""
         values = parameters.copy()
         whole = self._whole(values)
         if whole is None:
@@ -204,13 +204,13 @@ class PythonKernel:
         return self._checked({"q": size // 2, "v": size - size // 2})
 
     def _checked(self, arrays: Mapping[str, int]) -> _Prepared:
-        """Return the function of one state as arrays, with checks of what comes and goes; see `StraightLines`."""
+        """Return the function of one state as arrays, with checks of arguments and results; see `StraightLines`."""
         packed = struct.Struct(f"{len(self._program.outputs)}d").pack_into
         names = {**FUNCTIONS, **CHECKS, "pack": packed, "new": np.empty(self._program.shape).copy}
         return _Prepared(defined(self._lines.checked(arrays), self._program.name, names))
 
     def columns(self, t: float | FloatArray, inputs: Sequence[FloatArray], parameters: FloatArray) -> FloatArray:
-        """Evaluate every column; see `Kernel`. Sines may be rounded otherwise than those of one state."""
+        """Evaluate every column; see `Kernel`. Sines may be rounded differently than for one state."""
         blocks = self._fast_blocks if tangents_are_fast() else self._exact_blocks
         return self._by_blocks(blocks, t, inputs, parameters)
 
@@ -249,7 +249,7 @@ class PythonKernel:
 
     @cached_property
     def _lines(self) -> StraightLines:
-        """What is printed."""
+        """The printed straight lines of the program."""
         return StraightLines(simplified(self._program))
 
     @cached_property
@@ -258,9 +258,9 @@ class PythonKernel:
 
     @cached_property
     def _exact_blocks(self) -> tuple[_Prepared, int]:
-        """The function of blocks of columns that computes what that of one state does, and how many rows it takes.
+        """The function of blocks of columns with the operations of the function of one state, and its number of rows.
 
-        Paths of runs are read at one step or at many, with the same digits.
+        Paths of runs give the same digits at one step or at many.
         """
         return self._printed_blocks(half_angles=False)
 

@@ -1,7 +1,7 @@
-"""The rounding noise of what a program computes: the sizes of the rounding errors of its operations, carried on.
+"""The rounding noise of a program's outputs: rounding errors of its operations, propagated through the program.
 
-Each number has a bound of its error. An operation adds its own rounding to the change of its value when its arguments
-change by their errors. A linear system carries the noise of its right-hand side through the inverse of its matrix.
+Each number has an error bound. The error of a result is its own rounding plus its change when its arguments change
+by their errors. A linear system carries the noise of its right-hand side through the inverse of its matrix.
 Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, 3.3 and 7.2.
 """
 
@@ -19,24 +19,24 @@ from lagrange.program.program import Program
 FloatArray = NDArray[np.float64]
 
 UNIT = 2.0**-53
-"""The unit of round-off."""
+"""Unit of round-off."""
 
 NO_PIVOT = 1e-12
-"""A pivot that is smaller, relative to the numbers it is the sum of, needs row exchanges."""
+"""Smallest pivot, relative to its summands, that needs no row exchange."""
 
 EXACT = frozenset(("neg", "abs", "sign", "min", "max", "less", "less_equal", "equal", "and", "or", "not", "select"))
-"""Operations without a rounding of their own."""
+"""Operations that do not round."""
 
 
 class Noisy(NamedTuple):
-    """A value, or the values of a vector or matrix, and the size of its error."""
+    """A number, or the entries of a vector or matrix, and the size of its error."""
 
     value: Any
     noise: Any
 
 
 def _noisy(name: str) -> Callable[..., Noisy]:
-    """Return an operation on numbers with noise."""
+    """Return an operation on numbers with noise. It is evaluated at both ends of each argument's error interval."""
     operation, own = OPERATIONS[name], 0.0 if name in EXACT else UNIT
 
     def apply(*args: Noisy) -> Noisy:
@@ -46,7 +46,7 @@ def _noisy(name: str) -> Callable[..., Noisy]:
         for k, one in enumerate(args):
             if one.noise:
                 ends = [operation(*values[:k], one.value + sign * one.noise, *values[k + 1 :]) for sign in (-1, 1)]
-                # The change may be lost in the value, as in 1 + x: half of both ends apart is lost less often.
+                # The change may be lost in rounding, as in 1 + x: take each end's distance from the value.
                 noise += float(np.fmax(abs(float(ends[1]) - float(value)), abs(float(ends[0]) - float(value))))
         return Noisy(value, noise)
 
@@ -54,7 +54,7 @@ def _noisy(name: str) -> Callable[..., Noisy]:
 
 
 def _linear(name: str) -> Callable[..., Noisy]:
-    """Return a sum or product on numbers with noise, exactly where the noise is below the spacing of doubles."""
+    """Return a sum or product on numbers with noise, in closed form: the noise may be below the spacing of doubles."""
     operation = OPERATIONS[name]
 
     def apply(*args: Noisy) -> Noisy:
@@ -72,7 +72,7 @@ def _linear(name: str) -> Callable[..., Noisy]:
 
 
 def _factor(order: int, *entries: Noisy) -> Noisy:
-    """Return a symmetric matrix given by its lower triangle, and its noise."""
+    """Return a symmetric matrix from its lower triangle, and its noise."""
     rows = np.tril_indices(order)
     value, noise = np.zeros((2, order, order))
     value[rows], noise[rows] = [one.value for one in entries], [one.noise for one in entries]
@@ -82,9 +82,9 @@ def _factor(order: int, *entries: Noisy) -> Noisy:
 
 
 def _factorization_sizes(matrix: FloatArray) -> FloatArray:
-    """Return |L| |D| |L^T| (n, n) for M = L D L^T (n, n), or |M| if M has such factors with row exchanges only.
+    """Return |L| |D| |L^T| (n, n) for M = L D L^T (n, n), or |M| if M has such factors only with row exchanges.
 
-    An entry can be zero in M and not in the factors: a constraint adds G M^-1 G^T to the zeros below M.
+    An entry can be zero in M but not in the factors: a constraint adds G M^-1 G^T to the zeros below M.
     Source: Higham, theorem 10.3.
     """
     sizes, rest = abs(matrix), matrix.copy()
@@ -98,7 +98,7 @@ def _factorization_sizes(matrix: FloatArray) -> FloatArray:
 
 
 def _solve(order: int, matrix: Noisy, *right: Noisy) -> list[Noisy]:
-    """Return the solution of a linear system, with |M^-1| applied to the noise of what it satisfies.
+    """Return the solution of a linear system, with noise |M^-1| times the noise of its residual.
 
     M is factored in floating point: its noise is the rounding of the numbers in its factorization.
     """
@@ -116,7 +116,7 @@ _NOISY = Arithmetic(
     object,
     {"factor": _factor, "solve": _solve},
 )
-"""Numbers with their noise."""
+"""Arithmetic of numbers with noise."""
 
 
 def rounding_noise(program: Program, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:

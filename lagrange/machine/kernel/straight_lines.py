@@ -1,9 +1,9 @@
 """Print a program as straight-line Python: on floats for one state, on NumPy rows for blocks of many.
 
-The procedures of `procedure.kernel` are printed, which LLVM runs as well. `prepare` becomes the outer function, of the
-parameters, and the kernel by value the function inside. Names are made here and literals are exact, so no text of a
-user is run. The source is for states at which all goes well: where Python would raise, or a pivot cannot be trusted,
-the caller evaluates the program in another way.
+It prints the procedures of `procedure.kernel`, which LLVM also runs. `prepare` becomes the outer function, of the
+parameters, and the kernel by value the inner function. Names are generated here and literals are exact, so no text of a
+user is run. The source handles regular states only: if Python raises, or a pivot cannot be trusted, the caller
+evaluates the program in another way.
 """
 
 from __future__ import annotations
@@ -44,10 +44,10 @@ WRITTEN_OUT = 12
 """Largest matrix whose factors L D L^T are written out."""
 
 STYLE = Style(largest=WRITTEN_OUT, substituted=1_000_000, systems=1, pivoting=False, early=False)
-"""Straight lines alone: all systems are written out, and one that needs pivoting is left to the interpreter."""
+"""Style for straight lines: all systems are written out, and the interpreter solves those that need pivoting."""
 
 MOST_ADDED = 12
-"""Largest number of results that are added one by one to test them, in less time than a tuple of them takes."""
+"""Largest number of results that are added one by one to test them, faster than through a tuple."""
 
 UFUNCS: Mapping[str, str] = {
     **{op: function.__name__ for op, function in OPERATIONS.items() if isinstance(function, np.ufunc)},
@@ -62,9 +62,9 @@ def fits(program: Program) -> bool:
 
 
 class StraightLines:
-    """A program as straight-line Python; each text is a function `name(p)` that returns one or None.
+    """A program as straight-line Python. Each text defines `name(p)`, which returns the inner function or None.
 
-    The outer function computes what needs parameters alone. It returns None where their values need the interpreter.
+    The outer function computes values of parameters alone. It returns None if these values need the interpreter.
     """
 
     def __init__(self, program: Program) -> None:
@@ -76,25 +76,25 @@ class StraightLines:
     def scalar(self) -> str:
         """Return `def name(p)`, which returns a function of (t, y): a number and a sequence of floats.
 
-        That returns a tuple of floats, or None where a pivot of the mass matrix cannot be trusted.
+        That function returns a tuple of floats, or None if a pivot of the mass matrix cannot be trusted.
         """
         return _Floats(self.inner).source(self)
 
     def checked(self, arrays: Mapping[str, int]) -> str:
         """Return `def name(p)` as `scalar` does, for a function of t and of arrays with these numbers of entries.
 
-        It returns a new array with finite entries, or None: where an argument is no float or no plain array of doubles
-        of that length, where a result is not finite, and where Python raises. It is one function, since each call of
-        another takes as long as three operations.
+        That function returns a new array with finite entries. It returns None if t is not a float, if an array is not a
+        plain array of doubles of its length, if a result is not finite, and if Python raises. It is a single function,
+        because a call of another function takes as long as three operations.
         """
         return _Checked(self.inner, arrays).source(self)
 
     def columns(self, *, half_angles: bool = False) -> tuple[str, int]:
         """Return `def name_columns(p)`, which returns a function of (t, y, out, b), and the number of rows of b.
 
-        The function fills out (k, m) from m times t, m numbers y[i] for each input, and rows b to work with. It
-        returns False where a pivot cannot be trusted in some column, else True. With `half_angles` sines and cosines
-        are computed from the tangent of half the angle.
+        The function writes out (k, m) from m times t and m numbers y[i] for each input; b are its working rows. It
+        returns False if a pivot cannot be trusted in some column, else True. With `half_angles` sines and cosines are
+        computed from the tangent of half the angle.
         """
         printer = _Rows(self.inner, half_angles=half_angles)
         text = printer.source(self)
@@ -102,7 +102,7 @@ class StraightLines:
 
 
 def _straight(procedure: Procedure) -> Procedure:
-    """Return a procedure without branches with values in the place of its variables."""
+    """Return a procedure without branches in which variables are replaced by their values."""
     known: dict[int, int] = {}
     false: list[int] = []
     body: list[Statement] = []
@@ -127,7 +127,7 @@ def _straight(procedure: Procedure) -> Procedure:
 
 
 class _Floats(Printer):
-    """Prints a procedure on floats, inside the function that prepares its numbers."""
+    """Prints the inner function on floats, inside the function that prepares its numbers."""
 
     operators = RAISING
     suffix, arguments = "", "t, y"
@@ -137,10 +137,10 @@ class _Floats(Printer):
         self.once: list[str] = []
         """Lines of the outer function."""
         self.fixed: dict[int, None] = {}
-        """Values that need parameters alone: the outer function computes them."""
+        """Values of parameters alone, which the outer function computes."""
 
     def source(self, program: StraightLines) -> str:
-        """Return the outer function with the inner one, of which this prints the lines."""
+        """Return the outer function and, inside it, the inner function that this printer prints."""
         name, count = f"{program.program.name}{self.suffix}", program.program.parameters
         outer = _Floats(program.outer)
         for printer in (outer, self):
@@ -153,12 +153,12 @@ class _Floats(Printer):
         return "\n".join([f"def {name}(p):", *(f"    {line}" for line in lines), ""])
 
     def unpacked(self) -> list[str]:
-        """Return the lines that name the arguments."""
+        """Return the lines that unpack the arguments into names."""
         return [f"{listed('y', self.states)} = y"] if self.states else []
 
     @property
     def states(self) -> int:
-        """The number of inputs: the procedure takes them between the time and its numbers."""
+        """The number of inputs, which are the parameters between the time and the prepared numbers."""
         return len(self.procedure.parameters) - 2
 
     def function_of(self, op: str) -> str:
@@ -166,7 +166,7 @@ class _Floats(Printer):
 
     @visits(Load, Store, Read, Write)
     def memory(self, statement: Load | Store | Read | Write) -> None:
-        """Name a prepared number, or prepare it."""
+        """Print the use of a prepared number, or its definition in the outer function."""
         assert isinstance(statement, (Load, Store))
         slot = f"p{self.constants[statement.place]}"
         if isinstance(statement, Load):
@@ -177,7 +177,7 @@ class _Floats(Printer):
 
     @visits(Let)
     def let(self, let: Let) -> None:
-        """Print an operation, in the outer function if it needs parameters alone."""
+        """Print an operation, in the outer function if it depends on parameters alone."""
         fixed = all(arg in self.fixed for arg in let.args)
         if fixed:
             self.fixed[let.ref] = None
@@ -194,7 +194,7 @@ class _Floats(Printer):
         self.give(results)
 
     def refuse(self, singular: int, failure: str = "None") -> None:
-        """Leave where a pivot cannot be trusted."""
+        """Print the early return for a pivot that cannot be trusted."""
         if singular in self.fixed:
             if singular not in self.constants:
                 self.once += [f"if {self.text(singular)}:", "    return None"]
@@ -206,17 +206,17 @@ class _Floats(Printer):
         return self.text(flag)
 
     def leave_if(self, condition: str, failure: str = "None") -> None:
-        """Print the end of the inner function on a condition."""
+        """Print a conditional early return of the inner function."""
         self.put(f"if {condition}:")
         self.put(f"    return {failure}")
 
     def give(self, results: Sequence[int]) -> None:
-        """Print the end of the function with its results."""
+        """Print the return of the results."""
         self.put(f"return ({''.join(f'{self.text(ref)}, ' for ref in results).rstrip()})")
 
 
 class _Checked(_Floats):
-    """Prints a procedure on arrays with checks of what comes and goes."""
+    """Prints a function on arrays with checks of its arguments and results."""
 
     def __init__(self, procedure: Procedure, arrays: Mapping[str, int]) -> None:
         super().__init__(procedure)
@@ -224,7 +224,7 @@ class _Checked(_Floats):
         self.depth = 2
 
     def unpacked(self) -> list[str]:
-        # The size is enough where no input is a result: the rows of a matrix are lists, which cannot be added to t.
+        # Comparing sizes is enough if no input is a result: the rows of a matrix are lists, which cannot be added to t.
         *results, _ = operands(self.procedure.body[-1])
         returned = any(one.ref in results for one in self.procedure.parameters[1:-1])
         lines, names, first = [], [], 0
@@ -253,7 +253,7 @@ class _Checked(_Floats):
             self.put(line)
 
     def named_result(self, k: int, ref: int) -> str:
-        """Return a result as a name or a number: it is read twice, and what is computed may raise."""
+        """Return the name of a result, which is read twice, or its literal; an expression is assigned to a name."""
         text = self.text(ref)
         if not text.isidentifier() and ref not in self.constants:
             self.put(f"r{k} = {text}")
@@ -264,8 +264,8 @@ class _Checked(_Floats):
 class _Rows(_Floats):
     """Prints a procedure on rows, one number for each state.
 
-    An operation writes into a row that is free, an operand that it is the last to read before all others, and a result
-    into its place: so few rows are worked with, a block of columns stays in the cache, and little is moved.
+    An operation writes into the row of an operand that it reads last, else into a free row, and a result into its own
+    row. This needs few working rows: a block of columns stays in the cache, and few rows are copied.
     """
 
     suffix, arguments = "_columns", "t, y, out, b"
@@ -275,29 +275,29 @@ class _Rows(_Floats):
         self.half_angles, self.most, self.place = half_angles, 0, 0
         self.free: list[str] = []
         self.rows: dict[int, str] = {}
-        """The row to work with that holds a value."""
+        """The working row that holds a value."""
         self.last = {ref: i for i, one in enumerate(procedure.body) for ref in operands(one)}
-        """The place of the statement that reads a value last."""
+        """Index of the last statement that reads a value."""
         *results, _ = operands(procedure.body[-1])
         self.outputs = {ref: k for k, ref in enumerate(results)}
-        """The place of a value among the results: the last of several."""
+        """Index of a value among the results; the last index if it is there several times."""
 
     def unpacked(self) -> list[str]:
         given = ("y", "y", self.states), ("o", "out", len(operands(self.procedure.body[-1])) - 1), ("b", "b", self.most)
         return [f"{listed(letter, count)} = {name}" for letter, name, count in given if count]
 
     def statement(self, statement: Statement) -> None:
-        """Print a statement, and free the rows that nothing reads behind it."""
+        """Print a statement, and free the rows that no later statement reads."""
         super().statement(statement)
         self.release(list(self.rows))
         self.place += 1
 
     def release(self, refs: Iterable[int]) -> None:
-        """Free the rows of values that this statement is the last to read."""
+        """Free the rows of values whose last reader is this statement."""
         self.free += [self.rows.pop(ref) for ref in refs if ref in self.rows and self.last[ref] <= self.place]
 
     def row(self, ref: int | None = None) -> str:
-        """Return the row of a value, that of a result if it is one, or a row to work with."""
+        """Return the row of a value: the row of a result, or a working row."""
         if ref in self.outputs:
             row = f"o{self.outputs[ref]}"
         elif self.free:
@@ -312,7 +312,7 @@ class _Rows(_Floats):
 
     @visits(Let)
     def let(self, let: Let) -> None:
-        """Print an operation into a row; a condition is an array of its own."""
+        """Print an operation into a row. A condition gets an array outside of the rows."""
         if all(arg in self.fixed for arg in let.args):
             super().let(let)
         elif let.ref in self.uses:
@@ -326,7 +326,7 @@ class _Rows(_Floats):
                 self.operation_on_rows(let, texts)
 
     def operation_on_rows(self, let: Let, texts: Sequence[str]) -> None:
-        """Print an operation on numbers."""
+        """Print an operation whose result is a number."""
         a, *others = texts
         match let.op:
             case "fma" | "fnma":
@@ -345,7 +345,7 @@ class _Rows(_Floats):
             case op if op in UFUNCS:
                 self.release(let.args)
                 row = self.row(let.ref)
-                # NumPy wants the row named where it takes any number of operands.
+                # NumPy requires `out=` for functions with any number of operands.
                 named = "out=" if op in ("min", "max") else ""
                 square = op == "mul" and let.args[0] == let.args[1]
                 self.put(f"np.square({a}, {row})" if square else f"np.{UFUNCS[op]}({', '.join(texts)}, {named}{row})")
@@ -358,7 +358,7 @@ class _Rows(_Floats):
         if self.half_angles and pair.angle not in self.fixed:
             self.by_half_angle(pair.angle, sin=pair.sine, cos=pair.cosine)
             return
-        # The sine must leave the row of the angle to the cosine.
+        # The sine must not overwrite the row of the angle, which the cosine reads next.
         last = self.last[pair.angle]
         self.last[pair.angle] = self.place + 1
         self.let(Let(pair.sine, REAL, "sin", (pair.angle,)))
@@ -397,5 +397,5 @@ class _Rows(_Floats):
 
 
 def listed(letter: str, count: int, first: int = 0) -> str:
-    """Return the names of numbered values, to unpack them into."""
+    """Return the names of numbered values as a target for unpacking, such as "y0, y1,"."""
     return "".join(f"{letter}{i}, " for i in range(first, first + count)).rstrip()

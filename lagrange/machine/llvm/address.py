@@ -1,4 +1,4 @@
-"""Where an array's numbers stand in memory, found quickly: a call of a small kernel costs less than `ctypes.data`."""
+"""Fast access to the address of an array's numbers, since `ctypes.data` costs more than a call of a small kernel."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 LINE = 64
-"""Bytes of a line of the cache: a vector that lies across two of them takes twice as long (a tenth of a run)."""
+"""Bytes of a cache line. A vector that crosses lines takes twice as long to access, which costs a tenth of a run."""
 
 _HEADER = object.__basicsize__
 _pointer_at = ctypes.c_void_p.from_address
@@ -22,12 +22,12 @@ def _by_layout(array: NDArray[Any]) -> int:
 
 
 def _by_attribute(array: NDArray[Any]) -> int:
-    """Ask NumPy (1 us)."""
+    """Read the address through NumPy's attribute (1 us)."""
     return int(array.ctypes.data)
 
 
 def _layout_is_as_documented() -> bool:
-    """Return whether both ways agree; id() is an address in CPython only, so this is tried and not assumed."""
+    """Return whether both ways agree. This is tested because id() is an address in CPython only."""
     if sys.implementation.name != "cpython":
         return False
     probes = [np.zeros(shape) for shape in (1, 7, (3, 5))]
@@ -35,14 +35,14 @@ def _layout_is_as_documented() -> bool:
 
 
 by_layout = _layout_is_as_documented()
-"""Whether arrays are laid out as NumPy's C interface says, behind an object's address."""
+"""True if the data pointer follows an object's header, as NumPy's C interface says."""
 
 address = _by_layout if by_layout else _by_attribute
-"""Return the address of an array's first number; the array must stay referenced while it is used."""
+"""Return the address of an array's first number. The array must stay referenced while the address is used."""
 
 
 def workspace(count: int) -> NDArray[np.float64]:
-    """Return zeros (count,) that begin with a line of the cache."""
+    """Return zeros (count,) that are aligned to a cache line."""
     spare = LINE // 8
     memory = np.zeros(count + spare)
     begin = -address(memory) % LINE // 8

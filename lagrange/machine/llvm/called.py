@@ -1,6 +1,6 @@
-"""A procedure as a function of Python, in machine code: its arguments and results stand in memory.
+"""A procedure in machine code as a Python function. One block of memory holds its arguments and results.
 
-A call through ctypes takes 0.1 us for each argument, and cannot bring back several results.
+A call through ctypes takes 0.1 us for each argument, and cannot return several results.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _CALL = ctypes.CFUNCTYPE(None, ctypes.c_void_p)
 
 
 class CompiledProcedure(Shared):
-    """A procedure in machine code, called with numbers, arrays and addresses of functions or of memory."""
+    """A procedure in machine code, called with numbers, arrays, and addresses of functions or memory."""
 
     def __init__(self, procedure: Procedure) -> None:
         kinds = [parameter.type for parameter in procedure.parameters]
@@ -37,9 +37,9 @@ class CompiledProcedure(Shared):
         self.run = _CALL(self.module.address("run"))
 
     def __call__(self, *args: Any) -> Any:
-        """Return nothing, a value or a tuple of values, as the printed procedure does in Python.
+        """Return None, a value or a tuple of values, as the procedure printed in Python does.
 
-        Arguments are in the order of the parameters; arrays are contiguous and of their kind.
+        Arguments are in the order of the parameters. Arrays must be contiguous and of the parameter's type.
         """
         words = self.words()
         self.give(words, dict(zip(self.places, args, strict=True)))
@@ -47,11 +47,11 @@ class CompiledProcedure(Shared):
         return found[0] if len(found) == 1 else found or None
 
     def words(self) -> NDArray[np.int64]:
-        """Return memory for the arguments and results of a call."""
+        """Return memory for the arguments and results of a call, 8 bytes each."""
         return np.zeros(self.size, dtype=np.int64)
 
     def give(self, words: NDArray[np.int64], arguments: Mapping[str, Any]) -> None:
-        """Put arguments into their places, arrays by their addresses: they must stay referenced."""
+        """Write arguments by name into `words`. Arrays are written as addresses and must stay referenced."""
         numbers = words.view(np.float64)
         for name, value in arguments.items():
             place = self.places[name]
@@ -61,12 +61,12 @@ class CompiledProcedure(Shared):
                 words[place] = address(value) if isinstance(value, np.ndarray) else value
 
     def run_on(self, words: NDArray[np.int64]) -> tuple[Any, ...]:
-        """Run the procedure on arguments in memory, and return its results."""
+        """Run the procedure on the arguments in `words`, and return its results."""
         self.run(address(words))
         return self.results(words)
 
     def results(self, words: Any) -> tuple[Any, ...]:
-        """Return what stands behind the arguments in memory after a run."""
+        """Return the results, which follow the arguments in `words` after a run."""
         reals = words.view(np.float64)
         found: Sequence[Any] = [(reals if kind is REAL else words)[place].item() for place, kind in self._results]
         return tuple(bool(one) if kind is FLAG else one for one, (_, kind) in zip(found, self._results, strict=True))
@@ -74,12 +74,12 @@ class CompiledProcedure(Shared):
 
 @lru_cache(maxsize=64)
 def compiled(procedure: Procedure) -> CompiledProcedure:
-    """Return a procedure in machine code."""
+    """Return a procedure compiled to machine code, from a cache if possible."""
     return CompiledProcedure(procedure)
 
 
 def called_ir(procedure: Procedure) -> str:
-    """Return the IR of a procedure that is called as run(ptr words); what it calls is merged but for what is apart."""
+    """Return the IR of a procedure called as run(ptr words). Callees are inlined unless they are marked `apart`."""
     functions = [function(one, hidden=True, merged=not one.apart) for one in procedure.callees]
     functions.append(function(procedure, hidden=True))
     return joined([*functions, _run(procedure)])
@@ -99,7 +99,7 @@ def _run(procedure: Procedure) -> str:
 
 
 def _argument(e: Emitter, place: int, kind: Any) -> str:
-    """Return an argument that stands at a place in memory; a flag is a word there."""
+    """Return an argument, read from its word in memory; a flag is a whole word there."""
     if kind is FLAG:
         word = e.get("%words", place, KINDS[WHOLE])
         return f"i1 {e.value(f'icmp ne i64 {word}, 0')}"
@@ -107,7 +107,7 @@ def _argument(e: Emitter, place: int, kind: Any) -> str:
 
 
 def _keep(e: Emitter, procedure: Procedure, value: str) -> None:
-    """Put the results behind the arguments."""
+    """Store the results in the words after the arguments."""
     results = separated(e, [KINDS[one] for one in procedure.results], value)
     for i, (one, found) in enumerate(zip(procedure.results, results, strict=True)):
         word = e.value(f"zext i1 {found} to i64") if one is FLAG else found

@@ -15,7 +15,7 @@ def literal(value: float) -> str:
 
 @dataclass
 class Carried:
-    """A loop's index, its carried values, and their values in the next iteration."""
+    """Index of a loop, its carried values, and their values in the next iteration."""
 
     index: str
     values: list[str]
@@ -23,15 +23,15 @@ class Carried:
 
 
 MOST_ACCESSES = 256
-"""Most loads and stores of one basic block; the next instruction begins another block.
+"""Largest number of loads and stores in one basic block; the next instruction begins another block.
 
-LLVM compares them pairwise: 2,900 stores in a block took 13 s to compile, and 1.2 s in blocks of 256. No scene has as
-many in one.
+LLVM compares them pairwise: 2,900 stores in one block took 13 s to compile, and 1.2 s in blocks of 256. No scene has
+that many in one block.
 """
 
 
 class Emitter:
-    """Collects the body of one function. Names are numbered, so the same calls give the same text."""
+    """Collects the body of one function. Names are numbered, so the same calls produce the same text."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -55,7 +55,7 @@ class Emitter:
         return name
 
     def cut(self) -> None:
-        """Begin another basic block after a branch that LLVM cannot predict; otherwise it would join the two."""
+        """Begin another basic block. The branch to it cannot be predicted by LLVM, which would join the blocks."""
         if not self.zero:
             self.zero = self.reserve("i8")
             self.entry.append(f"  store volatile i8 0, ptr {self.zero}")
@@ -94,7 +94,7 @@ class Emitter:
         return base if index in (0, "0") else self.value(f"getelementptr inbounds {kind}, ptr {base}, i64 {index}")
 
     def load(self, pointer: str, kind: str = "double") -> str:
-        """Return what a pointer holds; vectors need no more alignment than their elements."""
+        """Return the value at a pointer. Vectors need only the alignment of their elements."""
         loaded = self.value(f"load {kind}, ptr {pointer}, align 8")
         self.accesses += 1
         return loaded
@@ -159,7 +159,7 @@ class Emitter:
     ) -> Iterator[Carried]:
         """Repeat the body as `loop` does, with values of (kind, initial value) carried from one iteration to the next.
 
-        The body sets `following`, one value for each; after the loop, `values` are the last ones.
+        The body sets `following`, one value for each. After the loop, `values` are the last values.
         """
         name = self.fresh("loop")
         before = self.block
@@ -192,16 +192,16 @@ class Emitter:
         self.label(f"{name}.end")
 
     def function(self, signature: str) -> str:
-        """Return the whole function under a signature such as ``define i32 @f(double %t)``."""
+        """Return the whole function with a signature such as ``define i32 @f(double %t)``."""
         return "\n".join([f"{signature} {{", "entry:", *self.entry, *self.lines, "}", ""])
 
 
 def suffix(kind: str) -> str:
-    """Return the suffix that LLVM's intrinsics carry for a type: f64 for double, v8i64 for <8 x i64>."""
+    """Return the suffix of LLVM's intrinsics for a type: f64 for double, v8i64 for <8 x i64>."""
     name = "i64" if "i64" in kind else "f64"
     return f"v{_lanes(kind)}{name}" if kind.startswith("<") else name
 
 
 def _lanes(kind: str) -> str:
-    """Return how many entries a type of vectors has."""
+    """Return the number of entries of a vector type."""
     return kind[1:].partition(" ")[0]

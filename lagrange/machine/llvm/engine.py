@@ -1,4 +1,4 @@
-"""Hand IR to LLVM and get addresses back: target, optimization, loading and symbols."""
+"""Compile IR with LLVM and return addresses: target, optimization, loading and symbols."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ from lagrange.program.program import ARITY
 _LOADING, _LINKING = threading.Lock(), threading.Lock()
 
 _ENGINES: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
-"""The engines that are in use, by the checksum of their object code."""
+"""The engines in use, by the checksum of their object code."""
 
 COMPILED = ObjectCode()
 
 LARGE_MODULE = 1_000_000
-"""Characters of IR beyond which code is compiled without optimization: some 12,000 operations.
+"""Characters of IR above which code is compiled without optimization: some 12,000 operations.
 
-The Jacobian of a chain of 30 links (23,000 operations) then takes 1.2 s instead of 5.3 s, and runs 1.3 times as long
-(73 us). No right-hand side of a scene is as large.
+The Jacobian of a chain of 30 links (23,000 operations) then compiles in 1.2 s instead of 5.3 s, and runs 1.3 times as
+long (73 us). No right-hand side of a scene is that large.
 """
 
 
@@ -44,15 +44,15 @@ def dense_solver() -> tuple[Procedure, ...]:
 
 
 class Module(Shared):
-    """Machine code with the functions of one IR text; it owns the memory that its addresses point to."""
+    """Machine code of the functions in one IR text. It owns the memory of its addresses."""
 
     def __init__(
         self, text: str, *, optimize: bool = False, merge: bool = False, quickly: bool = False, often: bool = False
     ) -> None:
-        """Compile a text: with LLVM's passes over loops to `optimize`, or `quickly`, for code that runs rarely.
+        """Compile a text: with LLVM's loop passes if `optimize`, or `quickly`, for code that runs rarely.
 
-        To `merge` is to put procedures that say so into their callers and their own arrays into registers, no more.
-        Code that runs `often` is compiled well however large it is.
+        `merge` only inlines the procedures that are marked for it, and keeps their local arrays in registers. Code that
+        runs `often` is optimized whatever its size.
         """
         start()
         effort = 0 if quickly or (len(text) > LARGE_MODULE and not often) else 2
@@ -70,7 +70,7 @@ class Module(Shared):
 
 
 def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None) -> bytes:
-    """Return the object code of a text, after some passes over it."""
+    """Return the object code of a text, after some LLVM passes over it."""
     parsed = llvm.parse_assembly(text)
     parsed.verify()
     machine = _target_machine(effort)
@@ -80,16 +80,16 @@ def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None)
 
 
 def _loaded(code: bytes) -> Any:
-    """Return an engine that has linked some object code, and owns its memory: the same one while it is in use.
+    """Return an engine that has linked some object code and owns its memory: the same engine while it is in use.
 
-    Threads that compile the same text at once make two modules, of which a cache keeps one; the addresses of the other
-    stay right.
+    If threads compile the same text concurrently, two modules exist and the cache keeps one. The addresses of both stay
+    valid.
     """
     key = hashlib.sha256(code).digest()
     with _LINKING:
         engine = _ENGINES.get(key)
         if engine is None:
-            # An engine destroys its target machine with itself; this one compiles nothing.
+            # An engine destroys its target machine with itself, so it gets one that compiles nothing.
             idle = llvm.Target.from_default_triple().create_target_machine()
             engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), idle)
             engine.add_object_file(llvm.ObjectFileRef.from_data(code))
@@ -99,7 +99,7 @@ def _loaded(code: bytes) -> Any:
 
 
 def _optimize(module: Any, machine: Any) -> None:
-    """Run LLVM's passes over loops and memory. Loops stay as they are: rewriting them took most of the compile time."""
+    """Run LLVM's passes over loops and memory. They do not transform loops, which took most of the compile time."""
     options = llvm.create_pipeline_tuning_options(speed_level=2)
     options.loop_unrolling = False
     options.loop_vectorization = options.loop_interleaving = False
@@ -108,7 +108,7 @@ def _optimize(module: Any, machine: Any) -> None:
 
 
 def _merge(module: Any, machine: Any) -> None:
-    """Run LLVM's passes that merge procedures into their callers and put arrays into registers."""
+    """Run LLVM's passes that inline procedures and keep arrays in registers."""
     passes = llvm.create_new_module_pass_manager()
     passes.add_always_inliner_pass()
     passes.add_sroa_pass()
@@ -116,7 +116,7 @@ def _merge(module: Any, machine: Any) -> None:
 
 
 def assembly(text: str, *, optimize: bool = False) -> str:
-    """Return the assembly that a module's text becomes, for reading."""
+    """Return the assembly of a module's text, for reading."""
     parsed = llvm.parse_assembly(text)
     machine = _target_machine()
     if optimize:
@@ -135,11 +135,11 @@ def start() -> None:
 
 
 def linear_solver(*, often: bool) -> None:
-    """Compile the linear solver, once per process; in a hurry for models that need it at rare states only.
+    """Compile the linear solver, once per process; without LLVM's passes unless a model needs it `often`.
 
-    With LLVM's passes it takes 150 ms, more than all the rest of a small model; without them 5 ms.
+    With the passes it takes 150 ms, more than the rest of a small model; without them 5 ms.
     """
-    # Two threads that compile their first models at once would register the symbols of a module that then goes away.
+    # Without the lock, threads that compile first models concurrently could register symbols of a lost module.
     with _LOADING:
         if often or not _linear_solver.cache_info().currsize:
             _linear_solver(often)
@@ -155,7 +155,7 @@ def _linear_solver(often: bool) -> Module:
 
 
 def solver_of_columns() -> Module:
-    """Return the solution of factored systems side by side, compiled once per process."""
+    """Return the module that solves factored systems in lanes, compiled once per process."""
     linear_solver(often=False)
     with _LOADING:
         return _solver_of_columns()
@@ -169,7 +169,7 @@ def _solver_of_columns() -> Module:
 
 
 def inversion() -> Module:
-    """Return the inverse of a symmetric matrix, compiled once per process."""
+    """Return the module that inverts a symmetric matrix, compiled once per process."""
     linear_solver(often=False)
     with _LOADING:
         return _inversion()
@@ -184,20 +184,20 @@ def _inversion() -> Module:
 
 @cache
 def lanes() -> int:
-    """Return how many doubles a vector register of this processor holds."""
+    """Return the number of doubles in a vector register of this processor."""
     features = llvm.get_host_cpu_features()
     return 8 if features.get("avx512f") else 4 if features.get("avx2") else 2
 
 
 @cache
 def processor() -> str:
-    """Return what code is compiled for here: the processor by LLVM's name, and the doubles of its vectors."""
+    """Return the target of compilation: the processor's name in LLVM, and the doubles of its vectors."""
     return f"{llvm.get_host_cpu_name()} with vectors of {lanes()}"
 
 
 @cache
 def vector_routines() -> dict[str, str]:
-    """Return glibc's vector routine (libmvec) for each operation that has one on this processor, else nothing."""
+    """Return glibc's vector routine (libmvec) for each operation that has one on this processor."""
     start()
     try:
         routines = ctypes.CDLL("libmvec.so.1")
@@ -211,7 +211,7 @@ def vector_routines() -> dict[str, str]:
 
 @cache
 def _target_machine(effort: int = 2) -> Any:
-    """Return the target machine of an effort: one for all modules, for it knows how to select instructions by then."""
+    """Return the target machine of an optimization level. All modules share it, because its set-up takes time."""
     start()
     features = llvm.get_host_cpu_features().flatten()
     return llvm.Target.from_default_triple().create_target_machine(

@@ -1,4 +1,4 @@
-"""Print the iterations of an `each` loop, as many at once as a vector holds."""
+"""Print the iterations of an `each` loop, as many at once as fit a vector."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ if TYPE_CHECKING:
     from lagrange.machine.llvm.procedures import Printer
 
 WRITTEN_OUT = 2
-"""Up to this many vectors the iterations are written out."""
+"""Largest number of vectors for which the iterations are written out."""
 
 
 @dataclass(frozen=True)
 class IterationBlock:
-    """Iterations of an `each` that are printed at once: those from an offset on that the mask admits."""
+    """Iterations of an `each` that are printed as one vector: from an offset on, limited by a mask."""
 
     each: Each
     lanes: int
     offset: str
     mask: str
     places: str
-    """The indices of the iterations, as an operand."""
+    """The indices of the iterations, as an LLVM operand."""
 
 
 class Lanes:
-    """Prints an `each`, this many iterations at once."""
+    """Prints an `each`, `lanes` iterations at once."""
 
     def __init__(self, printer: Printer, each: Each, lanes: int) -> None:
         self.printer, self.e, self.each, self.lanes = printer, printer.e, each, lanes
         self.stride = max(lanes, PARTIAL) if any(fold.op in SUMS for fold in each.folds) else lanes
-        """So many iterations are one of the machine's loop: all partial sums have a part in it."""
+        """Number of iterations of the `each` in one iteration of the machine's loop, at least one per partial sum."""
 
     def run(self) -> None:
         """Print all iterations, and define the results of their reductions."""
@@ -76,7 +76,7 @@ class Lanes:
             printer.define(fold.ref, self.total(fold, found), REAL)
 
     def outside(self) -> list[int]:
-        """Return the single values from outside that the iterations use."""
+        """Return the scalar values from outside of the loop that the iterations use."""
         if self.lanes == 1:
             return []
         wanted: dict[int, None] = {}
@@ -88,7 +88,7 @@ class Lanes:
         return list(wanted)
 
     def rest(self, sums: list[list[str]], begin: int, count: int) -> None:
-        """Write out the iterations from one on."""
+        """Write out the iterations from `begin` to `count`."""
         for offset in range(begin, count, self.lanes):
             inside = [k < count - offset for k in range(self.lanes)]
             mask = "" if all(inside) else "<" + ", ".join(f"i1 {str(one).lower()}" for one in inside) + ">"
@@ -96,7 +96,7 @@ class Lanes:
             self.collect(sums, offset, mask)
 
     def looped(self, sums: list[list[str]], count: str) -> None:
-        """Print the iterations as a loop, a stride at once."""
+        """Print the iterations as a loop, one stride per iteration."""
         e = self.e
         flat = [(i, k) for i, found in enumerate(sums) for k in range(len(found))]
         carried = [(type_of(REAL, self.lanes), sums[i][k]) for i, k in flat]
@@ -112,7 +112,7 @@ class Lanes:
             sums[i][k] = value
 
     def mask(self, index: str, count: str) -> str:
-        """Return which iterations of a vector are below a count that is known when the procedure runs."""
+        """Return the mask of the iterations of a vector that are below a count known only at run time."""
         stores = not self.each.spill and any(isinstance(one, Store) for one in accesses(self.each.body))
         if self.lanes == 1 or not count.startswith("%") or not (stores or self.each.folds):
             return ""
@@ -139,7 +139,7 @@ class Lanes:
         printer.held = {variable: printer.held[variable] for variable in outside}
 
     def collect(self, sums: list[list[str]], begin: int, mask: str) -> None:
-        """Add the results of iterations that the mask admits."""
+        """Add the results of the iterations in the mask to the partial sums."""
         kind = type_of(REAL, self.lanes)
         for fold, found in zip(self.each.folds, sums, strict=True):
             slot = begin // self.lanes % len(found)
@@ -173,7 +173,7 @@ def neutral(fold: Fold) -> float:
 
 
 def joined(e: Emitter, op: str, total: str, value: str, lanes: int = 1) -> str:
-    """Print one more value of a reduction."""
+    """Print the combination of a reduction with one more value."""
     if op != "most":
         return spell(e, op, (REAL, REAL), [total, value], lanes)
     larger = spell(e, "less", (REAL, REAL), [total, value], lanes)
@@ -191,7 +191,7 @@ def eaches(block: Block) -> Iterator[Each]:
 
 
 def base_arrays(block: Block) -> dict[int, int]:
-    """Return the array of each part that is made in a block, by the number of the part."""
+    """Return the underlying array of each part defined in a block, by the number of the part."""
     found: dict[int, int] = {}
     for statement in walk(block):
         if isinstance(statement, Part):
@@ -200,5 +200,5 @@ def base_arrays(block: Block) -> dict[int, int]:
 
 
 def number(value: str) -> int | None:
-    """Return a constant whole number, or None for one that is known when the procedure runs."""
+    """Return a constant integer, or None for a value known only at run time."""
     return None if value.startswith("%") else int(value)

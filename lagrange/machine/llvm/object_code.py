@@ -1,4 +1,4 @@
-"""Object code by the text that it was compiled from: the same text is compiled once in a process."""
+"""Cache of object code by its text: the same text is compiled once in a process."""
 
 from __future__ import annotations
 
@@ -8,14 +8,14 @@ from collections import OrderedDict
 from collections.abc import Callable
 
 ROOM = 32_000_000
-"""Bytes of object code that are kept; the code that was asked for longest ago goes first.
+"""Bytes of object code in the cache. The least recently used code is dropped first.
 
 A right-hand side takes some 5 kB, a loop over steps of an implicit method 50 kB.
 """
 
 
 class ObjectCode:
-    """Keeps object code. A system that is stated again, or changed and changed back, is not compiled again."""
+    """Cache of object code. A system that is stated again, or changed and changed back, is not compiled again."""
 
     def __init__(self, room: int = ROOM) -> None:
         self._room, self._taken = room, 0
@@ -23,19 +23,19 @@ class ObjectCode:
         self._lock = threading.Lock()
 
     def forget(self) -> None:
-        """Keep nothing of what was compiled so far: measurements of compile times begin with it."""
+        """Empty the cache, for measurements of compile times."""
         with self._lock:
             self._codes.clear()
             self._taken = 0
 
     def of(self, text: str, how: str, compiled: Callable[[], bytes]) -> bytes:
-        """Return the object code of a text and a way of compiling it; it is `compiled` where it is not kept."""
+        """Return the object code of a text and a compile mode, from the cache or by calling `compiled`."""
         key = hashlib.sha256(f"{how}\n{text}".encode()).digest()
         with self._lock:
             if key in self._codes:
                 self._codes.move_to_end(key)
                 return self._codes[key]
-        code = compiled()  # other threads go on: two that compile the same text at once get the same code
+        code = compiled()  # without the lock: two threads that compile the same text get the same code
         with self._lock:
             if key not in self._codes:
                 self._codes[key] = code

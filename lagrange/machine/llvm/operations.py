@@ -1,4 +1,4 @@
-"""How LLVM spells the operations of procedures, on numbers and on vectors of them."""
+"""LLVM's spelling of the operations of procedures, on numbers and on vectors."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from lagrange.procedure.operations import OPERATIONS
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 KINDS = {REAL: "double", WHOLE: "i64", FLAG: "i1"}
-"""LLVM's type of each kind."""
+"""LLVM's type of each type of number."""
 
 _REALS = {"add": "fadd", "sub": "fsub", "mul": "fmul", "div": "fdiv"}
 INTRINSICS = {
@@ -26,7 +26,7 @@ _WHOLES = {"add": "add nsw", "sub": "sub nsw", "mul": "mul nsw", "quotient": "sd
 _WHOLE_INTRINSICS = {"min": "smin", "max": "smax"}
 _COMPARED = {"less": ("olt", "slt"), "less_equal": ("ole", "sle"), "equal": ("oeq", "eq")}
 LIBRARY = {**{name: name for name in ELEMENTARY}, "atan2": "atan2", "power": "pow"}
-"""What the C library calls an operation; many at once may have a vector routine there."""
+"""Functions of the C library by operation; some also have a vector routine."""
 
 _CONVERTED = {("real", WHOLE): "sitofp", ("real", FLAG): "uitofp", ("whole", REAL): "fptosi", ("whole", FLAG): "zext"}
 
@@ -37,7 +37,7 @@ def type_of(kind: Kind, lanes: int = 1) -> str:
 
 
 def declarations() -> str:
-    """Return the declarations of what procedures call from elsewhere."""
+    """Return the declarations of external functions that procedures call."""
     lines = []
     for lanes in WIDTHS:
         kind = type_of(REAL, lanes)
@@ -61,7 +61,7 @@ def declarations() -> str:
 
 
 def declaration(name: str, op: str, lanes: int = 1) -> str:
-    """Return the declaration of the function that computes an operation of reals on that many lanes."""
+    """Return the declaration of the function for an operation on reals in `lanes` lanes."""
     kind = type_of(REAL, lanes)
     return f"declare {kind} @{name}({', '.join([kind] * len(OPERATIONS[op][0][0]))})"
 
@@ -85,7 +85,7 @@ def splat(e: Emitter, value: str, kind: Kind, lanes: int) -> str:
 
 
 def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes: int = 1) -> str:
-    """Print an operation on operands of some kinds, each with that many lanes, and return the result."""
+    """Print an operation on operands with types `kinds` and `lanes` lanes, and return the result."""
     types = [type_of(kind, lanes) for kind in kinds]
     kind = types[-1]
     typed = ", ".join(f"{one} {arg}" for one, arg in zip(types, args, strict=True))
@@ -125,12 +125,12 @@ def spell(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes
 
 
 def whole_suffix(lanes: int) -> str:
-    """Return the suffix of intrinsics on that many whole numbers."""
+    """Return the suffix of intrinsics on `lanes` integers."""
     return "i64" if lanes == 1 else f"v{lanes}i64"
 
 
 def _sign(e: Emitter, typed: str, lanes: int) -> str:
-    """Emit a for a zero or NaN, else 1 or -1."""
+    """Emit the sign of a: a itself if it is zero or NaN, else 1 or -1."""
     real, flag = type_of(REAL, lanes), type_of(FLAG, lanes)
     zero, one, minus = (splat(e, literal(value), REAL, lanes) for value in (0.0, 1.0, -1.0))
     above, below = (e.value(f"fcmp {how} {typed}, {zero}") for how in ("ogt", "olt"))
@@ -139,9 +139,9 @@ def _sign(e: Emitter, typed: str, lanes: int) -> str:
 
 
 def _magnitude(e: Emitter, args: Sequence[str], lanes: int) -> str:
-    """Compare sizes as whole numbers: the bits of doubles that are not negative are in their order, NaN beyond all.
+    """Emit the larger magnitude by comparing bits: those of non-negative doubles are ordered, with NaN last.
 
-    Whole numbers compare faster than doubles that may be NaN.
+    Integer comparisons are faster than those of doubles that may be NaN.
     """
     kind, bits = type_of(REAL, lanes), type_of(WHOLE, lanes)
     one, other = (e.value(f"bitcast {kind} {e.fabs(arg, kind)} to {bits}") for arg in args)
@@ -150,7 +150,7 @@ def _magnitude(e: Emitter, args: Sequence[str], lanes: int) -> str:
 
 
 def largest_magnitude(e: Emitter, vector: str, lanes: int) -> str:
-    """Return the largest entry of a vector of magnitudes."""
+    """Return the largest entry of a vector of non-negative numbers."""
     bits = e.value(f"bitcast {type_of(REAL, lanes)} {vector} to {type_of(WHOLE, lanes)}")
     largest = e.value(f"call i64 @llvm.vector.reduce.umax.v{lanes}i64({type_of(WHOLE, lanes)} {bits})")
     return e.value(f"bitcast i64 {largest} to double")
@@ -182,33 +182,33 @@ _BITS = {"two_to": _two_to, "exponent": _exponent, "mantissa": _mantissa}
 
 
 def result_type(results: Sequence[Kind]) -> str:
-    """Return LLVM's type of some results."""
+    """Return LLVM's return type for some results."""
     return together([KINDS[kind] for kind in results])
 
 
 def foreign_type(kind: Kind) -> str:
-    """Return LLVM's type of a result of a function that is called from outside: a flag is C's int."""
+    """Return LLVM's result type of a function called from outside: a flag is C's int."""
     return "i32" if kind is FLAG else KINDS[kind]
 
 
 def convention(results: Sequence[Kind]) -> str:
-    """Return the calling convention of a function called from outside: several results are returned in registers."""
+    """Return the calling convention of a function called from outside: it returns several results in registers."""
     return "swiftcc " if len(results) > 1 else ""
 
 
 def together(types: Sequence[str]) -> str:
-    """Return the type of several values as one."""
+    """Return the structure type of several values."""
     return types[0] if len(types) == 1 else "{" + ", ".join(types) + "}" if types else "void"
 
 
 def separated(e: Emitter, types: Sequence[str], value: str) -> Iterator[str]:
-    """Yield the values that were returned as one; see `together`."""
+    """Yield the values of a structure that a call returned; see `together`."""
     for i in range(len(types)):
         yield value if len(types) == 1 else e.value(f"extractvalue {together(types)} {value}, {i}")
 
 
 def give(e: Emitter, types: Sequence[str], values: Sequence[str]) -> None:
-    """Print the return of several values as one; see `together`."""
+    """Print the return of several values as one structure; see `together`."""
     kind = together(types)
     if len(types) < 2:
         e.do(f"ret {kind} {values[0]}" if types else "ret void")
@@ -220,7 +220,7 @@ def give(e: Emitter, types: Sequence[str], values: Sequence[str]) -> None:
 
 
 def phi(e: Emitter, kind: str, ways: Sequence[tuple[str, str]]) -> str:
-    """Return the value where some ways meet, of each the block that it comes from and the value there."""
+    """Return the phi of several incoming pairs of block and value."""
     if all(value == ways[0][1] for _, value in ways):
         return ways[0][1]
     return e.value(f"phi {kind} {', '.join(f'[ {value}, %{block} ]' for block, value in ways)}")

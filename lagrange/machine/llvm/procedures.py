@@ -1,8 +1,8 @@
 """Print a procedure as LLVM IR.
 
-Variables become values: each block of the form knows which variables it sets, so phis are placed where branches join.
-An `each` computes several iterations at once if its arrays have room for whole vectors. Values that differ between
-iterations are vectors there; the others are broadcast where they meet them.
+Variables become SSA values: each block of the form lists the variables that it sets, so phis are placed where branches
+join. An `each` computes several iterations at once if its arrays have room for whole vectors. Values that differ
+between iterations are vectors there; other values are broadcast where they meet vectors.
 """
 
 from __future__ import annotations
@@ -83,43 +83,43 @@ from lagrange.procedure.operations import ANGLES
 from lagrange.procedure.visit import Visitor, visits
 
 INLINE_ANGLES = 8
-"""Up to this many different angles, sine and cosine are written out for each.
+"""Largest number of different angles whose sine and cosine are written out.
 
-Beyond it they are a function, which bounds the compile time of a long chain.
+More angles call a function, which bounds the compile time of a long chain.
 """
 
 MOST_OPERATIONS = 200
-"""Most operations of one basic block of a kernel; the next begins another block.
+"""Largest number of operations in one basic block of a kernel; the next operation begins another block.
 
-LLVM schedules a block as a whole: the Jacobian of a chain of 10 links takes 202 ms to compile in one, and 152 in many.
+LLVM schedules a block as a whole: the Jacobian of a chain of 10 links compiles in 202 ms as one block, in 152 as many.
 """
 
 LARGEST_ON_STACK = 50_000
-"""Most numbers of a local array on the stack, 400 kB: larger ones are taken from the heap."""
+"""Largest local array on the stack, in numbers (400 kB). Larger arrays are allocated on the heap."""
 
 FEW_RESULTS, MOST_TOGETHER = 16, 4
 """Largest number of results that a function called from outside stores at once, if it has few.
 
-A step loads them four at a time, and a processor forwards a value from a store to a load only if one store has all of
-it: that would double the time of a small step.
+A step loads them four at a time. A processor forwards stored values to a load only if a single store covers the load;
+otherwise a small step would take twice as long.
 """
 
 LIKELY = {True: ", !prof !0", False: ", !prof !1", None: ""}
 METADATA = '!0 = !{!"branch_weights", i32 2000, i32 1}\n!1 = !{!"branch_weights", i32 1, i32 2000}\n'
-"""What a back end may assume of a condition; a module ends with it."""
+"""Branch weights for LLVM; a module ends with them."""
 
 ATTRIBUTES = (
     'attributes #0 = { nounwind "prefer-vector-width"="512" "min-legal-vector-width"="512" "stackrealign" }\n'
     "attributes #1 = { nounwind }\n"
     "attributes #2 = { nounwind noinline optnone }\n"
 )
-"""Vectors of eight reals are one register where there are such. Other procedures leave the width to LLVM: else it
-copies blocks of four in pairs, which wait for stores of single ones. Spills are aligned to cache lines. What runs once
-per set of parameters is compiled quickly, without optimization."""
+"""Attributes of functions. #0 prefers vectors of eight reals, one register on processors with AVX-512. Other procedures
+leave the width to LLVM: else it copies blocks of four in pairs, which wait for stores of single numbers. Spills are
+aligned to cache lines. Code that runs once per set of parameters is compiled without optimization."""
 
 
 def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = ()) -> str:
-    """Return the IR of procedures and of all that they call, but for those that stand in another module."""
+    """Return the IR of procedures and their transitive callees, excluding those defined in other modules."""
     wanted: dict[Procedure, None] = {}
     for procedure in procedures:
         wanted |= dict.fromkeys(one for one in (*procedure.callees, procedure) if one not in hidden_by(elsewhere))
@@ -129,7 +129,7 @@ def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = 
 
 
 def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
-    """Return the IR of a module of functions, with what they call."""
+    """Return the IR of a module of functions, with declarations and attributes."""
     angles = [angle_function(1)] if any(CALLED_FOR_ANGLES in text for text in functions) else []
     return "\n".join([declarations(), *declared, *angles, *functions, METADATA, ATTRIBUTES])
 
@@ -140,13 +140,13 @@ def number_of_angles(block: Block) -> int:
 
 
 def widest(block: Block) -> int:
-    """Return the largest number of entries of a vector, or of iterations at once, at least 1."""
+    """Return the largest vector width in a block, of vectors or of parallel iterations, at least 1."""
     vectors = (one.vector.width for one in walk(block) if isinstance(one, (VectorLet, VectorLoad, Gather)))
     return max([1, *(each.width for each in eaches(block)), *vectors])
 
 
 def hidden_by(elsewhere: Sequence[Procedure]) -> dict[Procedure, None]:
-    """Return the procedures of another module and all that they call."""
+    """Return the procedures of another module and their transitive callees."""
     found: dict[Procedure, None] = {}
     for procedure in elsewhere:
         found |= dict.fromkeys((*procedure.callees, procedure))
@@ -154,7 +154,7 @@ def hidden_by(elsewhere: Sequence[Procedure]) -> dict[Procedure, None]:
 
 
 def declaration(procedure: Procedure) -> str:
-    """Return the IR that announces a procedure of another module."""
+    """Return the IR declaration of a procedure in another module."""
     kinds = ", ".join(argument_type(parameter.type) for parameter in procedure.parameters)
     return f"declare {result_type(procedure.results)} @{procedure.name}({kinds})"
 
@@ -167,9 +167,9 @@ def function(
     quickly: bool = False,
     outside: Container[Procedure] = (),
 ) -> str:
-    """Return the IR of one procedure; a `hidden` one may be merged into its callers, and `merged` says that it is.
+    """Return the IR of one procedure. LLVM may inline a `hidden` one into its callers, and must inline a `merged` one.
 
-    One that runs rarely is compiled `quickly`. Those in `outside` are called as a `Callee` is, by others and here.
+    One that runs rarely is compiled `quickly`. Those in `outside` have the calling convention of a `Callee`.
     """
     printer = Printer(procedure, outside=outside)
     return printer.function("internal " if hidden else "", "alwaysinline " if merged else "", quickly=quickly)
@@ -178,8 +178,8 @@ def function(
 class Printer(Visitor):
     """Prints one procedure.
 
-    `values` are the operands by number, and `held` the present ones of variables; `wide` are the numbers of both that
-    are vectors, one entry for each of the iterations of the `current` block.
+    `values` are the operands of numbers, and `held` the present operands of variables. `wide` holds the numbers and
+    variables that are vectors, with one entry for each iteration of the `current` block.
     """
 
     def __init__(
@@ -203,15 +203,15 @@ class Printer(Visitor):
         self.current: IterationBlock | None = None
         self.operations = 0
         self.angles = angles
-        """Number of angles of the procedure, counted at the first one."""
+        """Number of angles of the procedure, counted at the first angle."""
         self.open = True
-        """Whether the present block can be left behind its last statement."""
+        """False if the present block has ended with a return or a jump."""
         self.memories: list[tuple[str, str, int]] = []
         """Local arrays of the open blocks: address, kind and size."""
         self.free: dict[tuple[str, int], list[str]] = {}
-        """Stack memory of blocks that are closed, by kind and size."""
+        """Stack memory of closed blocks, by type and size."""
         self.together: list[tuple[int, int, str]] = []
-        """Numbers to be stored side by side: array, place and value."""
+        """Stores that wait for adjacent ones: array, index and value."""
 
     def function(self, linkage: str, merging: str, *, quickly: bool = False) -> str:
         """Return the IR of the procedure."""
@@ -219,7 +219,7 @@ class Printer(Visitor):
         for parameter in self.procedure.parameters:
             kind = parameter.type
             self.define(parameter.ref, f"%{parameter.name}", kind)
-            # In merged code LLVM would note at each access what it does not touch: half of the time of merging.
+            # In inlined code LLVM would add alias metadata to each access, which takes half of the inlining time.
             attributes = " noalias" if isinstance(kind, (Array, Record)) and not merging else ""
             attributes += " readonly" if isinstance(kind, Array) and kind.read else ""
             given.append(f"{argument_type(kind)}{attributes} %{parameter.name}")
@@ -234,13 +234,13 @@ class Printer(Visitor):
         return self.e.function(f"define {linkage}{results} @{self.procedure.name}({', '.join(given)}) {merging}")
 
     def result_types(self) -> list[str]:
-        """Return LLVM's types of the results: to a caller from outside flags are C's ints."""
+        """Return LLVM's types of the results. For a caller from outside flags are C's ints."""
         return [foreign_type(kind) if self.foreign else KINDS[kind] for kind in self.procedure.results]
 
-    # --- what is known
+    # --- definitions of numbers
 
     def define(self, ref: int, value: str, kind: Type, *, wide: bool = False) -> None:
-        """Say what a number is, and whether it differs from iteration to iteration."""
+        """Set the operand of a number; `wide` if it differs between iterations."""
         self.values[ref], self.types[ref] = value, kind
         if isinstance(kind, Kind):
             self.kinds[ref] = kind
@@ -254,11 +254,11 @@ class Printer(Visitor):
         return found
 
     def lanes(self, ref: int) -> int:
-        """Return how many entries a value or a variable has."""
+        """Return the number of entries of a value or a variable: the lanes of the block, or 1."""
         return self.current.lanes if self.current is not None and ref in self.wide else 1
 
     def operand(self, ref: int, lanes: int) -> str:
-        """Return a value with so many entries, spread out if it is a single number."""
+        """Return the operand of a value with `lanes` entries; a single number is broadcast."""
         if self.current is not None and ref == self.current.each.place:
             return self.current.places
         if lanes == 1 or ref in self.wide:
@@ -283,13 +283,13 @@ class Printer(Visitor):
         del self.memories[before:]
 
     def release(self, first: int = 0) -> None:
-        """Free the memory on the heap of the local arrays from one on."""
+        """Free the heap memory of local arrays from index `first` on."""
         for memory, _, size in self.memories[first:]:
             if size > LARGEST_ON_STACK:
                 self.e.do(f"call void @free(ptr {memory})")
 
     def reserve(self, array: Array) -> str:
-        """Return memory for a local array: on the stack, of another block if one is closed, or on the heap."""
+        """Return memory for a local array: on the stack, reused from a closed block if possible, or on the heap."""
         kind, size = KINDS[array.kind], (array.size or 0) + (array.room if array.room > 1 else 0)
         unused = self.free.get((kind, size))
         if size > LARGEST_ON_STACK:
@@ -300,7 +300,7 @@ class Printer(Visitor):
         return memory
 
     def passes(self, statement: Statement) -> bool:
-        """Return whether a statement leaves numbers alone that are to be stored side by side."""
+        """Return whether a statement cannot affect stores that wait; see `together`."""
         match statement:
             case Let() | SineCosine():
                 return True
@@ -312,7 +312,7 @@ class Printer(Visitor):
         return False
 
     def store_together(self) -> None:
-        """Store numbers side by side, four or two at a time."""
+        """Store adjacent numbers, four or two at a time."""
         e, found = self.e, self.together
         self.together = []
         while found:
@@ -330,18 +330,18 @@ class Printer(Visitor):
 
     @visits(Reserve)
     def array_of(self, reserve: Reserve) -> None:
-        """Name the memory of a local array."""
+        """Allocate a local array."""
         self.define(reserve.ref, self.reserve(reserve.array), reserve.array)
 
     @visits(SineCosine)
     def pair(self, pair: SineCosine) -> None:
-        """Print a sine and a cosine."""
+        """Print a sine and a cosine of the same angle."""
         for ref, value in zip((pair.sine, pair.cosine), self.angle(pair.angle), strict=True):
             self.define(ref, value, REAL, wide=self.lanes(pair.angle) > 1)
 
     @visits(ReserveRecord, Part)
     def place(self, one: ReserveRecord | Part) -> None:
-        """Print the address of a record of zeros, or of a part of an array."""
+        """Print the address of a new record of zeros, or of a part of an array."""
         if isinstance(one, ReserveRecord):
             self.define(one.ref, self.e.reserve(numbers := f"[{len(one.record.fields)} x i64]"), one.record)
             return self.e.store("zeroinitializer", self.values[one.ref], numbers)
@@ -351,7 +351,7 @@ class Printer(Visitor):
 
     @visits(Let)
     def let(self, let: Let) -> None:
-        """Print an operation, on vectors where an operand is one."""
+        """Print an operation, on vectors if an operand is a vector."""
         if let.op == CONSTANT:
             return self.define(let.ref, constant(let), let.kind)
         self.operations += 1
@@ -375,7 +375,7 @@ class Printer(Visitor):
             self.define(statement.ref, printed(known, statement), kind)
 
     def angle(self, ref: int) -> tuple[str, str]:
-        """Return the sine and the cosine of an angle: written out where there are few, else of a function."""
+        """Return the sine and the cosine of an angle: written out for few angles, else by a function call."""
         if self.angles is None:
             self.angles = number_of_angles(self.procedure.body)
         make = sine_and_cosine if self.angles <= INLINE_ANGLES else call_sine_and_cosine
@@ -383,7 +383,7 @@ class Printer(Visitor):
 
     @visits(Load, Store, Read, Write)
     def memory(self, statement: Load | Store | Read | Write) -> None:
-        """Print what is read or written."""
+        """Print the read or write of an array or record."""
         e = self.e
         match statement:
             case Load(ref=ref, kind=kind, array=array, place=index):
@@ -402,7 +402,7 @@ class Printer(Visitor):
                 e.put(self.values[value], self.values[record], held.places[field], KINDS[held.kind(field)])
 
     def store(self, store: Store) -> None:
-        """Store a number, or those of some iterations, but for what the array has behind the last of them."""
+        """Store a number, or a vector limited to the entries of the array that its iterations own."""
         e, lanes, array = self.e, self.lanes(store.place), self.array(store.array)
         where = number(self.values[store.place]) if lanes == 1 and array.kind is REAL else None
         if self.stores_together and self.current is None and where is not None:
@@ -423,7 +423,7 @@ class Printer(Visitor):
 
     @visits(Declare, Get, Set)
     def variable(self, statement: Declare | Get | Set) -> None:
-        """Print what is done with a variable: one that is declared in an `each` differs from iteration to iteration."""
+        """Print the declaration, read or assignment of a variable. In an `each` declared variables are vectors."""
         lanes = 1 if self.current is None else self.current.lanes
         match statement:
             case Declare(ref=ref, kind=kind, value=value):
@@ -436,7 +436,7 @@ class Printer(Visitor):
 
     @visits(Call)
     def call(self, call: Call) -> None:
-        """Print a call and name its results."""
+        """Print a call and define its results."""
         if isinstance(call.callee, Procedure):
             types = tuple(parameter.type for parameter in call.callee.parameters)
             given = [f"{argument_type(kind)} {self.values[arg]}" for kind, arg in zip(types, call.args, strict=True)]
@@ -449,13 +449,13 @@ class Printer(Visitor):
         self.called(call, f"{self.values[call.callee]}({', '.join(given)})", held.results, foreign=True)
 
     def handed(self, kind: Kind | Array, arg: int) -> str:
-        """Return an argument of a function that the procedure was given."""
+        """Return an argument for a callback."""
         if kind is FLAG:
             return f"i32 {self.e.value(f'zext i1 {self.values[arg]} to i32')}"
         return f"{argument_type(kind)} {self.values[arg]}"
 
     def called(self, call: Call, what: str, results: tuple[Kind, ...], *, foreign: bool = False) -> None:
-        """Print a call and name its results; flags of a `foreign` function are C's ints."""
+        """Print a call and define its results; flags of a `foreign` function are C's ints."""
         e = self.e
         types = [foreign_type(kind) if foreign else KINDS[kind] for kind in results]
         whole = together(types)
@@ -465,7 +465,7 @@ class Printer(Visitor):
             return
         value = e.value(made)
         for ref, kind, one, found in zip(call.refs, results, types, separated(e, types, value), strict=True):
-            # Our own flags are 0 or 1; in C's convention any number but zero is a flag that holds.
+            # Our own flags are 0 or 1. By C's convention any nonzero int is true.
             flag = f"trunc i32 {found} to i1" if isinstance(call.callee, Procedure) else f"icmp ne i32 {found}, 0"
             self.define(ref, e.value(flag) if one == "i32" else found, kind)
 
@@ -529,7 +529,7 @@ class Printer(Visitor):
     def repeated(
         self, inside: Block, index: int | None, start: str, step: int, body: Block | None = None
     ) -> Iterator[str]:
-        """Print a loop: what stands in the `with` goes to its head and branches to NAME.body or NAME.end."""
+        """Print a loop. The body of the `with` prints the loop's head, with branches to NAME.body and NAME.end."""
         e, name = self.e, self.e.fresh("loop")
         carried = [variable for variable in assigned(inside) if variable in self.held]
         before, initial = e.block, dict(self.held)
@@ -559,10 +559,10 @@ class Printer(Visitor):
         self.held, self.open = entered, True
         e.label(f"{name}.end")
 
-    # --- many iterations at once
+    # --- vectors of iterations
 
     def each(self, each: Each) -> None:
-        """Print an `each` in vectors where every array that it goes through has room for them."""
+        """Print an `each` in vectors if every array that it accesses has room for them."""
         width = PARTIAL if any(fold.op in SUMS for fold in each.folds) else each.width
         whole = base_arrays(each.body)
         through = [

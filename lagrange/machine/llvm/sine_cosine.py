@@ -1,14 +1,14 @@
-"""Sine and cosine together, written out for one number or a vector of them.
+"""Sine and cosine together, written out for one number or a vector.
 
 The C library's sine takes about as long as the rest of a small right-hand side, and its vector version (libmvec) is
 good to 4 units in the last place. This one is good to 1.1 units, gives each lane of a vector the same bits as a
 number alone, and overlaps with the arithmetic around it. Beyond |x| = 2**20, and for NaN and infinity, it calls the
 C library.
 
-With n the integer nearest to x / (pi/2), r = x - n pi/2 is found to twice the precision from pi/2 in three parts of
-53, 33 and 53 bits. The first multiply-add is exact, n < 2**20 times the first part being a multiple of 2**-52 as x
-is. The second is exact where r is small, and what it rounds away elsewhere is kept beside it, with the third part.
-Polynomials on [-pi/4, pi/4] and the quadrant do the rest.
+With n the integer nearest to x / (pi/2), r = x - n pi/2 is computed to twice the precision from pi/2 in three parts of
+53, 33 and 53 bits. The first multiply-add is exact, since n < 2**20 times the first part is a multiple of 2**-52, as x
+is. The second is exact for small r. Otherwise its rounding error is kept separately, together with the third part.
+Polynomials on [-pi/4, pi/4] and the quadrant give the result.
 Source of the polynomials: FreeBSD msun k_sin.c and k_cos.c (Sun Microsystems, 1993).
 """
 
@@ -23,7 +23,7 @@ HALF_PI = 1.5707963267948966
 HALF_PI_SECOND = 6.12323399538461e-17
 HALF_PI_THIRD = 3.5215598651832e-27
 ROUNDER = 1.5 * 2.0**52
-"""Adding this number rounds to an integer, whose low bits are then those of the sum."""
+"""Adding this number rounds to an integer, which is then in the low bits of the sum."""
 
 SINE = (
     -1.66666666666666324348e-01,
@@ -56,7 +56,7 @@ def sine_and_cosine(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     before = e.block
     e.do(f"br i1 {every}, label %{name}.join, label %{name}.far, !prof !0")
     e.label(f"{name}.far")
-    # A lane in the near range has the same bits whatever the other lanes are.
+    # A lane in the near range has the same bits whatever the other lanes contain.
     far = [
         e.value(f"select {flag_type(lanes)} {near}, {kind} {here}, {kind} {there}")
         for here, there in zip(pair, _by_library(e, x, lanes), strict=True)
@@ -81,7 +81,7 @@ def angle_function(lanes: int) -> str:
 
 
 CALLED_FOR_ANGLES = "@sine_and_cosine("
-"""Text by which a module of one lane shows that it calls the function."""
+"""Text that marks a module of one lane as a caller of the function."""
 
 
 def _name(lanes: int) -> str:
@@ -113,14 +113,14 @@ def _near(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
     n = binary("fsub", rounded, constant(ROUNDER))
     first = e.fma(negative(n), constant(HALF_PI), x, kind)
     r = e.fma(negative(n), constant(HALF_PI_SECOND), first, kind)
-    # What is lost is kept with its sign turned: subtracting it leaves the sign of sin(-0) alone.
+    # The rounding error is kept with reversed sign: subtracting it preserves the sign of sin(-0).
     lost = e.fma(n, constant(HALF_PI_SECOND), binary("fsub", r, first), kind)
     lost = e.fma(n, constant(HALF_PI_THIRD), lost, kind)
     z = binary("fmul", r, r)
     z2 = binary("fmul", z, z)
     s = [constant(c) for c in SINE]
     c = [constant(c) for c in COSINE]
-    # sin(r - lost) = r - (lost - z r P); z/2 of what was lost, an eighth of a unit in the last place, is left out.
+    # sin(r - lost) = r - (lost - z r P). It omits z/2 of `lost`, an eighth of a unit in the last place.
     upper = e.fma(z2, s[5], e.fma(z, s[4], s[3], kind), kind)
     poly = e.fma(z2, upper, e.fma(z, s[2], s[1], kind), kind)
     poly = e.fma(z, poly, s[0], kind)
@@ -135,7 +135,7 @@ def _near(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
 
 
 def _turn(e: Emitter, rounded: str, sine: str, cosine: str, kind: str, integers: str, lanes: int) -> tuple[str, str]:
-    """Return sine and cosine of the whole angle: swapped in odd quadrants, and with the sign of the quadrant."""
+    """Return sine and cosine of the whole angle: swapped in odd quadrants, with the sign of the quadrant."""
 
     def whole(value: int) -> str:
         return str(value) if lanes == 1 else "<" + ", ".join([f"i64 {value}"] * lanes) + ">"

@@ -1,4 +1,4 @@
-"""How LLVM spells programs: their numbers are reals and conditions, on one lane or several at once."""
+"""LLVM's spelling of programs: their numbers are reals and conditions, in one lane or several."""
 
 from __future__ import annotations
 
@@ -12,28 +12,28 @@ from lagrange.procedure.operations import OPERATIONS
 from lagrange.program.program import ARITY
 
 BOOLEAN = frozenset(op for op, signatures in OPERATIONS.items() if signatures[0][1] is FLAG)
-"""Operations that give true or false."""
+"""Operations with a true or false result."""
 
 
 def number(value: float, lanes: int) -> str:
-    """Return a constant as an operand of that many lanes."""
+    """Return a constant as an operand with `lanes` entries."""
     if lanes == 1:
         return literal(value)
     return "<" + ", ".join([f"double {literal(value)}"] * lanes) + ">"
 
 
 def element(lanes: int) -> str:
-    """Return the type of a number."""
+    """Return LLVM's type of a real number, or of a vector of them."""
     return type_of(REAL, lanes)
 
 
 def flag_type(lanes: int) -> str:
-    """Return the type of a condition."""
+    """Return LLVM's type of a condition, or of a vector of them."""
     return type_of(FLAG, lanes)
 
 
 def intrinsics(lanes: int) -> list[str]:
-    """Return the declarations of LLVM's own functions that operations on that many lanes become."""
+    """Return the declarations of the LLVM intrinsics for operations in `lanes` lanes."""
     kind = element(lanes)
     return [declaration(f"llvm.{name}.{suffix(kind)}", op, lanes) for op, name in INTRINSICS.items() if op in ARITY]
 
@@ -45,5 +45,5 @@ def library_functions() -> list[str]:
 
 
 def spell(emitter: Emitter, op: str, args: Sequence[str], lanes: int) -> str:
-    """Emit one operation that is neither a leaf, nor a library call, nor of a linear system."""
+    """Emit one operation, except leaves, library calls and linear systems."""
     return operations.spell(emitter, op, OPERATIONS[op][0][0], args, lanes)

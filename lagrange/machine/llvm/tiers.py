@@ -1,7 +1,7 @@
-"""Tiered compilation: code is compiled quickly at first, and well when it has taken many steps.
+"""Tiered compilation: code is compiled quickly at first, and optimized after many steps.
 
-Both do the same operations in the same order, so that their results are the same to the last bit: LLVM neither
-reassociates nor contracts operations that are not marked, and ours never are.
+Both versions do the same operations in the same order, so their results agree to the last bit: LLVM neither
+reassociates nor contracts operations without fast-math flags, and ours have none.
 """
 
 from __future__ import annotations
@@ -13,19 +13,19 @@ from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.engine import Module
 
 STEPS = 5000
-"""So many steps are taken before code is compiled well.
+"""Number of steps after which code is compiled with optimization.
 
-The series of a double pendulum takes 59 ms to compile well and 19 quickly; a loop over Runge-Kutta steps, 77 and 18.
-Quick steps take 1.1 to 1.5 times as long, and up to 2.6 times with Newton's method or ten coordinates, so that 5,000 of
-them lose 1 to 40 ms.
+The series of a double pendulum takes 59 ms to compile with optimization and 19 without; a loop over Runge-Kutta steps,
+77 and 18. Steps without it take 1.1 to 1.5 times as long, and up to 2.6 times with Newton's method or ten coordinates,
+so that 5,000 of them lose 1 to 40 ms.
 """
 
 
 class TieredModule(Shared):
-    """A module with a function that takes steps. To `optimize` or to `merge` is to compile well as `Module` does.
+    """A module with a function that takes steps. `optimize` and `merge` apply to the optimized version; see `Module`.
 
-    Both modules are kept: other runs may have the address of the first. Threads may share it. What the code `needs` of
-    other modules is announced before it is compiled, quickly or well.
+    Both versions are kept, because other runs may hold the address of the first. Threads may share them. `needs` is
+    called before each compilation, to compile what the code needs of other modules.
     """
 
     def __init__(
@@ -48,18 +48,18 @@ class TieredModule(Shared):
         self._lock = threading.Lock()
 
     def address_of(self, name: str) -> int:
-        """Return the address of another function beside it."""
+        """Return the address of another function of the module."""
         return (self._well or self.quick).address(name)
 
     @property
     def is_final(self) -> bool:
-        """Whether the code is compiled well."""
+        """True if the optimized version exists."""
         return self._well is not None
 
     def count(self, steps: int) -> None:
-        """Count steps that a run has taken, and compile well where they are many; `address` is another then.
+        """Count steps that a run has taken, and compile with optimization after many; `address` then changes.
 
-        Where another thread is compiling, this one goes on with what there is.
+        While another thread compiles, this one continues with the quick version.
         """
         self._left -= steps
         if self._left > 0 or not self._lock.acquire(blocking=False):

@@ -1,4 +1,4 @@
-"""Print statements on short vectors, each of which is a vector of LLVM."""
+"""Print statements on short vectors, which become LLVM vectors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from lagrange.procedure.form import Gather, Kind, Reduce, Type, Vector, VectorLe
 
 @dataclass(frozen=True)
 class Vectors:
-    """What a procedure has printed so far: its lines, the operand of each number, and its type."""
+    """State of a printer: its emitter, and the operand and type of each number."""
 
     e: Emitter
     values: Mapping[int, str]
@@ -20,7 +20,7 @@ class Vectors:
 
 
 def printed(known: Vectors, statement: VectorLet | Reduce | VectorLoad | Gather) -> str:
-    """Print a statement that makes a vector, or one value of a vector; return its result."""
+    """Print a statement that defines a vector, or a single value from a vector, and return its operand."""
     match statement:
         case VectorLet():
             return _operation(known, statement)
@@ -40,7 +40,7 @@ def _vector(known: Vectors, ref: int) -> Vector:
 
 
 def _operation(known: Vectors, let: VectorLet) -> str:
-    """Return the result of an operation."""
+    """Print an operation on vectors and return its operand."""
     e, (kind, width), first = known.e, let.vector, known.values[let.args[0]]
     if let.op == "broadcast":
         return splat(e, first, kind, width)
@@ -52,7 +52,7 @@ def _operation(known: Vectors, let: VectorLet) -> str:
 
 
 def _reduced(known: Vectors, reduce: Reduce) -> str:
-    """Return the sum of a vector, or whether one of its flags holds."""
+    """Return the sum of a vector, or the flag whether any of its entries is true."""
     e, value, (kind, width) = known.e, known.values[reduce.vector], _vector(known, reduce.vector)
     if reduce.op == "any":
         mask = e.value(f"bitcast <{width} x i1> {value} to i{width}")
@@ -80,7 +80,7 @@ def _listed(places: Sequence[int]) -> str:
 
 
 def _gathered(known: Vectors, gather: Gather) -> str:
-    """Return the entries of an array at some places."""
+    """Return the entries of an array at the indices in a vector."""
     e, (kind, width), made = known.e, gather.vector, "poison"
     for k in range(width):
         place = e.value(f"extractelement <{width} x i64> {known.values[gather.places]}, i64 {k}")
@@ -90,13 +90,13 @@ def _gathered(known: Vectors, gather: Gather) -> str:
 
 
 def _place(known: Vectors, one: VectorLoad | VectorStore, vector: Vector) -> tuple[str, str]:
-    """Return the address of the first entry, and the mask as an operand, empty if there is none."""
+    """Return the address of the first entry, and the mask as an operand, or an empty string without a mask."""
     place = known.e.address(known.values[one.array], known.values[one.place], KINDS[vector.kind])
     return place, "" if one.mask is None else f"<{vector.width} x i1> {known.values[one.mask]}"
 
 
 def _loaded(known: Vectors, load: VectorLoad) -> str:
-    """Return entries side by side."""
+    """Return adjacent entries of an array as a vector."""
     place, mask = _place(known, load, load.vector)
     vector = type_of(*load.vector)
     if not mask:
@@ -106,7 +106,7 @@ def _loaded(known: Vectors, load: VectorLoad) -> str:
 
 
 def store(known: Vectors, store: VectorStore) -> None:
-    """Print the writing of entries side by side."""
+    """Print the store of a vector to adjacent entries of an array."""
     kind, value = _vector(known, store.value), known.values[store.value]
     place, mask = _place(known, store, kind)
     vector = type_of(*kind)

@@ -1,4 +1,4 @@
-"""Branches and loops of members side by side."""
+"""Branches and loops of members in parallel lanes."""
 
 from __future__ import annotations
 
@@ -37,16 +37,16 @@ if TYPE_CHECKING:
     from lagrange.machine.members.printer import MemberPrinter
 
 ALIVE = -1
-"""The number of a variable: the members that have not left the procedure."""
+"""The number of a variable: the mask of members that have not left the procedure."""
 
 FEW = 8
-"""Up to so many operations are computed for all members where some take a branch, without a branch."""
+"""Largest number of operations of a branch that are computed for all members, instead of branching."""
 
 WRITTEN_OUT = 64
-"""Iterations are written out where they have no more statements than this together."""
+"""Largest total number of statements for which the iterations of an `each` are written out."""
 
 Way = tuple[str, dict[int, str]]
-"""A way to a place: the block that it comes from, and what variables hold there."""
+"""An incoming edge of a join: its block, and the values of variables there."""
 
 
 class Control:
@@ -56,7 +56,7 @@ class Control:
         self.p, self.e, self.lanes = printer, printer.e, printer.lanes
 
     def statement(self, statement: When | Loop | Repeat | Each) -> None:
-        """Print a branch or a loop; members that leave the procedure in it are gone behind it."""
+        """Print a branch or a loop. Members that leave the procedure in it are masked out afterwards."""
         before = self.p.mask
         match statement:
             case When() if not self.p.differs(statement.condition):
@@ -75,7 +75,7 @@ class Control:
             self.p.mask = self.present(before, statement)
 
     def present(self, mask: str, statement: When | Loop | Repeat | Each) -> str:
-        """Return the members of a mask that have not left the procedure in a statement."""
+        """Return the mask without the members that left the procedure in a statement."""
         if not self.p.spread.parting or not any(leaves(body) for body in inner(statement)):
             return mask
         return self.p.both(mask, self.p.held[ALIVE])
@@ -83,7 +83,7 @@ class Control:
     # --- branches
 
     def common_branch(self, when: When) -> None:
-        """Print a branch that all members take, or none."""
+        """Print a branch on a condition that is the same for all members."""
         p, e, name, before = self.p, self.e, self.e.fresh("if"), dict(self.p.held)
         mask = p.mask
         other = f"{name}.else" if when.otherwise else f"{name}.end"
@@ -104,7 +104,7 @@ class Control:
             p.held = self.meeting(before, ways)
 
     def chosen_branch(self, when: When) -> None:
-        """Print a branch without a branch: both ways are computed, and each member has its own."""
+        """Print a branch without jumps: both sides are computed, and each member selects its own."""
         p, before, mask = self.p, dict(self.p.held), self.p.mask
         condition = p.operand(when.condition, self.lanes)
         p.level += 1
@@ -116,7 +116,7 @@ class Control:
         p.held = {ref: p.held[ref] for ref in before}
 
     def masked_branch(self, when: When) -> None:
-        """Print a branch that each member takes or not; it is passed over if none does."""
+        """Print a branch that only some members may take; a side without members is skipped."""
         p, mask = self.p, self.p.mask
         condition = p.operand(when.condition, self.lanes)
         taken = p.both(mask, condition)
@@ -126,7 +126,7 @@ class Control:
             self.passage(rest, when.otherwise, likely=None if when.likely is None else not when.likely)
 
     def passage(self, mask: str, body: Block, *, likely: bool | None) -> None:
-        """Print statements for the members of a mask, if it has any."""
+        """Print statements for the members of a mask, skipped if it is empty."""
         p, e, name, before = self.p, self.e, self.e.fresh("some"), dict(self.p.held)
         e.do(f"br i1 {p.some(mask)}, label %{name}.then, label %{name}.end{LIKELY[likely]}")
         ways: list[Way] = [(e.block, before)]
@@ -141,7 +141,7 @@ class Control:
         p.held = self.meeting(before, ways)
 
     def meeting(self, known: dict[int, str], ways: Sequence[Way]) -> dict[int, str]:
-        """Return what variables hold where ways meet."""
+        """Return the values of variables where control flow joins."""
         return {
             variable: phi(self.e, self.type(variable), [(block, held[variable]) for block, held in ways])
             for variable in known
@@ -154,7 +154,7 @@ class Control:
     # --- loops
 
     def loop(self, loop: Loop) -> None:
-        """Print a loop over an index, for as long as a member is in it."""
+        """Print a loop over an index, until no member is left in it."""
         p, e = self.p, self.e
         own = p.differs(loop.start) or p.differs(loop.stop)
         lanes = p.width(loop.place)
@@ -179,7 +179,7 @@ class Control:
         p.level -= own
 
     def repeat(self, repeat: Repeat) -> None:
-        """Print a loop that each member repeats while its condition holds."""
+        """Print a loop that repeats until the condition holds for no member."""
         p, e = self.p, self.e
         own, name, flags = p.differs(repeat.condition), e.fresh("loop"), type_of(FLAG, self.lanes)
         before = p.mask
@@ -205,10 +205,10 @@ class Control:
     def repeated(
         self, name: str, inside: Block, more: Sequence[tuple[str, str, str]], body: Block | None = None
     ) -> Iterator[list[str]]:
-        """Print a loop: what stands in the `with` goes to its head, and branches to NAME.body or NAME.end.
+        """Print a loop. The body of the `with` prints the loop's head, with branches to NAME.body and NAME.end.
 
-        `more` are names, types and first values of what the loop carries beside variables; the `with` appends the
-        instructions that make their next values at the end of the body, or these values.
+        `more` lists names, types and first values of values that the loop carries besides variables. The `with` appends
+        their next values, or the instructions that compute them at the end of the body.
         """
         p, e = self.p, self.e
         changing = [*assigned(inside), *((ref for ref in p.held if ref < 0) if leaves(inside) else ())]
@@ -243,7 +243,7 @@ class Control:
     # --- iterations
 
     def each(self, each: Each) -> None:
-        """Print an `each`, one iteration after the other: it is members that stand side by side."""
+        """Print an `each`, one iteration after the other, because the lanes hold members."""
         p = self.p
         own = p.differs(each.iterations)
         widths = [p.width(fold.ref) for fold in each.folds]
@@ -312,7 +312,7 @@ class Control:
         return inside
 
     def collected(self, fold: Fold, found: Sequence[str], lanes: int) -> list[str]:
-        """Return the partial results with one value more; the one that comes next stands first."""
+        """Return the partial results with one more value. The partial result that is due next comes first."""
         value = self.p.operand(fold.value, lanes)
         if fold.factor is None:
             new = joined(self.e, fold.op, found[0], value, lanes)
@@ -322,7 +322,7 @@ class Control:
         return [*found[1:], new]
 
     def total(self, found: Sequence[str], count: int, lanes: int) -> str:
-        """Return the result of a reduction. Partial sum i mod 4 came last where i is the last iteration."""
+        """Return the result of a reduction. The last iteration i was added to partial sum i mod 4."""
         if len(found) == 1:
             return found[0]
         known = self.p.values[count]
@@ -336,24 +336,24 @@ class Control:
         return self.e.value(f"select {type_of(FLAG, width)} {test}, {real} {even}, {real} {odd}")
 
     def summed(self, found: Sequence[str], odd: int, lanes: int) -> str:
-        """Return the sum of partial sums: 0 and 1, 2 and 3, then both, for an odd or even number of iterations."""
+        """Return the sum of partial sums: 0 and 1, 2 and 3, then both. `odd` is the parity of the iterations' number."""
         a, b, c, d = (*found[-odd:], *found[:-odd]) if odd else found
         pairs = (spell(self.e, "add", (REAL, REAL), pair, lanes) for pair in ((a, b), (c, d)))
         return spell(self.e, "add", (REAL, REAL), list(pairs), lanes)
 
 
 def leaves(block: Block) -> bool:
-    """Return whether a block may end the procedure."""
+    """Return whether a block contains a statement that leaves the procedure."""
     return any(isinstance(one, Leave) or any(leaves(body) for body in inner(one)) for one in block)
 
 
 def statements(block: Block) -> int:
-    """Return how many statements a block has."""
+    """Return the number of statements of a block, including nested ones."""
     return sum(1 + sum(statements(body) for body in inner(one)) for one in block)
 
 
 def is_cheap(when: When) -> bool:
-    """Return whether both ways of a branch cost less than to find out whether a member takes them."""
+    """Return whether both sides of a branch cost less than testing whether any member takes them."""
     both = (*when.then, *when.otherwise)
     allowed = all(
         isinstance(one, (Get, Set, Note)) or (isinstance(one, Let) and (one.op in CHEAP or one.op == CONSTANT))

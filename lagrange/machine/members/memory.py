@@ -1,6 +1,7 @@
-"""Memory of members side by side: entry i of all of them is one vector, or they share an array and each has its place.
+"""Memory of members in parallel lanes: entry i of all members is one vector, or members share an array.
 
-An array of each member's own is interleaved: the entries i of W members stand together, W numbers in a row.
+An array of each member's own is interleaved: entry i of W members is W adjacent numbers. In a shared array each member
+may access its own index.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
 class Held:
     """An array or a record in memory.
 
-    It begins at `base`; with `apart`, a vector of places, each member's part begins at its own of them. What is each
-    member's `own` is interleaved. `level` says how deep in branches it was reserved, -1 for what a caller gave.
+    It begins at `base`. With `apart`, a vector of indices, each member's part begins at its own index. An array of each
+    member's `own` is interleaved. `level` is the depth of branches at its allocation, -1 for a caller's array.
     """
 
     base: str
@@ -34,7 +35,7 @@ class MemberMemory:
         self.numbers = "<" + ", ".join(f"i64 {lane}" for lane in range(lanes)) + ">"
 
     def address(self, held: Held, place: str, kind: Kind) -> str:
-        """Return the address of a place that is the same for all members."""
+        """Return the address of an index that is the same for all members."""
         if not held.own:
             return self.e.address(held.base, place, KINDS[kind])
         if not place.startswith("%"):
@@ -42,18 +43,18 @@ class MemberMemory:
         return self.e.address(held.base, self.e.value(f"mul nsw i64 {place}, {self.lanes}"), KINDS[kind])
 
     def part(self, held: Held, start: str, kind: Kind, *, spread: bool) -> Held:
-        """Return the part of an array from a place on, which is `spread` if each member has its own."""
+        """Return the part of an array from an index on; `spread` if each member has its own index."""
         if not spread:
             return Held(self.address(held, start, kind), held.own, held.apart, held.level)
         apart = start if held.apart is None else self.whole("add nsw", held.apart, start)
         return Held(held.base, held.own, apart, held.level)
 
     def whole(self, operation: str, a: str, b: str) -> str:
-        """Return the result of an operation on whole numbers of all members."""
+        """Return the result of an integer operation on all members."""
         return self.e.value(f"{operation} {type_of(WHOLE, self.lanes)} {a}, {b}")
 
     def pointers(self, held: Held, place: str, kind: Kind) -> str:
-        """Return each member's address for places, a vector."""
+        """Return the vector of each member's address for its index."""
         found = place if held.apart is None else self.whole("add nsw", held.apart, place)
         if held.own:
             found = self.whole("mul nsw", found, splat(self.e, str(self.lanes), WHOLE, self.lanes))
@@ -61,12 +62,12 @@ class MemberMemory:
         return self.e.value(f"getelementptr {KINDS[kind]}, ptr {held.base}, {type_of(WHOLE, self.lanes)} {found}")
 
     def load(self, held: Held, place: str, kind: Kind) -> str:
-        """Return an entry at a place that is the same for all: one number of a common array, else a vector."""
+        """Return the entry at an index common to all members: a number of a shared array, else a vector."""
         address = self.address(held, place, kind)
         return self.e.load(address, type_of(kind, self.lanes) if held.own else KINDS[kind])
 
     def gather(self, held: Held, places: str, kind: Kind, mask: str) -> str:
-        """Return each member's entry at its own place."""
+        """Return each member's entry at its own index, for the members in the mask."""
         vector, count = type_of(kind, self.lanes), self.lanes
         pointers = self.pointers(held, places, kind)
         zeros = f"{vector} zeroinitializer"
@@ -76,18 +77,18 @@ class MemberMemory:
         )
 
     def store(self, held: Held, place: str, value: str, kind: Kind, mask: str | None) -> None:
-        """Store a vector at a place that is the same for all, for the members of a mask, or for all."""
+        """Store a vector at an index common to all members, for the members of a mask, or for all without one."""
         address, vector = self.address(held, place, kind), type_of(kind, self.lanes)
         if mask is None:
             self.e.store(value, address, vector)
             return
-        # Without `freeze` LLVM makes a masked store of it, whose value later loads wait for until it is in the cache.
+        # Without `freeze` LLVM makes this a masked store, and later loads then wait until it has reached the cache.
         before = self.e.value(f"freeze {vector} {self.e.load(address, vector)}")
         kept = self.e.value(f"select {type_of(FLAG, self.lanes)} {mask}, {vector} {value}, {vector} {before}")
         self.e.store(kept, address, vector)
 
     def scatter(self, held: Held, places: str, value: str, kind: Kind, mask: str) -> None:
-        """Store each member's number at its own place."""
+        """Store each member's number at its own index, for the members in the mask."""
         vector, count = type_of(kind, self.lanes), self.lanes
         pointers = self.pointers(held, places, kind)
         self.e.do(

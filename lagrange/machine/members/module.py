@@ -1,4 +1,4 @@
-"""Modules of machine code that run procedures for many members at once, and how they are called."""
+"""LLVM modules that run procedures for many members at once, and their entry points."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lagrange.procedure.spread import Signature
 
 
 def members_module(procedure: Procedure, signature: Signature, lanes: int) -> str:
-    """Return the IR of a function that runs a procedure for so many members; see `entry`."""
+    """Return the IR of a function that runs a procedure for `lanes` members; see `entry`."""
     program = MemberProgram(lanes)
     made = [entry(program, procedure, signature), *program.functions()]
     angles = [angle_function(lanes), angle_function(1)]
@@ -24,11 +24,11 @@ def members_module(procedure: Procedure, signature: Signature, lanes: int) -> st
 
 
 def entry(program: MemberProgram, procedure: Procedure, signature: Signature) -> str:
-    """Return the IR of the function with the name of the procedure.
+    """Return the IR of the entry function, which has the name of the procedure.
 
-    Its first argument has a bit for each member at work, its last one is where the results go. A number that each
-    member has of its own, an argument or a result, stands in memory, eight bytes for each member; a flag is a whole
-    number there. A part that begins at a place of each member's own cannot be handed from outside.
+    Its first argument has a bit for each active member, and its last one points to the results. Each member's own
+    number, an argument or a result, takes eight bytes of memory; a flag is an integer there. Callers cannot pass a part
+    of an array that begins at an index of each member's own.
     """
     e, lanes = Emitter(), program.lanes
     flags = type_of(FLAG, lanes)
@@ -59,7 +59,7 @@ def entry(program: MemberProgram, procedure: Procedure, signature: Signature) ->
 
 
 def _read(e: Emitter, pointer: str, kind: Kind, lanes: int) -> str:
-    """Return the numbers of all members from memory."""
+    """Return the numbers of all members, read from memory."""
     if kind is not FLAG:
         return e.load(pointer, type_of(kind, lanes))
     whole = type_of(WHOLE, lanes)
@@ -67,7 +67,7 @@ def _read(e: Emitter, pointer: str, kind: Kind, lanes: int) -> str:
 
 
 def _write(e: Emitter, value: str, types: Sequence[str], kinds: Sequence[Kind], lanes: int) -> None:
-    """Write the results, each in a row of its own."""
+    """Write the results, one row of memory for each."""
     for k, (one, kind, found) in enumerate(zip(types, kinds, separated(e, types, value), strict=True)):
         if kind is FLAG:
             one = type_of(WHOLE, lanes if one.startswith("<") else 1)

@@ -1,4 +1,4 @@
-"""How LLVM spells the operations of procedures on one number of each member."""
+"""LLVM's spelling of operations on vectors with one number for each member."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def computed(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], la
     if op in LIBRARY:
         return _by_library(e, op, args, lanes)
     if op == "quotient":
-        # A member that is not at work may have a zero here, which would stop the process.
+        # An inactive member may have a zero divisor here, which would stop the process.
         args = [args[0], _not_zero(e, args[1], lanes)]
     return spell(e, op, kinds, args, lanes)
 
@@ -32,12 +32,12 @@ def _not_zero(e: Emitter, divisor: str, lanes: int) -> str:
 
 
 def routine(op: str, lanes: int) -> str | None:
-    """Return the vector routine of an operation, or None where the C library has none of that many numbers."""
+    """Return the C library's vector routine of an operation for `lanes` numbers, or None if it has none."""
     return vector_routines().get(op) if lanes == widest() else None
 
 
 def _by_library(e: Emitter, op: str, args: Sequence[str], lanes: int) -> str:
-    """Call the vector routine of the C library, or its function for each member."""
+    """Call the vector routine of the C library, or its scalar function for each member."""
     kind, name = type_of(REAL, lanes), routine(op, lanes)
     if name is not None:
         return e.value(f"call {kind} @{name}({', '.join(f'{kind} {arg}' for arg in args)})")
@@ -50,7 +50,7 @@ def _by_library(e: Emitter, op: str, args: Sequence[str], lanes: int) -> str:
 
 
 def declarations(lanes: int) -> str:
-    """Return the declarations of what procedures for so many members call, beside those of all procedures."""
+    """Return declarations that procedures for `lanes` members need besides those of all procedures."""
     lines = []
     for kind in (REAL, WHOLE):
         vector, mask = type_of(kind, lanes), type_of(FLAG, lanes)
@@ -67,4 +67,4 @@ def declarations(lanes: int) -> str:
 
 _ARITHMETIC = ("add", "sub", "mul", "neg", "abs", "min", "max", "fma", "fnma", "copysign", "sign", "magnitude", "real")
 CHEAP = frozenset((*_ARITHMETIC, "less", "less_equal", "equal", "and", "or", "not", "select"))
-"""Operations that cost less than a branch around them; none has an effect."""
+"""Operations that cost less than a branch; none has side effects."""

@@ -1,8 +1,8 @@
 """Print a procedure as LLVM IR for many members at once, one in each lane of a vector.
 
-What is the same for all members is a number, and what differs a vector with an entry for each. A condition that differs
-becomes a mask: a branch is entered if some member takes it, and changes nothing for the others. A loop runs until no
-member is left in it. What a member gives depends on nothing but its own numbers.
+A value that is the same for all members is a number, and any other a vector with one entry per member. A condition that
+differs becomes a mask: a branch is entered if some member takes it, and changes nothing for the others. A loop runs
+until no member is left in it. The result of a member depends on its own numbers only.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ MASK = "%mask"
 
 
 class MemberPrinter(Visitor):
-    """Prints one procedure for arguments that members share in one way."""
+    """Prints one procedure for one signature, which says for each argument whether members share it."""
 
     def __init__(
         self, program: MemberProgram, procedure: Procedure, signature: Signature, e: Emitter | None = None
@@ -75,7 +75,7 @@ class MemberPrinter(Visitor):
         self.angles_inline = False
         """True if sines and cosines are written out, False if a function computes them."""
         self.open = True
-        """Whether the present block can be left behind its last statement."""
+        """False if the present block has ended with a return or a jump."""
 
     def function(self) -> str:
         """Return the IR of the procedure."""
@@ -100,7 +100,7 @@ class MemberPrinter(Visitor):
         )
 
     def parameter(self, ref: int, name: str, kind: Type, share: Share) -> str:
-        """Define a parameter and return how it is announced."""
+        """Define a parameter and return its declaration."""
         if isinstance(kind, Callee):
             raise LagrangeError(f"procedure {self.procedure.name} calls a function that is not bound.")
         if isinstance(kind, Kind):
@@ -114,25 +114,25 @@ class MemberPrinter(Visitor):
 
     @staticmethod
     def result(place: int) -> int:
-        """Return the number of the variable that has a result of the members that have left."""
+        """Return the number of the variable that collects a result of members that have left."""
         return ALIVE - 1 - place
 
-    # --- what is known
+    # --- definitions of numbers
 
     def define(self, ref: int, value: str, kind: Kind) -> None:
-        """Say what a number is."""
+        """Set the operand of a number."""
         self.values[ref], self.kinds[ref] = value, kind
 
     def differs(self, ref: int) -> bool:
-        """Return whether members have each a value of their own."""
+        """Return whether members have different values."""
         return ref < 0 or ref in self.spread.own
 
     def width(self, ref: int) -> int:
-        """Return how many entries a value has."""
+        """Return the number of entries of a value: the lanes, or 1."""
         return self.lanes if self.differs(ref) else 1
 
     def operand(self, ref: int, lanes: int) -> str:
-        """Return a value with so many entries."""
+        """Return the operand of a value with `lanes` entries."""
         value = self.values[ref]
         return splat(self.e, value, self.kinds[ref], lanes) if lanes > self.width(ref) else value
 
@@ -173,7 +173,7 @@ class MemberPrinter(Visitor):
 
     @visits(SineCosine)
     def angle(self, pair: SineCosine) -> None:
-        """Print a sine and a cosine."""
+        """Print a sine and a cosine of the same angle."""
         lanes = self.width(pair.sine)
         make = sine_and_cosine if self.angles_inline else call_sine_and_cosine
         found = make(self.e, self.operand(pair.angle, lanes), lanes)
@@ -182,7 +182,7 @@ class MemberPrinter(Visitor):
 
     @visits(Load, Store)
     def entry(self, statement: Load | Store) -> None:
-        """Print what is read or written in an array."""
+        """Print the read or write of an array."""
         held, kind = self.places[statement.array], self.array(statement.array).kind
         spread = held.apart is not None or self.differs(statement.place)
         where = self.operand(statement.place, self.lanes if spread else 1)
@@ -203,7 +203,7 @@ class MemberPrinter(Visitor):
 
     @visits(Read, Write)
     def field(self, statement: Read | Write) -> None:
-        """Print what is read or written in a record."""
+        """Print the read or write of a record."""
         held, record = self.places[statement.record], self.types[statement.record]
         assert isinstance(record, Record)
         place, kind = str(record.places[statement.field]), record.kind(statement.field)
@@ -213,12 +213,12 @@ class MemberPrinter(Visitor):
         return self.memory.store(held, place, value, kind, self.mask_of(held.level))
 
     def mask_of(self, level: int) -> str | None:
-        """Return which members may write what was reserved at a level; None for all, whose memory is then unused."""
+        """Return the mask for writes to memory allocated at a level, or None if all lanes may write it."""
         return None if level == self.level else self.mask
 
     @visits(Reserve, ReserveRecord, Part)
     def place(self, one: Reserve | ReserveRecord | Part) -> None:
-        """Print the address of memory."""
+        """Print the address of new memory or of a part of an array."""
         match one:
             case Part(ref=ref, array=array, start=start):
                 kind = self.types[ref] = self.array(array)
@@ -237,7 +237,7 @@ class MemberPrinter(Visitor):
 
     @visits(Declare, Get, Set)
     def variable(self, statement: Declare | Get | Set) -> None:
-        """Print what is done with a variable."""
+        """Print the declaration, read or assignment of a variable."""
         match statement:
             case Declare(ref=ref, kind=kind, value=value):
                 self.kinds[ref], self.levels[ref] = kind, self.level
@@ -248,13 +248,13 @@ class MemberPrinter(Visitor):
                 self.assign(variable, self.operand(value, self.width(variable)))
 
     def assign(self, variable: int, value: str) -> None:
-        """Set a variable, for the members at work only if it was declared where more of them were."""
+        """Set a variable; masked if more members were active at its declaration than now."""
         if self.differs(variable) and self.levels[variable] != self.level:
             value = self.chosen(self.mask, value, self.held[variable], self.kinds[variable])
         self.held[variable] = value
 
     def chosen(self, mask: str, value: str, other: str, kind: Kind) -> str:
-        """Return a value for the members of a mask, and another one for the others."""
+        """Select `value` for the members of a mask and `other` for the rest."""
         vector = type_of(kind, self.lanes)
         return self.e.value(f"select {type_of(FLAG, self.lanes)} {mask}, {vector} {value}, {vector} {other}")
 
@@ -262,7 +262,7 @@ class MemberPrinter(Visitor):
 
     @visits(Call)
     def call(self, call: Call) -> None:
-        """Print a call and name its results."""
+        """Print a call and define its results."""
         callee = call.callee
         assert isinstance(callee, Procedure)
         signature = signature_of(call, self.spread.own, self.spread.apart)
@@ -288,7 +288,7 @@ class MemberPrinter(Visitor):
 
     @visits(Leave)
     def leave(self, leave: Leave) -> None:
-        """Print the end of the procedure for the members at work: it returns where these are all that are left."""
+        """Print the end of the procedure for active members; it returns if no others are left."""
         parting = self.spread.parting
         values = [
             self.operand(ref, self.lanes if own else 1)
@@ -308,17 +308,17 @@ class MemberPrinter(Visitor):
         self.mask = "zeroinitializer"
 
     def without(self, mask: str, gone: str) -> str:
-        """Return the members of a mask that are not in another one."""
+        """Return the members of a mask that are not in `gone`."""
         flags = type_of(FLAG, self.lanes)
         return self.e.value(f"select {flags} {gone}, {flags} zeroinitializer, {flags} {mask}")
 
     def both(self, mask: str, other: str) -> str:
-        """Return the members that are in two masks; the other one may be undefined outside of the first."""
+        """Return the members in both masks. `other` may be undefined outside of `mask`."""
         flags = type_of(FLAG, self.lanes)
         return self.e.value(f"select {flags} {mask}, {flags} {other}, {flags} zeroinitializer")
 
     def some(self, mask: str) -> str:
-        """Return whether a mask has members."""
+        """Return the flag whether a mask has members."""
         bits = self.e.value(f"bitcast {type_of(FLAG, self.lanes)} {mask} to i{self.lanes}")
         return self.e.value(f"icmp ne i{self.lanes} {bits}, 0")
 
@@ -329,7 +329,7 @@ class MemberPrinter(Visitor):
 
 
 class MemberProgram:
-    """Procedures that are printed for so many members, each once for every way in which members share its arguments."""
+    """Procedures for `lanes` members. Each is printed once for every signature, which says what members share."""
 
     def __init__(self, lanes: int) -> None:
         self.lanes = lanes
@@ -338,7 +338,7 @@ class MemberProgram:
         self.waiting: list[tuple[Procedure, Signature]] = []
 
     def name(self, procedure: Procedure, signature: Signature) -> str:
-        """Return the name of a function, which is printed in its turn."""
+        """Return the name of a function, and queue it for printing."""
         key = procedure, signature
         if key not in self.names:
             self.names[key] = f"{procedure.name}.{len(self.names)}"
@@ -346,7 +346,7 @@ class MemberProgram:
         return self.names[key]
 
     def functions(self) -> list[str]:
-        """Return the IR of all functions that were named, and of those that they call."""
+        """Return the IR of all queued functions and of their callees."""
         made = []
         while self.waiting:
             procedure, signature = self.waiting.pop()

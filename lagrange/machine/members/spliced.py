@@ -1,4 +1,4 @@
-"""A procedure over lanes inside another function: its arguments and results are vectors there."""
+"""A procedure in lanes inside another function: its arguments and results are vectors."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from lagrange.procedure.visit import visits
 
 
 class Spliced(MemberPrinter):
-    """Prints a procedure whose numbers are each lane's own and whose arrays are common, for all lanes."""
+    """Prints a procedure for all lanes. Each lane has its own numbers, and lanes share the arrays."""
 
     def __init__(self, e: Emitter, program: MemberProgram, procedure: Procedure) -> None:
         signature = tuple(OWN if isinstance(one.type, Kind) else COMMON for one in procedure.parameters)
@@ -25,7 +25,7 @@ class Spliced(MemberPrinter):
         self.found: list[str] = []
 
     def results(self, arguments: Sequence[str]) -> list[str]:
-        """Print the procedure on arguments, and return its results, each in every lane."""
+        """Print the procedure for some arguments, and return its results, vectors over the lanes."""
         for one, argument in zip(self.procedure.parameters, arguments, strict=True):
             if isinstance(one.type, Kind):
                 self.define(one.ref, argument, one.type)
@@ -36,5 +36,5 @@ class Spliced(MemberPrinter):
 
     @visits(Leave)
     def leave(self, leave: Leave) -> None:
-        """Keep the results."""
+        """Keep the results instead of returning."""
         self.found = [self.operand(ref, self.lanes) for ref in leave.values]

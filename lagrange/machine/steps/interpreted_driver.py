@@ -20,13 +20,13 @@ from lagrange.program.step import StepProgram
 
 @lru_cache(maxsize=64)
 def _loaded(step: StepProgram, dimension: int, projected: bool) -> tuple[Layout, Callable[..., int]]:
-    """Return where the vectors of a step stand, and the loop over steps as a Python function."""
+    """Return the layout of a step's vectors, and the loop over steps as a Python function."""
     layout = Layout(step, dimension, block=1, projected=projected)
     return layout, loaded(steps_of(layout))
 
 
 class NumpyDriver:
-    """Takes the steps of a step program, and keeps what its solves know; see `Driver`."""
+    """Takes the steps of a step program, and keeps the data of its Newton solves; see `Driver`."""
 
     def __init__(
         self,
@@ -49,7 +49,7 @@ class NumpyDriver:
             self._kept = *self._kept, between_arrays(projection, parameters), EMPTY
 
     def adopt(self, state: DriverState) -> None:
-        """Leave the state where it is; see `Driver`."""
+        """Do nothing: the state keeps its own memory; see `Driver`."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
@@ -60,7 +60,7 @@ class NumpyDriver:
         return advance(state, self._work, times, rows, steps)
 
     def kept(self) -> tuple[Kept, ...]:
-        """Return what each solve of the steps keeps, and behind them each of the starter."""
+        """Return the kept data of each solve of the steps, followed by those of the starter."""
         layout = self._layout
         places = (layout, self._work), (layout.starting, self._work[layout.end :])
         return tuple(
@@ -71,7 +71,7 @@ class NumpyDriver:
 
 
 def between_arrays(kernel: Kernel, parameters: FloatArray) -> Callable[..., bool]:
-    """Return a kernel as procedures call it, between arrays: it says whether a matrix is singular."""
+    """Return a kernel as the callback between arrays that procedures call. It returns True for a singular matrix."""
     count = kernel.program.states
 
     def evaluate(t: float, y: memoryview, _: memoryview, out: memoryview) -> bool:

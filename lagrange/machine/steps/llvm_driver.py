@@ -3,8 +3,8 @@
     i32 drive(ptr rhs, ptr parameters, ptr jacobian, ptr its parameters,
               ptr reals, ptr counts, ptr work, i64 budget, ptr times, ptr rows)
 
-Of a system with constraints the projection and its parameters stand before `reals`, and the loop takes them last.
-`reals` and `counts` are those of `DriverState`; `work` holds the vectors of a step and what its solves keep, see
+For a system with constraints, the projection and its parameters precede `reals`; the loop over steps takes them last.
+`reals` and `counts` are those of `DriverState`. `work` holds the vectors of a step and the data of its solves, see
 `Layout`. The result is an `Outcome`.
 """
 
@@ -66,10 +66,10 @@ class LlvmDriver:
         self._function: StepFunction | None = None
 
     def adopt(self, state: DriverState) -> None:
-        """Leave the state where it is; see `Driver`."""
+        """Do nothing: the state keeps its own memory; see `Driver`."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Advance a run; see `Driver`. `rows` needs one block of slack behind its last row."""
+        """Advance a run; see `Driver`. `rows` needs one spare block after its last row."""
         self._work[self._places] = state.y
         recorded = (address(times), address(rows)) if state.counts[DriverState.RECORD] else (None, None)
         if state is not self._state:
@@ -82,14 +82,14 @@ class LlvmDriver:
 
     @property
     def function(self) -> StepFunction:
-        """What takes its steps, for a loop that is compiled apart; it is another when it has taken many."""
+        """The compiled function that takes steps, for a separately compiled loop. It changes after many steps."""
         if self._function is None:
             laws = np.array([0 if one is None else one for one in self._fixed], dtype=np.int64)
             self._function = StepFunction(self._code.module.address_of("steps"), laws, self._work, self._places)
         return self._function
 
     def count(self, steps: int) -> None:
-        """Count steps taken by code that was compiled quickly, and go on with the code that there is by now."""
+        """Count steps of the quickly compiled code, and switch to the optimized code when it is ready."""
         if not self._quick:
             return
         self._code.module.count(steps)
@@ -98,7 +98,7 @@ class LlvmDriver:
             self._function = None
 
     def kept(self) -> tuple[Kept, ...]:
-        """Return what each solve of the steps keeps, and behind them each of the starter."""
+        """Return the kept data of each solve of the steps, followed by those of the starter."""
         layout = self._code.layout
         found = _kept(layout, self._work)
         return found if layout.step.starter is None else (*found, *_kept(layout.starting, self._work[layout.end :]))
@@ -113,11 +113,11 @@ _LAWS = "ptr %rhs, ptr %p, ptr %jacobian, ptr %jp"
 """The law that a step calls and its derivative, each with its prepared parameters."""
 
 _PROJECTION = "ptr %projection, ptr %pp"
-"""The corrections that constraints want, with their prepared parameters."""
+"""The kernel of the corrections onto the constraints, with its prepared parameters."""
 
 
 def _drive_type(pointers: int) -> Any:
-    """Return the type of a driver with so many pointers before its budget."""
+    """Return the C type of a driver with `pointers` pointers before its budget."""
     before = [ctypes.c_void_p] * pointers
     return ctypes.CFUNCTYPE(ctypes.c_int32, *before, ctypes.c_int64, ctypes.c_void_p, ctypes.c_void_p)
 
@@ -127,9 +127,9 @@ _DRIVE, _DRIVE_PROJECTED = _drive_type(7), _drive_type(9)
 
 @dataclass(frozen=True, eq=False)
 class _Code:
-    """A driver in machine code, what is where in `work`, and the places of the state there.
+    """A driver in machine code, its layout of `work`, and the indices of the state's entries there.
 
-    The state is one vector, or coordinates and velocities each padded to whole blocks.
+    The state is one vector, or coordinates and velocities, each padded to whole blocks.
     """
 
     module: TieredModule
@@ -152,14 +152,14 @@ def _compiled(step: StepProgram, dimension: int, projected: bool) -> _Code:
 
 
 def driver_ir(step: StepProgram, dimension: int, *, projected: bool = False) -> str:
-    """Return the IR of the driver of a step for states of that dimension, which constraints may hold."""
+    """Return the IR of the driver of a step for states of a dimension; `projected` if constraints hold."""
     layout = laid_out(step, dimension, projected=projected)
     loop = steps_of(layout)
     return "\n".join([declarations(), METADATA, ATTRIBUTES, *_procedures(loop), _drive(layout, loop), _steps(layout)])
 
 
 def laid_out(step: StepProgram, dimension: int, *, projected: bool = False) -> Layout:
-    """Return where the vectors of a step stand, in blocks."""
+    """Return the layout of the vectors of a step, in whole blocks."""
     small = fit(dimension) and not LAWS[step.law].through_memory
     return Layout(step, dimension, block=BLOCK, in_registers=small, projected=projected)
 
@@ -184,7 +184,7 @@ def _drive(layout: Layout, loop: Procedure) -> str:
 
 
 def _steps(layout: Layout) -> str:
-    """Emit drive with its laws and their parameters in memory: what is a `STEPS` for procedures."""
+    """Emit `steps`: `drive` with its laws and parameters in one array, in the signature `STEPS`."""
     e = Emitter()
     laws = ", ".join(f"ptr {e.get('%laws', place, 'ptr')}" for place in range(6 if layout.projected else 4))
     rest = "ptr %reals, ptr %counts, ptr %work, i64 %budget, ptr %times, ptr %rows"
@@ -194,7 +194,7 @@ def _steps(layout: Layout) -> str:
 
 
 def _procedures(loop: Procedure) -> list[str]:
-    """Return the procedures of a run, and all that they call; what is called once is merged into its caller."""
+    """Return the IR of a loop and its callees. Procedures with a single call are merged into their caller."""
     wanted = (*loop.callees, loop)
     called = Counter(call.callee for procedure in wanted for call in calls(procedure.body))
     return [function(procedure, hidden=True, merged=called[procedure] < 2) for procedure in wanted]

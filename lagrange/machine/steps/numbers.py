@@ -1,4 +1,4 @@
-"""The numbers of a step: functions of t, h and the ratio of steps."""
+"""The coefficients of a step as functions of t, h and the ratio of steps."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from lagrange.program.step import StepProgram
 
 
 def numbers_of(step: StepProgram, scalars: Program, t: float, h: float, ratio: float) -> dict[Node, float]:
-    """Return every number of a step at a time, for a length and its ratio to that of the step before.
+    """Return every coefficient of a step at time t, for the step h and its ratio to the step before.
 
-    `scalars` is the program of them all, made once for many steps.
+    `scalars` is the program of all coefficients, built once for many steps.
     """
     values = FLOATS.evaluate(scalars, t, [h, ratio], [])
     return dict(zip(step.numbers, map(float, values), strict=True))
