@@ -149,6 +149,11 @@ def abridged(names: Iterable[str], most: int = 8) -> str:
     return ", ".join(words) if left <= 1 else f"{', '.join(words[:most])} and {left} others"
 
 
+def singular(noun: str) -> str:
+    """Return a noun with its article: "a key", "an invariant"."""
+    return f"{'an' if noun[0] in 'aeiou' else 'a'} {noun}"
+
+
 def counted(number: int, noun: str) -> str:
     """Return ``1 step`` or ``2 steps``."""
     return f"{number} {noun}{'s' * (number != 1)}"

@@ -117,7 +117,7 @@ class System:
     def from_statement(cls, statement: Statement) -> System:
         """Return the system of a checked statement, such as `system.statement`. Raises StatementError otherwise."""
         if not isinstance(statement, Statement):
-            raise StatementError(f"{shown(statement)} is no statement: give the .statement of a system.")
+            raise StatementError(f"{shown(statement)} is not a statement: give the .statement of a system.")
         system = cls.__new__(cls)
         system._adopt(statement)
         return system

@@ -176,8 +176,8 @@ def test_an_interruption_elsewhere_says_130(
         ),
         (["--t-end", "soon"], "--t-end: 'soon' is not a number. Write one such as 2, 1e-3, 30deg or pi/6."),
         (["--rtol", "x"], "--rtol: 'x' is not a number. Write one such as 2, 1e-3, 30deg or pi/6."),
-        (["--points", "1"], "--points: '1' is no number of output times. Give 2 or more, below 100 million."),
-        (["--points", "1e3"], "--points: '1e3' is no number of output times. Give 2 or more, below 100 million."),
+        (["--points", "1"], "--points: '1' is not a number of output times. Give 2 or more, below 100 million."),
+        (["--points", "1e3"], "--points: '1e3' is not a number of output times. Give 2 or more, below 100 million."),
         (
             ["--out", ""],
             "--out: the name of the folder is empty. Give one, such as --out out, or . for this one.",
@@ -191,10 +191,10 @@ def test_wrong_requests(arguments: list[str], message: str, scene: str, capsys: 
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["--set", "M=1"], "'M' is no parameter of this system; its parameters are m and g."),
+        (["--set", "M=1"], "'M' is not a parameter of this system; its parameters are m and g."),
         (
             ["--initial", "z=1"],
-            "initial names 'z', which is no coordinate or velocity of this system; they are y and y_dot.",
+            "initial names 'z', which is not a coordinate or velocity of this system; they are y and y_dot.",
         ),
         (["--method", "dop835"], "Did you mean 'dop853'?"),
     ],

@@ -129,7 +129,7 @@ def test_failures_are_an_exit_code(capsys: pytest.CaptureFixture[str]) -> None:
             "l, theta, theta_dot and t_end. Add --keep max:theta.",
         ),
         (["--vary", "l=1:2:3", "--keep", "mex:theta"], "keep has ('mex', 'theta'), which is none of"),
-        (["--vary", "l=1:2:3", "--keep", "max:phi"], "'phi' is no coordinate and no velocity of pendulum"),
+        (["--vary", "l=1:2:3", "--keep", "max:phi"], "'phi' is neither a coordinate nor a velocity of pendulum"),
     ],
 )
 def test_wrong_requests_are_refused(options: list[str], text: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -36,7 +36,7 @@ def test_right_and_wrong_equations(tmp_path: Path, capsys: pytest.CaptureFixture
     [
         ("theta_ddot + c\n", "line 1, column 14: 'c' is not a symbol of this system."),
         ("# nothing\n", "there is no equation: write one a line"),
-        (b"\xff\xfe", "the file is no text in UTF-8."),
+        (b"\xff\xfe", "the file is not a text in UTF-8."),
         ("x" * 1_000_001, "the file has more than 1000000 bytes, the most for equations."),
     ],
 )
@@ -76,7 +76,7 @@ def test_a_folder_of_answers_becomes_a_table(tmp_path: Path, capsys: pytest.Capt
     with table.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert rows[0] == {"student": "Ada", "verdict": "right", "finding": "", "reading": "l*theta_ddot = -g*sin(theta)"}
-    assert "has the wrong sign" in rows[1]["finding"] and rows[2]["finding"] == "the file is no text in UTF-8."
+    assert "has the wrong sign" in rows[1]["finding"] and rows[2]["finding"] == "the file is not a text in UTF-8."
     assert main(["grade", "pendulum", str(folder), "--json"]) == 1
     assert [row["verdict"] for row in json.loads(capsys.readouterr().out)["answers"]] == [
         "right",

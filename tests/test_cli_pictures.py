@@ -111,7 +111,7 @@ def test_a_run_that_ends_early_is_drawn_and_fails(tmp_path: Path, capsys: pytest
         ),
         (
             ["animate", "--size", "640"],
-            "--size: '640' is no size. Write width and height in pixels, such as 640x480.",
+            "--size: '640' is not a size. Write width and height in pixels, such as 640x480.",
         ),
         (["animate", "--size", "9x9"], "a side of size = 9: give a whole number from 160 to 2160."),
         (
@@ -120,7 +120,7 @@ def test_a_run_that_ends_early_is_drawn_and_fails(tmp_path: Path, capsys: pytest
         ),
         (["animate", "--speed", "-1"], "speed = -1: give a positive number; 1 is real time, 2 twice as fast."),
         (["animate", "--trail", "long"], "--trail: 'long' is not a number. Write one such as 2, 1e-3, 30deg or pi/6."),
-        (["plot", "--set", "M=1"], "'M' is no parameter of this system; its parameters are m and g."),
+        (["plot", "--set", "M=1"], "'M' is not a parameter of this system; its parameters are m and g."),
     ],
 )
 def test_wrong_requests(

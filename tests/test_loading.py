@@ -125,8 +125,8 @@ def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
     cases: list[tuple[Any, str]] = [
         (3, "the path is 3 (int): give the path of a file."),
         (tmp_path / "none.npz", "cannot be read (No such file or directory)"),
-        (tmp_path / "one.npy", "is no file that solution.to_npz wrote (File is not a zip file)."),
-        (tmp_path / "text.npz", "is no file that solution.to_npz wrote"),
+        (tmp_path / "one.npy", "is not a file that solution.to_npz wrote (File is not a zip file)."),
+        (tmp_path / "text.npz", "is not a file that solution.to_npz wrote"),
         (_changed(path, statement=None), "is not a run that to_npz wrote: it lacks statement."),
     ]
     for given, message in cases:
@@ -151,11 +151,11 @@ def test_a_card_that_was_changed_is_refused_in_a_sentence(tmp_path: Path, change
 
 TEXTS = [
     ('["theta"]', '["theta", "x"]', "cannot be used: the Lagrangian h"),
-    ("theta_dot**2", "Integral(theta_dot)", "'Integral' is no function here"),
+    ("theta_dot**2", "Integral(theta_dot)", "'Integral' is not a function here"),
     ("theta_dot**2", "theta_dot**9**9**9", "a power of a constant that is computed"),
     ("theta_dot**2", "9" * 500, "a number of 500 characters is longer than 400"),
     ("theta_dot**2", "omega", "'omega' is not declared"),
-    ("kinetic =", "kinetc =", "'kinetc' is no key of a scene"),
+    ("kinetic =", "kinetc =", "'kinetc' is not a key of a scene"),
     ("kinetic =", "kinetic", "this is not TOML"),
 ]
 
@@ -208,10 +208,10 @@ def test_the_size_of_arrays_is_known_before_they_are_made(tmp_path: Path) -> Non
         arrays_of(path, 1e3)
     claims: list[tuple[Any, ...]] = [((2, 10**12),), ((2, -1),), ((2, 1), "|O"), ((2, 3), "<f8", b"\0" * 47)]
     for claim in claims:
-        with pytest.raises(lg.StatementError, match=r"is no file that solution.to_npz wrote \(.*(array|Object)"):
+        with pytest.raises(lg.StatementError, match=r"is not a file that solution.to_npz wrote \(.*(array|Object)"):
             lg.load(_rewritten(path, "y", _array(*claim)))
     for content in (b"", b"\x93NUMPY\x09\x00", b"\x93NUMPY\x01\x00\xff\xff" + b"(" * 500):
-        with pytest.raises(lg.StatementError, match=r"is no file that solution\.to_npz wrote"):
+        with pytest.raises(lg.StatementError, match=r"is not a file that solution\.to_npz wrote"):
             lg.load(_rewritten(path, "y", content))
 
 
@@ -231,7 +231,7 @@ def test_files_with_any_bytes_changed_are_read_or_refused(tmp_path: Path) -> Non
 
 def test_texts_that_are_nested_without_end_are_refused(tmp_path: Path) -> None:
     path = lg.scene("pendulum").run(0.1).to_npz(tmp_path / "run.npz")
-    with pytest.raises(lg.StatementError, match="is no run that to_npz wrote \\(RecursionError"):
+    with pytest.raises(lg.StatementError, match="is not a run that to_npz wrote \\(RecursionError"):
         lg.load(_changed(path, card=np.array("[" * 100_000)))
     with pytest.raises(lg.StatementError, match="the file is nested too deeply"):
         lg.load(_changed(path, statement=np.array("a = " + "[" * 100_000)))

@@ -108,7 +108,7 @@ def dead(page: Path, url: str) -> str:
     if parts.scheme in INLINE:
         return ""
     if parts.scheme or parts.netloc:
-        return "" if HOST.fullmatch(url) else "this is no address"
+        return "" if HOST.fullmatch(url) else "this is not an address"
     target = (page.parent / unquote(parts.path)).resolve() if parts.path else page
     if target.is_dir():
         target /= "index.html"

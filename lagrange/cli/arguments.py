@@ -198,7 +198,7 @@ def count(option: str, text: str | None) -> int | None:
         return None
     if not re.fullmatch(r"[0-9]{1,8}", text) or int(text) < 2:
         raise StatementError(
-            f"{option}: {text[:80]!r} is no number of output times. Give 2 or more, below 100 million."
+            f"{option}: {text[:80]!r} is not a number of output times. Give 2 or more, below 100 million."
         )
     return int(text)
 

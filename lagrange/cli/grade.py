@@ -125,4 +125,4 @@ def _text(path: Path) -> str:
     except OSError as error:
         raise StatementError(f"the file cannot be read ({error.strerror}).") from None
     except UnicodeDecodeError:
-        raise StatementError("the file is no text in UTF-8.") from None
+        raise StatementError("the file is not a text in UTF-8.") from None

@@ -270,7 +270,7 @@ def _kept(system: System, text: str) -> Any:
     known = system.statement.state_names
     if name not in known:
         raise StatementError(
-            f"--keep {text[:80]}: {name[:80]!r} is no coordinate and no velocity of {system.name}; these are "
+            f"--keep {text[:80]}: {name[:80]!r} is neither a coordinate nor a velocity of {system.name}; these are "
             f"{listing(known)}.{suggestion(name[:80], known)}"
         )
     return how, name

@@ -180,7 +180,7 @@ def _size(text: str | None) -> tuple[int, int] | None:
         return None
     match = re.fullmatch(r"([0-9]{1,6})[x×]([0-9]{1,6})", text.strip())
     if not match:
-        raise StatementError(f"--size: {text[:80]!r} is no size. Write width and height in pixels, such as 640x480.")
+        raise StatementError(f"--size: {text[:80]!r} is not a size. Write width and height in pixels, such as 640x480.")
     return int(match[1]), int(match[2])
 
 

@@ -56,7 +56,7 @@ def row_of(statement: Statement, key: Any, what: str) -> int:
     label = label_of(key)
     known = statement.state_names
     raise StatementError(
-        f"{what} names {label!r}, which is no coordinate or velocity of {statement.name}; they are {listing(known)}."
+        f"{what} names {label!r}, which is not a coordinate or velocity of {statement.name}; they are {listing(known)}."
         + suggestion(label, known)
     )
 

@@ -67,11 +67,11 @@ def parameter_of(statement: Statement, given: Any) -> str:
         return label
     if label in statement.names or label.removesuffix("_dot") in statement.names:
         raise StatementError(
-            f"{label} is no parameter but an entry of the state of {statement.name}: give its parameters "
+            f"{label} is not a parameter but an entry of the state of {statement.name}: give its parameters "
             f"{listing(known)}; other starts are starts=[...]."
         )
     raise StatementError(
-        f"{label!r} is no parameter of {statement.name}; its parameters are {listing(known)}."
+        f"{label!r} is not a parameter of {statement.name}; its parameters are {listing(known)}."
         + suggestion(label, known)
     )
 

@@ -487,8 +487,10 @@ def _constant(node: Any, prec: int) -> Any:
         return _NAMED[node](prec)
     if node.is_number:
         # A Piecewise ignores it, for example sqrt(-1), in a branch that is not selected.
-        return OutsideDomain(f"{node} is no finite real number")
-    raise OutsideDomain(f"{node} has no value here: it is no coordinate, velocity, parameter or number of this system")
+        return OutsideDomain(f"{node} is not a finite real number")
+    raise OutsideDomain(
+        f"{node} has no value here: it is not a coordinate, velocity, parameter or number of this system"
+    )
 
 
 def all_ways(switch: Any) -> tuple[int, ...]:

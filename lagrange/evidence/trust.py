@@ -335,10 +335,12 @@ def trust_horizon(
 def _compiled(system: Any) -> Model:
     if isinstance(system, Model):
         return system
-    make = None if isinstance(system, type) else getattr(system, "compile", None)  # lg.System itself is no system
+    make = None if isinstance(system, type) else getattr(system, "compile", None)  # lg.System itself is not a system
     model = make() if callable(make) else None
     if not isinstance(model, Model):
-        raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene('double-pendulum').")
+        raise StatementError(
+            f"{shown(system)} is not a system: give an lg.System, such as lg.scene('double-pendulum')."
+        )
     return model
 
 

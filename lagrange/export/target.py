@@ -83,7 +83,7 @@ def register(target: type[Target]) -> type[Target]:
     Raises StatementError for an argument that is not a subclass of `Target`, and for the name of another class.
     """
     if not (isinstance(target, type) and issubclass(target, Target)):
-        raise StatementError(f"{target!r} is no target: give a subclass of lagrange.export.target.Target.")
+        raise StatementError(f"{target!r} is not a target: give a subclass of lagrange.export.target.Target.")
     if TARGETS.get(target.name, target.__module__) != target.__module__:
         target_of(target.name)
     known = REGISTERED.get(target.name)

@@ -38,7 +38,7 @@ FUNCTIONS_KEPT = 64
 SERIES_KEPT = 16
 """Number of cached series with events, beside the series without events; each takes some 2 MB of machine code."""
 
-NO_QUANTITY = "{given} is no quantity of a model: they are {known}."
+NO_QUANTITY = "{given} is not a quantity of a model: they are {known}."
 
 
 class Model:
@@ -247,7 +247,7 @@ class Model:
     def called(self, kernel: Kernel, t: float | ArrayLike, y: ArrayLike, parameters: Parameters = None) -> FloatArray:
         """Return the result of a kernel of this model for states (2n,) or (2n, batch)."""
         if not isinstance(kernel, Kernel):
-            raise StatementError(f"{shown(kernel)} is no kernel: give model.kernel(name).")
+            raise StatementError(f"{shown(kernel)} is not a kernel: give model.kernel(name).")
         return self._call(kernel, t, self._checked_state(y), parameters)
 
     def parameter_values(self, given: Mapping[Any, Any] | None = None) -> dict[Any, float]:
@@ -271,7 +271,7 @@ class Model:
     def on_same_machine(self, statement: Statement, kept: Sequence[int] | None = None) -> Any:
         """Return the model of another statement on the machine of this one; `kept` are its independent constraints."""
         if not isinstance(statement, Statement):
-            raise StatementError(f"{shown(statement)} is no statement: give the .statement of a system.")
+            raise StatementError(f"{shown(statement)} is not a statement: give the .statement of a system.")
         rows = None if kept is None else [whole_number(i, "kept", 0) for i in real_array(kept, "kept").tolist()]
         return self._made.again(statement, rows)
 
@@ -412,7 +412,7 @@ def _nodes(given: Iterable[Any]) -> tuple[Node, ...]:
     """Return nodes of a graph. Raises StatementError for anything else."""
     nodes = tuple(islice(given, MOST_NODES)) if isinstance(given, (tuple, list)) else None
     if nodes is None or not all(isinstance(node, Node) for node in nodes):
-        raise StatementError(f"{shown(given)} is no tuple of nodes: give those of the model's equations.")
+        raise StatementError(f"{shown(given)} is not a tuple of nodes: give those of the model's equations.")
     return nodes
 
 
@@ -436,5 +436,5 @@ class Stated(Protocol):
 def stated(system: Any, example: str) -> Statement:
     """Return the statement of a system or a model. Raises StatementError, with a scene as example, otherwise."""
     if not isinstance(system, (Stated, Model)):
-        raise StatementError(f"{shown(system)} is no system: give an lg.System, such as lg.scene({example!r}).")
+        raise StatementError(f"{shown(system)} is not a system: give an lg.System, such as lg.scene({example!r}).")
     return system.statement

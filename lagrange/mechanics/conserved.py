@@ -226,7 +226,7 @@ def _checked_generator(statement: Statement, generator: Mapping[Any, Any]) -> di
         label = label_of(key)
         if label not in by_name:
             raise StatementError(
-                f"{label!r} is no coordinate of this system and not t; its coordinates are {listing(statement.names)}."
+                f"{label!r} is neither t nor a coordinate of this system; they are {listing(statement.names)}."
                 + suggestion(label, list(statement.names))
             )
         what, survey = f"the motion of {label}", Survey()
@@ -271,7 +271,7 @@ def _refusal(
     formula = "" if across or len(rate) > LONGEST_SHOWN else f" {rate}, which is"
     cause = f" It does not keep the constraint {listing(across)}." if across else ""
     return (
-        f"this is no symmetry of {model.statement.name}: its quantity {_spelled(model, quantity)} changes at the "
+        f"this is not a symmetry of {model.statement.name}: its quantity {_spelled(model, quantity)} changes at the "
         f"rate{formula} {rates.values[worst]:.4g} at {rates.points[worst].describe(model.statement.names, 4)}.{cause}"
     )
 

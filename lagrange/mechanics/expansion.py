@@ -177,7 +177,7 @@ def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint
         if not isinstance(key, (str, sympy.Basic)) or key not in rows:
             label = label_of(key)
             raise StatementError(
-                f"at names {shown(label)}, which is no coordinate, velocity or input; they are {listing(known)}."
+                f"at names {shown(label)}, which is not a coordinate, velocity or input; they are {listing(known)}."
                 + suggestion(label, known)
             )
         values[rows[key]] = _constant(statement, value, f"the value of {key}")
@@ -199,7 +199,7 @@ def _inputs(statement: Statement, given: Any) -> tuple[Any, ...]:
         label = one if isinstance(one, str) else one.name if isinstance(one, sympy.Symbol) else shown(one)
         if label not in by_name:
             raise StatementError(
-                f"inputs contains {label[:80]!r}, which is no parameter of this system; its parameters are "
+                f"inputs contains {label[:80]!r}, which is not a parameter of this system; its parameters are "
                 f"{listing(by_name)}. State the force with a parameter, such as forces={{x: u}}."
             )
         found.append(by_name[label])
@@ -341,8 +341,8 @@ class _StatementExpansion:
         if self.balanced:
             return done
         return (
-            f"{done} That is no equilibrium: terms of first order remain, and accelerations are those of the system at "
-            "the point alone."
+            f"{done} That is not an equilibrium: terms of first order remain, and accelerations are those of the "
+            "system at the point alone."
         )
 
     @cached_property

@@ -204,7 +204,7 @@ def _accelerations(form: PlainForm, mass: Any, rest: Sequence[Any]) -> tuple[Any
     determinant = simplest(mass.det(method="berkowitz"))
     if determinant == 0:
         raise StatementError(
-            f"the mass matrix of {form.statement.name} is singular at this point, which is no equilibrium: its "
+            f"the mass matrix of {form.statement.name} is singular at this point, which is not an equilibrium: its "
             "accelerations are not determined there. Choose another point."
         )
     return tuple(simplest(-x / determinant) for x in mass.adjugate() * sympy.Matrix(rest))
@@ -552,7 +552,7 @@ def _driven(here: AtPoint, mass: Any, left: Any) -> Any:
     determinant = here.short(mass.det(method="berkowitz"))
     if determinant == 0:
         raise StatementError(
-            f"the mass matrix of {here.statement.name} is singular at this point, which is no equilibrium: its "
+            f"the mass matrix of {here.statement.name} is singular at this point, which is not an equilibrium: its "
             "accelerations are not determined there. Choose another point."
         )
     return here.product(mass.adjugate(), left / determinant)

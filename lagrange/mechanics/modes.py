@@ -146,7 +146,7 @@ def _check(roots: Sequence[_Root], lin: Linearization, values: Mapping[Any, Any]
         # A double eigenvalue is accurate to the square root of rounding.
         if cmath.isfinite(value) and np.abs(known - value).min() > REAL_PART * max(1e-300, np.abs(known).max()):
             raise RunError(
-                f"the frequency {root.frequency} is wrong: {value:.12g} is no eigenvalue of the linear equations. "
+                f"the frequency {root.frequency} is wrong: {value:.12g} is not an eigenvalue of the linear equations. "
                 + FAULT
             )
 

@@ -119,7 +119,7 @@ def _no_parameter(name: str, statement: Statement, known: list[str]) -> str:
             "coordinates; substitute() replaces parameters."
         )
     parameters = f"its parameters are {listing(known)}." + suggestion(name, known) if known else "it has none."
-    return f"{name!r} is no parameter of this system; {parameters}"
+    return f"{name!r} is not a parameter of this system; {parameters}"
 
 
 def _value(parameter: Any, given: Any, by_name: Mapping[str, Any]) -> Any:
@@ -177,7 +177,7 @@ def _named(key: Any, statement: Statement) -> str:
         return str(name)
     label = key if isinstance(key, str) else name_of(key) if getattr(key, "args", ()) == (t,) else shown(key)
     raise StatementError(
-        f"{label[:80]!r} is no coordinate that can be eliminated; they are {listing(statement.names)}."
+        f"{label[:80]!r} is not a coordinate that can be eliminated; they are {listing(statement.names)}."
         + suggestion(label, statement.names)
     )
 

@@ -148,7 +148,7 @@ def _check_ignorable(form: PlainForm, i: int) -> None:
     if not vanishes(form, slope):
         raise StatementError(
             f"{name} is not ignorable: dL/d{name} = {shown(str(form.written(simplest(slope))))} is not zero, so its "
-            "momentum is no constant. Choose another coordinate."
+            "momentum is not a constant. Choose another coordinate."
         )
     if not vanishes(form, form.forces[i]):
         raise StatementError(
@@ -222,7 +222,7 @@ def ignored(statement: Statement, solution: Any) -> dict[Any, FloatArray]:
     missing = [] if small is None else [q for q in statement.coordinates if q not in small.coordinates]
     if small is None or not missing or any(q not in statement.coordinates for q in small.coordinates):
         raise StatementError(
-            f"this is no run of a Routhian of {statement.name}: run routhian(...) of this system, of "
+            f"this is not a run of a Routhian of {statement.name}: run routhian(...) of this system, of "
             f"{listing(statement.names)}, and give that solution."
         )
     routh = routh_of(statement, missing)

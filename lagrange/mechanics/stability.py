@@ -303,7 +303,9 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
     by_name = {p.name: p for p in statement.parameters}
     label = label_of(parameter)
     if label not in by_name:
-        raise StatementError(f"{shown(label)} is no parameter of this system; its parameters are {listing(by_name)}.")
+        raise StatementError(
+            f"{shown(label)} is not a parameter of this system; its parameters are {listing(by_name)}."
+        )
     chosen = real_array(values, "values")
     if chosen.ndim != 1 or not 0 < len(chosen) <= MOST_VALUES:
         raise StatementError(

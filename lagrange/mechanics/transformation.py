@@ -353,7 +353,7 @@ def _positive(given: Any, new: Sequence[Any]) -> tuple[Any, ...]:
         match = [q for q in new if label_of(one) == name_of(q)]
         if not match:
             raise StatementError(
-                f"positive contains {shown(one)}, which is no new coordinate; they are {listing(map(name_of, new))}."
+                f"positive contains {shown(one)}, which is not a new coordinate; they are {listing(map(name_of, new))}."
             )
         found += match
     return tuple(found)

@@ -186,7 +186,7 @@ def _reduction(how: str, given: Any, model: Model) -> Reduction:
     expression = given
     if isinstance(given, str):
         names = statement.state_names
-        one_of(given, names, "{given} in keep is no coordinate and no velocity; these are {known}.")
+        one_of(given, names, "{given} in keep is neither a coordinate nor a velocity; these are {known}.")
         expression = (*statement.coordinates, *statement.velocities)[names.index(given)]
     # Raise an error for an unknown symbol here, not in the run of the first member.
     model.evaluate_expression(

@@ -285,7 +285,9 @@ def _check(zarr: Any, path: Path, made_of: Mapping[str, Any]) -> None:
     except DAMAGE:
         stored = None
     if not isinstance(stored, dict):
-        raise StatementError(f"{path} exists and is no store of an ensemble: give another name. It was left as it is.")
+        raise StatementError(
+            f"{path} exists and is not a store of an ensemble: give another name. It was left as it is."
+        )
     if differs := difference(stored, made_of):
         raise StatementError(
             f"{path} holds another ensemble, which differs in {differs}. It was left as it is: give another store, or "

@@ -97,7 +97,7 @@ def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[int, Any
         else:
             names = [*(name for name in rows if isinstance(name, str)), *by_name]
             raise StatementError(
-                f"{label!r} varies, and is no coordinate, velocity or parameter of {statement.name}; they are "
+                f"{label!r} varies, and is not a coordinate, velocity or parameter of {statement.name}; they are "
                 f"{listing(names)}.{suggestion(label, names)}"
             )
     return of_state, of_parameters

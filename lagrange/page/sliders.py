@@ -68,7 +68,7 @@ def asked_bounds(statement: Statement, asked: Any) -> dict[str, tuple[float, flo
         if name is None:
             known = list(places(statement))
             raise StatementError(
-                f"there is no slider of {shown(label_of(key))}, which is no parameter, coordinate or velocity of "
+                f"there is no slider of {shown(label_of(key))}, which is not a parameter, coordinate or velocity of "
                 f"{statement.name}: they are {listing(known)}.{suggestion(label_of(key), known)}"
             )
         result[name] = _bounds(name, pair)

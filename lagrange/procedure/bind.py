@@ -1,4 +1,4 @@
-"""Procedures whose functions are known: no parameter is a function, and what is never used is no parameter.
+"""Procedures whose functions are known: no parameter is a function, and what is never used is not a parameter.
 
 So a procedure for any right-hand side becomes one for a certain right-hand side, and needs no pointers to functions.
 """

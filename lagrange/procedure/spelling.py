@@ -61,7 +61,7 @@ WORDS: Mapping[str, Operator] = {
 
 @dataclass(frozen=True)
 class Literals:
-    """How a language writes constants: an infinite number, what is no number, and the two flags.
+    """How a language writes constants: an infinite number, what is not a number, and the two flags.
 
     `signed` is how tightly a number with a sign binds. `whole` and `finite` write a whole number and a finite double.
     """

@@ -46,7 +46,7 @@ class Syntax(ABC):
 
     @abstractmethod
     def function_of(self, op: str) -> str:
-        """Return the name of the function of an operation that is no operator."""
+        """Return the name of the function of an operation that is not an operator."""
 
     @abstractmethod
     def define(self, name: str, kind: Kind, text: str) -> str:

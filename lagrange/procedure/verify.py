@@ -103,18 +103,18 @@ class _Check(Visitor):
 
     def kind(self, ref: int, wanted: Kind) -> None:
         if self.type(ref) is not wanted:
-            raise self.error(f"%{ref} is no {wanted}")
+            raise self.error(f"%{ref} is not a {wanted}")
 
     def array(self, ref: int) -> Array:
         found = self.type(ref)
         if not isinstance(found, Array):
-            raise self.error(f"%{ref} is no array")
+            raise self.error(f"%{ref} is not an array")
         return found
 
     def record(self, ref: int, field: str) -> Kind:
         found = self.type(ref)
         if not isinstance(found, Record) or field not in found.places:
-            raise self.error(f"%{ref} is no record with the field {field}")
+            raise self.error(f"%{ref} is not a record with the field {field}")
         return found.kind(field)
 
     @contextmanager
@@ -223,11 +223,11 @@ class _Check(Visitor):
             raise self.error(f"%{one.array} is only read")
         if isinstance(one, Gather):
             if self.type(one.places) != Vector(WHOLE, vector.width):
-                raise self.error(f"%{one.places} is no vector of {vector.width} places")
+                raise self.error(f"%{one.places} is not a vector of {vector.width} places")
         else:
             self.kind(one.place, WHOLE)
             if one.mask is not None and self.type(one.mask) != Vector(FLAG, vector.width):
-                raise self.error(f"%{one.mask} is no mask of {vector.width} flags")
+                raise self.error(f"%{one.mask} is not a mask of {vector.width} flags")
         if not isinstance(one, VectorStore):
             self.define(one.ref, vector)
 
@@ -246,7 +246,7 @@ class _Check(Visitor):
                 self.kind(value, self.array(array).kind)
             case Read(ref=ref, kind=kind, record=record, field=field):
                 if self.record(record, field) is not kind:
-                    raise self.error(f"the field {field} is no {kind}")
+                    raise self.error(f"the field {field} is not a {kind}")
                 self.define(ref, kind)
             case Write(record=record, field=field, value=value):
                 self.kind(value, self.record(record, field))
@@ -278,7 +278,7 @@ class _Check(Visitor):
 
     def held(self, variable: int, kind: Type) -> None:
         if variable not in self.variables or self.variables[variable] is not kind:
-            raise self.error(f"%{variable} is no variable that holds a {kind}")
+            raise self.error(f"%{variable} is not a variable that holds a {kind}")
 
     @visits(Call)
     def call(self, call: Call) -> None:
@@ -288,7 +288,7 @@ class _Check(Visitor):
         else:
             found = self.type(call.callee)
             if not isinstance(found, Callee):
-                raise self.error(f"%{call.callee} is no function")
+                raise self.error(f"%{call.callee} is not a function")
             types, results = found.parameters, found.results
         self.kinds(call.args, types, "a call")
         if len(call.refs) != len(results):

@@ -192,7 +192,7 @@ def _problems(program: Program) -> Iterator[str]:
     if len(program.outputs) != math.prod(program.shape):
         yield f"{len(program.outputs)} outputs do not fill the shape {program.shape}"
     if any(not 0 <= output < len(program.instructions) for output in program.outputs):
-        yield "an output is no result"
+        yield "an output is not a result"
     if len(program.outputs) != sum(block.size for block in program.results):
         yield f"{len(program.outputs)} outputs do not fill {', '.join(map(str, program.results))}"
     names = [block.name for block in (*program.inputs, *program.results)]

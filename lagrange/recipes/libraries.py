@@ -45,7 +45,7 @@ SYMBOLS = ("SX", "MX")
 def casadi_function(model: Model, quantity: str, symbols: str, *, status: bool) -> Any:
     """Return a quantity as a casadi.Function; see `Model.as_casadi`."""
     program = quantity_program(model, quantity)
-    one_of(symbols, SYMBOLS, "{given} is no kind of CasADi's symbols: they are {known}.")
+    one_of(symbols, SYMBOLS, "{given} is not a kind of CasADi's symbols: they are {known}.")
     try:
         import casadi
     except ImportError as error:

@@ -41,7 +41,7 @@ def input_functions(model: Model, given: Any) -> Inputs:
         name = label_of(key)
         if name not in names:
             have = f"they are {listing(names)}" if names else "it has none"
-            raise StatementError(f"{name!r} is no input of this system; {have}.{suggestion(name, names)}")
+            raise StatementError(f"{name!r} is not an input of this system; {have}.{suggestion(name, names)}")
         if not callable(value) or isinstance(value, sympy.Basic):
             raise StatementError(
                 f"the input {name} is {shown(value)}: give a function of the time, such as lambda t: np.sin(t)."

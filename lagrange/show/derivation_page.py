@@ -62,7 +62,7 @@ def render(
     and the accelerations. A part that is too large is replaced by a sentence that says so. Raises StatementError for
     any other style or detail.
     """
-    one_of(style, FORMATS, "{given} is no format of a derivation; they are {known}.")
+    one_of(style, FORMATS, "{given} is not a format of a derivation; they are {known}.")
     left_out = LEFT_OUT[one_of(detail, DETAILS, "detail = {given}: choose one of {known}.")]
     page: Page = PAGES[style](derivation.statement, heading)
     shown = [section for section in sections(derivation) if section.heading not in left_out]

@@ -156,7 +156,7 @@ class Ensemble:
             if entry := entry_for(label):
                 raise StatementError(f'{label[:80]} was not kept: add {entry} to keep, as in keep=("end", {entry}).')
             raise StatementError(
-                f"{label[:80]!r} is no coordinate, no velocity and nothing that varies or was kept; these are "
+                f"{label[:80]!r} is not a coordinate, a velocity or a quantity that varies or was kept; these are "
                 f"{listing(known)}.{suggestion(label[:80], known)}"
             )
         return label

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any, TypeVar
 
-from lagrange.errors import StatementError, UnknownKey, listing, shown, suggestion
+from lagrange.errors import StatementError, UnknownKey, listing, shown, singular, suggestion
 
 Value = TypeVar("Value")
 
@@ -53,6 +53,7 @@ class ByName(dict[str, Value]):
         if not isinstance(name, str) or name not in self:
             hint = suggestion(name, self) if isinstance(name, str) else ""
             raise UnknownKey(
-                f"{shown(name)} is no {self.noun} of this system; they are {listing(self, MOST_WORDS)}.{hint}"
+                f"{shown(name)} is not {singular(self.noun)} of this system; "
+                f"they are {listing(self, MOST_WORDS)}.{hint}"
             )
         return super().__getitem__(name)

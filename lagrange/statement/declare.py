@@ -147,7 +147,7 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
         if key not in rows:
             known = [label for label in rows if isinstance(label, str)]
             raise StatementError(
-                f"initial names {label_of(key)!r}, which is no coordinate or velocity of this system; they are "
+                f"initial names {label_of(key)!r}, which is not a coordinate or velocity of this system; they are "
                 f"{listing(known)}." + suggestion(label_of(key), known)
             )
         values[rows[key]] = real_number(value, f"the initial value of {label_of(key)}")
@@ -193,7 +193,7 @@ def _coordinates(given: Sequence[Any] | None, survey: Survey, first_order: Itera
     for q in _in_order(survey.coordinates) if given is None else given:
         if not isinstance(q, AppliedUndef) or q.args != (t,) or motion_of(q) is not None:
             raise StatementError(
-                f"coordinates contains {shown(q)}, which is no coordinate: make one with lg.coordinate('x')."
+                f"coordinates contains {shown(q)}, which is not a coordinate: make one with lg.coordinate('x')."
             )
         name = check_symbol(name_of(q), "coordinate")
         if name in by_name:
@@ -263,7 +263,7 @@ def _check_velocities(
     bare = next((p.name for p in symbols if p.name in (f"{name}_dot", f"{name}dot")), None)
     if bare:
         raise StatementError(
-            f"{main} contains the plain symbol {bare}, which is no velocity: write {name}.dot for it, with {name} = "
+            f"{main} contains the plain symbol {bare}, which is not a velocity: write {name}.dot for it, with {name} = "
             f"lg.coordinate({name!r})."
         )
     raise StatementError(
@@ -300,7 +300,7 @@ def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Su
         label = label_of(key)
         if label not in by_name:
             raise StatementError(
-                f"forces names {label!r}, which is no coordinate of this system; they are {listing(by_name)}."
+                f"forces names {label!r}, which is not a coordinate of this system; they are {listing(by_name)}."
                 + suggestion(label, by_name)
             )
         if by_name[label] in table:
@@ -357,7 +357,7 @@ def _links(links: Iterable[Sequence[str]], points: dict[str, Any]) -> tuple[Link
             )
         start, end, *kind = link
         for point in (start, end):
-            one_of(point, known, "links names {given}, which is no position; they are {known}.")
+            one_of(point, known, "links names {given}, which is not a position; they are {known}.")
         for given_kind in kind:
             one_of(given_kind, KINDS, "links has the kind {given}; the kinds are {known}.")
         checked.append(Link(*map(str, link)))

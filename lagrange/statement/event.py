@@ -179,7 +179,7 @@ def _check_resets(place: int, one: Event, statement: Statement) -> None:
         if key not in rows:
             known = [label for label in rows if isinstance(label, str)]
             raise StatementError(
-                f"the reset of event {place} names {formula(key, 80)!r}, which is no coordinate or velocity of "
+                f"the reset of event {place} names {formula(key, 80)!r}, which is not a coordinate or velocity of "
                 f"this system; they are {listing(known)}, and its parameters are "
                 f"{listing(p.name for p in statement.parameters) or 'none'}."
             )

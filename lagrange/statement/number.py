@@ -106,7 +106,7 @@ def _array(value: ArrayLike, what: str, width: int, kinds: str) -> NDArray[Any]:
     except StatementError:
         raise
     except (ValueError, TypeError, OverflowError) as error:
-        raise StatementError(f"{what} is no array: {str(error).rstrip('.')}. Give rows of one length.") from error
+        raise StatementError(f"{what} is not an array: {str(error).rstrip('.')}. Give rows of one length.") from error
     if array.dtype.kind not in kinds:
         raise StatementError(
             f"{what} has entries of type {array.dtype}: give {'' if 'c' in kinds else 'real '}numbers."

@@ -28,7 +28,7 @@ def parameter_values(
         label = label_of(key)
         if label not in by_name:
             raise StatementError(
-                f"{label!r} is no parameter of this system; its parameters are {listing(by_name)}."
+                f"{label!r} is not a parameter of this system; its parameters are {listing(by_name)}."
                 + suggestion(label, by_name)
             )
         values[by_name[label]] = _within(by_name[label], real_number(value, f"parameter {label}"))
@@ -64,7 +64,7 @@ def coordinate_name(key: Any, names: Sequence[str]) -> str:
     name = label_of(key)
     if name not in names:
         raise StatementError(
-            f"{name!r} is no coordinate of this system; they are {listing(names)}.{suggestion(name, names)}"
+            f"{name!r} is not a coordinate of this system; they are {listing(names)}.{suggestion(name, names)}"
         )
     return name
 

@@ -61,7 +61,7 @@ class Flow:
 
     def __init__(self, model: Model, options: RunOptions = DEFAULT_OPTIONS) -> None:
         if not isinstance(model, Model):
-            raise StatementError(f"{shown(model)} is no compiled model: give system.compile().")
+            raise StatementError(f"{shown(model)} is not a compiled model: give system.compile().")
         require_values(model.statement)
         self._integrator = find(DEFAULT_METHOD if options.method is None else options.method)
         self._options = replace(options, method=self._integrator)

@@ -52,7 +52,7 @@ def integrate(
     StatementError for an invalid request. A failure during the run sets the status of the trajectory.
     """
     if not isinstance(model, Model):
-        raise StatementError(f"{shown(model)} is no compiled model: give system.compile(), or call system.run().")
+        raise StatementError(f"{shown(model)} is not a compiled model: give system.compile(), or call system.run().")
     t0, t1 = time_span(span)
     statement = model.statement
     require_values(statement)

@@ -115,7 +115,7 @@ class Solution:
         label = row_label(key)
         if label not in self.names:
             raise StatementError(
-                f"{label[:80]!r} is no coordinate and no velocity of this system; they are {listing(self.names)}."
+                f"{label[:80]!r} is neither a coordinate nor a velocity of this system; they are {listing(self.names)}."
                 + (suggestion(label, self.names) or " For an expression use solution.evaluate(...).")
             )
         row: FloatArray = self.y[self.names.index(label)]

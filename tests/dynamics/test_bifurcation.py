@@ -178,16 +178,16 @@ def test_motions_that_run_away_leave_gaps_and_begin_anew() -> None:
 @pytest.mark.parametrize(
     ("system", "arguments", "says"),
     [
-        (duffing, ("f", [1.0]), "'f' is no parameter of Duffing; its parameters are F and w"),
-        (hoop, ("ww", [1.0]), "'ww' is no parameter of bead on a hoop.*Did you mean 'w'"),
-        (duffing, (x, [1.0]), "x is no parameter but an entry of the state of Duffing"),
+        (duffing, ("f", [1.0]), "'f' is not a parameter of Duffing; its parameters are F and w"),
+        (hoop, ("ww", [1.0]), "'ww' is not a parameter of bead on a hoop.*Did you mean 'w'"),
+        (duffing, (x, [1.0]), "x is not a parameter but an entry of the state of Duffing"),
         (duffing, (F, (0.3, 0.3, 9)), "the range of F is empty: 0.3 to 0.3"),
         (duffing, (F, (0.2, 0.3, 1)), "the number of values of F = 1"),
         (duffing, (F, np.ones(5000)), "there are 5000 values of F, more than a picture has columns: give 4096 at most"),
         (duffing, (F, []), "the values of F are \\[\\]: give a list, or \\(low, high, count\\)"),
         (duffing, (F, [np.inf]), "the values of F are not all finite"),
         (hoop, ("r", [1.0, -1.0]), "parameter r is -1"),
-        (pendulum, ("g", [1.0]), "'g' is no parameter of pendulum; its parameters are none"),
+        (pendulum, ("g", [1.0]), "'g' is not a parameter of pendulum; its parameters are none"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(system: Any, arguments: tuple[Any, Any], says: str) -> None:

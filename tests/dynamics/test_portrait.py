@@ -207,13 +207,13 @@ def test_a_portrait_pickles() -> None:
         (pendulum, {"window": {theta: (-3, 3, 1), theta.dot: (-1, 1)}}, "number of values in the range of theta = 1"),
         (pendulum, {"window": {"thet": (-3, 3), theta.dot: (-1, 1)}}, "window names 'thet'.*Did you mean 'theta'"),
         (pendulum, {"window": {theta: (-3, 3), "theta": (-1, 1)}}, "window names theta twice"),
-        (pendulum, {"starts": [{"phi": 1}]}, "start 0: initial names 'phi', which is no coordinate"),
+        (pendulum, {"starts": [{"phi": 1}]}, "start 0: initial names 'phi', which is not a coordinate"),
         (pendulum, {"starts": []}, "starts is empty"),
         (pendulum, {"starts": 4}, "starts is 4: give a list of dicts"),
         (pendulum, {"starts": np.zeros((2, 3))}, "starts has shape \\(2, 3\\): give \\(m, 2\\).*theta theta_dot"),
         (pendulum, {"starts": [[np.nan, 0.0]]}, "starts has entries that are not finite"),
         (pendulum, {"t_end": -1.0}, "t_end, the time for which orbits are followed, is -1: give a positive number"),
-        (duffing, {"parameters": {"f": 1}}, "'f' is no parameter of this system"),
+        (duffing, {"parameters": {"f": 1}}, "'f' is not a parameter of this system"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(system: Any, arguments: dict[str, Any], says: str) -> None:
@@ -223,7 +223,7 @@ def test_what_cannot_be_meant_is_refused(system: Any, arguments: dict[str, Any],
 
 def test_constraints_and_what_is_no_system_are_refused() -> None:
     text: Any = "pendulum"
-    with pytest.raises(StatementError, match="'pendulum' is no system: give an lg"):
+    with pytest.raises(StatementError, match="'pendulum' is not a system: give an lg"):
         lg.phase_portrait(text)
     held = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=cos(x), constraints=[Eq(x, y)])
     with pytest.raises(StatementError, match="has constraints, and its states fill no plane: eliminate"):

@@ -295,9 +295,9 @@ def test_chaos_has_no_winner() -> None:
         ({"reference": "rk5"}, "no method 'rk5'"),
         ({"end": 0.0}, "no length"),
         ({"end": math.inf}, "t_end is inf"),
-        ({"parameters": {"q": 1}}, "'q' is no parameter"),
+        ({"parameters": {"q": 1}}, "'q' is not a parameter"),
         ({"initial": {"z": 1}}, "'z'"),
-        ({"system": 3}, "3 is no system"),
+        ({"system": 3}, "3 is not a system"),
     ],
     ids=lambda value: str(value)[:30],
 )

@@ -132,7 +132,7 @@ def test_a_function_that_a_target_does_not_have(tmp_path: Path) -> None:
 
 
 def test_what_is_no_target() -> None:
-    with pytest.raises(lg.StatementError, match="is no target"):
+    with pytest.raises(lg.StatementError, match="is not a target"):
         register(cast("Any", dict))
     with pytest.raises(lg.StatementError, match="there is a target 'fortran' already: give another name"):
         register(type("Mine", (Plain,), {"name": "fortran"}))

@@ -34,7 +34,7 @@ def test_sine_and_cosine_of_an_angle_are_on_a_circle_and_other_functions_are_fre
     c, s = graph.call("cos", a), graph.call("sin", a)
     assert generic_rank([[c * c, c * s], [c * s, s * s]]) == 1
     assert generic_rank([[c, s], [-s, c]]) == 2
-    # 1 - s**2 - c**2 with the sum kept apart by a square root that is no polynomial.
+    # 1 - s**2 - c**2 with the sum kept apart by a square root that is not a polynomial.
     root = graph.power(1 - s * s, Fraction(1, 2))
     assert generic_rank([[root, c], [c, root]]) == 2
     assert generic_rank([[c, graph.call("cos", b)], [2 * c, 2 * graph.call("cos", b)]]) == 1

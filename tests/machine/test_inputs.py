@@ -91,9 +91,9 @@ def test_functions_of_inputs_are_asked_for_by_name() -> None:
     opened, valued = models("numpy")
     with pytest.raises(lg.StatementError, match=r"no function for inputs X, X_dot, X_ddot and u: give inputs="):
         opened.as_scipy()
-    with pytest.raises(lg.StatementError, match=r"'w' is no input of this system; they are X, X_dot, X_ddot and u"):
+    with pytest.raises(lg.StatementError, match=r"'w' is not an input of this system; they are X, X_dot, X_ddot and u"):
         opened.as_scipy(inputs={"w": abs})
-    with pytest.raises(lg.StatementError, match=r"'u' is no input of this system; it has none"):
+    with pytest.raises(lg.StatementError, match=r"'u' is not an input of this system; it has none"):
         valued.as_scipy(inputs={u: abs})
     with pytest.raises(lg.StatementError, match=r"the input u is .*: give a function of the time"):
         opened.as_scipy(inputs={u: 2.0})

@@ -351,5 +351,5 @@ def test_a_source_that_is_not_there_is_told() -> None:
     large = pendulums(WRITTEN_OUT + 1).compile(target="numpy")
     with pytest.raises(lg.StatementError, match="rhs solves a linear system of 13 unknowns, which is not printed: 12"):
         large.source("rhs")
-    with pytest.raises(lg.StatementError, match="'power' is no quantity of a model: they are rhs"):
+    with pytest.raises(lg.StatementError, match="'power' is not a quantity of a model: they are rhs"):
         large.source("power")

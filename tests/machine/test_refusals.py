@@ -53,7 +53,7 @@ class TestRefusals:
             pendulums.jacobian(0.0, np.ones(4) * 1j)
 
     def test_ragged_lists(self, pendulums: Model) -> None:
-        with pytest.raises(StatementError, match=r"q is no array: .* Give rows of one length"):
+        with pytest.raises(StatementError, match=r"q is not an array: .* Give rows of one length"):
             pendulums.accelerations([[1, 2], [3]], [[1, 2], [3]])
 
     @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ class TestRefusals:
     @pytest.mark.parametrize(
         ("given", "message"),
         [
-            ({"mass": 1}, "'mass' is no parameter of this system; its parameters are"),
+            ({"mass": 1}, "'mass' is not a parameter of this system; its parameters are"),
             ({"m": float("nan")}, "parameter m is nan: give a finite number"),
             ({"m": 1j}, "parameter m is 1j, a complex number"),
             ({"m": "heavy"}, r"parameter m is 'heavy' \(str\): give a number"),
@@ -98,7 +98,7 @@ class TestRefusals:
         assert free.accelerations([0.1], [0.0], parameters={"stiffness": 2})[0] == pytest.approx(-0.4 / VALUES[m])
 
     def test_a_quantity_that_is_not_there(self, pendulums: Model) -> None:
-        with pytest.raises(StatementError, match="'speed' is no quantity of a model: they are rhs, jacobian"):
+        with pytest.raises(StatementError, match="'speed' is not a quantity of a model: they are rhs, jacobian"):
             pendulums.evaluate("speed", [0, 0], [0, 0])
 
     def test_an_expression_with_a_stranger(self, pendulums: Model) -> None:

@@ -207,7 +207,10 @@ PENDULUM = "theta_ddot + g/l*sin(theta)"
         ("theta_dot**2*l/2 - g*cos(theta) = 0", "Equation 1 does not hold, and contains no acceleration: it is no"),
         ("l*theta_ddot", "In equation 1, that of theta, the term g*sin(theta) is missing."),
         (f"{PENDULUM} - theta_dot", "In equation 1, that of theta, the term -theta_dot should not be there."),
-        ([PENDULUM, "theta_dot = 0"], "Equation 2 does not hold, and contains no acceleration: it is no equation of"),
+        (
+            [PENDULUM, "theta_dot = 0"],
+            "Equation 2 does not hold, and contains no acceleration: it is not an equation of",
+        ),
     ],
 )
 def test_messages(given: Any, message: str) -> None:
@@ -301,9 +304,9 @@ def test_sympy_and_text_are_read_alike() -> None:
             ["k*theta_ddot"],
             "equation 1, column 1: 'k' is not a symbol of this system. The symbols are theta, m, g and l, with",
         ),
-        ([lg.coordinate("phi").ddot], "'phi' is no coordinate of this system; they are theta."),
+        ([lg.coordinate("phi").ddot], "'phi' is not a coordinate of this system; they are theta."),
         ([sp.Symbol("k") * sp.sin(1)], "equation 1 contains 'k', which this system does not have; its symbols are"),
-        ({"phi": "theta_ddot"}, "'phi' is no coordinate of this system; they are theta."),
+        ({"phi": "theta_ddot"}, "'phi' is not a coordinate of this system; they are theta."),
         (["g = g = g"], "equation 1, column 7: there are 2 signs of equality: write one equation with two sides."),
         (["theta_ddot + (g = 0"], "equation 1, column"),
         (
@@ -316,7 +319,7 @@ def test_sympy_and_text_are_read_alike() -> None:
         ([True], "equation 1 is True: where == was meant, write sympy.Eq(left, right)."),
         (
             [lg.multiplier("rod")],
-            "equation 1 contains the multiplier of 'rod', which is no constraint here; the constraints are none.",
+            "equation 1 contains the multiplier of 'rod', which is not a constraint here; the constraints are none.",
         ),
         (["x" * 30_000], "equation 1 has 30000 characters, and 6000 are the most of an equation."),
     ],

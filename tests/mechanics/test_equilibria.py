@@ -257,7 +257,7 @@ def test_the_picture_has_a_line_for_each_eigenvalue_in_both_parts() -> None:
 @pytest.mark.parametrize(
     ("parameter", "values", "at", "words"),
     [
-        ("v", [1.0], None, "'v' is no parameter of this system; its parameters are "),
+        ("v", [1.0], None, "'v' is not a parameter of this system; its parameters are "),
         (w, 1.0, None, "values has shape (): give a list of values of w, at least 1 and at most 10000."),
         (w, [1.0, 2.0], {theta: acos(g / (R * w**2))}, "no equilibrium was found at any of the 2 values of w: give on"),
     ],

@@ -212,7 +212,7 @@ def test_refusals() -> None:
 
 def test_a_wrong_frequency_is_found_by_number(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(modes_module, "_root_of", lambda given: sqrt(given) * 1.001)
-    with pytest.raises(RunError, match=r"the frequency .* is wrong: .* is no eigenvalue of the linear equations\."):
+    with pytest.raises(RunError, match=r"the frequency .* is wrong: .* is not an eigenvalue of the linear equations\."):
         shared_scene("pendulum").modes()
 
 

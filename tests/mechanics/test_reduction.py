@@ -186,10 +186,14 @@ def pair(**constraints: Any) -> lg.System:
         (
             {"rod": ROD},
             (z,),
-            "'z' is no coordinate that can be eliminated; they are x, y and theta.",
+            "'z' is not a coordinate that can be eliminated; they are x, y and theta.",
         ),
-        ({"rod": ROD}, ("thet",), "'thet' is no coordinate that can be eliminated; they are x, y and theta. Did you"),
-        ({"rod": ROD}, (7,), "'7' is no coordinate that can be eliminated; they are x, y and theta."),
+        (
+            {"rod": ROD},
+            ("thet",),
+            "'thet' is not a coordinate that can be eliminated; they are x, y and theta. Did you",
+        ),
+        ({"rod": ROD}, (7,), "'7' is not a coordinate that can be eliminated; they are x, y and theta."),
         ({"rod": ROD}, (theta,), "theta is in no constraint, so it cannot be eliminated: it moves freely."),
         (
             {"rod": ROD},

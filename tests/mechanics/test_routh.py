@@ -85,12 +85,12 @@ def plain(**more: Any) -> lg.System:
     ("make", "wanted", "words"),
     [
         (plain, (), "routhian() names no coordinate: give one that is ignorable."),
-        (plain, ("z",), "'z' is no coordinate of this system; they are x and y."),
+        (plain, ("z",), "'z' is not a coordinate of this system; they are x and y."),
         (plain, (x, y), "every coordinate of pair would be ignored: without one nothing is left to move."),
         (
             lambda: plain(potential=k * x**2 / 2),
             (x,),
-            "x is not ignorable: dL/dx = '-k*x(t)' is not zero, so its momentum is no constant. Choose another",
+            "x is not ignorable: dL/dx = '-k*x(t)' is not zero, so its momentum is not a constant. Choose another",
         ),
         (
             lambda: plain(dissipation=c * x.dot**2 / 2),
@@ -128,7 +128,9 @@ def test_refusals(make: Any, wanted: Any, words: str) -> None:
 
 def test_a_run_of_another_system_is_refused() -> None:
     for run in (plain().run(0.1, parameters={m: 1}), 7):
-        with pytest.raises(StatementError, match=r"this is no run of a Routhian of pair: run routhian\(...\) of this"):
+        with pytest.raises(
+            StatementError, match=r"this is not a run of a Routhian of pair: run routhian\(...\) of this"
+        ):
             plain().ignored(run)
 
 

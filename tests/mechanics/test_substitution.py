@@ -49,7 +49,7 @@ def test_two_parameters_change_places() -> None:
     ("given", "message"),
     [
         ({}, "substitute takes a dict from parameters to values, as {l: 1}, not {}."),
-        ({"mass": 1}, "'mass' is no parameter of this system; its parameters are"),
+        ({"mass": 1}, "'mass' is not a parameter of this system; its parameters are"),
         ({theta: 0}, "theta is a coordinate: eliminate() solves a constraint for it, transform() states the"),
         ({l: theta}, "the value of l is theta(t), which is not constant: state the system with it, so that its"),
         ({l: sympy.sin(lg.t)}, "the value of l is sin(t), which is not constant"),

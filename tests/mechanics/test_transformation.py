@@ -106,7 +106,7 @@ def test_at_rest_in_a_singular_place_there_is_an_initial_state() -> None:
     ("given", "more", "words"),
     [
         ([x], {}, "transform takes a dict from coordinates to expressions in new ones, as {x: r*cos(phi), y: r*sin("),
-        ({u: x}, {}, "'u' is no coordinate of this system; they are x, y and z."),
+        ({u: x}, {}, "'u' is not a coordinate of this system; they are x, y and z."),
         ({x: r.dot}, {}, "the expressions contain Derivative(r(t), t): a point transformation has coordinates, param"),
         (
             {x: away * cos(turn)},
@@ -120,7 +120,7 @@ def test_at_rest_in_a_singular_place_there_is_an_initial_state() -> None:
             {},
             "x and y do not vary independently with away and turn: the determinant of the derivatives is zero",
         ),
-        ({x: away, y: turn}, {"positive": x}, "positive contains x(t), which is no new coordinate; they are away"),
+        ({x: away, y: turn}, {"positive": x}, "positive contains x(t), which is not a new coordinate; they are away"),
         (ROUND, {"parameters": 3}, "parameters is 3: give a dict from parameters to values, such as {w: 1.0}."),
         (ROUND, {"initial": 3}, "initial is 3: give a dict in the new coordinates, such as {r: 1.0}."),
         ({x: exp(u) + 2}, {}, "no values of u were found at which x = 1, from 60 starts: give initial={u: ...}"),

@@ -66,7 +66,7 @@ def test_what_numpy_takes_for_an_array_is_one() -> None:
         (["a", "b"], "theta has entries of type <U1: give real numbers."),
         ([True, False], "theta has entries of type bool: give real numbers."),
         ([None, 1.0], "theta has entries of type object: give real numbers."),
-        ([[1.0, 2.0], [3.0]], "theta is no array"),
+        ([[1.0, 2.0], [3.0]], "theta is not an array"),
         ([[1.0, 2.0]], "theta has an array of shape (1, 2): give (members,)"),
         ([], "theta has an array without values"),
         (np.ma.array([1.0, 2.0], mask=[False, True]), "theta is a masked array"),
@@ -215,7 +215,7 @@ def test_places_that_cannot_hold_a_store(tmp_path: Path, monkeypatch: pytest.Mon
     (tmp_path / "folder").mkdir()
     (tmp_path / "link").symlink_to("nowhere")
     for name in ("file", "folder", "link"):
-        refused(lambda name=name: run(store=tmp_path / name), f"{name} exists and is no store", "left as it is")
+        refused(lambda name=name: run(store=tmp_path / name), f"{name} exists and is not a store", "left as it is")
     refused(lambda: run(store=tmp_path / "file" / "runs.zarr"), "cannot be made (File exists): give a folder")
     refused(lambda: run(store="/proc/runs.zarr"), "/proc/runs.zarr cannot be made")
     refused(lambda: run(store=tmp_path / ("a" * 300)), "cannot be made (File name too long)")
@@ -263,7 +263,7 @@ def test_a_store_whose_description_is_damaged(tmp_path: Path) -> None:
     for content in ("", "{", "[]", '{"zarr_format": 3, "node_type": "array"}'):
         target = made(f"about{len(content)}")
         (target / "zarr.json").write_text(content)
-        refused(lambda target=target: run(store=target), "exists and is no store of an ensemble")
+        refused(lambda target=target: run(store=target), "exists and is not a store of an ensemble")
         assert (target / "zarr.json").read_text() == content
 
 

@@ -209,7 +209,7 @@ def test_what_is_kept_has_its_name_and_the_pair_that_it_was_asked_by() -> None:
     for name, entry in (("drift", '"drift"'), ("rejected", '"counts"'), ("min(x)", '("min", x)')):
         with pytest.raises(lg.StatementError, match=f"{re.escape(name)} was not kept: add {re.escape(entry)} to keep"):
             _ = runs[name]
-    with pytest.raises(lg.StatementError, match="'z_end' is no coordinate"):
+    with pytest.raises(lg.StatementError, match="'z_end' is not a coordinate"):
         _ = runs["z_end"]
 
 
@@ -230,13 +230,16 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
         {"initial": {"theta1": [1.0] * 3, "theta2": [1.0] * 4}},
         "theta1 has 3 values and theta2 has 4 values: give arrays",
     ),
-    ({"initial": {"theta3": [1.0]}}, "'theta3' varies, and is no coordinate, velocity or parameter of double-pendulum"),
+    (
+        {"initial": {"theta3": [1.0]}},
+        "'theta3' varies, and is not a coordinate, velocity or parameter of double-pendulum",
+    ),
     ({"initial": {"theta1": 1.0}}, "no value varies between members"),
     ({"initial": {"theta1": [1.0, np.nan]}}, "theta1 is nan for member 1: give finite values."),
     ({"initial": {"theta1": [[1.0]]}}, "theta1 has an array of shape (1, 1): give (members,)"),
     ({"initial": {"theta1": np.zeros(0)}}, "theta1 has an array without values"),
     ({"initial": 3}, "initial is 3: give a dict from name to number or array"),
-    ({"initial": {"theta1": [1.0]}, "parameters": {"m3": 1.0}}, "'m3' is no parameter of this system"),
+    ({"initial": {"theta1": [1.0]}, "parameters": {"m3": 1.0}}, "'m3' is not a parameter of this system"),
     ({"initial": {"theta1": [1.0]}, "workers": 0}, "workers = 0: give a whole number from 1 to 1024."),
     (
         {"initial": {"theta1": [1.0]}, "keep": ("ends",)},
@@ -254,7 +257,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ),
     (
         {"initial": {"theta1": [1.0]}, "keep": ("max", "theta3")},
-        "'theta3' in keep is no coordinate and no velocity; these are theta1, theta2, theta1_dot and theta2_dot.",
+        "'theta3' in keep is neither a coordinate nor a velocity; these are theta1, theta2, theta1_dot and theta2_dot.",
     ),
     ({"initial": {"theta1": [1.0]}, "executor": 3}, "executor is 3: give a concurrent.futures executor"),
     ({"initial": {"theta1": [1.0]}, "executor": 3, "workers": 2}, "workers and executor are both given"),
@@ -284,7 +287,7 @@ def test_what_cannot_be_meant_is_refused(request_: dict[str, Any], text: str) ->
         (lambda: lg.sample({"x": (1.0, 0.0)}, 3), "the range of x goes from 1 to 0: give (low, high), low first."),
         (lambda: lg.sample({"x": "wide"}, 3), "the range of x is 'wide': give (low, high), or a distribution"),
         (lambda: lg.sample({"x": (0.0, 1.0)}, 3, method="sobal"), "Did you mean 'sobol'?"),
-        (lambda: lg.ensemble(cast(Any, "double-pendulum"), 1.0), "is no system"),
+        (lambda: lg.ensemble(cast(Any, "double-pendulum"), 1.0), "is not a system"),
     ],
 )
 def test_grids_and_samples_refuse_in_words(make: Any, text: str) -> None:

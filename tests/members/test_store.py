@@ -109,7 +109,7 @@ def test_a_store_of_something_else_is_left_as_it_is(tmp_path: Path) -> None:
         lg.ensemble(lg.scene("kepler"), 8.0, GRID, keep=("end", "counts"), store=target)
     (tmp_path / "other").mkdir()
     for other in (tmp_path / "other", Path(__file__)):
-        with pytest.raises(lg.StatementError, match="is no store of an ensemble"):
+        with pytest.raises(lg.StatementError, match="is not a store of an ensemble"):
             run(store=other)
     assert files(target) == before
 

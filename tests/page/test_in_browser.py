@@ -280,7 +280,7 @@ def test_keys(browser: Browser, tmp_path: Path) -> None:
         assert tab.text("#speed-value") == "× 2"
         tab.value("document.querySelector('#number0').focus()")
         tab.press("r")
-        assert tab.value("lagrange.state().t") > 0  # a letter that is typed into a number is no command
+        assert tab.value("lagrange.state().t") > 0  # a letter that is typed into a number is not a command
         tab.value("document.querySelector('#play').focus()")
         tab.press(" ", "Space")
         assert tab.text("#play") == "Pause"

@@ -218,7 +218,7 @@ def test_sliders_that_are_asked_for_stand_first(tmp_path: Path) -> None:
     [
         (
             {"sliders": {"thetta": (0, 1)}},
-            "there is no slider of 'thetta', which is no parameter, coordinate or velocity ",
+            "there is no slider of 'thetta', which is not a parameter, coordinate or velocity ",
         ),
         ({"sliders": {"thetta": (0, 1)}}, "of pendulum: they are m, g, l, theta and theta_dot. Did you mean 'theta'?"),
         ({"sliders": {3: (0, 1)}}, "there is no slider of '3'"),
@@ -230,7 +230,7 @@ def test_sliders_that_are_asked_for_stand_first(tmp_path: Path) -> None:
         ({"sliders": {"l": (2, 0)}}, "the slider of l goes from 2 to 0: give the lower bound first, (0, 2)."),
         ({"sliders": {"l": (2, 3)}}, "the slider of l goes from 2 to 3, and l is 1: give bounds that hold it"),
         ({"parameters": {"z": 1}}, "z"),
-        ({"initial": {"phi": 1}}, "initial names 'phi', which is no coordinate or velocity"),
+        ({"initial": {"phi": 1}}, "initial names 'phi', which is not a coordinate or velocity"),
         ({"path": "/nowhere/page.html"}, "Cannot write /nowhere/page.html: there is no folder /nowhere."),
         ({"path": 3}, "the path is 3 (int)"),
     ],

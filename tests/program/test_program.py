@@ -60,8 +60,8 @@ def changed(i: int, instruction: Instruction) -> tuple[Instruction, ...]:
         ({"hoisted": 4}, "%3 = state is hoisted but depends on the state"),
         ({"hoisted": 6}, "is hoisted but depends on the state"),
         ({"shape": (2,)}, r"3 outputs do not fill the shape \(2,\)"),
-        ({"outputs": (9, 6, 10)}, "an output is no result"),
-        ({"outputs": (9, 6, -1)}, "an output is no result"),
+        ({"outputs": (9, 6, 10)}, "an output is not a result"),
+        ({"outputs": (9, 6, -1)}, "an output is not a result"),
         (
             {"instructions": changed(7, I("factor", (3, 1, 4), order=2, negative=(1, 2)))},
             r"%7 = factor of order 2 has the pivots \[1, 2\] below zero",

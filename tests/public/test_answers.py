@@ -49,7 +49,7 @@ class Short(list[float]):
 
 
 class Without(list[float]):
-    """A list whose length is no length."""
+    """A list whose length is not a length."""
 
     def __len__(self) -> int:
         return int("-1")
@@ -79,10 +79,10 @@ WRONG: list[tuple[Callable[[], Any], str]] = [
     (lambda: loose.Model.evaluate(run().model, ["rhs"], [0.0], [0.0]), "name is ['rhs'] (list): give a text."),
     (
         lambda: run().invariants["enrgy"],
-        "'enrgy' is no invariant of this system; they are energy. Did you mean 'energy'?",
+        "'enrgy' is not an invariant of this system; they are energy. Did you mean 'energy'?",
     ),
-    (lambda: run().multipliers["rod"], "'rod' is no constraint of this system; they are none."),
-    (lambda: pendulum().constraint_forces[0], "0 is no constraint of this system; they are none."),
+    (lambda: run().multipliers["rod"], "'rod' is not a constraint of this system; they are none."),
+    (lambda: pendulum().constraint_forces[0], "0 is not a constraint of this system; they are none."),
     (lambda: pendulum().export("c", "a" * 300), "cannot be made (File name too long): name another folder"),
     (lambda: lg.trust_horizon(pendulum(), 0), "the span from 0 to 0 is empty: give an end such as span=10."),
     (lambda: pendulum().run(1.0, t_eval=Short([0.1, 0.2])), "t_eval has more entries than the 0 of its length"),

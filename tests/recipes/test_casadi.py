@@ -35,7 +35,7 @@ def test_no_parameters_and_unknown_symbols() -> None:
     assert not of.parameter_array().size
     time, y = list(states(of))[1]
     np.testing.assert_allclose(of.as_casadi()(time, y, []).full().ravel(), of.rhs(time, y), rtol=1e-14)
-    with pytest.raises(StatementError, match="'DM' is no kind of CasADi's symbols: they are SX and MX"):
+    with pytest.raises(StatementError, match="'DM' is not a kind of CasADi's symbols: they are SX and MX"):
         of.as_casadi(symbols="DM")
 
 

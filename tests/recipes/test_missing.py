@@ -23,7 +23,7 @@ def test_a_missing_package_is_named_with_its_command(command: str, monkeypatch: 
 @pytest.mark.parametrize("method", ["as_jax", "as_casadi", "as_numba", "as_sympy"])
 def test_an_unknown_quantity_is_refused_with_the_list(method: str) -> None:
     with pytest.raises(
-        StatementError, match=r"'rsh' is no quantity of a model: they are rhs, jacobian.*\. Did you mean 'rhs'\?"
+        StatementError, match=r"'rsh' is not a quantity of a model: they are rhs, jacobian.*\. Did you mean 'rhs'\?"
     ):
         getattr(model("pendulum", "llvm"), method)("rsh")
 

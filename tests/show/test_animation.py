@@ -267,7 +267,7 @@ def test_nothing_to_animate() -> None:
         oscillator([]).animate()
     statement = oscillator().model.statement
     lost = solved(statement, np.array([0.0, 1.0]), lambda t: np.full((2, len(t)), np.nan), Status.NON_FINITE)
-    with pytest.raises(StatementError, match="the run has a state that is no finite number, which cannot be drawn"):
+    with pytest.raises(StatementError, match="the run has a state that is not a finite number, which cannot be drawn"):
         lost.animate()
     with pytest.raises(StatementError, match="p has no finite position at t = 0, so that it cannot be drawn"):
         moving(lambda a, b: 1 / a, 0.0).animate()

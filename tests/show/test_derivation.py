@@ -192,7 +192,7 @@ def test_unknown_format_is_refused() -> None:
     with pytest.raises(StatementError) as refusal:
         render(cart(), "markdwon")
     assert str(refusal.value) == (
-        "'markdwon' is no format of a derivation; they are text, unicode, latex, markdown and html. Did you mean "
+        "'markdwon' is not a format of a derivation; they are text, unicode, latex, markdown and html. Did you mean "
         "'markdown'?"
     )
 

@@ -156,7 +156,7 @@ def test_a_run_from_a_file_is_drawn_at_its_outputs_which_is_said(tmp_path: Any) 
         ({"what": "multipliers"}, "oscillator has no constraints, and so no multipliers to plot"),
         ({"what": "violation"}, "oscillator has no constraints, and so no violation"),
         ({"what": lg.parameters("w")}, "the expression contains w, which this system does not have"),
-        ({"of": "y"}, "of = 'y' is no coordinate of this system; they are x"),
+        ({"of": "y"}, "of = 'y' is not a coordinate of this system; they are x"),
         ({"of": []}, r"of = \[\] chooses no coordinate; they are x"),
         ({"style": "blue"}, "style = 'blue' is not known: give one of light and dark"),
         ({"size": 3}, "size = 3: give"),

@@ -39,11 +39,14 @@ def test_rows_by_expression_and_by_name() -> None:
 @pytest.mark.parametrize(
     ("key", "words"),
     [
-        ("x_dott", "'x_dott' is no coordinate and no velocity of this system; they are x and x_dot. Did you mean"),
-        (coordinate("theta"), "'theta' is no coordinate"),
-        (coordinate("theta").dot, "'theta_dot' is no coordinate"),
-        (m, "'m' is no coordinate"),
-        (0, "'0' is no coordinate"),
+        (
+            "x_dott",
+            "'x_dott' is neither a coordinate nor a velocity of this system; they are x and x_dot. Did you mean",
+        ),
+        (coordinate("theta"), "'theta' is neither a coordinate nor a velocity"),
+        (coordinate("theta").dot, "'theta_dot' is neither a coordinate nor a velocity"),
+        (m, "'m' is neither a coordinate nor a velocity"),
+        (0, "'0' is neither a coordinate nor a velocity"),
         (x.ddot, "For an expression use solution.evaluate"),
         (x**2, "For an expression use solution.evaluate"),
     ],

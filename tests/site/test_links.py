@@ -23,8 +23,8 @@ BAD = {
     '<a href="gone.html">a</a>': "page.html links to gone.html: there is no such file",
     '<a href="#gone">a</a>': "page.html links to #gone: there is no such anchor",
     '<a href="sub/index.html#gone">a</a>': "page.html links to sub/index.html#gone: there is no such anchor",
-    '<a href="https://nothing">a</a>': "page.html links to https://nothing: this is no address",
-    '<a href="javascript:alert(1)">a</a>': "page.html links to javascript:alert(1): this is no address",
+    '<a href="https://nothing">a</a>': "page.html links to https://nothing: this is not an address",
+    '<a href="javascript:alert(1)">a</a>': "page.html links to javascript:alert(1): this is not an address",
 }
 
 

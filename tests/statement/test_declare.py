@@ -185,10 +185,13 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     # coordinates
     ({"kinetic": m, "potential": 0}, "no coordinates: the energies contain no function of time."),
     ({"coordinates": theta}, "coordinates is theta(t): give a list, such as [theta(t)]."),
-    ({"coordinates": [theta, m]}, "coordinates contains m, which is no coordinate: make one with lg.coordinate('x')."),
-    ({"coordinates": ["theta"]}, "coordinates contains 'theta', which is no coordinate"),
-    ({"coordinates": [sin(t)]}, "coordinates contains sin(t), which is no coordinate"),
-    ({"coordinates": [theta.dot]}, "which is no coordinate"),
+    (
+        {"coordinates": [theta, m]},
+        "coordinates contains m, which is not a coordinate: make one with lg.coordinate('x').",
+    ),
+    ({"coordinates": ["theta"]}, "coordinates contains 'theta', which is not a coordinate"),
+    ({"coordinates": [sin(t)]}, "coordinates contains sin(t), which is not a coordinate"),
+    ({"coordinates": [theta.dot]}, "which is not a coordinate"),
     ({"coordinates": [sympy.Function("é")(t)]}, "'é' cannot name a coordinate"),
     ({"coordinates": [theta, theta]}, "coordinate theta is listed twice: name each coordinate once."),
     ({"coordinates": [theta, x]}, "the kinetic energy does not contain x.dot, so x has no inertia"),
@@ -203,10 +206,13 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"potential": V * coordinate("thet"), "coordinates": [theta]}, "Did you mean 'theta'?"),
     # forces
     ({"forces": {x: 1}}, "does not contain x.dot, so x has no inertia"),
-    ({"forces": {x: 1}, "coordinates": [theta]}, "forces names 'x', which is no coordinate of this system; they are"),
+    (
+        {"forces": {x: 1}, "coordinates": [theta]},
+        "forces names 'x', which is not a coordinate of this system; they are",
+    ),
     ({"kinetic": 0, "potential": 0, "forces": {x: 1 - x}}, "give its rate as the force on it and x.dot**2/2 as diss"),
     ({"forces": {"thet": 1}}, "Did you mean 'theta'?"),
-    ({"forces": {theta.dot: 1}}, "forces names 'theta_dot', which is no coordinate"),
+    ({"forces": {theta.dot: 1}}, "forces names 'theta_dot', which is not a coordinate"),
     ({"forces": {theta: 1, "theta": 2}}, "forces names 'theta' twice: give the sum of the forces on it."),
     ({"forces": [1]}, "forces is a list: give a dict from coordinate to generalized force."),
     ({"forces": {theta: "1"}}, "the force on theta is the text '1'"),
@@ -238,18 +244,18 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"initial": [1]}, "initial is a list: give a dict such as {theta: 1.0}; what is not named keeps its default."),
     (
         {"initial": {"phi": 1}},
-        "initial names 'phi', which is no coordinate or velocity of this system; they are theta and",
+        "initial names 'phi', which is not a coordinate or velocity of this system; they are theta and",
     ),
     ({"initial": {"thta": 1}}, "Did you mean 'theta'?"),
-    ({"initial": {theta.ddot: 1}}, "which is no coordinate or velocity"),
+    ({"initial": {theta.ddot: 1}}, "which is not a coordinate or velocity"),
     ({"initial": {theta: "30deg"}}, "theta is '30deg', a text: give a number, in radians, as math.radians(30)."),
     ({"initial": {theta: float("inf")}}, "the initial value of theta is inf: give a finite number."),
     ({"initial": {theta.dot: m}}, "the initial value of theta_dot is m, an expression with symbols in it"),
-    # what has no effect, or is no velocity
+    # what has no effect, or is not a velocity
     ({"dissipation": m * theta**2}, "the dissipation is m*theta(t)**2, without a velocity, and its force"),
     (
         {"kinetic": m * sympy.Symbol("theta_dot") ** 2, "potential": theta},
-        "the kinetic energy contains the plain symbol theta_dot, which is no velocity: write theta.dot for it, with",
+        "the kinetic energy contains the plain symbol theta_dot, which is not a velocity: write theta.dot for it, with",
     ),
     (
         {"kinetic": m * sympy.Symbol("thetadot") ** 2, "potential": 0, "coordinates": None, "initial": {}},
@@ -264,7 +270,7 @@ REFUSALS: list[tuple[dict[str, Any], str]] = [
     ({"positions": {"bob": (1,)}}, "the position of bob is (1,): give two or three expressions"),
     ({"positions": {"bob": ("1", 2)}}, "the position of bob is the text '1'"),
     ({"positions": {"a": (0, 0), "b": (0, 0, 0)}}, "positions mixes points in the plane with points in space"),
-    ({"links": [("origin", "bob")]}, "links names 'bob', which is no position; they are origin."),
+    ({"links": [("origin", "bob")]}, "links names 'bob', which is not a position; they are origin."),
     ({"positions": {"bob": (0, 0)}, "links": [("origin", "bo")]}, "Did you mean 'bob'?"),
     ({"links": ["origin"]}, "links contains 'origin': give pairs of point names, such as ('origin', 'bob')"),
     ({"positions": {"bob": (0, 0)}, "links": [("origin", "bob", "sprnig")]}, "Did you mean 'spring'?"),
@@ -300,8 +306,8 @@ def test_parameter_values_are_overlaid() -> None:
 @pytest.mark.parametrize(
     ("given", "message"),
     [
-        ({"mm": 1}, "'mm' is no parameter of this system; its parameters are m, g and l. Did you mean 'm'?"),
-        ({theta: 1}, "'theta' is no parameter of this system"),
+        ({"mm": 1}, "'mm' is not a parameter of this system; its parameters are m, g and l. Did you mean 'm'?"),
+        ({theta: 1}, "'theta' is not a parameter of this system"),
         ({m: 1, g: 1}, "no value for parameter l: give one, for example parameters={'l': 1.0}."),
         ({}, "no value for parameters m, g and l: give one, for example parameters={'m': 1.0}."),
         ({m: float("nan")}, "parameter m is nan: give a finite number."),

@@ -198,15 +198,18 @@ def test_units_must_fit_together() -> None:
     ("given", "message"),
     [
         ("mass", "dimensions is 'mass': give a dict from symbols to dimensions, such as {m: 'mass', l: 'length'}."),
-        ({m: "mas"}, "the dimension of m is 'mas', which is no dimension and no unit. Did you mean 'mass'?"),
+        ({m: "mas"}, "the dimension of m is 'mas', which is neither a dimension nor a unit. Did you mean 'mass'?"),
         ({m: 3}, "the dimension of m is 3: give a dimension or a unit, such as 'length', 'm/s**2' or sympy.physics"),
-        ({m: "mass + length"}, "the dimension of m is 'length + mass', which is no product of powers of dimensions or"),
+        (
+            {m: "mass + length"},
+            "the dimension of m is 'length + mass', which is not a product of powers of dimensions or",
+        ),
         (
             {m: "__import__('os')"},
-            "the dimension of m is \"__import__('os')\", which is no product of dimensions",
+            "the dimension of m is \"__import__('os')\", which is not a product of dimensions",
         ),
         ({"n": "mass"}, "dimensions names 'n', which this system does not have; its symbols are t, theta, "),
-        ({m: "mass**w"}, "the dimension of m is 'mass**w', which is no product of dimensions or units: "),
+        ({m: "mass**w"}, "the dimension of m is 'mass**w', which is not a product of dimensions or units: "),
     ],
 )
 def test_refusals(given: Any, message: str) -> None:
@@ -255,5 +258,5 @@ def test_scenes_have_dimensions(tmp_path: Path) -> None:
     with pytest.raises(lg.SceneError, match=r"s\.toml: the kinetic energy has the term l\*m\*theta_dot\*\*2/2, whose"):
         lg.System.from_scene(path)
     path.write_text(text + 'q = "kg"\n')
-    with pytest.raises(lg.SceneError, match=r"s\.toml:11:1: 'q' is no symbol of this scene"):
+    with pytest.raises(lg.SceneError, match=r"s\.toml:11:1: 'q' is not a symbol of this scene"):
         lg.System.from_scene(path)

@@ -145,7 +145,7 @@ REFUSALS: list[tuple[Any, str]] = [
     (lambda: lg.given("X", ([0, 1, 1, 2], [0, 1, 2, 3])), "go from 1 to 1: give times that rise."),
     (lambda: pendulum(lg.given("theta")), "theta names a given function of time and a coordinate"),
     (lambda: pendulum(lg.given("m")), "m is both a given function and a parameter: rename one."),
-    (lambda: pendulum(lg.given("X"), coordinates=[theta, lg.given("X")]), "X(t), which is no coordinate: make one"),
+    (lambda: pendulum(lg.given("X"), coordinates=[theta, lg.given("X")]), "X(t), which is not a coordinate: make one"),
     (
         lambda: pendulum(lg.given("X", (TIMES, TIMES)) + lg.given("Y", (TIMES + 9, TIMES))),
         "the tables of X and Y have no times in common",

@@ -45,7 +45,7 @@ ENTRIES: list[tuple[Any, str]] = [
     (np.array([1], "m8[s]"), "q has entries of type timedelta64[s]: give real numbers."),
     (np.ma.array([1.0, 2.0]), "q is a masked array: give the values alone, such as its .compressed()."),
     ([1.0, np.ma.masked], "q has entries of type MaskedConstant: give real numbers."),
-    ([[1.0, 2.0], [3.0]], "q is no array: setting an array element with a sequence."),
+    ([[1.0, 2.0], [3.0]], "q is not an array: setting an array element with a sequence."),
     (
         np.broadcast_to(1.0, 10**9),
         "q has 1e+09 entries, which takes 7.45 GiB of memory: give fewer at once, so that 4 ",

@@ -103,7 +103,7 @@ def test_letters_that_sympy_takes_for_its_own_are_parameters(tmp_path: Path) -> 
 Bad = tuple[dict[str, Any], int, int, str]
 FIELDS: list[Bad] = [
     # the scene (one field per line: name, coordinates, kinetic, potential, forces, parameters, initial, ...)
-    ({"kinetc": "x"}, 11, 1, "'kinetc' is no key of a scene; there are name, about, source, coordinates, kinetic,"),
+    ({"kinetc": "x"}, 11, 1, "'kinetc' is not a key of a scene; there are name, about, source, coordinates, kinetic,"),
     ({"kinetc": "x"}, 11, 1, "Did you mean 'kinetic'?"),
     ({"name": 3}, 1, 8, "name is an integer: give a text in quotation marks."),
     ({"name": "../etc"}, 1, 8, "a scene's name has 1 to 64 printable characters"),
@@ -122,9 +122,9 @@ FIELDS: list[Bad] = [
     ({"constraints": ["theta == q"]}, 11, 26, "constraints[0]: 'q' is not declared"),
     ({"constraints": ["theta - q"]}, 11, 25, "constraints[0]: 'q' is not declared"),
     # coordinates
-    ({"coordinates": DROP}, 1, 1, 'coordinates is missing or is no list of names: write coordinates = ["theta"].'),
-    ({"coordinates": []}, 2, 15, "coordinates is missing or is no list of names"),
-    ({"coordinates": "theta"}, 2, 15, "coordinates is missing or is no list of names"),
+    ({"coordinates": DROP}, 1, 1, 'coordinates is missing or is not a list of names: write coordinates = ["theta"].'),
+    ({"coordinates": []}, 2, 15, "coordinates is missing or is not a list of names"),
+    ({"coordinates": "theta"}, 2, 15, "coordinates is missing or is not a list of names"),
     ({"coordinates": ["theta", 3]}, 2, 25, "a coordinate is an integer: give its name as a text."),
     ({"coordinates": ["é"]}, 2, 16, "'é' cannot name a coordinate: a name starts with a letter"),
     ({"coordinates": ["theta", "theta"]}, 2, 25, "'theta' cannot name a coordinate, it is a coordinate already"),
@@ -150,7 +150,7 @@ FIELDS: list[Bad] = [
     ({"potential": 10**400}, 4, 13, "potential is too large for a floating-point number: give one below 1.8e308."),
     ({"dissipation": "theta_dot^2"}, 11, 25, "dissipation: '^' cannot stand in an expression: write ** for a power."),
     # forces
-    ({"forces": {"phi": "1"}}, 5, 11, "'phi' is no coordinate of this scene; there are theta."),
+    ({"forces": {"phi": "1"}}, 5, 11, "'phi' is not a coordinate of this scene; there are theta."),
     ({"forces": {"thet": "1"}}, 5, 11, "Did you mean 'theta'?"),
     ({"forces": {"theta": "2*x"}}, 5, 24, "forces.theta: 'x' is not declared"),
     ({"forces": "1"}, 5, 10, "forces is a text: write a table [forces] of names and values."),
@@ -167,7 +167,7 @@ FIELDS: list[Bad] = [
     ({"parameters": {"max": 1}}, 6, 15, "'max' cannot name a parameter, it is a function"),
     ({"parameters": {"in": 1}}, 6, 15, "'in' cannot name a parameter, it is a reserved word"),
     # initial state
-    ({"initial": {"phi": 1}}, 7, 12, "'phi' is no coordinate or velocity of this scene; there are theta and"),
+    ({"initial": {"phi": 1}}, 7, 12, "'phi' is not a coordinate or velocity of this scene; there are theta and"),
     ({"initial": {"theta": "2*m"}}, 7, 25, "initial.theta: 'm' cannot stand in a constant"),
     ({"initial": {"theta": [1]}}, 7, 22, "initial.theta is a list: give a number, or a constant expression such as"),
     # positions and links
@@ -180,19 +180,19 @@ FIELDS: list[Bad] = [
     ({"links": "bob"}, 9, 9, 'links is a text: write a list of pairs of points, such as [["origin", "bob"]].'),
     ({"links": ["bob"]}, 9, 10, 'a link is a pair of points, such as ["origin", "bob"] or ["origin", "bob", "sp'),
     ({"links": [["origin"]]}, 9, 10, "a link is a pair of points"),
-    ({"links": [["origin", "bobb"]]}, 9, 21, "links names 'bobb', which is no position; they are origin and bob."),
+    ({"links": [["origin", "bobb"]]}, 9, 21, "links names 'bobb', which is not a position; they are origin and bob."),
     ({"links": [["origin", "bobb"]]}, 9, 21, "Did you mean 'bob'?"),
-    ({"links": [["origin", 3]]}, 9, 21, "links names an integer, which is no position"),
-    ({"links": [["origin", "bob", "sprung"]]}, 9, 28, "links names 'sprung', which is no kind of link; they are rod"),
-    ({"links": [["origin", "bob", 3]]}, 9, 28, "links names an integer, which is no kind of link; they are rod and"),
+    ({"links": [["origin", 3]]}, 9, 21, "links names an integer, which is not a position"),
+    ({"links": [["origin", "bob", "sprung"]]}, 9, 28, "links names 'sprung', which is not a kind of link; they are"),
+    ({"links": [["origin", "bob", 3]]}, 9, 28, "links names an integer, which is not a kind of link; they are rod and"),
     # run
-    ({"run": {"tend": 1}}, 10, 8, "'tend' is no setting of [run]; there are t_end, method, rtol, atol and step."),
+    ({"run": {"tend": 1}}, 10, 8, "'tend' is not a setting of [run]; there are t_end, method, rtol, atol and step."),
     ({"run": {"t_end": 0}}, 10, 18, "t_end is 0: give the time at which the run ends, other than the start."),
     ({"run": {"rtol": 0}}, 10, 17, "rtol is 0: give a number above zero."),
     ({"run": {"step": -0.5}}, 10, 17, "step is -0.5: give a number above zero."),
     ({"run": {"atol": -1}}, 10, 17, "atol is -1: give zero or a number above."),
     ({"run": {"method": 3}}, 10, 19, "method is an integer: give a text in quotation marks."),
-    ({"run": {"method": "rm -rf /"}}, 10, 19, "method is no name of a method: write one such as 'dop853'."),
+    ({"run": {"method": "rm -rf /"}}, 10, 19, "method is not a name of a method: write one such as 'dop853'."),
 ]  # fmt: skip
 
 
@@ -257,7 +257,7 @@ def test_the_library_lists_what_it_loads() -> None:
 
 
 def test_constraints_are_expressions_or_equations_with_two_sides(tmp_path: Path) -> None:
-    """A condition inside an expression is no equation."""
+    """A condition inside an expression is not an equation."""
     forms = ["theta**2 - 1", "theta**2 == 1", "theta**2 - (1 if theta == theta else 2)"]
     held = [read_scene(write(tmp_path, constraints=[form])).constraints[0].expression for form in forms]
     assert held[0] == held[1] and held[2].has(held[0].args[0])

@@ -293,7 +293,7 @@ def test_a_scene_has_definitions_signs_open_values_tables_and_multipliers() -> N
 MISTAKES = [
     ('k = "positive"', 'k = "big"', "the sign of k is 'big': write positive, nonnegative, real, or none for a symbol"),
     ('k = "positive"', 'k = "positive negative"', "the sign of k is 'positive negative': write positive"),
-    ('k = "positive"', 'q = "positive"', "'q' is no parameter of this scene; there are m, k and mu."),
+    ('k = "positive"', 'q = "positive"', "'q' is not a parameter of this scene; there are m, k and mu."),
     ("stretch =", "x =", "'x' cannot name a definition, it is taken already: choose another name."),
     ("stretch =", "u =", "'u' cannot name a definition, it is taken already: choose another name."),
     ("stretch =", "sin =", "'sin' cannot name a definition, it is a function: choose another name"),
@@ -306,7 +306,7 @@ MISTAKES = [
     ("points = [0, 1,", "points = [1, 0,", "the points of the table over x - 1 go from 1 to 0: give points that rise."),
     ("multiplier(wall)", "multiplier(2)", "multiplier takes the name of a constraint, as in multiplier(rod)."),
     ("coordinates =", "evaluate = 1\ncoordinates =", "evaluate is an integer: write true or false."),
-    ("coordinates =", 'functions = "U"\ncoordinates =', 'functions is no list of names: write functions = ["U"].'),
+    ("coordinates =", 'functions = "U"\ncoordinates =', 'functions is not a list of names: write functions = ["U"].'),
 ]
 
 
@@ -337,7 +337,7 @@ BOMBS = {
     "a condition as a value": ("x < 1", "", "this is a condition, which has no value"),
     "a number as a condition": ("x if x else 1", "", "a condition compares two values"),
     "none": ("None", "", "write a real number here"),
-    "a call": ("open(x)", "", "'open' is no function here"),
+    "a call": ("open(x)", "", "'open' is not a function here"),
     "an infinity": ("1e999", "", "this has no finite value"),
     "a division": ("1/0", "", "this divides by zero"),
     "a product of two kinds": ("x*True", "", "a condition cannot stand where a number is expected"),

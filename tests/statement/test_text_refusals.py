@@ -23,10 +23,10 @@ REFUSALS = {
     "2*thta": (3, "'thta' is not declared: add it to [parameters] or coordinates."),
     "x_dto": (1, "Did you mean 'x_dot'?"),
     "x + gama": (5, "Did you mean 'gamma'?"),
-    "cosh(x) + cso(x)": (11, "'cso' is no function here; the functions are sin, cos, tan,"),
+    "cosh(x) + cso(x)": (11, "'cso' is not a function here; the functions are sin, cos, tan,"),
     "csin(x)": (1, "Did you mean 'sin'?"),
     "2*sin": (3, "'sin' is a function: write sin(...)."),
-    "gamma(3)": (1, "'gamma' is no function: write a product with *, as in gamma*(...)."),
+    "gamma(3)": (1, "'gamma' is not a function: write a product with *, as in gamma*(...)."),
     "_x": (1, "'_x' cannot be a name: a name starts with a letter"),
     "a" * 65: (1, "at most 64 characters"),
     "lambda": (1, "'lambda' is a reserved word: choose another name."),
@@ -36,7 +36,7 @@ REFUSALS = {
     "True": (1, "'True' is a reserved word: write a number."),
     # what other languages write
     "x^2": (2, "'^' cannot stand in an expression: write ** for a power."),
-    "2x": (1, "2x is no number: write decimals such as 12.5 or 1.5e-3, and a product with *, as in 2*x."),
+    "2x": (1, "2x is not a number: write decimals such as 12.5 or 1.5e-3, and a product with *, as in 2*x."),
     "2 x": (3, "an operator is missing before 'x': write a product with *, as in 2*x."),
     "x y": (3, "an operator is missing before 'y'"),
     "2(x)": (2, "an operator is missing before '(': write a product with *, as in 2*(x + y)."),
@@ -77,9 +77,9 @@ REFUSALS = {
     "x else y": (3, "'else' has no 'if'"),
     # numbers
     "2j*x": (1, "2j is a complex number: energies and forces are real."),
-    "1_000": (1, "1_ is no number"),
-    "0x1F": (1, "0x is no number"),
-    "1.2.3": (1, "1.2. is no number"),
+    "1_000": (1, "1_ is not a number"),
+    "0x1F": (1, "0x is not a number"),
+    "1.2.3": (1, "1.2. is not a number"),
     "x + 007": (5, "007 starts with a zero: write the number without it."),
     "1" * 101: (1, "a number of 101 characters is longer than 100: shorten it."),
     "1" * 99: (1, "an exact number here is longer than 77 digits: write a decimal, such as 1.5e100."),
@@ -161,7 +161,7 @@ def test_the_tree_is_checked_even_if_the_scanner_lets_something_through(
     node: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("lagrange.statement.scene.lexer.scan", lambda *_, **__: None)
-    with pytest.raises(SceneError, match=r"cannot stand in|is no function here|is called by its name|not declared"):
+    with pytest.raises(SceneError, match=r"cannot stand in|is not a function here|is called by its name|not declared"):
         read_expression(node, NAMES)
 
 

@@ -249,7 +249,7 @@ def _turns(level: int, direction: int, begin: float) -> list[float]:
 
 
 def test_a_kink_is_halved_in_machine_code(monkeypatch: pytest.MonkeyPatch) -> None:
-    """|x| - 0.2 is no polynomial on the steps on which x changes its sign, and none of them is left to arrays."""
+    """|x| - 0.2 is not a polynomial on the steps on which x changes its sign, and none of them is left to arrays."""
     of, initial = systems()["Henon-Heiles"]
     monkeypatch.setattr("lagrange.trajectory.events.step_batch.StepBatch.of", refuse)
     found = run(of, 300.0, "dop853", initial=initial, events=[Abs(x) - 0.01, x - 0.01, x + 0.01], rtol=1e-9, atol=1e-9)

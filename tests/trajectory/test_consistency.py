@@ -199,7 +199,7 @@ def test_a_mass_matrix_without_a_value_at_the_start() -> None:
 @pytest.mark.parametrize("hold", [3, x, [z], ["nothing"], [[x]]])
 def test_what_is_held_must_be_entries_of_the_state(hold: Any) -> None:
     text = refusal(pendulum().consistent, {}, hold=hold)
-    assert "hold is " in text or "which is no coordinate or velocity of this system: they are x, x_dot" in text
+    assert "hold is " in text or "which is not a coordinate or velocity of this system: they are x, x_dot" in text
 
 
 def test_a_start_on_the_constraints_is_not_projected(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -126,7 +126,7 @@ def refusal(solution: lg.Solution, *given: str) -> str:
 
 def test_forces_on_points_that_are_not_determined_are_refused() -> None:
     assert refusal(ladder(middle=(x, y)), "wall", "middle") == (
-        "the force of wall on points is not determined: it is no constraint on the motion of named points alone "
+        "the force of wall on points is not determined: it is not a constraint on the motion of named points alone "
         "(middle). Name the points that it acts on, each free to move in every direction where there is no constraint, "
         "or take the generalized forces, constraint_force(name)."
     )
@@ -138,13 +138,13 @@ def test_forces_on_points_that_are_not_determined_are_refused() -> None:
 
 def test_names_that_are_none_are_refused() -> None:
     solution = run(positions={"bob": (x, y)})
-    none = "'rodd' is no constraint of this system; they are rod. Did you mean 'rod'?"
+    none = "'rodd' is not a constraint of this system; they are rod. Did you mean 'rod'?"
     assert refusal(solution, "rodd") == none
     with pytest.raises(StatementError) as caught:
         solution.multipliers["rodd"]
     assert str(caught.value) == none
     assert refusal(solution, "rod", "bobb") == (
-        "'bobb' is no named point of this system; they are bob. Did you mean 'bob'?"
+        "'bobb' is not a named point of this system; they are bob. Did you mean 'bob'?"
     )
     assert refusal(run(), "rod", "bob") == (
         "bob has no named points: state positions={'bob': (x, y)}, or take the generalized forces, "

@@ -284,7 +284,7 @@ def test_a_flow_of_many_steps_looks_at_all_of_them(monkeypatch: pytest.MonkeyPat
 
 
 def test_what_a_run_passed_before_it_stopped_is_looked_at() -> None:
-    """Where it ends itself is no passage: constraints must have been independent again."""
+    """Where it ends itself is not a passage: constraints must have been independent again."""
     model = CRANK.compile(check=False)
     times, states = short_steps(np.pi / 2 - 1e-6)
     near, values = states[10], model.parameter_array()

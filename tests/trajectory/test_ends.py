@@ -121,13 +121,13 @@ def walled(target: str) -> Model:
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", NAMES)
 def test_a_right_hand_side_that_ends(name: str, target: str) -> None:
-    """The force has no value beyond x = 1: the run stops there, and says which entry is no number."""
+    """The force has no value beyond x = 1: the run stops there, and says which entry is not a number."""
     compiled = walled(target)
     found = run(compiled, 5.0, name, **({"step": 0.01} if name in FIXED else {}))
     assert found.status is Status.NON_FINITE
     assert np.isfinite(found.y).all() and 0.4 < found.t[-1] < 0.75
     assert f"{name} stopped at t = " in found.message
-    # The last slope of a step that ends beyond the wall may be all that is no number: a method has it for its error.
+    # The last slope of a step that ends beyond the wall may be all that is not a number: a method has it for its error.
     assert "x_dot is nan" in found.message or "the acceleration of x is nan" in found.message
     assert "Look for a division by zero" in found.message
     if name in ADAPTIVE:

@@ -16,7 +16,7 @@ SCENES = (
     *("bead-on-hoop", "chain-of-springs", "charge-in-field", "double-pendulum", "elastic-pendulum", "henon-heiles"),
     *("kepler", "mass-on-spring", "pendulum", "pleiades", "spherical-pendulum", "sun-earth-moon"),
 )
-"""Scenes that are at no equilibrium, and whose motion is no polynomial in time that a method follows exactly."""
+"""Scenes that are at no equilibrium, and whose motion is not a polynomial in time that a method follows exactly."""
 
 MOST_GROWTH = 10.0
 """Step control lets a step grow by this factor at most, whatever its error."""

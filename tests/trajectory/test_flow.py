@@ -159,7 +159,7 @@ def test_what_is_not_a_state_or_a_time_is_refused(target: str) -> None:
             flow(START, 0.0, bad)
         with pytest.raises(StatementError, match=f"the first time .*{message}"):
             flow(START, bad, 1.0)
-    with pytest.raises(StatementError, match="'z' is no parameter"):
+    with pytest.raises(StatementError, match="'z' is not a parameter"):
         flow(START, 0.0, 1.0, parameters={"z": 1})
 
 
@@ -222,7 +222,7 @@ def test_settings_without_a_use_are_refused() -> None:
     with pytest.raises(StatementError, match="there is no method 'dop83'"):
         flow_of(compiled, method="dop83")
     text: Any = "pendulum"
-    with pytest.raises(StatementError, match="is no compiled model"):
+    with pytest.raises(StatementError, match="is not a compiled model"):
         flow_of(text)
 
 

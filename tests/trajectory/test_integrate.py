@@ -123,7 +123,7 @@ def test_where_the_run_ends_does_not_matter() -> None:
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 @pytest.mark.parametrize("times", [None, [0.0, 7.416298709205487]])
 def test_a_run_that_ends_where_the_motion_turns_is_sound(method: str, times: Any) -> None:
-    """A pendulum from 90 degrees, where V = 0, for one period: nothing moves at either end, and E0 is no scale."""
+    """A pendulum from 90 degrees, where V = 0, for one period: nothing moves at either end, and E0 is not a scale."""
     pendulum = build(kinetic=x.dot**2 / 2, potential=-sp.cos(x), initial={x: math.pi / 2})
     found = run(pendulum, 7.416298709205487, method, t_eval=times)
     assert found.status is Status.SUCCESS and abs(found.y[1, -1]) < 1e-6

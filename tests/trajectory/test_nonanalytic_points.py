@@ -113,7 +113,7 @@ def test_an_oscillation_with_drag_of_a_fractional_power(power: Rational) -> None
 
 
 SQUARE = x**2 - 2 * x * y + y**2
-"""The square of x - y, which is no square to see."""
+"""The square of x - y, which is not a square to see."""
 
 
 @pytest.mark.parametrize("force", [-(sqrt(SQUARE) - 1) * (x - y) / sqrt(SQUARE), -(x - y) * (1 - 1 / sqrt(SQUARE))])

@@ -215,12 +215,12 @@ def test_a_name_is_given_once() -> None:
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"A": [[0, 0], ["a", 0]], "b": [1, 0], "order": 1}, "has an entry that is no number"),
+        ({"A": [[0, 0], ["a", 0]], "b": [1, 0], "order": 1}, "has an entry that is not a number"),
         ({"A": 3, "b": [1], "order": 1}, "has A = 3: give its rows"),
         ({"A": [[0, 0], [1, 0]], "b": [1, 0], "order": 2}, "condition of order 2, sum b_i c_i = 1/2, fails by -0.5"),
         ({"A": [[0, 1], [1, 0]], "b": [1, 0], "order": 1}, "is not explicit: A must be zero on and above"),
         ({"A": [[0, 0], [1, 0]], "b": [0.5, 0.5], "order": 2, "embedded": [1]}, "2 weights in b and 1 in embedded"),
-        ({"A": [[0, 0], ["1e400", 0]], "b": [1, 0], "order": 1}, "has an entry that is no number .*too large"),
+        ({"A": [[0, 0], ["1e400", 0]], "b": [1, 0], "order": 1}, "has an entry that is not a number .*too large"),
         ({"A": [[0, 0], [1, 0]], "b": [1, 0], "order": 1, "embedded": [1, 0]}, "has embedded equal to b: their differ"),
         ({"A": [[]], "b": [1], "order": 12}, "orders up to 10 can be checked, not 12"),
     ],

@@ -113,11 +113,11 @@ def test_a_method_without_its_package_is_listed_and_refused_when_it_runs(monkeyp
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"method": "bdf"}, "method = 'bdf' is no family of CVODE's formulas: give 'BDF' or 'Adams'"),
+        ({"method": "bdf"}, "method = 'bdf' is not a family of CVODE's formulas: give 'BDF' or 'Adams'"),
         ({"max_step": 0.0}, "max_step = 0.0 cannot bound a step of cvode: give a positive time"),
         ({"first_step": float("nan")}, "first_step = nan cannot bound a step of cvode"),
-        ({"max_order": 6}, "max_order = 6 is no order of BDF formulas: give a whole number from 1 to 5"),
-        ({"max_order": 2.5}, "max_order = 2.5 is no order of BDF formulas"),
+        ({"max_order": 6}, "max_order = 6 is not an order of BDF formulas: give a whole number from 1 to 5"),
+        ({"max_order": 2.5}, "max_order = 2.5 is not an order of BDF formulas"),
     ],
 )
 def test_options_of_cvode_that_cannot_be_meant(options: dict[str, Any], words: str) -> None:

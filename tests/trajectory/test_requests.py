@@ -75,12 +75,12 @@ def coupled() -> lg.System:
         ({"max_wall": -1.0}, "max_wall = -1.0: give a positive number of seconds"),
         (
             {"parameters": {"mm": 2.0}},
-            "'mm' is no parameter of this system; its parameters are m,",
+            "'mm' is not a parameter of this system; its parameters are m,",
         ),
         ({"parameters": {m: float("nan")}}, "parameter m is nan: give a finite number"),
         ({"parameters": {m: sympy.Symbol("k")}}, "parameter m is k, an expression with symbols in it"),
         ({"parameters": {m: 1j}}, "parameter m is 1j, a complex number"),
-        ({"initial": {"thet": 1.0}}, "initial names 'thet', which is no coordinate or velocity of this system"),
+        ({"initial": {"thet": 1.0}}, "initial names 'thet', which is not a coordinate or velocity of this system"),
         ({"initial": {theta: "1"}}, "the initial value of theta is '1' (str): give a number"),
         ({"initial": {theta: float("nan")}}, "the initial value of theta is nan"),
         ({"initial": [1.0]}, "initial is a list: give a dict such as {theta: 1.0}"),
@@ -100,7 +100,7 @@ def test_a_span_is_two_times(pendulum: lg.System, span: Any) -> None:
 
 
 def test_a_model_is_asked_for(pendulum: lg.System) -> None:
-    words = "is no compiled model: give system.compile"
+    words = "is not a compiled model: give system.compile"
     not_a_model: Any = pendulum
     with pytest.raises(lg.StatementError, match=words):
         lg.integrate(not_a_model, (0.0, 1.0))

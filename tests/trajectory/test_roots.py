@@ -382,7 +382,7 @@ def test_steps_that_do_not_meet_still_report_every_change_of_sign_once() -> None
 
 @pytest.mark.parametrize("sign", [1, -1])
 def test_the_ends_of_a_run(sign: int) -> None:
-    """A root at the start of a run is no event, one at its end is, and so is one at a joint, in the step after it."""
+    """A root at the start of a run is not an event. One at its end is; one at a joint belongs to the step after it."""
     c = sign * np.array([0.0, 1.0])
     assert roots(c, 1.0) == ([], Side(sign))
     assert roots(c, 1.0, Side(-sign, near=True)) == ([Root(0.0, sign)], Side(sign))

@@ -58,7 +58,7 @@ def test_grazing_turns_of_a_pendulum(name: str) -> None:
 @pytest.mark.parametrize("target", TARGETS)
 @pytest.mark.parametrize("name", ["taylor", *STEPPED, *OUTSIDE])
 def test_directions_starts_and_ends(name: str, target: str) -> None:
-    """A zero at the start is no event, one at the end is; x = t is exact for every method."""
+    """A zero at the start is not an event, one at the end is; x = t is exact for every method."""
     options = {} if find(name).claims.adaptive else {"step": 0.07}
     events = [
         x,

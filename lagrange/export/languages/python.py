@@ -209,14 +209,14 @@ def _given(values):
 
 
 def _written(values):
-    """Return an array that is written. Raises TypeError for what is no array of float64."""
+    """Return an array that is written. Raises TypeError for what is not an array of float64."""
     if not (isinstance(values, np.ndarray) and values.dtype == np.float64 and values.ndim == 1):
         raise TypeError("an array that is written must be of NumPy, one-dimensional, with dtype float64")
     return values.data
 
 
 def _check_lengths(**arrays):
-    """Raise ValueError for an array that is no list of as many numbers as are needed."""
+    """Raise ValueError for an array that is not a list of as many numbers as are needed."""
     for name, (values, length) in arrays.items():
         shape = np.shape(values)
         if len(shape) != 1 or shape[0] < length:

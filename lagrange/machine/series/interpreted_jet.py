@@ -115,7 +115,7 @@ class Eliminated:
     """A matrix after elimination with pivoting, in any arithmetic: it solves for one right-hand side after another.
 
     With many digits only a pivot of zero is singular; for doubles there is a stricter test before, and an entry that
-    is not finite is no verdict on the matrix.
+    is not finite is not a verdict on the matrix.
     """
 
     def __init__(self, matrix: Numbers) -> None:

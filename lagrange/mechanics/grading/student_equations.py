@@ -156,7 +156,7 @@ class _EquationReader:
         for name in survey.multipliers:
             if name not in known:
                 raise StatementError(
-                    f"{what} contains the multiplier of {name!r}, which is no constraint here; the constraints are "
+                    f"{what} contains the multiplier of {name!r}, which is not a constraint here; the constraints are "
                     f"{listing(known)}."
                 )
         for function in survey.given:
@@ -296,7 +296,9 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
     Raises StatementError if it is not linear in accelerations and multipliers.
     """
     if equation.zero.has(sympy.DiracDelta):
-        raise StatementError(f"{equation.label} has the derivative of a jump, such as heaviside, which is no function.")
+        raise StatementError(
+            f"{equation.label} has the derivative of a jump, such as heaviside, which is not a function."
+        )
     unknowns = unknowns_of(statement)
     present = [symbol for symbol in unknowns if equation.zero.has(symbol)]
     slopes = {symbol: sympy.diff(equation.zero, symbol) if symbol in present else sympy.S.Zero for symbol in unknowns}

@@ -192,7 +192,7 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     """Return the wrong term of an equation that does not hold. `write` turns an expression into text."""
     label = f"{row.label[0].upper()}{row.label[1:]}"
     if not any(row.slopes.values()) and not any(sample.first_order for sample in samples):
-        return WrongTerm(f"{label} does not hold, and contains no acceleration: it is no equation of motion.")
+        return WrongTerm(f"{label} does not hold, and contains no acceleration: it is not an equation of motion.")
     part = wrong_part(row, derivation, samples, write)
     if part:
         return WrongTerm(part, alone=True)

@@ -60,7 +60,7 @@ def _lagrange(points: NDArray[np.float64], which: int) -> Polynomial:
 def increments() -> Written:
     """Return what writes by how much the state has changed at each of the points c in the steps of a block, its own.
 
-    Where the law is no number the polynomial is a straight line.
+    Where the law is not a number the polynomial is a straight line.
     """
     return _Increments().build()
 

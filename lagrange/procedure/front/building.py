@@ -258,7 +258,7 @@ class Tracer(Names):
     def write(self, owner: Any, field: str, value: Any) -> None:
         """Set a field of a record."""
         if not isinstance(owner, Fields):
-            raise Error(f"{described(owner)} is no record: its field {field} cannot be set.")
+            raise Error(f"{described(owner)} is not a record: its field {field} cannot be set.")
         setattr(owner, field, self.number(value, owner.kind_of(field), f"the field {field}"))
 
     def copy(self, target: Any, lower: Any, upper: Any, source: Any, first: Any, last: Any) -> None:
@@ -340,4 +340,4 @@ class Tracer(Names):
         if function in CONTAINERS or (isinstance(function, type) and dataclasses.is_dataclass(function)):
             return function(*args, **options)
         name = getattr(function, "__name__", repr(function))
-        raise Error(f"`{name}` is no procedure: declare it with @inline or @procedure.")
+        raise Error(f"`{name}` is not a procedure: declare it with @inline or @procedure.")

@@ -212,7 +212,7 @@ class Each(Block):
         """Add a value to a reduction."""
         op = function if isinstance(function, str) else REDUCTIONS.get(function)
         if op is None or len(values) != (2 if op == "dot" else 1):
-            raise Error(f"`{getattr(function, '__name__', function)}` is no reduction of an `each`.")
+            raise Error(f"`{getattr(function, '__name__', function)}` is not a reduction of an `each`.")
         p, (value, *others) = self.tracer.p, [self.tracer.number(one, REAL, "a value of a reduction") for one in values]
         made = {
             "add": lambda: p.sum(real(value)),

@@ -264,7 +264,9 @@ def type_of(annotation: Any) -> Stated:
         parameters, result = typing.get_args(annotation)
         types = tuple(type_of(one) for one in parameters)
         return Callee(typing.cast("tuple[Kind | Array, ...]", types), results_of(result))
-    raise LagrangeError(f"{annotation} is no type of a parameter: use float, int, bool, In, Out, a record or a bundle.")
+    raise LagrangeError(
+        f"{annotation} is not a type of a parameter: use float, int, bool, In, Out, a record or a bundle."
+    )
 
 
 def results_of(annotation: Any) -> tuple[Kind, ...]:

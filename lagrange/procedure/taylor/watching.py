@@ -205,7 +205,7 @@ class Watched:
         return found
 
     def is_event(self, place: Whole) -> Flag:
-        """Whether something that is watched is no surface."""
+        """Whether something that is watched is not a surface."""
         found: Flag = place >= self.record.surfaces
         return found
 

@@ -87,7 +87,9 @@ def recording_of(solution: Solution, timing: Timing) -> Recording:
                 "before, or state another position."
             )
     if not points and not np.isfinite(states).all():
-        raise StatementError("the run has a state that is no finite number, which cannot be drawn: end the run before.")
+        raise StatementError(
+            "the run has a state that is not a finite number, which cannot be drawn: end the run before."
+        )
     energies = _energies(solution, t, states)
     size = solution.drift.scale if energies else 0.0
     change = (energies["E"] - energies["E"][0]) / (size or 1.0) if energies else np.empty(0)

@@ -162,7 +162,7 @@ def chosen_coordinates(of: Any, names: Sequence[str]) -> list[str] | None:
     for name in found:
         if name not in names:
             raise StatementError(
-                f"of = {name[:80]!r} is no coordinate of this system; they are {listing(names)}."
+                f"of = {name[:80]!r} is not a coordinate of this system; they are {listing(names)}."
                 + suggestion(name, names)
             )
     if not found:

@@ -46,7 +46,7 @@ def arrays_of(path: str | os.PathLike[str], most: float) -> dict[str, Any]:
         raise StatementError(f"{_named(path)} cannot be read ({error.strerror or error}).") from error
     except UNREADABLE as error:
         reason = str(error) or type(error).__name__
-        raise StatementError(f"{_named(path)} is no file that solution.to_npz wrote ({reason[:120]}).") from error
+        raise StatementError(f"{_named(path)} is not a file that solution.to_npz wrote ({reason[:120]}).") from error
 
 
 def _named(path: Any) -> str:

@@ -45,7 +45,7 @@ def loaded_run(path: Any, model_of: Callable[[Statement, str], Model]) -> Soluti
         raise StatementError(f"{os.fspath(path)!r} cannot be used: {error}") from error
     except UNREADABLE as error:
         raise StatementError(
-            f"{os.fspath(path)!r} is no run that to_npz wrote ({type(error).__name__}: {str(error)[:120]})."
+            f"{os.fspath(path)!r} is not a run that to_npz wrote ({type(error).__name__}: {str(error)[:120]})."
         ) from error
 
 

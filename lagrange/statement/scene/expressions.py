@@ -276,7 +276,7 @@ class Reader:
             return self._other_call(node.func.id, node.args)
         word = WORDS.get(ALIASES.get(node.func.id, node.func.id))
         if word is None:
-            raise RefusalError(f"{node.func.id!r} is no function here")
+            raise RefusalError(f"{node.func.id!r} is not a function here")
         _check_arity(word, len(node.args))
         return list(node.args), partial(self._apply, word)
 

@@ -172,8 +172,8 @@ class _TokenChecker:
             refuse(f"{token[:20]}{following} is a complex number: energies and forces are real.", offset)
         if following and _LETTER.match(following):
             refuse(
-                f"{token[:20]}{following} is no number: write decimals such as 12.5 or 1.5e-3, and a product with *, "
-                "as in 2*x.",
+                f"{token[:20]}{following} is not a number: write decimals such as 12.5 or 1.5e-3, and a product with "
+                "*, as in 2*x.",
                 offset,
             )
         most = LONGEST_UNEVALUATED_NUMBER if self.unevaluated else LONGEST_NUMBER
@@ -213,9 +213,9 @@ class _TokenChecker:
     def _call(self, token: str, offset: int) -> None:
         if token not in FUNCTIONS and token not in self.calls:
             if token in self.names:
-                refuse(f"{token!r} is no function: write a product with *, as in {token}*(...).", offset)
+                refuse(f"{token!r} is not a function: write a product with *, as in {token}*(...).", offset)
             refuse(
-                f"{token!r} is no function here; the functions are {listing(WORDS)}.{suggestion(token, FUNCTIONS)}",
+                f"{token!r} is not a function here; the functions are {listing(WORDS)}.{suggestion(token, FUNCTIONS)}",
                 offset,
             )
         self.valued, self.called = False, token

@@ -230,7 +230,7 @@ class SceneReader:
         """Return the events of the list of tables [[events]]: `when` is zero there; the other keys are optional."""
         tables = self.data["events"]
         if not isinstance(tables, list) or not all(isinstance(table, Mapping) for table in tables):
-            self.document.refuse('events is no list of tables: write [[events]] and when = "y" below it.', "events")
+            self.document.refuse('events is not a list of tables: write [[events]] and when = "y" below it.', "events")
         for q, name in zip(declared.coordinates, declared.names, strict=True):
             reader.enter(f"{name}_ddot", acceleration_of(q))
         stated = [self.event(reader, i, table) for i, table in enumerate(tables)]
@@ -243,7 +243,7 @@ class SceneReader:
         self.document.check_keys(table, EVENT_KEYS, "key of an event", *place)
         reset = table.get("reset", {})
         if "when" not in table or not isinstance(reset, Mapping):
-            wrong = "reset is no table of names and new values" if "when" in table else "there is no when"
+            wrong = "reset is not a table of names and new values" if "when" in table else "there is no when"
             self.document.refuse(f'{wrong}: write when = "y" and, if need be, reset = {{ y_dot = "-y_dot" }}.', *place)
         when = self.document.equation(reader, *place, "when")
         direction = self.document.number(*place, "direction") if "direction" in table else 0
@@ -271,7 +271,7 @@ class SceneReader:
         names = self.data.get("coordinates")
         if not isinstance(names, list) or not names:
             self.document.refuse(
-                'coordinates is missing or is no list of names: write coordinates = ["theta"].', "coordinates"
+                'coordinates is missing or is not a list of names: write coordinates = ["theta"].', "coordinates"
             )
         known: list[str] = []
         for i, name in enumerate(names):
@@ -315,7 +315,7 @@ class SceneReader:
         """Return the reader of the expressions, with the tables and definitions of the scene."""
         functions = self.data.get("functions", [])
         if not isinstance(functions, list) or not all(isinstance(name, str) for name in functions):
-            self.document.refuse('functions is no list of names: write functions = ["U"].', "functions")
+            self.document.refuse('functions is not a list of names: write functions = ["U"].', "functions")
         for i, name in enumerate(functions):
             self.check_free(name, "function", names, "functions", i)
         reader: ExpressionReader = (
@@ -495,7 +495,7 @@ class SceneReader:
                     shown = repr(word[:80]) if isinstance(word, str) else kind_of(word)
                     hint = suggestion(word[:80], allowed) if isinstance(word, str) else ""
                     self.document.refuse(
-                        f"links names {shown}, which is no {what}; they are {listing(allowed)}.{hint}", "links", i, j
+                        f"links names {shown}, which is not a {what}; they are {listing(allowed)}.{hint}", "links", i, j
                     )
         return [Link(*link) for link in links]
 
@@ -513,5 +513,5 @@ class SceneReader:
         if numbers.get("atol", 0.0) < 0.0:
             self.document.refuse(f"atol is {numbers['atol']:g}: give zero or a number above.", "run", "atol")
         if "method" in table and not re.fullmatch(r"[\w.:+-]{1,64}", self.document.text("run", "method")):
-            self.document.refuse("method is no name of a method: write one such as 'dop853'.", "run", "method")
+            self.document.refuse("method is not a name of a method: write one such as 'dop853'.", "run", "method")
         return RunSettings(**{**table, **numbers})

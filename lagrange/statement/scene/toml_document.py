@@ -15,7 +15,7 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any, NoReturn
 
-from lagrange.errors import TOO_LARGE, SceneError, listing, shown, suggestion
+from lagrange.errors import TOO_LARGE, SceneError, listing, shown, singular, suggestion
 
 KeyPath = tuple[str | int, ...]
 """Keys and list indices from the top: ("positions", "bob", 0)."""
@@ -174,7 +174,7 @@ class Document:
 
     def __init__(self, path: str | os.PathLike[str], text: str | None = None, most: int = LARGEST_FILE) -> None:
         if not isinstance(path, (str, os.PathLike)):
-            raise SceneError(f"{shown(path)} ({type(path).__name__}) is no path: give the path of a scene file.")
+            raise SceneError(f"{shown(path)} ({type(path).__name__}) is not a path: give the path of a scene file.")
         self.file, self.most = str(path), most
         content = self._read(path) if text is None else text.encode()
         self.content = self._decode(self._within(content)).replace("\r\n", "\n")
@@ -201,7 +201,7 @@ class Document:
         for name in table:
             if name not in known:
                 self.refuse(
-                    f"{name[:80]!r} is no {what}; there are {listing(known)}.{suggestion(name[:80], known)}",
+                    f"{name[:80]!r} is not {singular(what)}; there are {listing(known)}.{suggestion(name[:80], known)}",
                     *path,
                     name,
                     key=True,

@@ -235,7 +235,7 @@ class TypedReader:
         """Return the sides of each equation of a part. Raises _Faults.
 
         For a = b = c these are a = b and a = c. A further side with an unknown name, as in p = m x' = const, is left
-        out. For a side equated with "const", or a velocity with a name that is no symbol, the derivative is zero.
+        out. For a side equated with "const", or a velocity with a name that is not a symbol, the derivative is zero.
         """
         tokens = with_derivatives(tokens_of(text, begin, end))
         places = [i for i, token in enumerate(tokens) if token.is_sign("=")]
@@ -259,7 +259,7 @@ class TypedReader:
         return [token.text for token in side] in _CONSTANT
 
     def _is_integral(self, side: Sequence[Token], *others: Sequence[Token]) -> bool:
-        """Return True if two sides are a formula with a velocity at most, and a name that is no symbol, as in p = C."""
+        """Return True if two sides are a formula with a velocity at most, and a name without meaning, as in p = C."""
         names = [token.text for other in others for token in other]
         unknown = len(names) == 1 and names[0].isidentifier() and not self._reads(names[0])
         return unknown and not self.names.hint(names[0]) and self._order(side) == 1

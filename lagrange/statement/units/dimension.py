@@ -261,14 +261,14 @@ def _from_text(text: str, what: str) -> Any:
     if name.isidentifier():
         if name not in known:
             raise StatementError(
-                f"{what} is {spelled[:60]!r}, which is no dimension and no unit.{suggestion(name, list(known))}"
+                f"{what} is {spelled[:60]!r}, which is neither a dimension nor a unit.{suggestion(name, list(known))}"
             )
         return sympy.Symbol(name, positive=True)
     try:
         return read_expression(spelled, {word: sympy.Symbol(word, positive=True) for word in known})
     except SceneError as error:
         raise StatementError(
-            f"{what} is {spelled[:60]!r}, which is no product of dimensions or units: {error.reason}"
+            f"{what} is {spelled[:60]!r}, which is not a product of dimensions or units: {error.reason}"
         ) from None
 
 
@@ -290,7 +290,7 @@ def _dimension_of(expression: Any, what: str) -> Dimension:
             factor = _measured(base)
         else:
             raise StatementError(
-                f"{what} is {formula(expression, 60)!r}, which is no product of powers of dimensions or units: give "
+                f"{what} is {formula(expression, 60)!r}, which is not a product of powers of dimensions or units: give "
                 "one, such as 'mass*length/time**2' or 'N'."
             )
         dimension = dimension * factor ** Fraction(int(power.p), int(power.q))

@@ -149,7 +149,7 @@ def _find(parts: Sequence[CheckedPart], known: dict[Any, Dimension], *, whole: b
 def _refusal(part: CheckedPart, wrong: WrongTermError, plain: Mapping[Any, Any]) -> str:
     """Return the message on a wrong term, in plain symbols."""
     term = in_short(wrong.term, plain)
-    place = {"whole": "", "sum": "beside the other terms ", "power": "under a power that is no number "}
+    place = {"whole": "", "sum": "beside the other terms ", "power": "under a power that is not a number "}
     where = place[wrong.place] if wrong.place in place else f"in {in_short(wrong.within, plain)} "
     terms = sympy.Add.make_args(part.expression)
     outer = next((candidate for candidate in terms if wrong.term not in terms and candidate.has(wrong.term)), None)

@@ -79,7 +79,7 @@ def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
     for key in listed:
         if not isinstance(key, Hashable) or key not in rows:
             raise StatementError(
-                f"hold contains {shown(key)}, which is no coordinate or velocity of this system: they are "
+                f"hold contains {shown(key)}, which is not a coordinate or velocity of this system: they are "
                 f"{listing(known)}."
             )
     return [rows[key] for key in listed]

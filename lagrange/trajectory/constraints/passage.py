@@ -180,7 +180,7 @@ class _Nearness:
         matrices = self._gradients(times[rows], states[rows]) / self._lengths
         known = np.isfinite(matrices).all(axis=(1, 2))
         values = np.full(len(rows), np.inf)
-        # A motion along which constraints stay dependent is no measure.
+        # A motion along which constraints stay dependent is not a measure.
         if self._unit:
             values[known] = np.linalg.svd(matrices[known], compute_uv=False)[:, -1] / self._unit
         return values

@@ -55,7 +55,7 @@ class CVODE:
     def __post_init__(self) -> None:
         if not isinstance(self.method, str) or self.method not in ORDERS:
             raise StatementError(
-                f"method = {shown(self.method)} is no family of CVODE's formulas: give 'BDF' or 'Adams'."
+                f"method = {shown(self.method)} is not a family of CVODE's formulas: give 'BDF' or 'Adams'."
             )
         check_bounds(self.name, self.max_step, self.first_step)
         highest = ORDERS[self.method]
@@ -63,7 +63,7 @@ class CVODE:
         whole = isinstance(order, Integral) and not isinstance(order, bool)
         if order is not None and not (whole and 1 <= order <= highest):
             raise StatementError(
-                f"max_order = {shown(order)} is no order of {self.method} formulas: give a whole number from 1 to "
+                f"max_order = {shown(order)} is not an order of {self.method} formulas: give a whole number from 1 to "
                 f"{highest}."
             )
 

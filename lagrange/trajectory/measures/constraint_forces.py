@@ -83,7 +83,7 @@ class ConstraintForces:
                 f"{self.model.statement.name} has no named points: state positions={{'bob': (x, y)}}, or take the "
                 "generalized forces, constraint_force(name)."
             )
-        one_of(point, points, "{given} is no named point of this system; they are {known}.")
+        one_of(point, points, "{given} is not a named point of this system; they are {known}.")
         chosen = self._acted_on(name, rows)
         if point not in chosen:
             return np.zeros((len(points[point]), len(self.t)))
@@ -98,7 +98,7 @@ class ConstraintForces:
         """Return the row of G of a constraint, (n, N)."""
         if not self.names:
             raise StatementError(f"{self.model.statement.name} has no constraints, and so no constraint forces.")
-        one_of(name, self.names, "{given} is no constraint of this system; they are {known}.")
+        one_of(name, self.names, "{given} is not a constraint of this system; they are {known}.")
         q, v = self.model.layout.split(self.y)
         rows = np.asarray(self.model.evaluate("constraint_gradient", q, v, self.t, self.parameters))
         found: FloatArray = rows[self.names.index(name)]
@@ -136,9 +136,9 @@ class ConstraintForces:
                     "points, or take the generalized forces, constraint_force(name)."
                 )
         raise StatementError(
-            f"the force of {name} on points is not determined: it is no constraint on the motion of named points alone "
-            f"({listing(self._slopes)}). Name the points that it acts on, each free to move in every direction where "
-            "there is no constraint, or take the generalized forces, constraint_force(name)."
+            f"the force of {name} on points is not determined: it is not a constraint on the motion of named points "
+            f"alone ({listing(self._slopes)}). Name the points that it acts on, each free to move in every direction "
+            "where there is no constraint, or take the generalized forces, constraint_force(name)."
         )
 
     def _relates(self, chosen: Sequence[str], rows: FloatArray, places: Any) -> bool:

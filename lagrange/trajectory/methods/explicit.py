@@ -51,7 +51,7 @@ class RungeKutta:
 
     def __post_init__(self) -> None:
         if not isinstance(self.tableau, ButcherTableau):
-            raise StatementError(f"{shown(self.tableau)} is no tableau: make one with lg.methods.tableau().")
+            raise StatementError(f"{shown(self.tableau)} is not a tableau: make one with lg.methods.tableau().")
         check_options(self.step, self.rtol, self.atol)
 
     @property
@@ -230,8 +230,8 @@ def _entries(name: str, line: Any) -> Coefficients:
         return found
     except (TypeError, ValueError, ArithmeticError) as error:
         raise StatementError(
-            f"the tableau {shown(name)} has an entry that is no number ({error}): give numbers, or text such as '2/3', "
-            "each row a list."
+            f"the tableau {shown(name)} has an entry that is not a number ({error}): give numbers, or text such as "
+            "'2/3', each row a list."
         ) from error
 
 

@@ -62,8 +62,8 @@ def register(name: str, method: Any, *, order: int | None = None, replaces: bool
     """Give a method a name, so that `method="name"` finds it in this process, as the built-in ones are found.
 
     `method` is a ButcherTableau, an instance of an integrator, its class or a function that makes one, called without
-    arguments; with `order`, it is a step function, see `step_method`. A name that `register` gave before is
-    given to another method with `replaces=True`. Raises StatementError for what is no method, or is not what it claims.
+    arguments; with `order`, it is a step function, see `step_method`. With `replaces=True` a registered name is given
+    to another method. Raises StatementError for an argument that is not a method, or whose claims are wrong.
     """
     if not isinstance(name, str) or not NAME.fullmatch(name):
         raise StatementError(
