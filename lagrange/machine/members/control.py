@@ -336,7 +336,7 @@ class Control:
         return self.e.value(f"select {type_of(FLAG, width)} {test}, {real} {even}, {real} {odd}")
 
     def summed(self, found: Sequence[str], odd: int, lanes: int) -> str:
-        """Return the sum of partial sums: 0 and 1, 2 and 3, then both. `odd` is the parity of the iterations' number."""
+        """Return the sum of partial sums: 0 and 1, 2 and 3, then both. `odd` is the parity of the number of terms."""
         a, b, c, d = (*found[-odd:], *found[:-odd]) if odd else found
         pairs = (spell(self.e, "add", (REAL, REAL), pair, lanes) for pair in ((a, b), (c, d)))
         return spell(self.e, "add", (REAL, REAL), list(pairs), lanes)
