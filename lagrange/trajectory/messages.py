@@ -124,7 +124,7 @@ def message(
 
 
 def _remedy(status: Status, problem: Problem, y: FloatArray, method: str, rtol: float | None) -> str:
-    """Return the remedy for an end of a run, "" if there is none to give."""
+    """Return the remedy for an end of a run, or ""."""
     if status.at_end or status is Status.INTERRUPTED:
         return ""
     finer = "shorten the step" if rtol is None else f"lower rtol (now {rtol:g}) and atol"

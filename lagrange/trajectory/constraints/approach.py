@@ -1,7 +1,7 @@
-"""Runs that come ever nearer to a state where constraints are dependent, in more and more steps, and never get there.
+"""Runs that approach a state with dependent constraints in ever more steps, and never reach it.
 
-A mass on a rod that shrinks to a point turns faster and faster: with the length r of the rod a step takes a time of
-r**2, and the steps to a length r are as many as 1/r.
+A mass on a rod that shrinks to a point turns faster and faster. If r is the length of the rod, a step takes a time of
+order r**2, and a run needs about 1/r steps to reach the length r.
 """
 
 from __future__ import annotations
@@ -15,22 +15,23 @@ from lagrange.machine.state import DriverState
 from lagrange.trajectory.constraints.residuals import residuals_of
 
 FIRST_TEST = 2**18
-"""Steps after which a run is tested first, and then at each double of that: a test takes 0.1 ms."""
+"""Steps until the first test of a run. Later tests are at each double of that number; a test takes 0.1 ms."""
 
 SLOWER, NEARER = 0.75, 0.75
-"""Ratios of times and of distances at successive tests, each at twice the steps of the one before.
+"""Largest ratios of times and of distances to the singular state, at successive tests.
 
-A run does not get there where both are no larger. With steps of equal time the first is 2."""
+Each test is after twice as many steps as the last. If both ratios are smaller, the run does not reach the state. With
+steps of equal time the first ratio is 2."""
 
 NEAR = 1e-2
-"""Constraints are nearly dependent where their least singular value is this part of that at the start, or less."""
+"""Constraints are nearly dependent if their least singular value is at most this fraction of its value at the start."""
 
 State = tuple[float, FloatArray]
 """A time and a state (2n,)."""
 
 
 def regularity(model: Model, parameters: FloatArray, start: State, here: State) -> tuple[float, Singular] | None:
-    """Return how near M and G are to being singular at a state, relative to the start, and what is; None if unknown."""
+    """Return the regularity of M and G at a state, relative to the start, and the singular matrix; None if unknown."""
     before = matrices_at(model, model.equations, *start, parameters)
     scale = scales(*before)
     first = least_regular(*before, scale)
@@ -41,9 +42,9 @@ def regularity(model: Model, parameters: FloatArray, start: State, here: State) 
 
 
 class Independence:
-    """How independent the constraints of a model are: the least singular value of G relative to that at a start.
+    """The independence of a model's constraints: the least singular value of G relative to that at a start.
 
-    The rows of G are in units of their lengths there.
+    The rows of G are scaled by their lengths at the start.
     """
 
     def __init__(self, model: Model, parameters: FloatArray, start: State) -> None:
@@ -55,7 +56,7 @@ class Independence:
         self._first = self.at(*start) or 1.0
 
     def at(self, t: float, y: FloatArray) -> float:
-        """Return that value at a state (2n,); infinity where it is not known."""
+        """Return the relative least singular value at a state (2n,), or infinity if G is not finite there."""
         rows = self._residuals.gradient(t, y, self._parameters)[self._rows] / self._lengths
         if not np.isfinite(rows).all():
             return np.inf
@@ -63,7 +64,7 @@ class Independence:
 
 
 class Approach:
-    """Tests, now and then, whether a run with constraints comes ever nearer to a singular state."""
+    """Tests, at some steps, whether a run with constraints approaches a singular state without reaching it."""
 
     def __init__(self, model: Model, parameters: FloatArray, start: State) -> None:
         self.model, self.parameters, self.start = model, parameters, start
@@ -72,7 +73,7 @@ class Approach:
         self.nearness = [1.0]
 
     def ends(self, state: DriverState) -> tuple[float, Singular] | None:
-        """Return how near a run is to a singular state that it will not get to, and what is singular there; or None."""
+        """Return the regularity of a run near a singular state, and the singular matrix; None for other runs."""
         steps = int(state.integers[DriverState.STEPS])
         if steps < self.next_test:
             return None

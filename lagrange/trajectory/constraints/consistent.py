@@ -1,4 +1,4 @@
-"""Initial states on the constraints: projected where only rounding is between, refused beyond that."""
+"""Initial states on the constraints: states off by rounding are projected, other states refused."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of, units_of
 
 LARGEST_VIOLATION = 1e-2
-"""A run is unreliable if it ends at a state whose constraints are off by more than this part of their terms.
+"""A run is unreliable if a constraint at its end is violated by more than this fraction of its terms.
 
-What accumulates over a run at default tolerances is 1e-9 to 1e-5; a corner that was passed, or a reset, leaves 1e-1.
+The violation grows to 1e-9 to 1e-5 over a run at default tolerances. A passed corner, or a reset, leaves 1e-1.
 """
 
 
@@ -32,8 +32,8 @@ What accumulates over a run at default tolerances is 1e-9 to 1e-5; a corner that
 class Consistent:
     """A state on the constraints: `initial` has a value for every coordinate and velocity, as `run` takes it.
 
-    `moved` is the largest change, and `entry` the coordinate or velocity that it is of, None where nothing moved;
-    `changes` has that of every entry.
+    `moved` is the largest change, and `entry` its coordinate or velocity, None if nothing moved. `changes` has the
+    changes of all entries.
     """
 
     initial: Mapping[Any, float]
@@ -71,7 +71,7 @@ def consistent(
 
 
 def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
-    """Return the rows of the state that are held."""
+    """Return the rows of the state that stay fixed; `hold` lists coordinates and velocities."""
     rows, listed = state_rows(coordinates), entries(hold, "hold")
     known = [label for label in rows if isinstance(label, str)]
     if listed is None:
@@ -88,10 +88,10 @@ def _rows(hold: Any, coordinates: tuple[Any, ...]) -> list[int]:
 def consistent_state(
     model: Model, t: float, y: FloatArray, parameters: FloatArray, held: Sequence[int] = ()
 ) -> FloatArray:
-    """Return the state on the constraints that is nearest to a state, the rows that are held as they are.
+    """Return the state on the constraints that is nearest to a state. The rows in `held` stay fixed.
 
-    The coordinates move by the least amount that the kinetic energy measures, then the velocities. Raises
-    StatementError where no such state is found.
+    Coordinates move by the least amount, measured by the kinetic energy, then velocities. Raises StatementError if no
+    such state is found.
     """
     if not len(model.equations.constraints):
         return y.copy()
@@ -99,9 +99,9 @@ def consistent_state(
 
 
 def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> FloatArray:
-    """Return an initial state as it is where it is on the constraints, else moved there where rounding is between.
+    """Return the state if it satisfies the constraints, or its projection if it misses them by rounding.
 
-    Velocities of coordinates without inertia are entered where they are zero. Raises StatementError, with the
+    Velocities of coordinates without inertia are computed if they are zero. Raises StatementError, which names the
     constraints, for a state that is further away.
     """
     if not len(model.equations.constraints) or residuals_of(model).hold(t, y, parameters):
@@ -113,7 +113,7 @@ def consistent_start(model: Model, t: float, y: FloatArray, parameters: FloatArr
 
 
 def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, duration: float) -> str:
-    """Return a sentence for a run of a duration that ends at a state which violates a constraint, or ""."""
+    """Return a warning for a run of a duration that ends at a state which violates a constraint, or ""."""
     residuals = residuals_of(model)
     corner = residuals.at_corner(t, y, parameters)
     if corner is not None:
@@ -122,7 +122,7 @@ def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, dur
             "that is not stated: end it before by an event, or write the constraint smoothly."
         )
     name, share = residuals.worst(t, y, parameters)
-    # Terms may all be round-off, as where a pendulum hangs straight and turns.
+    # All terms may be rounding errors, for example those of a pendulum that hangs straight down and spins.
     at = Projection(model, t, parameters)
     if share <= LARGEST_VIOLATION or at.share(y) <= LARGEST_VIOLATION or _locked(at, y, duration):
         return ""
@@ -133,7 +133,7 @@ def violation(model: Model, t: float, y: FloatArray, parameters: FloatArray, dur
 
 
 def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:
-    """Return a sentence for a run whose initial state was moved onto the constraints, or ""."""
+    """Return a note for a run whose initial state was moved onto the constraints, or ""."""
     entered = model.layout.v.start + np.array(model.equations.first_order, dtype=int)
     changes = np.abs(after - before)
     changes[entered[before[entered] == 0.0]] = 0.0
@@ -147,9 +147,10 @@ def moved_sentence(model: Model, before: FloatArray, after: FloatArray) -> str:
 
 
 def _locked(at: Projection, y: FloatArray, duration: float) -> bool:
-    """Whether coordinates are on the constraints, and velocities off them move none beyond round-off in a duration.
+    """Return True if coordinates satisfy the constraints and their velocities violate them only by rounding.
 
-    Velocities of a structure that cannot move are round-off, and so are the terms that they make.
+    Such velocities move no coordinate by more than round-off in the duration. In a structure that cannot move all
+    velocities are rounding errors, and so are the terms that contain them.
     """
     units, q = units_of(at.metric(y)), y[at.model.layout.q]
     places = at.residuals.of_positions(at.t, y, at.parameters, units)

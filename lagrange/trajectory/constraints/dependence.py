@@ -1,4 +1,4 @@
-"""Constraints that are dependent at a state: there alone, or at all states around it that satisfy them."""
+"""Constraints that are dependent at a state, either there only, or at all nearby states that satisfy them."""
 
 from __future__ import annotations
 
@@ -15,22 +15,22 @@ from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.constraints.residuals import residuals_of, units_of
 
 AROUND = 1e-2
-"""How far around a state others are tried, relative to the largest coordinate: rows that are dependent at one
-configuration alone are then independent by about as much."""
+"""Distance of the sample states from a state, relative to the largest coordinate. Rows that are dependent at a single
+configuration are independent by about this much at the samples."""
 
 SAMPLES = 4
-"""States tried around one."""
+"""Number of sample states around a state."""
 
 CLEARLY = 1e-4
-"""Rows whose least singular value is above this part of the largest are independent beyond doubt: rounding of a start
-that was typed, 1e-6 of it, leaves dependent rows that are as much apart."""
+"""Rows are surely independent if their least singular value exceeds this fraction of the largest. A typed start is
+rounded to 1e-6, and then dependent rows differ by as much."""
 
 VANISHING = 1e-3
-"""A row that shrinks to this part of itself over so short a way vanishes: of a square 1e-6 / AROUND are left."""
+"""A row vanishes if it shrinks to this fraction between the samples; the gradient of a square keeps 1e-6 / AROUND."""
 
 
 def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
-    """Return the rows that are dependent at a state and at all states on the constraints around it, or None."""
+    """Return the rows that are dependent at a state and at all nearby states on the constraints, or None."""
     projection, first = Projection(model, t, parameters), None
     units = units_of(projection.metric(y))
     random, (q, v) = np.random.default_rng(11), model.layout.split(y)
@@ -40,7 +40,7 @@ def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatAr
         reached = projection.reached(state)
         if reached is None:
             continue
-        # A state on the surface is compared with one beside it.
+        # A state on the surface is compared with a nearby one off it.
         off = tried[1] if state is y else state
         found = _vanishing(model, t, off, reached, parameters) or _rows(model, t, reached, parameters)
         if found is None:
@@ -50,17 +50,17 @@ def dependence_around(model: Model, t: float, y: FloatArray, parameters: FloatAr
 
 
 _INDEPENDENT: WeakKeyDictionary[Model, bytes] = WeakKeyDictionary()
-"""The parameters with which the constraints of a model were last found independent at a state that satisfies them.
+"""The parameters for which the constraints of a model were last found independent at a state that satisfies them.
 
-With the same parameters they are not dependent wherever they hold; with others they may be.
+With the same parameters they are not dependent everywhere on the surface; with other parameters they may be.
 """
 
 
 def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:
-    """Raise StatementError if constraints are dependent at a start, and all around it.
+    """Raise StatementError if constraints are dependent at a start and everywhere around it.
 
-    There rounding may leave them derivatives that look independent, and multipliers of 1e16. One start is looked at
-    for each change of the parameters.
+    There rounding may make their derivatives look independent, with multipliers of 1e16. Only the first start for each
+    set of parameters is tested.
     """
     if model.statement.redundant != REFUSE or _INDEPENDENT.get(model) == parameters.tobytes():
         return
@@ -70,9 +70,9 @@ def check_independent(model: Model, t: float, y: FloatArray, parameters: FloatAr
 
 
 def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> bool:
-    """Return whether the rows of G are independent at a state, and not much smaller than beside it.
+    """Return whether the rows of G are independent at a state, and not much smaller than at a nearby one.
 
-    It takes 0.02 ms for a four-bar linkage, where `dependence_around` takes 0.8 ms, and leaves doubtful states to it.
+    It takes 0.02 ms for a four-bar linkage, while `dependence_around` takes 0.8 ms and decides the doubtful states.
     """
     q = model.layout.split(y)[0]
     beside = y.copy()
@@ -89,7 +89,7 @@ def _clearly_independent(model: Model, t: float, y: FloatArray, parameters: Floa
 
 
 def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> None:
-    """Raise StatementError if constraints are dependent at a state without accelerations, and all around it."""
+    """Raise StatementError if constraints are dependent at a state without accelerations and everywhere around it."""
     found = dependence_around(model, t, y, parameters)
     if found is not None:
         allowed = model.statement.redundant != REFUSE
@@ -99,13 +99,13 @@ def refuse_dependent(model: Model, t: float, y: FloatArray, parameters: FloatArr
 def _rows(model: Model, t: float, y: FloatArray, parameters: FloatArray) -> Singular | None:
     """Return the dependent rows of G at a state, or None if they are independent."""
     gradient = residuals_of(model).gradient(t, y, parameters)
-    # Independent of the masses: only the rows count.
+    # The masses do not matter here, so the mass matrix is the identity.
     found = least_regular(np.eye(gradient.shape[1]), gradient)
     return found if found is not None and found.rows and found.regularity <= DEPENDENT else None
 
 
 def _vanishing(model: Model, t: float, off: FloatArray, on: FloatArray, parameters: FloatArray) -> Singular | None:
-    """Return a row that is much smaller on the surface than off it, as that of a square is, or None."""
+    """Return a row that is much smaller on the surface than off it, as for the square of a constraint, or None."""
     before, here = (np.abs(residuals_of(model).gradient(t, y, parameters)).max(axis=1) for y in (off, on))
     which = np.flatnonzero(here < VANISHING * before)
     return Singular(0.0, rows=((int(which[0]), 1.0),)) if len(which) else None

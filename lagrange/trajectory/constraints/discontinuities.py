@@ -1,9 +1,9 @@
-"""Between which states of a run a constraint jumps, has a corner, or restricts nothing: no motion leads on from there.
+"""Search a run for steps on which a constraint jumps, has a corner, or restricts nothing, so that no motion continues.
 
-The velocities of a motion on y = abs(x) jump where x = 0, and what they are behind it is not stated. A step that leads
-over such a place is brought onto the constraints behind it by the projection, as if nothing had happened. A constraint
-that is not linear in the velocities restricts nothing where all its derivatives by them vanish: behind it x.dot**2 +
-y.dot**2 = (1 - t)**2 leaves every direction open.
+The velocities of a motion on y = abs(x) jump at x = 0, and the constraint does not define them after the corner. A step
+over such a corner is projected onto the constraints on its other side, without any error. A constraint that is
+nonlinear in the velocities restricts nothing where all its derivatives by them vanish: where x.dot**2 + y.dot**2 =
+(1 - t)**2 reaches 0, every direction is open.
 """
 
 from __future__ import annotations
@@ -24,33 +24,33 @@ from lagrange.trajectory.constraints.nearest import ON_SURFACE
 from lagrange.trajectory.constraints.residuals import ConstraintResiduals, residuals_of
 
 HALVINGS = 50
-"""A zero of a surface on the chord of a step is found to the spacing of doubles."""
+"""Number of bisections that locate the zero of a surface on the chord of a step to the spacing of doubles."""
 
 BESIDE = 1e-6
-"""How far before and behind a surface, as a part of the step, constraints are compared."""
+"""Distance before and after a surface at which constraints are compared, as a fraction of the step."""
 
 CONTINUOUS = 4.0
-"""What is continuous changes over a surface by as much as over the same way beside it; what jumps by more than this."""
+"""A constraint jumps if it changes over a surface by more than this many times the change over an equal distance."""
 
 LONGEST_SURFACE = 80
-"""A message shows no longer expressions."""
+"""Longest expression that a message shows, in characters."""
 
 ROUNDING = 1e-9
-"""A change below this part of the terms is rounding: it is that of a place which is known to 1e-15 of the step."""
+"""A change below this fraction of the terms is rounding: the place of the surface is known to 1e-15 of the step."""
 
 VANISHING = 1e-2
-"""Between two states a row of G that is parallel to itself and this small against its ends vanishes, if the constraint
-holds there up to as much: on the way of a velocity that turns it does not."""
+"""Largest row of G, relative to its size at the ends of a step, that counts as vanishing. The rows at both ends must be
+parallel, and the constraint must hold to this fraction. Neither is true while a velocity turns."""
 
 AHEAD = 1e-6
-"""A step that shrank to nothing has its cause within this part of the run."""
+"""Part of the run in which a cause is sought after a step shrank to nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class Discontinuity:
-    """A place at a `part` of the step from a state (t, y) to the next one, at `after`; `what` is there, in a sentence.
+    """A discontinuity at the fraction `part` of the step from the state (t, y) to the time `after`.
 
-    `steps` lead from the first of the states to the last one that was looked at.
+    `what` is the message. `steps` is the number of steps from that state to the last one that was searched.
     """
 
     t: float
@@ -62,7 +62,7 @@ class Discontinuity:
 
 
 class Discontinuities:
-    """Looks at the states of runs of one model, with some parameters."""
+    """Search for discontinuities in runs of one model with some parameters."""
 
     def __init__(self, model: Model, parameters: FloatArray, span: float) -> None:
         self.model, self.parameters, self.span = model, parameters, span
@@ -71,11 +71,11 @@ class Discontinuities:
 
     @classmethod
     def of(cls, model: Model, parameters: FloatArray, span: float) -> Discontinuities | None:
-        """Return what looks at runs over a span of time, or None where there is nothing to look at."""
+        """Return the search for runs over a span of time, or None if the constraints have no discontinuities."""
         return cls(model, parameters, span) if may_be_discontinuous(model) else None
 
     def on(self, times: FloatArray, states: FloatArray) -> Discontinuity | None:
-        """Return the first one between times (k,) and states (k, 2n) of a run, or None."""
+        """Return the first discontinuity between times (k,) and states (k, 2n) of a run, or None."""
         found = [one for one in (self._switched(times, states), self._vanishing(times, states)) if one is not None]
         if not found:
             return None
@@ -84,7 +84,7 @@ class Discontinuities:
         return Discontinuity(float(times[row]), states[row], float(times[row + 1]), part, what, steps)
 
     def ahead(self, t: float, y: FloatArray, step: float) -> str:
-        """Return what a state (2n,) runs into within about an equal step, or very soon where that is zero, or ""."""
+        """Return a message on a discontinuity that a state (2n,) reaches within two steps, or very soon, or ""."""
         h = 2 * step if step else AHEAD * self.span
         try:
             slope = self.model.kernel("rhs")(t, y, self.parameters)
@@ -96,7 +96,7 @@ class Discontinuities:
         return "" if found is None else found.what
 
     def _switched(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
-        """Return the first surface behind which a constraint is another: the row before it, the part, and the cause."""
+        """Return the first surface after which a constraint differs: the row before it, the fraction, and a message."""
         g = self.residuals.surfaces(times, states.T, self.parameters)
         begins, ends = g[:, :-1], g[:, 1:]
         reached = np.abs(ends) <= ON_SURFACE * np.abs(begins)
@@ -116,7 +116,7 @@ class Discontinuities:
         return int(rows[first]), float(parts[first]), self._told(which, int(surfaces[first]))
 
     def _told(self, which: int, surface: int) -> str:
-        """Return what is the matter with phi or psi of a constraint where a surface is crossed."""
+        """Return the message for phi or psi of a constraint that is discontinuous at a surface."""
         name, node = self.residuals.labels[which], self.residuals.switched.expressions[surface]
         zero = self.model.equations.express(node).xreplace(dict(self.model.statement.plain))
         where = formula(-zero if zero.could_extract_minus_sign() else zero, LONGEST_SURFACE)
@@ -133,7 +133,7 @@ class Discontinuities:
     def _zeros(
         self, times: FloatArray, states: FloatArray, rows: NDArray[np.intp], surfaces: NDArray[np.intp]
     ) -> FloatArray:
-        """Return the parts of steps at which surfaces are zero on the chords from some rows to the next."""
+        """Return the fractions of steps at which surfaces are zero, on the chords from some rows to the next."""
         columns = np.arange(len(rows))
 
         def values(parts: FloatArray) -> FloatArray:
@@ -142,7 +142,7 @@ class Discontinuities:
 
         low, high = np.zeros(len(rows)), np.ones(len(rows))
         begin = values(low)
-        # A start on the surface is the place itself.
+        # If the step starts on the surface, its start is the zero.
         high[begin == 0] = 0.0
         for _ in range(HALVINGS):
             middle = 0.5 * (low + high)
@@ -153,7 +153,7 @@ class Discontinuities:
     def _jumping(
         self, times: FloatArray, states: FloatArray, rows: NDArray[np.intp], parts: FloatArray
     ) -> NDArray[np.bool_]:
-        """Return which of phi, then psi and G of each constraint, jump at parts of some steps."""
+        """Return which of phi, then psi and G of each constraint, jump at fractions of some steps."""
         before, near, behind, far = (
             _Surface.at(self.residuals, *_chord(times, states, rows, parts + share * BESIDE), self.parameters)
             for share in (-2, -1, 1, 2)
@@ -163,7 +163,7 @@ class Discontinuities:
             return over > CONTINUOUS * beside + ROUNDING
 
     def _vanishing(self, times: FloatArray, states: FloatArray) -> tuple[int, float, str] | None:
-        """Return the first step on which a row of G vanishes that depends on velocities; see `_switched`."""
+        """Return the first step on which a velocity-dependent row of G vanishes; see `_switched`."""
         if not len(self.turning):
             return None
         g = self.residuals.gradients(times, states.T, self.parameters)[self.turning]
@@ -181,7 +181,7 @@ class Discontinuities:
         return None
 
     def _holds_between(self, times: FloatArray, states: FloatArray, part: float, constraint: int) -> bool:
-        """Whether a constraint holds on the chord of a step, measured by its terms at the ends."""
+        """Return True if a constraint holds on the chord of a step, relative to its terms at the ends."""
         t, y = _chord(times, states, np.zeros(3, dtype=np.intp), np.array([0.0, 1.0, part]))
         values, sizes = self.residuals.of_many(t, y, self.parameters)
         place = self.residuals.places + constraint
@@ -190,9 +190,9 @@ class Discontinuities:
 
 @dataclass(frozen=True, eq=False)
 class _Surface:
-    """The constraints at k states, as distances: phi and psi (p + m, k), their terms, and G (m, n, k) of unit rows.
+    """The constraints at k states, as distances: phi and psi (p + m, k), their terms, and unit rows of G (m, n, k).
 
-    A constraint that is stated otherwise on two sides of a surface, as twice itself, is the same one.
+    The unit rows make a constraint the same on both sides of a surface if it is only scaled there.
     """
 
     values: FloatArray
@@ -202,7 +202,7 @@ class _Surface:
 
     @classmethod
     def at(cls, residuals: ConstraintResiduals, t: FloatArray, y: FloatArray, parameters: FloatArray) -> _Surface:
-        """Return those at times (k,) and states (2n, k)."""
+        """Return the constraints at times (k,) and states (2n, k)."""
         values, sizes = residuals.of_many(t, y, parameters)
         rows = residuals.gradients(t, y, parameters)
         lengths = np.linalg.norm(rows, axis=1)
@@ -212,7 +212,7 @@ class _Surface:
         return cls(values / units, sizes / units, rows / lengths[:, None], places)
 
     def change(self, other: _Surface) -> FloatArray:
-        """Return by how much phi, then psi or G, differ from those at other states, relative to their terms."""
+        """Return the changes of phi, then psi or G, against other states, relative to their terms."""
         signs = np.where((self.rows * other.rows).sum(axis=1) < 0, -1.0, 1.0)
         turned = np.abs(self.rows - signs[:, None] * other.rows).max(axis=1)
         signs = np.concatenate([signs[self.places], signs])
@@ -225,7 +225,7 @@ _TURNING: WeakKeyDictionary[Model, NDArray[np.intp]] = WeakKeyDictionary()
 
 
 def may_be_discontinuous(model: Model) -> bool:
-    """Return whether constraints of a model have surfaces on which they switch, or rows of G that may vanish."""
+    """Return whether constraints of a model have switching surfaces, or rows of G that may vanish."""
     if not len(model.equations.constraints):
         return False
     return bool(residuals_of(model).switched.stated) or len(_turning(model)) > 0
@@ -242,7 +242,7 @@ def _turning(model: Model) -> NDArray[np.intp]:
 
 
 def _nothing_restricted(names: Sequence[str], constraint: int) -> str:
-    """Return what is the matter where all derivatives of a constraint by the velocities vanish."""
+    """Return the message for a constraint whose derivatives by the velocities all vanish."""
     return (
         f"{dependent_rows(names, Singular(0.0, rows=((constraint, 1.0),)))} on the step from there, and it does not "
         "say how the motion goes on. End the run before it by an event, or state the constraint in another way."
@@ -252,6 +252,6 @@ def _nothing_restricted(names: Sequence[str], constraint: int) -> str:
 def _chord(
     times: FloatArray, states: FloatArray, rows: NDArray[np.intp], parts: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return times (k,) and states (2n, k) at parts of the straight lines from some rows to the next."""
+    """Return times (k,) and states (2n, k) at fractions of the chords from some rows to the next."""
     t = times[rows] + parts * (times[rows + 1] - times[rows])
     return t, (states[rows] + parts[:, None] * (states[rows + 1] - states[rows])).T

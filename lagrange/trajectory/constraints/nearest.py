@@ -1,4 +1,4 @@
-"""The nearest point of a surface, distances measured by the kinetic energy."""
+"""The nearest point of a surface, in the metric of the kinetic energy."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from lagrange.equations.singular import RANK, balanced
 from lagrange.machine.backend import FloatArray
 
 ON_SURFACE = 2.0**-40
-"""A residual of at most this part of its size is round-off: no state of doubles is much closer to the surface."""
+"""A residual of at most this fraction of its size is round-off: states of doubles are rarely closer to the surface."""
 
 ROUND_OFF = 2.0**-52
-"""A residual of at most this part of its size needs no further correction."""
+"""A residual of at most this fraction of its size needs no further correction."""
 
 MOST_CORRECTIONS = 60
-"""Newton's method converges within ten corrections from a state that is near, and is given up after this many."""
+"""Largest number of corrections. Newton's method converges within ten from a nearby state."""
 
 SHORTEST_SHARE = 2.0**-10
-"""A correction is shortened down to this part of it, and given up where that brings nothing."""
+"""Smallest fraction to which a correction is shortened; if that does not help, the search ends."""
 
 MOST_DESCENTS = 200
-"""Steps along the surface towards its nearest point; each shortens the rest by the curvature times the distance."""
+"""Largest number of steps along the surface to the nearest point. Each multiplies the rest by curvature * distance."""
 
 NEAREST = 1e-9
-"""A point is the nearest one where the step along the surface is below this part of the distance, or is round-off."""
+"""A point is nearest if the step along the surface is below this fraction of the distance, or is round-off."""
 
 
 @dataclass(frozen=True, eq=False)
 class Residuals:
-    """What is zero on the surface at a point (k,): m values, their gradients (m, k), and what the values count beside.
+    """Residuals of a surface at a point (k,): m values that are zero on it, their gradients (m, k), and their sizes.
 
-    `terms` are the sizes of the terms that cancel in each. `sizes` are these, or what the gradient makes of the sizes
-    of the entries where that is more: rounding these makes round-off of it.
+    `terms` are the sizes of the terms that cancel in each value. `sizes` are the terms, or the gradient times the sizes
+    of the entries if that is larger: rounding errors of the entries change the values by round-off of `sizes`.
     """
 
     values: FloatArray
@@ -45,7 +45,7 @@ class Residuals:
 
     @property
     def largest(self) -> float:
-        """The largest value, relative to its size; infinite where one is not finite."""
+        """The largest value relative to its size; infinity if one is not finite."""
         with np.errstate(all="ignore"):
             shares = np.abs(self.values) / np.where(self.sizes > 0, self.sizes, 1.0)
         return float(shares.max(initial=0.0)) if np.isfinite(shares).all() else np.inf
@@ -55,9 +55,9 @@ Surface = Callable[[FloatArray], Residuals]
 
 
 class Nearest:
-    """Finds the point of a surface that is nearest to a point, by the metric of a symmetric matrix.
+    """Finds the point of a surface that is nearest to a point, in the metric of a symmetric matrix.
 
-    Only the `free` entries move. The matrix may be singular if it is definite along the surface.
+    Only the `free` entries move. The matrix may be singular if it is definite on the tangents of the surface.
     """
 
     def __init__(self, surface: Surface, metric: FloatArray, free: FloatArray) -> None:
@@ -65,7 +65,7 @@ class Nearest:
         self._free = np.flatnonzero(free)
 
     def of(self, start: FloatArray) -> tuple[FloatArray, Residuals]:
-        """Return the nearest point and its residuals, or where Newton's method gave up."""
+        """Return the nearest point and its residuals, or the last point if Newton's method does not converge."""
         x, found = self.restored(start)
         if found.largest > ON_SURFACE:
             return x, found
@@ -102,7 +102,7 @@ class Nearest:
         return x, found
 
     def _step(self, found: Residuals, towards: FloatArray, right: FloatArray) -> FloatArray:
-        """Return the displacement d of least |d - towards| with G d = right, zero where doubles do not hold it."""
+        """Return the displacement d of least |d - towards| with G d = right, zero if it overflows."""
         free, n = self._free, len(self._free)
         gradient = found.gradient[:, free]
         matrix = np.block([[self._metric[np.ix_(free, free)], gradient.T], [gradient, np.zeros((len(right),) * 2)]])

@@ -1,8 +1,8 @@
-"""Whether a run passed a configuration where constraints become dependent in steps that rounding decided.
+"""Detect runs over a configuration with dependent constraints whose further motion was decided by rounding.
 
-Two motions may cross there: a parallelogram linkage goes on as one, or with crossed rods. A step that leads over the
-crossing follows the motion that is smooth. Short steps towards it do not: a violation e of the constraints, as rounding
-and the tolerance leave it, separates the two by sqrt(e), and decides which of them is followed.
+Two motions may cross at such a configuration: a parallelogram linkage continues as one, or with crossed rods. A step
+over the crossing follows the smooth motion. Short steps towards it do not: a violation e of the constraints, from
+rounding and the tolerance, separates the two motions by sqrt(e), and decides which one the run follows.
 """
 
 from __future__ import annotations
@@ -17,35 +17,36 @@ from lagrange.machine.model import Model
 from lagrange.trajectory.constraints.residuals import residuals_of
 
 SHORT_STEP = 0.1
-"""A step below this part of the mean is looked at: on the way to a crossing steps shrink to 1e-2 to 1e-4 of it."""
+"""Steps below this fraction of the mean are inspected. Towards a crossing steps shrink to 1e-2 to 1e-4 of the mean."""
 
 FIRST_STEPS = 3
-"""Steps at the start that are left out: they are short because the step size is sought."""
+"""Number of steps at the start that are ignored: they are short while the step size is sought."""
 
 SURELY_FAR = 1e2
 """Units change the least singular value of rows by less than this factor, once rows are as long as at the start."""
 
 ON_THE_WAY = 0.1
-"""The nearest of a series of steps is sought where the shortest is so near: it was a hundred times as far away."""
+"""Largest singular value at the shortest step, relative to the motion, for a search of its neighbours. They may be
+a hundred times as close to the crossing."""
 
 ROWS_AT_ONCE = 32
-"""So many rows of a series are looked at, and again as many between the neighbours of the nearest."""
+"""Number of rows of a series that are evaluated at once. The search then repeats between the neighbours of the best."""
 
 ONE_BY_ONE = 4
-"""Up to so many gradients take less time one by one than together."""
+"""Largest number of gradients that are evaluated faster one by one than together."""
 
 MANY_STEPS = 10_000
-"""From this many steps on the shortest is looked at in any case: it costs nothing beside them."""
+"""Number of steps from which the shortest is always inspected: the cost is small compared with theirs."""
 
 CLOSE = 3.0
-"""Constraints are dependent for a run where their least singular value, relative to the start, is below this times the
+"""Constraints count as dependent if their least singular value, relative to the start, is below this times the square
 root of rtol. Runs of four methods over crossings had 1e-6 to 5e-5 at rtol = 1e-9."""
 
 MOST_PLACES = 16
-"""So many places of short steps are looked at, those with the shortest: each costs some 50 us."""
+"""Largest number of series of short steps that are inspected, those with the shortest first: each costs some 50 us."""
 
 STEPS_PER_LOOK = 2**14
-"""States that nobody keeps are looked at after so many steps, with as many before: more than `MANY_STEPS`."""
+"""Number of steps after which states that are not stored are inspected, with as many before: more than `MANY_STEPS`."""
 
 State = tuple[float, FloatArray]
 """A time and a state (2n,)."""
@@ -55,19 +56,19 @@ class StatesPassed:
     """The last accepted states of a motion, at most two times `STEPS_PER_LOOK`, and the one before them."""
 
     def __init__(self, dimension: int) -> None:
-        # Drivers write whole blocks.
+        # Drivers write whole blocks, so there are spare rows.
         rows = 2 * STEPS_PER_LOOK + 6
         self._times, self._states = np.empty(rows), np.empty((rows, dimension))
         self._count = 1
         self._all = self._times[1:], self._states[1:]
 
     def begin(self, start: State) -> None:
-        """Begin at a state."""
+        """Begin at a time and state, without steps."""
         self._times[0], self._states[0] = start
         self._count = 1
 
     def room(self) -> tuple[FloatArray, FloatArray]:
-        """Return where a driver may write the times and states of `STEPS_PER_LOOK` steps; the oldest are dropped."""
+        """Return the arrays for the times and states of the next `STEPS_PER_LOOK` steps, after dropping the oldest."""
         if self._count == 1:
             return self._all
         dropped = self._count - STEPS_PER_LOOK - 1
@@ -78,7 +79,7 @@ class StatesPassed:
         return self._times[self._count :], self._states[self._count :]
 
     def lead_over(self, written: int, model: Model, start: State, parameters: FloatArray, rtol: float) -> bool:
-        """Return whether rounding decided how the motion went on, with so many new states; see the module."""
+        """Return whether rounding decided the motion, after `written` new states; see the docstring of the module."""
         self._count += written
         if self._count <= FIRST_STEPS + 2:
             return False
@@ -96,16 +97,15 @@ def dependent_passage(
     *,
     stopped: bool = False,
 ) -> tuple[int, Singular] | None:
-    """Return the row of times (S+1,) and states (S+1, 2n) where constraints are dependent, and which of them.
+    """Return the row of times (S+1,) and states (S+1, 2n) with dependent constraints, and which ones, or None.
 
-    It is the first row of short steps at which they are so. None if there is no such row. A `start` is that of the
-    motion, if it is not the first row. A motion that has `stopped` passed what it got away from: the last may be where
-    it ends.
+    It is the first such row among series of short steps. `start` is the start of the motion, if it is not the first
+    row. In a motion that has `stopped`, only rows that it moved away from count: the last one may be where it ends.
     """
     count = len(times) - 1 - FIRST_STEPS
     if count < 2 or not rtol:
         return None
-    # The last step is left out as well: it is as long as is left.
+    # The last step is ignored as well: it only has the length that is left.
     sizes = np.abs(times[FIRST_STEPS + 1 : -1] - times[FIRST_STEPS:-2])
     if count < MANY_STEPS and sizes.min() * count > SHORT_STEP * abs(times[-1] - times[FIRST_STEPS]):
         return None
@@ -125,9 +125,9 @@ def dependent_passage(
 
 
 def _short_steps(sizes: FloatArray) -> list[tuple[int, range]]:
-    """Return the row before the shortest step of each series of short steps, in order, and the rows of the series.
+    """Return for each series of short steps, in order, the row before its shortest step, and its range of rows.
 
-    `sizes` lacks the first.
+    `sizes` are the lengths of all steps but the first `FIRST_STEPS` and the last.
     """
     short = np.flatnonzero(sizes <= SHORT_STEP * sizes.mean())
     if not len(short):
@@ -139,15 +139,15 @@ def _short_steps(sizes: FloatArray) -> list[tuple[int, range]]:
 
 
 def _few(rows: range) -> list[int]:
-    """Return the rows, or some of many."""
+    """Return at most `ROWS_AT_ONCE` of the rows, equally spaced."""
     return list(rows[:: -(-len(rows) // ROWS_AT_ONCE)])
 
 
 class _Nearness:
-    """How near constraints are to being dependent: the least singular value of G, relative to that of the motion.
+    """The least singular value of G at states, relative to that of the motion.
 
-    It is compared with the largest at the start, in the middle and at the end, and the rows of G are in units of their
-    largest lengths there: a motion may begin, or end, beside where constraints are dependent.
+    The reference is the largest value among the start, the middle and the end, since a motion may begin or end near
+    dependent constraints. The rows of G are scaled by their largest lengths there.
     """
 
     def __init__(
@@ -176,17 +176,17 @@ class _Nearness:
             return np.moveaxis(self._residuals.gradients(times, states.T, self._parameters)[self._rows], 2, 0)
 
     def at(self, times: FloatArray, states: FloatArray, rows: list[int]) -> FloatArray:
-        """Return it at some rows of times (S+1,) and states (S+1, 2n); infinity where it is not known."""
+        """Return the relative least singular value at some rows of times (S+1,) and states (S+1, 2n), or infinity."""
         matrices = self._gradients(times[rows], states[rows]) / self._lengths
         known = np.isfinite(matrices).all(axis=(1, 2))
         values = np.full(len(rows), np.inf)
-        # A motion along which constraints stay dependent is not a measure.
+        # A zero reference, from constraints that stay dependent, cannot scale the values.
         if self._unit:
             values[known] = np.linalg.svd(matrices[known], compute_uv=False)[:, -1] / self._unit
         return values
 
     def nearest(self, times: FloatArray, states: FloatArray, series: range) -> int:
-        """Return the row of a series at which it is least: it falls towards a crossing, and grows behind it."""
+        """Return the row of a series with the least value, which falls towards a crossing and grows after it."""
         while True:
             rows = _few(series)
             place = int(np.argmin(self.at(times, states, rows)))
@@ -195,7 +195,7 @@ class _Nearness:
             series = range(rows[max(place - 1, 0)], (rows[place + 1] if place + 1 < len(rows) else series[-1]) + 1)
 
     def found(self, t: float, y: FloatArray) -> Singular | None:
-        """Return what is nearest to being dependent at a state (2n,), with rows in those units."""
+        """Return the most dependent combination of constraints at a state (2n,), with scaled rows."""
         unit = np.eye(self._longest.shape[1])
         here = self._residuals.gradient(t, y, self._parameters)[self._rows]
         return least_regular(unit, here, scales(unit, self._longest))

@@ -1,4 +1,4 @@
-"""The projection of a state onto the constraints of its model, and the refusals where there is none."""
+"""The projection of a state onto the constraints of its model, and the refusals if it does not exist."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from lagrange.trajectory.constraints.nearest import ON_SURFACE, Nearest, Residua
 from lagrange.trajectory.constraints.residuals import ConstraintResiduals, residuals_of, units_of
 
 ROUNDING = 1e-6
-"""A violation of at most this part of the terms of a constraint is rounding of what was typed, six or more digits."""
+"""Largest violation, as a fraction of a constraint's terms, that is rounding of numbers with six or more digits."""
 
 MOST_NAMED = 3
-"""Most constraints that a refusal names."""
+"""Largest number of constraints that a refusal names."""
 
 MOST_ENTRIES = 4
-"""A refusal repeats no more entries of a state that the statement has as well."""
+"""Largest number of entries of a state that a refusal repeats although the statement has the same values."""
 
 LONGEST_EXPRESSION = 60
-"""A message shows no longer expressions."""
+"""Longest expression that a message shows, in characters."""
 
 
 class Projection:
@@ -38,7 +38,7 @@ class Projection:
         self.free[list(held)] = False
 
     def metric(self, y: FloatArray) -> FloatArray:
-        """Return the mass matrix. Raises StatementError where it is not finite."""
+        """Return the mass matrix. Raises StatementError if it is not finite."""
         with np.errstate(all="ignore"):
             mass = self.residuals.mass_matrix(self.t, y, self.parameters)
         if not np.isfinite(mass).all():
@@ -48,18 +48,18 @@ class Projection:
         return mass
 
     def off(self, y: FloatArray) -> bool:
-        """Whether a state is off the constraints by more than round-off."""
+        """Return True if a state is off the constraints by more than round-off."""
         return self.share(y) > ON_SURFACE
 
     def share(self, y: FloatArray) -> float:
-        """Return the largest violation at a state, relative to what rounding of all entries makes of it too."""
+        """Return the largest violation at a state, relative to the size that rounding of all entries gives it."""
         units = units_of(self.metric(y))
         return max(self._at(part, y, units).largest for part in (0, 1))
 
     def completed(self, y: FloatArray) -> FloatArray:
-        """Return a state with the velocities of coordinates without inertia, from their equations where they are zero.
+        """Return a state with the velocities of coordinates without inertia, solved from their equations.
 
-        A velocity that is not zero was given, and is left to the check.
+        Velocities that are not zero were stated: they stay, and `check` tests them.
         """
         rows = self.model.layout.v.start + np.array(self.model.equations.first_order, dtype=int)
         if not len(rows):
@@ -76,13 +76,13 @@ class Projection:
         return np.where(alone & (y == 0.0), found, y)
 
     def solved_for(self, rows: Sequence[int], y: FloatArray) -> FloatArray | None:
-        """Return a state with entries that the others determine, or None where they do not."""
+        """Return a state with the entries in `rows` solved from the others, or None if these do not determine them."""
         alone = np.zeros(len(y), dtype=bool)
         alone[list(rows)] = True
         return _only(self, alone).reached(y)
 
     def check(self, y: FloatArray) -> None:
-        """Raise StatementError for a state that is off the constraints by more than rounding of what was typed."""
+        """Raise StatementError if a state is off the constraints by more than the rounding of typed numbers."""
         units = units_of(self.metric(y))
         for part in (0, 1):
             found = self._at(part, y, units)
@@ -92,9 +92,9 @@ class Projection:
                 raise StatementError(self._violated(found, far, part, y))
 
     def violated(self, y: FloatArray, before: FloatArray) -> str | None:
-        """Return which constraints a state is off by more than rounding, as a sentence, or None.
+        """Return a sentence on the constraints that a state violates by more than rounding, or None.
 
-        Displacements are measured by the inertia of the state before: there it is finite.
+        Displacements are measured by the inertia of the state before, which is finite.
         """
         units = units_of(self.metric(before))
         for part in (0, 1):
@@ -105,7 +105,7 @@ class Projection:
         return None
 
     def of(self, y: FloatArray) -> FloatArray:
-        """Return the nearest state on the constraints. Raises StatementError where there is none."""
+        """Return the nearest state on the constraints. Raises StatementError if none is found."""
         units, after = units_of(self.metric(y)), y
         for part in (0, 1):
             self.differentiable(self._at(part, after, units), part, after)
@@ -115,9 +115,9 @@ class Projection:
         return after
 
     def reached(self, y: FloatArray, *, nearest: bool = True) -> FloatArray | None:
-        """Return the nearest state on the constraints, or None where there is none.
+        """Return the nearest state on the constraints, or None if none is found.
 
-        Without `nearest` it is a close one, which takes a tenth of the time.
+        Without `nearest` it is merely a close state, which takes a tenth of the time.
         """
         units, after = units_of(self.metric(y)), y
         for part in (0, 1):
@@ -129,7 +129,7 @@ class Projection:
     def _nearest(
         self, part: int, y: FloatArray, units: FloatArray, *, nearest: bool = True
     ) -> tuple[FloatArray, Residuals]:
-        """Return the state whose coordinates, or velocities, are nearest to those of a state, or where it gave up."""
+        """Return the state with the nearest coordinates, or velocities, on the constraints, or the last iterate."""
         rows = (self.model.layout.q, self.model.layout.v)[part]
 
         def moved(entries: FloatArray) -> FloatArray:
@@ -142,7 +142,7 @@ class Projection:
         return moved(found), residuals
 
     def differentiable(self, found: Residuals, part: int, y: FloatArray) -> None:
-        """Raise StatementError where a constraint has no value, or no derivative, at a state."""
+        """Raise StatementError if a constraint has no value, or no derivative, at a state."""
         all_stated, corner = self.residuals.stated, self.residuals.at_corner(self.t, y, self.parameters)
         if corner is not None:
             raise StatementError(self._not_differentiable(all_stated[corner], y))
@@ -164,7 +164,7 @@ class Projection:
         )
 
     def place(self, y: FloatArray) -> str:
-        """Return a state for a message."""
+        """Return a state as text for a message."""
         return listing(f"{name} = {x:.6g}" for name, x in zip(self.model.layout.names(".dot"), y, strict=True))
 
     def _at(self, part: int, y: FloatArray, units: FloatArray) -> Residuals:
@@ -172,11 +172,11 @@ class Projection:
         return of(self.t, y, self.parameters, units)
 
     def _stated(self, part: int) -> list[Constraint]:
-        """Return the constraints of the coordinates, or those of the velocities."""
+        """Return the constraints on the coordinates (part 0), or those on the velocities (part 1)."""
         return [one for one in self.residuals.stated if part or one.holonomic]
 
     def _values(self, found: Residuals, rows: list[int], part: int) -> str:
-        """Return the values of some constraints, in words."""
+        """Return the values of some constraints as text."""
         stated = self._stated(part)
         told = [
             f"{stated[row].name!r} ({_zero(stated[row], part, self.model)}) is {found.values[row]:.6g}, with terms of "
@@ -199,12 +199,12 @@ class Projection:
         )
 
     def _nearest_in_words(self, y: FloatArray) -> str:
-        """Return the call that finds the nearest state, as it may be pasted, or that there is none."""
+        """Return the call that finds the nearest state, ready to be pasted, or advice if none is found."""
         if self.reached(y) is None:
             return ": no nearest state is found from this one, so give initial values, of coordinates first"
         statement, names = self.model.statement, self.model.layout.names()
         entries = list(zip(names, y.tolist(), statement.initial, strict=True))
-        # What is left out is that of the statement.
+        # Entries that are omitted in the call have the statement's values.
         given = [(name, x) for name, x, stated in entries if x or x != stated]
         if len(given) > MOST_ENTRIES:
             given = [(name, x) for name, x, stated in entries if x != stated]
@@ -238,19 +238,19 @@ class Projection:
 
 
 def _far(found: Residuals) -> list[int]:
-    """Return the rows that are off by more than rounding of what was typed; one without a value is."""
+    """Return the rows that are off by more than rounding of typed numbers, or have no value."""
     near = np.abs(found.values) <= np.maximum(ROUNDING * found.terms, ON_SURFACE * found.sizes)
     return np.flatnonzero(~near).tolist()
 
 
 def _only(projection: Projection, moving: NDArray[np.bool_]) -> Projection:
-    """Return the projection that moves some entries of the state alone."""
+    """Return the projection that moves only some entries of the state."""
     held = np.flatnonzero(~moving).tolist()
     return Projection(projection.model, projection.t, projection.parameters, held)
 
 
 def _zero(stated: Constraint, part: int, model: Model) -> str:
-    """Return what is zero, in words: the constraint as it stands, or its rate of change."""
+    """Return the text of an expression that is zero: the constraint as it is stated, or its rate of change."""
     text = _text(stated, model)
     return f"the rate of change of {text}" if part and stated.holonomic else text
 

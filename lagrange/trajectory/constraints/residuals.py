@@ -1,4 +1,4 @@
-"""How far a state is off the constraints of a model, each relative to the terms that cancel in it."""
+"""Residuals of a model's constraints at a state, each relative to the terms that cancel in it."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ from lagrange.statement.statement import Constraint
 from lagrange.trajectory.constraints.nearest import ON_SURFACE, Residuals
 
 BESIDE = 1e-7
-"""How far beside a corner, relative to the largest coordinate, gradients are compared."""
+"""Distance from a corner at which gradients are compared, relative to the largest coordinate."""
 
 CORNER = 1e-4
-"""A gradient that changes by this part over so short a way jumps there; a smooth one changes by 1e-7 of itself."""
+"""A gradient that changes by this fraction over that distance jumps; a smooth one changes by 1e-7 of its size."""
 
 
 class ConstraintResiduals:
     """The constraints of one model as functions of the state: m on velocities, and those of them on positions.
 
-    A constraint on velocities counts beside its terms, one on positions also beside what its gradient makes of the
-    largest entry: of y = 0 the only term is y itself.
+    The size of a constraint on velocities is that of its terms. For one on positions it is at least the gradient times
+    the largest entry, since the only term of y = 0 is y itself.
     """
 
     def __init__(self, model: Model) -> None:
@@ -45,16 +45,16 @@ class ConstraintResiduals:
         self.places = len(places)
         stated = (*places, *held.velocities)
         entries = [entry for row in held.gradient for entry in row]
-        # Of a long chain nearly all entries are zero: they take no time. A gradient without entries keeps one.
+        # Nearly all entries of a long chain are zero, and are not evaluated. A gradient without entries keeps one.
         self._entries = len(entries)
         self._present = [k for k, entry in enumerate(entries) if entry is not entry.graph.zero] or [0]
         self._gradient = _kernel(model, tuple(entries[k] for k in self._present))
         self._residuals = _kernel(model, (*stated, *term_sizes(stated)))
         self.mass_matrix = model.interpreted("mass_matrix")
-        """The metric of displacements, in Python: it is evaluated at states off the constraints too."""
+        """The metric of displacements, interpreted: it is also evaluated at states off the constraints."""
         self._layout = model.layout
         graph, q = model.equations.graph, model.equations.q
-        # Of a piecewise only the branch that is taken counts: its conditions are surfaces as well.
+        # Only the branch of a piecewise that is taken counts. Its conditions are switching surfaces too.
         self.switched = switch(graph, stated)
         surfaces = self.switched.stated
         slopes = tuple(slope for surface in surfaces for slope in gradient(surface, q))
@@ -62,9 +62,9 @@ class ConstraintResiduals:
         self._surfaces = _kernel(model, surfaces) if surfaces else None
 
     def hold(self, t: float, y: FloatArray, parameters: FloatArray) -> bool:
-        """Return whether a state is on the constraints but for round-off, and on no corner of theirs.
+        """Return whether a state satisfies the constraints up to round-off, and is not at a corner of theirs.
 
-        Only the sizes of the terms count here.
+        The tolerance is relative to the terms alone.
         """
         if self._corners is not None and self.at_corner(t, y, parameters) is not None:
             return False
@@ -76,7 +76,7 @@ class ConstraintResiduals:
         return bool((np.abs(found[:half]) <= ON_SURFACE * found[half:]).all())
 
     def worst(self, t: float, y: FloatArray, parameters: FloatArray) -> tuple[str, float]:
-        """Return the constraint that a state violates most, relative to its terms, and by how much."""
+        """Return the constraint that a state violates most, and its violation relative to its terms."""
         values, terms = self._of(t, y, parameters)
         shares = np.abs(values) / np.where(terms > 0, terms, 1.0)
         row = int(np.argmax(np.where(np.isfinite(shares), shares, np.inf)))
@@ -98,7 +98,7 @@ class ConstraintResiduals:
         return rows.reshape(len(self.names), -1, len(t))
 
     def surfaces(self, t: FloatArray, y: FloatArray, parameters: FloatArray) -> FloatArray:
-        """Return what is zero where a constraint switches, (s, k), at times (k,) and states (2n, k)."""
+        """Return the switching surfaces of the constraints, (s, k), at times (k,) and states (2n, k)."""
         return np.empty((0, len(t))) if self._surfaces is None else self._surfaces(t, y, parameters)
 
     def of_positions(self, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
@@ -108,7 +108,7 @@ class ConstraintResiduals:
         return _residuals(values[part], rows, terms[part], y[self._layout.q], units)
 
     def of_velocities(self, t: float, y: FloatArray, parameters: FloatArray, units: FloatArray) -> Residuals:
-        """Return the residuals of all constraints on the velocities as functions of these."""
+        """Return the residuals of all constraints on the velocities as functions of the velocities."""
         values, terms = self._of(t, y, parameters)
         rows, part = self.gradient(t, y, parameters), slice(self.places, None)
         return _residuals(values[part], rows, terms[part], y[self._layout.v], units)
@@ -121,7 +121,7 @@ class ConstraintResiduals:
         return rows.reshape(len(self.names), -1)
 
     def at_corner(self, t: float, y: FloatArray, parameters: FloatArray) -> int | None:
-        """Return the first constraint that has a corner at a state, as y = abs(x) has at x = 0, or None."""
+        """Return the first constraint with a corner at a state, as y = abs(x) has at x = 0, or None."""
         if self._corners is None:
             return None
         found, n = self._corners(t, y, parameters), len(y[self._layout.q])
@@ -147,7 +147,7 @@ def _moved(y: FloatArray, displacement: FloatArray) -> FloatArray:
 
 
 def units_of(metric: FloatArray) -> FloatArray:
-    """Return what makes displacements of coordinates comparable: the roots of their inertia, 1 for those without."""
+    """Return the scales of displacements of coordinates: the roots of their inertia, 1 for those without inertia."""
     sizes = np.abs(np.diag(metric))
     return np.sqrt(np.where((sizes > 0) & np.isfinite(sizes), sizes, 1.0))
 
@@ -155,9 +155,9 @@ def units_of(metric: FloatArray) -> FloatArray:
 def _residuals(
     values: FloatArray, rows: FloatArray, terms: FloatArray, entries: FloatArray, units: FloatArray
 ) -> Residuals:
-    """Return residuals; `units` times the `entries` are comparable, and round-off of any is that of the largest."""
+    """Return residuals. `units` times `entries` are comparable; each may be off by round-off of the largest."""
     largest = np.abs(units * entries).max(initial=0.0)
-    # A gradient that is not finite is refused later, by the constraint's name.
+    # A gradient that is not finite is refused later, with the constraint's name.
     with np.errstate(all="ignore"):
         sizes = np.maximum(terms, np.abs(rows) @ (largest / units))
     return Residuals(values, rows, terms, sizes)
@@ -171,7 +171,7 @@ _KNOWN: WeakKeyDictionary[Model, ConstraintResiduals] = WeakKeyDictionary()
 
 
 def residuals_of(model: Model) -> ConstraintResiduals:
-    """Return the residuals of a model, which are made once for it."""
+    """Return the residuals of a model, cached with it."""
     found = _KNOWN.get(model)
     if found is None:
         found = _KNOWN[model] = ConstraintResiduals(model)

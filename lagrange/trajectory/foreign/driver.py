@@ -1,4 +1,4 @@
-"""Solvers of other packages, driven step by step so that none runs for ever or fails without a message."""
+"""Solvers of other packages, driven step by step so that none runs endlessly or fails without a message."""
 
 from __future__ import annotations
 
@@ -39,19 +39,19 @@ MOST_UNMOVED = 20
 """Most consecutive steps that leave the time unchanged; LSODA begins with two at t = 1e9."""
 
 INTERPOLANT_BYTES = 300
-"""Bytes that the path over a step takes beside its values, as measured."""
+"""Measured bytes of the path over a step, without its values."""
 
 UNREAD_BYTES, UNREAD_ENTRIES = 1400, 10
-"""Bytes that a path takes as SciPy's own object until it is read, and numbers in it for each entry of the state: 1,310
-to 1,540 with 2 entries, and up to 2,850 with 20."""
+"""Bytes of a path that is still SciPy's object, and further numbers in it for each entry of the state: 1,310 to 1,540
+bytes with 2 entries, and up to 2,850 with 20."""
 
 _ACCEPTED = np.zeros(S.SURVEYED + 1, dtype=np.int64)
 _ACCEPTED[[S.ROWS, S.STEPS]] = 1
-"""What an accepted step adds to the counts, all at once: an interruption never finds half of it."""
+"""Increments of the counts for an accepted step, added at once: an interruption never sees half of them."""
 
 
 Unread = partial[StepInterpolant]
-"""What reads a path when it is called."""
+"""A function that reads a path when it is first called."""
 
 
 class Stepper(Protocol):
@@ -59,27 +59,27 @@ class Stepper(Protocol):
 
     @property
     def t(self) -> float:
-        """The time reached."""
+        """The time that the solver has reached."""
 
     @property
     def y(self) -> FloatArray:
-        """The state there, (2n,), an array of its own."""
+        """The state at that time, (2n,), in an array that the solver does not reuse."""
 
     @property
     def rejected(self) -> int:
-        """How many trials the last step refused, where the package tells."""
+        """Number of rejected trials of the last step, if the package reports it."""
 
     def advance(self, t: float, y: FloatArray) -> Fault | None:
-        """Take one step from the accepted state (t, y); return why there is none."""
+        """Take one step from the accepted state (t, y). Return the fault if it fails, else None."""
 
     def interpolant(self, t: float, y: FloatArray) -> StepInterpolant | Unread:
-        """Return the path over the last step, which began at (t, y), or what reads it after further steps."""
+        """Return the path over the last step, which began at (t, y), or a function that reads it later."""
 
 
 StartSolver = Callable[[GuardedRhs, Tolerances, FloatArray, float, FloatArray, float], Stepper]
-"""Makes a solver with absolute tolerances (2n,) that goes from a time and a state to the end of the law's problem, by a
-first step of a given length at most; where that is infinite, the solver chooses. The tolerances may rise as it goes, in
-place."""
+"""Constructor of a solver, with absolute tolerances (2n,), a time, a state, and a bound of the first step. The solver
+goes to the end of the law's problem. If the bound is infinite, it chooses the first step. The tolerances may rise in
+place during the run."""
 
 
 def check_bounds(name: str, max_step: float, first_step: float | None) -> None:
@@ -100,10 +100,10 @@ def drive_stepwise(
     listening: AbstractContextManager[Sequence[Any]],
     first: int = 0,
 ) -> Trajectory:
-    """Run a problem by the solvers that `start` makes; see `Integrator.integrate` for what comes back.
+    """Run a problem by the solvers that `start` makes; see `Integrator.integrate` for the result.
 
-    `first` is the power of a first step with which its error grows, 0 where the solver chooses it well. `listening` has
-    what the package says by other ways than its results; the last of it explains a divergence.
+    The error of a first step h grows like h**`first`; 0 means that the solver chooses the first step well. `listening`
+    collects warnings and messages of the package; the last one explains a divergence.
     """
     tolerances = adaptive_settings(name, problem, None, None, None)
     with np.errstate(all="ignore"), listening as said:
@@ -121,41 +121,41 @@ class SolverPlan:
     said: Sequence[Any]
     writes_outputs = False
     first: int = 0
-    """The power of a first step with which its error grows, or 0 where the solver chooses that step well."""
+    """Power of the first step with which its error grows, or 0 if the solver chooses that step well."""
     form: str = ""
     watched: bool = False
     interpolants: list[StepInterpolant | Unread] = field(default_factory=list)
-    """The path over each accepted step, and over some behind the last that counts."""
+    """Paths over the accepted steps, and possibly over steps after the last that counts."""
 
     def driver(self, model: Model, parameters: FloatArray) -> SolverDriver:
-        """Return the driver, whose time begins to count; see `Plan`."""
+        """Return the driver, and start its time limit; see `Plan`."""
         limit = self.problem.max_wall
         deadline = np.inf if limit is None else time.perf_counter() + limit
         return SolverDriver(self, GuardedRhs(self.problem, self.package, parameters, deadline))
 
     def watch(self, problem: Problem, driver: SolverDriver, memory: WatchedEvents | None = None) -> StepWatch | None:
-        """Return what watches the events of the run, if it has any; see `Plan`."""
+        """Return the search for events of the run, or None without events; see `Plan`."""
         return StepWatch(problem, driver, self._latest, fixed=False, memory=memory) if problem.events else None
 
     def _latest(self, times: FloatArray, states: FloatArray) -> SampledPath:
-        """Return the path over the steps that were taken last."""
+        """Return the path over the most recent steps."""
         return SampledPath(times, states, StepInterpolants(self.interpolants, len(self.interpolants) - len(times) + 1))
 
     def path(self, problem: Problem, times: FloatArray, states: FloatArray, watch: StepWatch | None) -> PiecewisePath:
-        """Return the solver's own path, which leaps where the state was reset."""
+        """Return the solver's own path, with jumps at resets of the state."""
         jumps = set() if watch is None else set(watch.breaks.since(0)[0].tolist())
         steps = iter(self.interpolants)
         interpolants = [_Standing(states[i + 1]) if i in jumps else next(steps) for i in range(len(times) - 1)]
         return PiecewisePath(times, states[0], StepInterpolants(interpolants))
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the last state: what failed the law has remembered."""
+        """Return the last state; the law keeps the fault."""
         return state.y
 
 
 @dataclass(frozen=True, eq=False)
 class _Standing:
-    """The path over no time."""
+    """Constant interpolant for a reset, an interval of no duration."""
 
     y: FloatArray
 
@@ -164,7 +164,7 @@ class _Standing:
 
 
 class SolverDriver:
-    """Advances a run by a solver that is started anew where the motion changes; see `Driver`."""
+    """Advances a run by a solver, which is restarted at changes of the motion; see `Driver`."""
 
     def __init__(self, plan: SolverPlan, law: GuardedRhs) -> None:
         self._plan, self._law = plan, law
@@ -173,13 +173,13 @@ class SolverDriver:
         self._begun = 0
         self._asked: FloatArray = np.empty(0)
         self._vanished: Fault | None = None
-        """Why the solver gave up where it asked for sizes; they may not change it."""
+        """Fault that made the solver request a survey of sizes; it stands if the survey changes nothing."""
 
     def adopt(self, state: DriverState) -> None:
-        """Leave the state where it is; see `Driver`."""
+        """Do nothing: the state keeps its own memory; see `Driver`."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
-        """Take steps, and keep those that are sound; see `Driver`."""
+        """Take steps, and record those that pass the checks; see `Driver`."""
         law, plan = self._law, self._plan
         try:
             fault = self._advance(state, budget, times, rows)
@@ -216,9 +216,9 @@ class SolverDriver:
         return None
 
     def _begin(self, state: DriverState) -> Stepper | None:
-        """Start a solver at the state, from which nothing leads back; return none where the law has a fault there."""
+        """Start a solver at the state, without access to earlier times; return None if the law has a fault there."""
         law, t, y, steps = self._law, state.t, state.y.copy(), state.count(S.STEPS)
-        # Flights shorter than the first step of the solver's choice would all become as long as that.
+        # Flights between contacts that are shorter than the solver's first step would all get its length.
         given = abs(float(state.reals[S.H]))
         first = given if given and steps == self._begun + 1 else np.inf
         del self._plan.interpolants[steps:]
@@ -232,9 +232,9 @@ class SolverDriver:
         return self._solver if law.fault is None else None
 
     def _asks(self, state: DriverState, fault: Fault) -> bool:
-        """Whether steps vanish because of an entry without a size; a survey then raises the floors.
+        """Return True if steps vanish because of an entry without a size, so that a survey must raise the floors.
 
-        An entry that is round-off so far has no size. If the last survey changed nothing, that is not the cause.
+        An entry that is only round-off so far has no size. If the last survey changed nothing, the cause is another.
         """
         vanished = fault.status is Status.STEP_TOO_SMALL and state.reals[S.SHARE] > 0
         if not vanished or state.count(S.SURVEYED) >= MOST_SURVEYS or np.array_equal(state.floors, self._asked):
@@ -243,14 +243,14 @@ class SolverDriver:
         return True
 
     def _unanswered(self, state: DriverState) -> Fault | None:
-        """Return why the solver failed when it asked for sizes, if the survey changed nothing."""
+        """Return the fault that led to the survey if the survey changed nothing, else None."""
         fault, self._vanished = self._vanished, None
         return fault if np.array_equal(state.floors, self._asked) else None
 
     def _scale(self, state: DriverState, t: float, y: FloatArray) -> float:
-        """Give floors that follow the scale a start where the run begins; return the first step by their period.
+        """Set initial floors that follow the scale at the start of the run; return a first step from their period.
 
-        The solvers' own choice of it has absolute times in it.
+        The solvers' own choice of a first step depends on absolute times.
         """
         plan, law = self._plan, self._law
         if not plan.tolerances.share or (state.floors > LEAST_FLOOR).any():
@@ -264,13 +264,13 @@ class SolverDriver:
             return np.inf
         first = float((FIRST_SHARE * plan.tolerances.rtol) ** (1 / plan.first)) * period
         if first < FAR_FROM_ZERO * abs(t):
-            # SciPy takes what rounding the times makes of a step for another length.
+            # SciPy treats a step as changed if rounding of the times changes its length.
             spacing = float(np.spacing(abs(t)))
             first = spacing * 2.0 ** math.ceil(math.log2(max(first / spacing, FIRST_STEP_SPACINGS)))
         return first
 
     def _step(self, solver: Stepper, state: DriverState, times: FloatArray, rows: FloatArray) -> Fault | None:
-        """Take one step and keep it if it, its end and its interpolant are sound; else return the fault."""
+        """Take one step and keep it if the step, its end and its interpolant are valid; else return the fault."""
         law, begin, before = self._law, state.floats[S.T], state.y.copy()
         law.begin_step()
         fault = solver.advance(begin, before)
@@ -280,7 +280,7 @@ class SolverDriver:
             return fault
         t, y = solver.t, solver.y
         if t == begin:
-            # LSODA may begin with some steps that do not move a large time, or go on like that for ever.
+            # LSODA may begin with some steps that do not move a large time, or continue like that endlessly.
             self._unmoved += 1
             stuck = self._unmoved > MOST_UNMOVED
             return law.recent_fault() or (Fault(Status.STEP_TOO_SMALL, t, y) if stuck else None)
@@ -288,7 +288,7 @@ class SolverDriver:
         if not (math.isfinite(y.dot(y)) or np.isfinite(y).all()):
             return law.fault or Fault(Status.NON_FINITE, t, y)
         if law.fault is not None:
-            # Some trial of this step left the domain; the step stands if its own end did not.
+            # A trial of this step left the domain; the step is accepted if its own end did not.
             law.fault = None
             law.rhs(t, y)
         path = solver.interpolant(begin, before)
@@ -305,7 +305,7 @@ class SolverDriver:
         times: FloatArray,
         rows: FloatArray,
     ) -> None:
-        """Keep a step; it counts from the last line on, so that an interruption never finds half of one."""
+        """Record a step. The last line makes it count, so that an interruption never finds half of one."""
         row, floats = state.integers[S.ROWS], state.floats
         self._plan.interpolants.append(path)
         if isinstance(path, StepInterpolant):

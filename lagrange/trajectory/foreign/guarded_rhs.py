@@ -31,7 +31,7 @@ class StopError(Exception):
 
 
 class GuardedRhs:
-    """The model's right-hand side as a solver calls it: counted, timed, and with the last fault remembered."""
+    """The model's right-hand side as a solver calls it: counted, timed, and with a record of the last fault."""
 
     def __init__(self, problem: Problem, package: str, parameters: FloatArray, deadline: float) -> None:
         self.problem, self.package = problem, package
@@ -48,7 +48,7 @@ class GuardedRhs:
         self._step_began, self._most = 0, EVALUATIONS_PER_STEP
 
     def _quick_calls(self) -> Callable[[float, FloatArray], FloatArray | None]:
-        """Return the right-hand side as a function that gives what is finite, and else None."""
+        """Return the right-hand side as a function of time and state that returns None if it is not finite."""
         try:
             quick = self._kernel.quick(self.parameters)
         except SingularMassMatrix:
@@ -57,22 +57,22 @@ class GuardedRhs:
 
     @property
     def in_step(self) -> int:
-        """The evaluations since the step began."""
+        """Number of evaluations since the step began."""
         return self.evaluations - self._step_began
 
     def forget(self) -> None:
-        """Forget the faults of another motion."""
+        """Drop the faults of an earlier motion."""
         self.last_fault = None
         self.begin_step()
 
     def begin_step(self) -> None:
-        """Forget the faults of the last step, and restart the count."""
+        """Drop the faults of the last step, and restart the count."""
         self._step_began = self.evaluations
         self._most = self._step_began + EVALUATIONS_PER_STEP
         self.fault = None
 
     def rhs(self, t: float, y: FloatArray) -> FloatArray:
-        """Return dy/dt, (2n,); NaN where the model refuses, so that the solver shortens its step and tries again."""
+        """Return dy/dt, (2n,), or NaN if the model refuses, so that the solver tries a shorter step."""
         self.evaluations = count = self.evaluations + 1
         if count > self._most or self._timed:
             self._check_limits(t, y)
@@ -80,7 +80,7 @@ class GuardedRhs:
         return self._slope(t, y) if found is None else found
 
     def _check_limits(self, t: float, y: FloatArray) -> None:
-        """Raise StopError where the time is up, or a step has no end."""
+        """Raise StopError if the time is up, or a step needs too many evaluations."""
         if time.perf_counter() > self.deadline:
             raise StopError(Fault(Status.MAX_WALL, t, y.copy()))
         if self.evaluations > self._most:
@@ -88,7 +88,7 @@ class GuardedRhs:
             raise StopError(self.fault or Fault(Status.DIVERGED, t, y.copy(), detail=detail))
 
     def _slope(self, t: float, y: FloatArray) -> FloatArray:
-        """Return dy/dt where it may not be finite, and remember the fault."""
+        """Return dy/dt, which may not be finite, and record the fault."""
         try:
             slope = self._kernel(t, y, self.parameters)
         except SingularMassMatrix:
@@ -102,7 +102,7 @@ class GuardedRhs:
         return slope
 
     def counted(self, slopes: Slopes) -> Slopes:
-        """Return slopes whose evaluations count, and whose faults are none of a step."""
+        """Return slopes whose evaluations are counted, and whose faults are not those of a step."""
 
         def evaluate(t: float, y: FloatArray) -> FloatArray:
             self.evaluations += 1
@@ -111,7 +111,7 @@ class GuardedRhs:
         return evaluate
 
     def jacobian(self, t: float, y: FloatArray) -> FloatArray:
-        """Return d rhs / dy, (2n, 2n); where there is none, the last one, which Newton's iteration can do with."""
+        """Return d rhs / dy, (2n, 2n), or the last finite one, with which Newton's iteration still converges."""
         try:
             jacobian = one_state(self.problem.model.kernel("jacobian"), self.parameters)(float(t), y)
         except SingularMassMatrix:
@@ -136,7 +136,7 @@ class GuardedRhs:
             self._remember(Fault(Status.NON_FINITE, t, y.copy()))
 
     def _remember(self, fault: Fault) -> None:
-        """Keep the fault unless it only follows from the one before: a state that is not finite has a reason."""
+        """Record a fault, unless it follows from the last one: a state that is not finite has an earlier cause."""
         if self.fault is None or np.isfinite(fault.y).all():
             self.fault = self.last_fault = fault
             self.fault_at = self.evaluations

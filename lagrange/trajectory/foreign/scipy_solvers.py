@@ -26,7 +26,7 @@ from lagrange.trajectory.sizes import slopes_of
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 _ONE_AT_A_TIME = threading.RLock()
-"""Held by the implicit solvers: capturing their warnings changes the state of the whole process."""
+"""Lock of the implicit solvers: capturing their warnings changes the state of the whole process."""
 
 
 Output = Callable[[FloatArray], FloatArray]
@@ -36,7 +36,7 @@ DENSE_OUTPUT: Callable[[Any], Output] = methodcaller("dense_output")
 
 
 class _ScipyStepper:
-    """A solver of SciPy's between two steps; see `Stepper`. Its time counts from `origin`."""
+    """A SciPy solver between two steps; see `Stepper`. Its time counts from `origin`."""
 
     def __init__(
         self,
@@ -97,10 +97,10 @@ class _ScipyStepper:
 def _taken_again(
     method: ScipyMethod, law: GuardedRhs, times: tuple[float, float], ends: tuple[FloatArray, FloatArray]
 ) -> StepInterpolant:
-    """Return the path over an accepted step of a method that knows nothing of the steps before, taken once more.
+    """Return the path over an accepted step of a one-step method by repeating the step.
 
-    No tolerance refuses it, so that it is the same step. Few runs are asked for what lies between their steps, and the
-    solvers' own paths take a tenth to a third of a run.
+    The tolerance is infinite, so that the step is not rejected and is the same. Few runs need states between their
+    steps, and the solvers' own paths take a tenth to a third of a run.
     """
     slopes = slopes_of(law.problem.model, law.parameters)
     solver = method.solver(slopes, times[0], ends[0], times[1], atol=np.inf, first_step=abs(times[1] - times[0]))
@@ -113,8 +113,8 @@ def _taken_again(
 class ScipyMethod(ABC):
     """One of SciPy's solvers. `max_step` bounds its steps and `first_step` sets the first, both positive times.
 
-    The solver is started anew where an event resets the state. The implicit solvers take the model's compiled Jacobian,
-    and run one at a time in a process.
+    The solver is restarted at resets by events. The implicit solvers use the model's compiled Jacobian, and run one at
+    a time in a process.
     """
 
     max_step: float = np.inf
@@ -126,19 +126,19 @@ class ScipyMethod(ABC):
     degree: ClassVar[int]
     """The highest degree of the polynomials between its steps."""
     from_zero: ClassVar[bool] = False
-    """Whether the solver is told the time since its start, because it loses track of a large one."""
+    """True if the solver gets the time since its start, because it loses precision at large times."""
     stages: ClassVar[int] = 0
-    """The evaluations of one trial step, 0 if they are not fixed in number."""
+    """Number of evaluations of one trial step, 0 if it is not fixed."""
     repeats: ClassVar[bool] = False
-    """Whether a step follows from the state and the time at its ends, so that its path may be made when it is read."""
+    """True if a step depends only on the state and the times of its ends, so that its path can be recomputed."""
     first_power: ClassVar[int] = 0
-    """The power of a first step with which its error grows, 0 if the solver chooses it without absolute times."""
+    """Power of the first step with which its error grows, 0 if the solver chooses it without absolute times."""
 
     def __post_init__(self) -> None:
         check_bounds(self.name, self.max_step, self.first_step)
 
     def output(self) -> Callable[[Any], Output]:
-        """Return what gives the path over a solver's last step, as a function of its times."""
+        """Return the function that makes the path over a solver's last step, as a function of its times."""
         return DENSE_OUTPUT
 
     def integrate(self, problem: Problem) -> Trajectory:
@@ -235,9 +235,9 @@ class LSODA(ScipyMethod):
     from_zero: ClassVar[bool] = True
 
     def output(self) -> Callable[[Any], Output]:
-        """Return what copies the history that the solver goes on with; see `ScipyMethod`.
+        """Return the function that copies the solver's history of derivatives; see `ScipyMethod`.
 
-        SciPy makes an object of it, which takes longer than the step.
+        SciPy's own path object takes longer to make than the step.
         """
         return _history if _history_is_known() else DENSE_OUTPUT
 
@@ -246,7 +246,7 @@ def _history(solver: Any) -> partial[FloatArray]:
     """Return the path over the last step of LSODA, from a copy of its scaled derivatives (Nordsieck's array).
 
     A. C. Hindmarsh, ODEPACK, a systematized collection of ODE solvers, 1983: RWORK(11) is the last step, RWORK(12) the
-    next, from RWORK(21) on stands the array; IWORK(14) is the last order and IWORK(15) the next.
+    next, and the array begins at RWORK(21); IWORK(14) is the last order and IWORK(15) the next.
     """
     own, n = solver._lsoda_solver._integrator, solver.n
     order, following = own.iwork[13:15].tolist()
@@ -258,14 +258,14 @@ def _along(end: float, orders: tuple[int, int], memory: FloatArray, times: Float
     (order, following), (last, step) = orders, memory[:2]
     powers = ((times - end) / step)[:, None] ** np.arange(order + 1)
     if following < order:
-        # LSODA has not scaled the derivative that it will not use again.
+        # LSODA does not rescale the highest derivative if it will not use it again.
         powers[:, -1] *= (step / last) ** order
     return np.asarray((powers @ memory[10:].reshape(order + 1, -1)).T)
 
 
 @lru_cache(maxsize=1)
 def _history_is_known() -> bool:
-    """Return whether the memory of SciPy's LSODA is that of ODEPACK: this is tried on a run, and not assumed."""
+    """Return whether the memory of SciPy's LSODA has ODEPACK's layout, by a test run."""
     solver: Any = scipy.integrate.LSODA(lambda _, y: np.array([y[1], -(y[0] ** 3)]), 0.0, np.array([1.0, 0.5]), 20.0)
     while solver.status == "running":
         solver.step()

@@ -26,14 +26,14 @@ ORDERS = {"BDF": 5, "Adams": 12}
 """The families of CVODE's formulas and the highest order of each."""
 
 LAST_STEP_SPACINGS = 4
-"""A step that is not longer than so many spacings of floating-point times is the last: CVODE would go on with t + h = t
-for ever (LLNL/sundials#44), and warn of it from C."""
+"""A step of at most this many spacings of floating-point times is the last: CVODE would continue endlessly with
+t + h = t (LLNL/sundials#44), and warn of it from C."""
 
 TINIEST = 1e-140
-"""A span below this is none: CVODE divides by squares of its parts."""
+"""Spans below this count as zero, because CVODE divides by squares of fractions of them."""
 
 _REACHED = 1
-"""CVODE's word for having come to the end."""
+"""CVODE's return code for reaching the end."""
 
 
 @final
@@ -42,9 +42,9 @@ class CVODE:
     """CVODE of SUNDIALS: backward differentiation of variable order, at most 5 (the claim): for stiff systems.
 
     `method` is 'BDF' or 'Adams', of order up to 12, for systems that are not stiff. `max_step` bounds the steps,
-    `first_step` sets the first, both positive times, and `max_order` bounds the order. CVODE gets the model's compiled
-    Jacobian. Between its steps the path is CVODE's own interpolant, read at as many points as its highest order wants
-    while the step is there: that takes about as long as the step, and a lower `max_order` makes it less.
+    `first_step` sets the first, both positive times, and `max_order` bounds the order. CVODE uses the model's compiled
+    Jacobian. Between its steps the path is CVODE's own interpolant. It is read after each step at as many points as the
+    highest order requires. That takes about as long as the step; a lower `max_order` reduces it.
     """
 
     method: str = "BDF"
@@ -69,12 +69,12 @@ class CVODE:
 
     @property
     def name(self) -> str:
-        """The registered name."""
+        """The name of the method in the registry."""
         return "cvode"
 
     @cached_property
     def claims(self) -> Claims:
-        """The highest order that is allowed, step control, and events."""
+        """The highest allowed order, step control, and events."""
         return Claims(order=self.max_order or ORDERS[self.method], adaptive=True, explicit=False, events=True)
 
     def integrate(self, problem: Problem) -> Trajectory:
@@ -171,7 +171,7 @@ class _CvodeStepper:
         if not self.reached and not self.s - self.begin > LAST_STEP_SPACINGS * float(np.spacing(abs(self.begin))):
             return self.law.recent_fault() or Fault(Status.STEP_TOO_SMALL, t, y)
         if not first:
-            # Before its first step CVODE evaluates the law to choose a length; these are not trials of a step.
+            # Before its first step CVODE evaluates the law to choose a length. These evaluations are not trials.
             self.rejected = len(set(self.trials) - {self.begin}) - 1
         return None
 
@@ -181,15 +181,15 @@ class _CvodeStepper:
 
         found = StepInterpolant.read((t, self.t), (y, self.state), (self.begin, self.s), interpolant, self.degree)
         if not self.reached:
-            # The next step starts from the time that was asked for last.
+            # The next step starts from the time that was requested last.
             self.cvode.step(self.s, "normal")
         return found
 
 
 class _OtherThreads:
-    """Standard output for all threads but `silent`, whose words are dropped.
+    """Standard output for all threads except `silent`, whose output is dropped.
 
-    One object serves for ever: Python's print keeps no reference to the sys.stdout that it writes to.
+    One object serves the whole process: Python's print keeps no reference to the sys.stdout that it writes to.
     """
 
     stream: Any = None
@@ -204,12 +204,12 @@ class _OtherThreads:
 
 _OUT: Any = _OtherThreads()
 _STEPPING = threading.RLock()
-"""Held for a step: keeping back what is printed replaces sys.stdout for that long."""
+"""Lock during a step: to suppress printing, sys.stdout is replaced meanwhile."""
 
 
 @contextmanager
 def _unprinted() -> Iterator[None]:
-    """Keep back what scikit-sundae prints of a step that fails: the run's message says it."""
+    """Suppress the output of scikit-sundae for a failing step: the run's message reports it."""
     with _STEPPING:
         if sys.stdout is None:
             yield

@@ -38,7 +38,7 @@ class RungeKutta:
     """The explicit Runge-Kutta method of a tableau.
 
     `step` is the size of equal steps, for a tableau without an error estimate; `rtol` and `atol` are tolerances
-    for one with it. What is None is taken from the run, or has a default.
+    for one with it. Options that are None are those of the run, or have a default.
     """
 
     tableau: ButcherTableau
@@ -236,12 +236,12 @@ def _entries(name: str, line: Any) -> Coefficients:
 
 
 def _fraction(entry: Any) -> Fraction:
-    """Return an exact number, of a short text too: Python would compute all digits of 1e1000000000."""
+    """Return a number or short text as an exact fraction. Long texts are refused, such as 1e1000000000."""
     if isinstance(entry, bool) or (isinstance(entry, str) and not FRACTION.fullmatch(entry)):
         raise ValueError(shown(entry))
     return Fraction(entry)
 
 
 def explicit_method(A: Any, b: Any, *, name: str, order: int, step: float | None = None) -> RungeKutta:
-    """Return a fixed-step method from a tableau of your own; see `tableau`, also for what is raised."""
+    """Return a fixed-step method from a tableau. See `tableau`, also for the errors that it raises."""
     return RungeKutta(tableau(A, b, name=name, order=order), step=step)

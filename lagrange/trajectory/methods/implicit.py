@@ -32,14 +32,14 @@ from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 @dataclass(frozen=True)
 class ImplicitMethod:
-    """The method of a step function that solves, step(f, t, y, h, solve).
+    """The method of an implicit step function, step(f, t, y, h, solve).
 
-    `law` is what it calls: "rhs", or "momentum" or "constrained" for step(g, t, q, v, h, solve). With a `control` it
-    returns an error vector for each vector of the state as well and takes `rtol` and `atol`, otherwise equal steps of
-    size `step`. With a `starter`, which takes the first step, it gets the state one step back behind the state. `path`
-    makes the dense output, whose order is claimed; without it there is one of Hermite polynomials. The steps of a
-    method that is `holonomic` end on the constraints by themselves: they are not projected, and constraints that are
-    stated in velocities are refused.
+    `law` is the function that the step evaluates: "rhs", or "momentum" or "constrained" for step(g, t, q, v, h, solve).
+    With a `control` the step also returns an error vector for each vector of the state, and the method takes `rtol` and
+    `atol`; otherwise it takes equal steps of size `step`. With a `starter`, which takes the first step, the step
+    function also gets the state one step back, after the state. `path` makes the dense output, whose order is claimed;
+    the default is a Hermite path. The steps of a `holonomic` method end on the constraints: they are not projected, and
+    constraints that are stated in velocities are refused.
     """
 
     name: str
@@ -170,11 +170,11 @@ def weighted(weights: Sequence[Abscissa], vectors: Sequence[Any]) -> Any:
 
 GAUSS2, GAUSS3 = (Collocation(*gauss_tableau(stages)) for stages in (2, 3))
 STARTER = Collocation(*collocation_tableau((Fraction(1, 3), Fraction(1))))
-"""Radau's step of 2 stages, order 3, with equal steps: what a method of two steps starts with."""
+"""Radau's step of 2 stages, order 3, with equal steps: the first step of methods with two steps."""
 
 
 def bdf2(f: Callable[..., Any], t: Any, y: Any, before: Any, h: Any, solve: Callable[..., Any]) -> Any:
-    """Differentiate the parabola through two states and the new one, and set that equal to the slope at the end."""
+    """Equate the derivative of the parabola through two states and the new one with the slope at the end."""
     known = (y * 4 - before) / 3
     k = solve(lambda k: f(t + h, known + k * (h * Fraction(2, 3))) - k, lambda: f(t, y))
     return known + k * (h * Fraction(2, 3))

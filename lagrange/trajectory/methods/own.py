@@ -31,7 +31,7 @@ from lagrange.trajectory.tableaux.rooted_trees import Coefficient
 from lagrange.trajectory.trajectory import Trajectory
 
 TRIAL_POINTS = ((Fraction(0), Fraction(1)), (Fraction(2), Fraction(2)))
-"""Values of (t, h) for the test: two, so that h**2 is not taken for h."""
+"""Values of (t, h) for the test. There are two, to distinguish h**2 from h."""
 
 SHORT_STEP = Fraction(1, 4096)
 """A step so short that its slopes must add up to h, up to terms of relative size h."""
@@ -137,7 +137,7 @@ def _arguments(name: str, function: Callable[..., Any]) -> int:
 
 @dataclass(frozen=True)
 class _Tried:
-    """What a step function did: (time, argument) of each call, and the vectors that it returned."""
+    """Record of a step function: (time, argument) of each call, and the vectors that it returned."""
 
     calls: tuple[tuple[Coefficient, dict[int, Coefficient]], ...]
     results: tuple[dict[int, Coefficient], ...]

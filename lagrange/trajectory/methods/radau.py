@@ -1,8 +1,8 @@
 """Radau's methods of 2 and 3 stages: adaptive steps for stiff systems, of order 3 and 5.
 
 The unknowns are the increments Z_i of the state at the points c_i. They are predicted by the polynomial through those
-of the step before, on which the path is built as well. The error is that of an embedded formula with the slope at the
-start, damped so that fast parts count for no more than they do.
+of the last step, from which the path is built as well. The error is that of an embedded formula with the slope at the
+start, damped so that fast components are not overestimated.
 Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.5 and IV.8, eq. 8.5 to 8.20.
 """
 
@@ -27,13 +27,13 @@ POINTS = {2: (1 / 3, 1.0), 3: ((4 - 6**0.5) / 10, (4 + 6**0.5) / 10, 1.0)}
 """The zeros of Radau's polynomials on [0, 1], by the number of stages."""
 
 DAMPING = {2: 6**-0.5, 3: 1 / (3 + 3 ** (2 / 3) - 3 ** (1 / 3))}
-"""The factor of h J with which the error is damped: 1 / the real eigenvalue of A^-1, and for 2 stages, where there is
-none, 1 / the size of the complex ones."""
+"""Factor of h J by which the error is damped: 1 / the real eigenvalue of A^-1. For 2 stages both eigenvalues are
+complex, and the factor is 1 / their size."""
 
 
 @dataclass(frozen=True)
 class Radau:
-    """The step function of so many stages, with the error vector behind the state."""
+    """The step function with `stages` stages, which returns the state and the error vector."""
 
     stages: int
 
@@ -62,13 +62,13 @@ class Radau:
         return [float(w) for w in (weights - A[-1]) @ np.linalg.inv(A)]
 
     def predict(self, ratio: Any, *old: Any) -> tuple[Any, ...]:
-        """Return the increments on the polynomial through those of the step before."""
+        """Return the increments on the polynomial through those of the last step."""
         _, _, c = collocation_tableau(POINTS[self.stages])
         return tuple(found - old[-1] for found in continued((0.0, *c), c, ratio, (old[0] * 0, *old)))
 
 
 def continued(points: Sequence[float], wanted: Sequence[float], ratio: Any, old: Sequence[Any]) -> list[Any]:
-    """Return the polynomial through values at points of a step at points of the next, `ratio` times as long."""
+    """Evaluate the polynomial through values at points of a step, at points of the next, `ratio` times as long."""
     basis = [np.poly1d(line[::-1]) for line in lagrange_basis(points)]
 
     def at(polynomial: Any, ci: float) -> Any:
@@ -85,7 +85,7 @@ RADAU3, RADAU5 = Radau(2), Radau(3)
 
 @dataclass(frozen=True)
 class RadauPath:
-    """What makes the path of so many stages: a polynomial of degree s + 1 for each step, of order s + 1."""
+    """Factory of the path: a polynomial of degree `stages` + 1 for each step, of order `stages` + 1."""
 
     stages: int
 

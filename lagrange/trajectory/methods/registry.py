@@ -50,10 +50,10 @@ FAMILIES = (explicit, splitting, implicit, radau, variational, constrained, inde
 BUILT_IN: dict[str, Callable[..., Integrator]] = {
     name: maker for family in FAMILIES for name, maker in entered(family.__name__).items()
 }
-"""What makes each method of this package, called without arguments or with its options."""
+"""Constructor of each method of this package, called without arguments or with its options."""
 
 _registered: dict[str, Callable[[], Integrator]] = {}
-"""The methods given to `register`, by name, in order."""
+"""The methods passed to `register`, by name, in order."""
 
 NAME = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
 
@@ -228,7 +228,7 @@ def _about(name: str, integrator: Integrator) -> str:
 
 @cache
 def _loaded(name: str) -> Callable[[], Integrator]:
-    """Return the class of a method of another distribution; to load an entry point takes as long as a short run."""
+    """Return the class of a method of another distribution, cached: loading one takes as long as a short run."""
     found: Callable[[], Integrator] = _offered()[name].load()
     return found
 

@@ -79,14 +79,14 @@ class Splitting:
 
     @property
     def flows(self) -> tuple[tuple[str, float], ...]:
-        """What a step does, in order: ("kick" or "drift", fraction of the step)."""
+        """The flows of a step, in order: ("kick" or "drift", fraction of the step)."""
         pairs = [flow for kick, drift in self.stages for flow in (("kick", kick), ("drift", drift)) if flow[1]]
         grouped = groupby(pairs, key=lambda flow: flow[0])
         return tuple((what, sum(part for _, part in parts)) for what, parts in grouped)
 
     @property
     def symmetric(self) -> bool:
-        """Whether the step reads the same from both ends, so that a step of -h undoes a step of h."""
+        """True if the flows are the same in reverse order, so that a step of -h undoes a step of h."""
         return self.flows == self.flows[::-1]
 
     @cached_property
@@ -227,7 +227,7 @@ def Verlet(step: float | None = None) -> Splitting:
 def VelocityVerlet(step: float | None = None) -> Splitting:
     """Return the Stormer-Verlet method in velocity form, order 2: q + h v + h^2 a/2, then v with the mean of both a.
 
-    That is half a kick, a drift, half a kick. The last force of a step is the first of the next.
+    The step is half a kick, a drift, half a kick. The last force of a step is the first of the next.
     """
     source = "Swope, Andersen, Berens, Wilson, J. Chem. Phys. 76, 1982; Hairer, Lubich, Wanner, I.1.4"
     return composition((1.0,), name="velocity-verlet", order=2, first="kick", step=step, source=source)

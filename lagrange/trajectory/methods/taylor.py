@@ -37,9 +37,9 @@ TOP_ORDER = 64
 @built_in("taylor")
 @dataclass(frozen=True)
 class Taylor:
-    """The adaptive Taylor series method, compiled from the energies; order by cost, 4 to 32 (20 stands for it).
+    """The adaptive Taylor series method, compiled from the energies; order by cost, 4 to 32 (listed as 20).
 
-    `rtol` and `atol` are tolerances, `order` a fixed order from 4 to 64; what is None is taken from the run, or chosen.
+    `rtol` and `atol` are tolerances, `order` a fixed order from 4 to 64. Options that are None are the run's or chosen.
     """
 
     rtol: float | None = None
@@ -61,7 +61,7 @@ class Taylor:
 
     @cached_property
     def claims(self) -> Claims:
-        """Step control; the order depends on the tolerance and the system, and 20 stands for it."""
+        """Step control. The order is listed as 20, since it depends on the tolerance and the system."""
         return Claims(order=self.order or 20, adaptive=True, events=True, dense=self.order or 20)
 
     def plan(self, problem: Problem) -> TaylorPlan:
@@ -81,7 +81,7 @@ class Taylor:
 
 @dataclass(frozen=True, eq=False)
 class TaylorPlan:
-    """A series at an order, with tolerances; `impacts` are the events of the run, watched behind the surfaces."""
+    """A series at an order, with tolerances. `impacts` are the events of the run, after the switching surfaces."""
 
     series: Series
     order: int
@@ -97,17 +97,17 @@ class TaylorPlan:
 
     @property
     def watched(self) -> bool:
-        """Whether there are events or switching surfaces; see `Plan`."""
+        """True if there are events or switching surfaces; see `Plan`."""
         return bool(self.series.program.watched)
 
     def driver(self, model: Model, parameters: FloatArray) -> TaylorDriver:
-        """Return the driver, with the sides of surfaces, NaN, still to be found; see `Plan`."""
+        """Return the driver, with unknown sides of surfaces (NaN); see `Plan`."""
         if sides := self.series.program.sides:
             parameters = np.concatenate([parameters, np.full(sides, np.nan)])
         return self.series.driver(self.order, parameters)
 
     def watch(self, problem: Problem, driver: TaylorDriver, memory: EventMemory | None = None) -> Watch | None:
-        """Return what watches events and surfaces; see `Plan`."""
+        """Return the search for events and surface crossings, or None without any; see `Plan`."""
         if not self.watched:
             return None
         parameters, own = problem.parameter_array, self.tolerances
@@ -125,7 +125,7 @@ class TaylorPlan:
         return SeriesPath(self.series, self.order, tuple(watch.epochs), times, states, paths)
 
     def failed(self, problem: Problem, state: DriverState) -> FloatArray:
-        """Return the state with the first coefficients that are not finite in place of the rows that have them."""
+        """Return the state, with the first coefficients that are not finite in place of the entries that have them."""
         parameters = problem.parameter_array
         sides = stated_sides(self.series.program, state.t, state.y, parameters)
         values = np.concatenate([parameters, sides])
@@ -141,7 +141,7 @@ class TaylorPlan:
 
 
 def _margin(rtol: float) -> float:
-    """Return the part of its tolerances that a step aims at."""
+    """Return the fraction of its tolerances that a step aims at."""
     return MARGIN if rtol >= TIGHT_RTOL else LEAST_MARGIN
 
 
@@ -165,7 +165,7 @@ def watched_names(problem: Problem) -> list[str]:
     plain = dict(model.statement.plain)
     surfaces = [model.equations.express(surface) for surface in switched.expressions]
     shown = [*surfaces, *(event.expression for event in problem.events)]
-    # SymPy would print sqrt(x**2) as Abs(x), which is what the user is asked to write instead.
+    # SymPy would print sqrt(x**2) as Abs(x), which is the form that the message asks for.
     bases = [model.equations.express(base) for base in square_roots.values()]
     names = [formula(expression.xreplace(plain), 80) for expression in (*shown, *bases)]
     return [*names[: len(shown)], *(f"sqrt({name})" for name in names[len(shown) :])]

@@ -64,7 +64,8 @@ def adaptive_settings(
     """Return the tolerances of an adaptive method: the run's, else the method's own, else the defaults.
 
     The default absolute tolerance follows the scale of each entry; see `FLOOR_SHARE`. What both give must be the same.
-    `least` is the smallest relative tolerance that the method can use, and `margin` what its steps aim at for one.
+    `least` is the smallest relative tolerance that the method can use. `margin` maps rtol to the fraction of the
+    tolerances that the method's steps aim at.
     """
     check_problem(name, problem)
     if problem.step is not None or step is not None:
@@ -116,7 +117,7 @@ def check_problem(name: str, problem: Problem) -> None:
 
 
 def check_holonomic(name: str, problem: Problem) -> None:
-    """Refuse constraints that are stated in velocities, and coordinates without inertia, whose equations are such."""
+    """Refuse constraints stated in velocities, and coordinates without inertia, whose equations are such."""
     check_problem(name, problem)
     equations = problem.model.equations
     held = equations.stated

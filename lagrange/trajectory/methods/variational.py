@@ -81,8 +81,8 @@ class Galerkin:
 def mean_value_gradient(points: int) -> Galerkin:
     """Return the step along the mean of the gradient of the energy on the straight line of the step in (q, p).
 
-    The energy changes by the mean gradient times the step, which is perpendicular to it: it is conserved as far as
-    Gauss's quadrature in so many points is exact.
+    The energy changes by the mean gradient times the step, which is perpendicular to it. So it is conserved as exactly
+    as Gauss's quadrature in `points` points is.
     Source: R. I. McLachlan, G. R. W. Quispel, N. Robidoux, Phil. Trans. R. Soc. A 357, 1999, eq. 2.4; E. Hairer, C.
     Lubich, G. Wanner, Geometric Numerical Integration, V.5.
     """

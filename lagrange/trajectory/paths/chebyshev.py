@@ -124,6 +124,6 @@ def powers(chebyshev: FloatArray, least: float) -> FloatArray:
 
 
 def _size(values: FloatArray) -> float:
-    """Return the largest finite size, 0 if there is none."""
+    """Return the largest finite size, or 0 without finite values."""
     sizes = np.abs(values[np.isfinite(values)])
     return float(sizes.max(initial=0.0))

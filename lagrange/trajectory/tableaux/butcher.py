@@ -130,7 +130,7 @@ class ButcherTableau:
 
     @property
     def fsal(self) -> bool:
-        """Whether the last stage is f(t + h, y_new), which the next step starts with."""
+        """True if the last stage is f(t + h, y_new), the first stage of the next step."""
         return len(self.A) > 1 and self.A[-1] == self.b[:-1] and not self.b[-1]
 
     @property

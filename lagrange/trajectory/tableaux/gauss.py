@@ -1,6 +1,6 @@
 """Tableaus of collocation: from points to coefficients, exact where the points are, and Gauss's points to many digits.
 
-What a tableau conserves holds as well as its coefficients do, so a compiled step gets them as exact numbers.
+A compiled step gets the coefficients as exact numbers, because a tableau conserves only as well as they are accurate.
 Source: E. Hairer, C. Lubich, G. Wanner, Geometric Numerical Integration, 2nd ed., 2006, II.1.2 and II.1.3.
 """
 
@@ -17,7 +17,7 @@ Tableau = tuple[tuple[tuple[Any, ...], ...], tuple[Any, ...], tuple[Any, ...]]
 """A, b and c of a Runge-Kutta method."""
 
 BITS = 200
-"""Gauss's points and their coefficients are rounded to so many."""
+"""Precision of Gauss's points and their coefficients, in bits."""
 
 
 def lagrange_basis(points: Sequence[Abscissa]) -> list[list[Any]]:
