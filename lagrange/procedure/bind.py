@@ -1,6 +1,6 @@
-"""Procedures whose functions are known: no parameter is a function, and what is never used is not a parameter.
+"""Replace function parameters of procedures by known functions, and drop parameters that are never used.
 
-So a procedure for any right-hand side becomes one for a certain right-hand side, and needs no pointers to functions.
+This turns a procedure for any right-hand side into one for a given right-hand side, without function pointers.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ Functions = Mapping[str, Procedure]
 
 
 def bound(procedure: Procedure, functions: Functions, *, prefix: str = "") -> Procedure:
-    """Return a procedure with functions in the place of parameters of these names.
+    """Return a procedure in which `functions` replace the parameters with their names.
 
-    Parameters that nothing reads are left out, here and in all that it calls, but for those of the functions. `prefix`
-    begins the names of all procedures but the functions. Raises LagrangeError where a function is called that is not
-    given.
+    Parameters that nothing reads are dropped, here and in callees, but the signatures of `functions` stay. `prefix` is
+    added to the names of all procedures except `functions`. Raises LagrangeError if a procedure calls a function
+    parameter that `functions` lacks.
     """
     return _Binder(prefix).bound(procedure, tuple(sorted(functions.items())))
 
@@ -40,7 +40,7 @@ class _Binder:
         self.prefix = prefix
         self.known: dict[tuple[Procedure, tuple[tuple[str, Procedure], ...]], Procedure] = {}
         self.kept: dict[Procedure, tuple[bool, ...]] = {}
-        """Which parameters of a procedure its bound form still has."""
+        """For each procedure and parameter, True if its bound form still has the parameter."""
 
     def bound(self, procedure: Procedure, functions: tuple[tuple[str, Procedure], ...]) -> Procedure:
         key = procedure, functions

@@ -1,8 +1,8 @@
-"""Whole blocks: machines compute on some numbers at once, and arrays have room for the last of them."""
+"""Whole blocks: machines compute several numbers at once, and arrays have room for whole blocks."""
 
 from __future__ import annotations
 
 
 def whole_blocks(count: int, block: int) -> int:
-    """Return the least multiple of a block that is not below a count."""
+    """Return the least multiple of `block` that is at least `count`."""
     return -(-count // block) * block

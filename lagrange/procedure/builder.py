@@ -53,7 +53,7 @@ from lagrange.procedure.verify import verify
 
 
 class Folded:
-    """The result of a reduction in an `each`: its value is known behind the loop."""
+    """The result of a reduction in an `each`. Its value is available after the loop."""
 
     def __init__(self, builder: Builder, ref: int) -> None:
         self._builder, self._ref = builder, ref
@@ -65,25 +65,25 @@ class Folded:
 
 
 class GivenFunction:
-    """A function that the caller gives: called as in Python, or passed on."""
+    """A function that is a parameter: called as in Python, or passed on."""
 
     def __init__(self, builder: Builder, ref: int, callee: Callee) -> None:
         self._builder, self.ref, self._callee = builder, ref, callee
 
     def __call__(self, *args: Any) -> Any:
-        """Return what it gives: nothing, a value, or a tuple of values."""
+        """Return the result of the call: None, a value, or a tuple of values."""
         return self._builder.call_given(self.ref, self._callee, args)
 
 
 class Branches:
-    """A condition that has been evaluated, with its second branch."""
+    """A branch under construction, whose second block is still open."""
 
     def __init__(self, builder: Builder, place: int) -> None:
         self._builder, self._place = builder, place
 
     @contextmanager
     def otherwise(self) -> Iterator[None]:
-        """Run the body where the condition did not hold."""
+        """Run the body if the condition did not hold."""
         with self._builder.block() as body:
             yield
         statement = self._builder.current[self._place]
@@ -95,7 +95,7 @@ class Branches:
 
 
 class Builder:
-    """A procedure under construction. Numbers of Python are taken wherever a value is."""
+    """A procedure under construction. Python numbers are accepted wherever a value is."""
 
     def __init__(self, name: str, about: str, *, apart: bool = False) -> None:
         self.name, self.about, self._apart = name, about, apart
@@ -104,7 +104,7 @@ class Builder:
         self.current: list[Statement] = []
         self._folds: list[Fold] | None = None
         self._constants: list[dict[tuple[Kind, str], Any]] = [{}]
-        """The constants of each block that is open."""
+        """The constants of each open block."""
         self._count = 0
 
     # --- parameters
@@ -139,7 +139,7 @@ class Builder:
     # --- values
 
     def operation(self, op: str, *args: Any) -> Any:
-        """Return an operation on values and Python numbers; the numbers take the kind of the values."""
+        """Return an operation on values and Python numbers; the numbers are converted to the kind of the values."""
         kinds = [arg.kind for arg in args if isinstance(arg, Value)]
         kind = next((k for k in kinds if k is not FLAG), REAL)
         found = [arg if isinstance(arg, Value) else self.constant(arg, kind) for arg in args]
@@ -163,7 +163,7 @@ class Builder:
         return Entries(self, ref, vector)
 
     def broadcast(self, value: Any, width: int, kind: Kind = REAL) -> Entries:
-        """Return a vector that has a value in every entry; a Python number is of the stated kind."""
+        """Return a vector with the same value in every entry; a Python number is of the given kind."""
         first = value if isinstance(value, Value) else self.constant(value, kind)
         vector = Vector(first.kind, width)
         return self.vector(vector, lambda ref: VectorLet(ref, vector, "broadcast", (first.ref,)))
@@ -194,16 +194,16 @@ class Builder:
 
     @property
     def true(self) -> Flag:
-        """The flag that holds."""
+        """The flag that is true."""
         return Flag.of(self.constant(value=True, kind=FLAG))
 
     @property
     def false(self) -> Flag:
-        """The flag that does not hold."""
+        """The flag that is false."""
         return Flag.of(self.constant(value=False, kind=FLAG))
 
     def operand(self, value: Any, kind: Kind) -> int:
-        """Return the number of a value; refuse another kind."""
+        """Return the number of a value. Raises LagrangeError for a value of another kind."""
         found: Value = value if isinstance(value, Value) else self.constant(value, kind)
         if found.kind is not kind:
             raise LagrangeError(f"procedure {self.name}: a {found.kind} stands where a {kind} belongs.")
@@ -262,7 +262,7 @@ class Builder:
     # --- memory
 
     def variable(self, value: Any, name: str = "") -> Variable:
-        """Return a variable with its first value; a number of Python is of the kind that it looks like."""
+        """Return a variable with its first value; a Python number has the kind of its type."""
         kind = _kind_of(value)
         first, ref = self.operand(value, kind), self.unused()
         self.add(Declare(ref, kind, first))
@@ -301,7 +301,7 @@ class Builder:
         spill: bool = True,
         unrolled: bool = False,
     ) -> None:
-        """Copy numbers between arrays, whole blocks of them where it may `spill`; see `Each`."""
+        """Copy numbers between arrays, in whole blocks if it may `spill`; see `Each`."""
         with self.each(count, width=width, spill=spill, unrolled=unrolled) as i:
             target[i] = source[i]
 
@@ -321,7 +321,7 @@ class Builder:
 
     @contextmanager
     def when(self, condition: Flag, *, likely: bool | None = None) -> Iterator[Branches]:
-        """Run the body where the condition holds; what is yielded has `otherwise`."""
+        """Run the body if the condition holds; yields an object whose `otherwise` opens the second branch."""
         branches = Branches(self, len(self.current))
         with self.block() as body:
             yield branches
@@ -337,7 +337,7 @@ class Builder:
 
     @contextmanager
     def repeat(self, test: Callable[[], Flag]) -> Iterator[None]:
-        """Run the body while the test, which is built here, holds; it is evaluated before each iteration."""
+        """Run the body while the test holds. `test` builds it here, and it is evaluated before each iteration."""
         with self.block() as asked:
             condition = test().ref
         with self.block() as body:
@@ -399,16 +399,16 @@ class Builder:
         return values[0] if len(values) == 1 else values or None
 
     def leave(self, *values: Any) -> None:
-        """Return from the procedure with results. Python integers are wholes."""
+        """Return from the procedure with results. Python integers become wholes."""
         self.add(Leave(tuple(self.operand(value, _kind_of(value)) for value in values)))
 
     def leave_if(self, condition: Flag, *values: Any, likely: bool | None = None) -> None:
-        """End the procedure with its results where a condition holds."""
+        """Return from the procedure with results if a condition holds."""
         with self.when(condition, likely=likely):
             self.leave(*values)
 
     def note(self, text: str) -> None:
-        """Add a comment, which printers keep."""
+        """Add a comment, which printers print."""
         self.add(Note(text))
 
     def add(self, statement: Statement) -> None:
@@ -418,7 +418,7 @@ class Builder:
         self.current.append(statement)
 
     def finish(self, *results: Kind) -> Procedure:
-        """Return the procedure. Raises LagrangeError where it is malformed."""
+        """Return the procedure. Raises LagrangeError if it is malformed."""
         body: Block = tuple(self.current)
         made = Procedure(self.name, self.about, tuple(self.parameters), results, body, dict(self.names), self._apart)
         verify(made)
@@ -431,7 +431,7 @@ class Builder:
 
 
 def _kind_of(value: Any) -> Kind:
-    """Return the kind of a value, or of a number of Python."""
+    """Return the kind of a value, or of a Python number."""
     if isinstance(value, Value):
         return value.kind
     return FLAG if isinstance(value, bool) else WHOLE if isinstance(value, int) else REAL

@@ -1,4 +1,4 @@
-"""Compensated addition: a sum of two numbers, and what rounding lost of it.
+"""Compensated addition: the sum of two numbers and its rounding error.
 
 Source: D. E. Knuth, The Art of Computer Programming, vol. 2, 3rd ed., 1997, 4.2.2, theorem B.
 """
@@ -9,7 +9,7 @@ from lagrange.procedure.values import Real
 
 
 def compensated(y: Real, move: Real) -> tuple[Real, Real]:
-    """Return the rounded sum, and the error of the rounding, which is exact: y + move = total + lost."""
+    """Return the rounded sum and its exact rounding error: y + move = total + lost."""
     total = y + move
     back = total - y
     return total, (y - (total - back)) + (move - back)

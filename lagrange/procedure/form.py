@@ -1,8 +1,8 @@
-"""The form of a procedure: typed values, memory and control flow, in no language.
+"""The language-independent form of a procedure: typed values, memory and control flow.
 
 A procedure is a block of statements. Values are numbered and assigned once; variables, arrays and fields of records can
 change. There are three kinds of value, no pointers, no recursion and no exceptions: a procedure that fails returns a
-status. So the form can be printed as LLVM, C or Python, and `interpreter` runs it directly.
+status. The form can therefore be printed as LLVM, C or Python, and `interpreter` runs it directly.
 
     reals      doubles; a printer may give them lanes, and then flags are masks
     wholes     64-bit signed integers: counts and indices
@@ -49,11 +49,11 @@ class Record:
 
     @cached_property
     def places(self) -> Mapping[str, int]:
-        """The place of each field."""
+        """The index of each field."""
         return {name: i for i, (name, _) in enumerate(self.fields)}
 
     def kind(self, field: str) -> Kind:
-        """Return what a field holds."""
+        """Return the kind of a field."""
         return self.fields[self.places[field]][1]
 
     @cached_property
@@ -78,7 +78,7 @@ class Array:
 
     @property
     def length(self) -> int:
-        """Of how many values a local array is made in languages that read and write them one by one, at least one."""
+        """Length of a local array in languages that access single values: `size`, at least one."""
         return (self.size or 0) + max(self.room - 1, 0) or 1
 
 
@@ -293,10 +293,10 @@ class Repeat(NamedTuple):
 
 
 PARTIAL = 4
-"""How many partial sums a `Fold` has."""
+"""Number of partial sums of a `Fold`."""
 
 SUMS, WIDTHS = ("add", "dot"), (1, 2, 4, 8)
-"""The reductions that are sums; and how many iterations of an `Each` may be computed at once."""
+"""Reductions that are sums, and numbers of iterations of an `Each` that may be computed at once."""
 
 
 class Fold(NamedTuple):
@@ -312,7 +312,7 @@ class Fold(NamedTuple):
     op: str
     value: int
     factor: int | None = None
-    """The other value of a product."""
+    """The second factor of a product."""
 
 
 class Each(NamedTuple):
@@ -349,7 +349,7 @@ class Leave(NamedTuple):
 
 
 class Note(NamedTuple):
-    """A comment, which printers keep."""
+    """A comment, which printers print."""
 
     text: str
 
@@ -387,7 +387,7 @@ Block = tuple[Statement, ...]
 class Procedure:
     """A checked algorithm: `about` describes it in a sentence, and `names` has the names of some of its values.
 
-    A procedure that stands `apart` runs rarely, or has several callers: no printer inlines it.
+    A procedure that is `apart` runs rarely, or has several callers: printers do not inline it.
     """
 
     name: str
@@ -400,7 +400,7 @@ class Procedure:
 
     @cached_property
     def callees(self) -> tuple[Procedure, ...]:
-        """The procedures that it calls, directly or not, each once and before its callers."""
+        """The transitive callees, each once and before its callers."""
         found: dict[Procedure, None] = {}
         for call in calls(self.body):
             if isinstance(call.callee, Procedure):

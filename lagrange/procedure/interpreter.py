@@ -1,8 +1,8 @@
 """Run a procedure statement by statement: the reference for every printer.
 
-Reals are Python floats, wholes and flags are its ints and bools. An array is any indexable object, used from an offset
-on; a record is an object with its fields as attributes, such as its `Record.structure`. A function that is a parameter
-is called with `Span`s for arrays; it returns None, a value or a tuple of values.
+Reals are Python floats, wholes and flags are Python ints and bools. An array is any indexable object, used from an
+offset on; a record is an object with its fields as attributes, such as its `Record.structure`. A function parameter is
+called with `Span`s for arrays; it returns None, a value or a tuple of values.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ def run(procedure: Procedure, *args: Any) -> Results:
 
 
 def _block(block: Block, known: Environment) -> Results | None:
-    """Run statements; return the results where one ends the procedure."""
+    """Run statements; return the results if a statement ends the procedure, else None."""
     for statement in block:
         found = _STATEMENTS[type(statement)](statement, known)
         if found is not None:
@@ -270,7 +270,7 @@ _STATEMENTS: Mapping[type, Callable[[Any, Environment], Results | None]] = {
 }
 
 
-# --- arithmetic of doubles as processors do it: what has no value is NaN or infinite, and nothing raises
+# --- arithmetic of doubles as in processors: undefined results are NaN or infinite, and nothing raises
 
 
 def _divide(a: float, b: float) -> float:
@@ -295,7 +295,7 @@ LARGER: Mapping[str, Callable[[float, float], float]] = {
     "most": lambda a, b: b if b > a else a,
     "magnitude": _magnitude,
 }
-"""How the larger of two is taken by each fold that does."""
+"""The larger of two values, for each fold that is a maximum."""
 
 
 def _min(a: Any, b: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The operations of procedures: what each takes and gives."""
+"""The operations of procedures, with the kinds of their operands and results."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _WHOLES: Signature = ((WHOLE, WHOLE), WHOLE)
 _COMPARED: tuple[Signature, Signature] = ((REAL, REAL), FLAG), ((WHOLE, WHOLE), FLAG)
 
 ANGLES = ("sin", "cos")
-"""The operations that are computed together, in the order of the results."""
+"""The operations that are computed as a pair, in the order of the results."""
 
 OPERATIONS: dict[str, tuple[Signature, ...]] = {
     **_functions("add sub mul min max", _BINARY, _WHOLES),
@@ -37,22 +37,22 @@ OPERATIONS: dict[str, tuple[Signature, ...]] = {
     **_functions("exponent", ((REAL,), WHOLE)),
     **_functions("mantissa", ((REAL,), REAL)),
 }
-"""Every operation with the kinds that it takes and gives.
+"""Every operation with the kinds of its operands and results.
 
-Comparisons are false where an operand is NaN; `min` and `max` are NaN there, and so is `magnitude`, the larger of |a|
-and |b|, which costs processors less than `max`. `fma` is a*b + c rounded once, `fnma` c - a*b. `round` goes to the
-nearest whole number, ties to even. `quotient` rounds towards zero, and so does `whole` of a real within the range of
-wholes. A normal |x| is mantissa * 2**exponent with 1 <= mantissa < 2; the exponent of infinity and NaN is 1024, that of
-zero and what is below the normals -1023. `two_to` k is 2**k, a normal.
+Comparisons with NaN are false. `min`, `max` and `magnitude` of NaN are NaN; `magnitude`, the larger of |a| and |b|,
+costs processors less than `max`. `fma` is a*b + c rounded once, `fnma` c - a*b. `round` gives the nearest integer, ties
+to even. `quotient` rounds towards zero, and so does `whole` of a real in the range of wholes. A normal |x| is
+mantissa * 2**exponent with 1 <= mantissa < 2. The exponent of infinity and NaN is 1024, that of zero and subnormal
+numbers -1023. `two_to` k is 2**k for a normal result.
 """
 
 
 ENTRYWISE = frozenset(OPERATIONS) - frozenset(ELEMENTARY) - {"atan2", "power"}
-"""Operations that vectors have: all that processors compute without a library."""
+"""Operations on vectors: all that processors compute without a library."""
 
 _RESULTS = {(op, taken): result for op, signatures in OPERATIONS.items() for taken, result in signatures}
 
 
 def result_kind(op: str, kinds: tuple[Kind, ...]) -> Kind | None:
-    """Return the kind of an operation's result for operand kinds, or None if it does not take them."""
+    """Return the kind of an operation's result for operand kinds, or None if they do not fit."""
     return _RESULTS.get((op, kinds))

@@ -1,4 +1,4 @@
-"""How a run, a step or a solve ends."""
+"""Outcomes of a run, a step or a solve."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ import enum
 
 
 class Outcome(enum.IntEnum):
-    """Why a driver returned. After BROKEN, `DriverState.fault` has the cause.
+    """Reason for which a driver returned. After BROKEN, `DriverState.fault` has the cause.
 
-    After UNPROJECTED the new state was too far from the constraints of the system to be brought back onto them.
-
-    UNSCALED asks the caller to estimate the sizes of the entries: steps shrink, and floors that are too low, for
-    entries of unknown size or at round-off, would shrink them to nothing. The run can then be continued.
+    After UNPROJECTED the new state was too far from the constraints to be projected onto them. UNSCALED asks the caller
+    to estimate the sizes of the entries: the steps shrink because some floors are too low, of entries of unknown size
+    or at round-off. The run can then be continued.
     """
 
     DONE = 0

@@ -15,45 +15,44 @@ from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.shared import shared
 
 CORRECTIONS = Callee((REAL, Array(read=True), Array(read=True), Array()), (FLAG,))
-"""The program: of a time, a state [q, v] and its parameters, to [dq, dv], the violation, and what is left of it.
-
-It says whether a matrix is singular."""
+"""The program of the corrections: from a time, a state [q, v] and prepared parameters to [dq, dv], the relative
+violation, and the violation that would remain. The flag is true for a singular matrix."""
 
 ROUND_OFF = 2.0**-51
-"""A state whose relative violation is no larger stays as it is: evaluating the constraints costs as much rounding."""
+"""Largest relative violation at which a state is kept: evaluating the constraints has the same rounding error."""
 
 RESOLVED = 2.0**-26
-"""The largest relative violation with which a step is accepted if the corrections cannot reduce it.
+"""Largest relative violation at which a step is accepted if the corrections cannot reduce it.
 
-Near a configuration where constraints become dependent, their gradients do not say where they hold: the corrections
-would move the state by more than it is away from there. Half of the digits are what a double root has.
+Near a configuration with dependent constraints, the gradients do not determine where the constraints hold. Corrections
+would move the state by more than its distance from there. A double root is determined to half of the digits.
 """
 
 MOST_AT_START = 2.0**-20
-"""The largest relative violation of a state from which an exported integrator starts: it is moved onto the constraints.
+"""Largest relative violation of the initial state of an exported integrator, which moves it onto the constraints.
 
-A start that is further off is another motion.
+A state that is further off would become another motion.
 """
 
 MOST_CORRECTIONS = 8
-"""Newton's method takes 2 or 3 corrections from the largest violations that a step leaves. More means no convergence.
-"""
+"""Largest number of corrections. Newton's method needs 2 or 3 for the largest violations that a step leaves; more means
+that it does not converge."""
 
 MOST_WRITTEN_BEYOND = 8
-"""Doubles that a program may write behind its results, which machines write in blocks."""
+"""Doubles that a program may write after its results, since machines write in blocks."""
 
 
 @shared
 def project(dimension: int, block: int) -> Procedure:
-    """Return the projection of a state, given with what rounding has taken from it; both are changed.
+    """Return the procedure that projects a state and its compensation `lost`, and changes both.
 
-    The results are an outcome, and whether the state has moved. The correction is added to the state and what is lost
-    of it as one number, so that the part of it that rounding takes is kept as well.
+    Its results are an outcome, and whether the state has moved. The correction is added to the compensated state, so
+    that its rounding error is compensated as well.
     """
     p = Builder("project", "Move a state onto its constraints; return an outcome, and if it moved.", apart=True)
     corrections, numbers = p.function("corrections", CORRECTIONS), p.array("numbers", read=True)
     t = p.given("t", REAL)
-    # Arrays without a size: what stands behind their entries stays as it is.
+    # Arrays without a size: entries after those of the state must stay unchanged.
     state, lost = (p.array(name, room=block) for name in ("state", "lost"))
     size = whole_blocks(dimension + 2, block) + MOST_WRITTEN_BEYOND
     found = p.reserve(size, room=block, name="found")
@@ -78,7 +77,7 @@ def project(dimension: int, block: int) -> Procedure:
 
 @shared
 def starts_on_constraints(dimension: int) -> Procedure:
-    """Return whether a state is on its constraints, but for what `MOST_AT_START` allows."""
+    """Return the procedure that tests whether a state satisfies its constraints up to `MOST_AT_START`."""
     about = "Say whether a state is near enough to its constraints to start there."
     p = Builder("starts_on_constraints", about, apart=True)
     corrections, numbers = p.function("corrections", CORRECTIONS), p.array("numbers", read=True)

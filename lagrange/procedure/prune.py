@@ -1,4 +1,4 @@
-"""Procedures without statements whose results nobody reads."""
+"""Remove statements whose results are never read from procedures."""
 
 from __future__ import annotations
 
@@ -26,17 +26,17 @@ from lagrange.procedure.form import (
 from lagrange.procedure.visit import defined, operands
 
 MADE = (Let, SineCosine, Load, Read, Part, Reserve, ReserveRecord, Get)
-"""Statements that make a value or memory, and do nothing else."""
+"""Statements that define a value or memory, without other effects."""
 
 
 class Pruner:
-    """Prunes procedures that call each other, each once."""
+    """Prunes procedures that call each other, each only once."""
 
     def __init__(self) -> None:
         self.known: dict[Procedure, Procedure] = {}
 
     def pruned(self, procedure: Procedure) -> Procedure:
-        """Return a procedure without what is never read, here and in all that it calls."""
+        """Return a procedure without values that are never read, here and in its callees."""
         if procedure not in self.known:
             body, got, before = procedure.body, _variables_read(procedure.body), None
             while got != before:
@@ -48,15 +48,15 @@ class Pruner:
 
 
 class _Pass:
-    """One pass from the end of a procedure to its begin; `got` are the variables that somebody reads."""
+    """One backward pass over a procedure. `got` are the variables that are read anywhere."""
 
     def __init__(self, pruner: Pruner, got: frozenset[int]) -> None:
         self.pruner, self.got = pruner, got
         self.needed: set[int] = set()
-        """What the statements behind the present one read."""
+        """Numbers that later statements read."""
 
     def block(self, block: Block) -> Block:
-        """Return a block without what nobody reads."""
+        """Return a block without statements whose results are never read."""
         kept: list[Statement] = []
         for statement in reversed(block):
             if not self.idle(statement):
@@ -64,14 +64,14 @@ class _Pass:
         return tuple(reversed(kept))
 
     def statement(self, statement: Statement) -> Statement:
-        """Return a statement with pruned blocks and callees, and note what it reads."""
+        """Return a statement with pruned blocks and callees, and record the numbers that it reads."""
         self.needed.update(operands(statement))
         if isinstance(statement, Call) and isinstance(statement.callee, Procedure):
             return statement._replace(callee=self.pruner.pruned(statement.callee))
         return rebuilt(statement, self.block)
 
     def idle(self, statement: Statement) -> bool:
-        """Whether nobody would miss a statement."""
+        """Return True if a statement has no effect on results."""
         match statement:
             case Declare(ref=ref):
                 return ref not in self.got

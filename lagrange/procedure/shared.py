@@ -1,4 +1,4 @@
-"""Procedures that are built once, whatever thread asks for them first."""
+"""Cache of procedures that is safe for threads: each procedure is built once."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ _BUILDING = threading.RLock()
 
 
 def shared(build: Callable[Given, Found]) -> Callable[Given, Found]:
-    """Return a function that calls `build` once for each set of arguments, and remembers what that returned.
+    """Return a function that calls `build` once for each set of arguments, and caches the results.
 
-    `functools.cache` lets two threads that call at once build two procedures of one name, and no procedure may call
-    both. One lock stands for all: what is built calls what is built.
+    With `functools.cache` two threads could build two procedures of one name, and no procedure may call both. A single
+    reentrant lock serves all caches, because one build may call another.
     """
     known: dict[Hashable, Found] = {}
 

@@ -1,7 +1,7 @@
-"""Print a procedure as source text: what all languages share.
+"""Print a procedure as source text: the part that all languages share.
 
-A value that is used once stands where it is used, unless what it reads changes before; the others get names. A language
-says how operations, literals, arrays, records, branches and loops look.
+A value that is used once is printed inside its use, unless its operands change before that; other values get names. A
+language defines the look of operations, literals, arrays, records, branches and loops.
 """
 
 from __future__ import annotations
@@ -54,20 +54,20 @@ INDICES = ("i", "j", "k", "l", "i5", "i6", "i7", "i8")
 """Names of loop indices, from the outermost on."""
 
 LONGEST_VALUE = 60
-"""A value of this many characters gets a name."""
+"""Length in characters from which a value gets a name."""
 
 
 class SourcePrinter(Visitor, Syntax):
-    """Prints one procedure in a language; a subclass says how its statements look.
+    """Prints one procedure in a language; a subclass defines the look of its statements.
 
-    `taken` are words that no value is named by, but for parameters that have such a name.
+    `taken` are words that are not used as names, except for parameters with such a name.
     """
 
     def __init__(self, procedure: Procedure, taken: Iterable[str] = ()) -> None:
         self.procedure = procedure = unpacked(procedure)
         self.lines: list[str] = []
         self.texts: dict[int, tuple[int, str]] = {}
-        """The text of each value, and how tightly it binds."""
+        """The text of each value, and its binding strength."""
         self.types: dict[int, Type] = {}
         """The types of arrays, records and functions, and the kinds of values."""
         own = [one.name for one in procedure.parameters]
@@ -77,7 +77,7 @@ class SourcePrinter(Visitor, Syntax):
         )
         self.uses = uses_of(procedure.body)
         self.waiting: dict[int, None] = {}
-        """The values that have been printed nowhere yet."""
+        """The values that have not been printed yet."""
         self.constants: dict[int, Any] = {}
         self.depth = 1
         self.loops = 0
@@ -119,21 +119,21 @@ class SourcePrinter(Visitor, Syntax):
         return [one for one in self.procedure.parameters if one.ref not in read]
 
     def key(self, name: str) -> str:
-        """Return what two names that are the same to the language have in common."""
+        """Return the part of a name that the language compares: names with equal keys are the same to it."""
         return name
 
     def put(self, line: str) -> None:
-        """Print a line as it stands."""
+        """Print a line unchanged."""
         if line:
             self.lines.append(self.indent * self.depth + line)
 
     def write(self, line: str) -> None:
-        """Print a statement, and before it the values that it might change."""
+        """Print a statement, after the pending values that it might change."""
         self.settle()
         self.put(line)
 
     def settle(self) -> None:
-        """Assign every pending value to a name here."""
+        """Assign every pending value to a name."""
         for ref in list(self.waiting):
             _, text = self.texts[ref]
             self.put(self.define(self.name(ref), self.kind(ref), text))
@@ -152,7 +152,7 @@ class SourcePrinter(Visitor, Syntax):
         return found
 
     def text(self, ref: int, least: int = 0) -> str:
-        """Return a value as an operand, in parentheses where it binds less tightly than it must."""
+        """Return a value as an operand, in parentheses if it binds less tightly than `least`."""
         self.waiting.pop(ref, None)
         level, found = self.texts[ref]
         return found if level >= least else f"({found})"
@@ -238,7 +238,7 @@ class SourcePrinter(Visitor, Syntax):
         self.made(let.ref, let.kind, *self.operation(let))
 
     def operation(self, let: Let) -> tuple[int, str]:
-        """Return the text of an operation and how tightly it binds."""
+        """Return the text of an operation and its binding strength."""
         operator = self.operators.get(let.op)
         if operator is None:
             return ATOM, f"{self.function_of(let.op)}({', '.join(map(self.text, let.args))})"
@@ -247,7 +247,7 @@ class SourcePrinter(Visitor, Syntax):
         return operator.binds, operator.applied(self.text, let.args)
 
     def made(self, ref: int, kind: Kind, level: int, text: str) -> None:
-        """Keep a value for the place where it is used, or print it here: where it has a name, or is used more."""
+        """Keep a value until its use, or print it now if it has a name or several uses."""
         self.types[ref] = kind
         if self.uses.get(ref, 0) == 1 and len(text) < LONGEST_VALUE and ref not in self.procedure.names:
             self.texts[ref], self.waiting[ref] = (level, text), None
@@ -256,7 +256,7 @@ class SourcePrinter(Visitor, Syntax):
 
     @visits(Load, Store, Read, Write)
     def memory(self, statement: Load | Store | Read | Write) -> None:
-        """Print what is read or written."""
+        """Print the read or write of an array or record."""
         match statement:
             case Load(ref=ref, kind=kind, array=array, place=index):
                 self.made(ref, kind, ATOM, self.element(array, index))
@@ -286,7 +286,7 @@ class SourcePrinter(Visitor, Syntax):
                 self.each(statement)
 
     def repeat(self, test: Block, condition: int, body: Block) -> None:
-        """Print a loop under a condition, which stands inside where it takes more than a line."""
+        """Print a loop under a condition, which moves into the body if it takes more than one line."""
         self.settle()
         before = len(self.lines)
         self.depth += 1
@@ -307,7 +307,7 @@ class SourcePrinter(Visitor, Syntax):
         self.put(self.closing("while"))
 
     def iterations(self, index: int, places: tuple[str, str, str], body: Block, folds: Sequence[Fold]) -> None:
-        """Print a loop over places."""
+        """Print a loop over indices."""
         self.texts[index], self.types[index] = (ATOM, INDICES[self.loops]), WHOLE
         self.write(self.opening("for", INDICES[self.loops], *places))
         self.loops += 1
@@ -353,7 +353,7 @@ class SourcePrinter(Visitor, Syntax):
             self.put(self.assign(self.partial(ref, str(k)), self.literals.real(0.0)))
 
     def folded(self, fold: Fold, index: int) -> tuple[str, str]:
-        """Return the target and the text of the assignment that takes one more value of a fold."""
+        """Return the target and the text of the assignment that adds one more value to a fold."""
         if fold.op in SUMS:
             target = self.partial(fold.ref, self.modulo(self.text(index)))
             product = self.operators["mul"].binds

@@ -1,4 +1,4 @@
-"""How languages spell operators and constants: what most of them have alike, and what a language says of its own."""
+"""Spelling of operators and constants in languages: the common forms, and those that a language defines."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import Any, NamedTuple
 from lagrange.procedure.form import FLAG, WHOLE, Kind
 
 ATOM = 10
-"""How tightly a name or a call binds; operators bind less."""
+"""Binding strength of a name or a call; operators have lower numbers."""
 
 
 class Operator(NamedTuple):
-    """How tightly an operator binds, its text, and how tightly each operand must bind to stand without parentheses.
+    """Binding strength of an operator, its text, and the least binding strength of operands without parentheses.
 
-    Without `operands` none of them needs parentheses.
+    Empty `operands` means that no operand needs parentheses.
     """
 
     binds: int
@@ -24,13 +24,13 @@ class Operator(NamedTuple):
     operands: tuple[int, ...] = ()
 
     def applied(self, operand: Callable[[int, int], str], args: Sequence[int]) -> str:
-        """Return the text of the operation; `operand(arg, least)` is that of an argument that binds so tightly."""
+        """Return the text of the operation. `operand(arg, least)` is the text of an argument with its parentheses."""
         least = self.operands or (0,) * len(args)
         return self.text.format(*(operand(arg, one) for arg, one in zip(args, least, strict=True)))
 
 
 def call(text: str) -> Operator:
-    """Return an operation that is a call, the arguments of which need no parentheses."""
+    """Return an operation that is a call, whose arguments need no parentheses."""
     return Operator(ATOM, text)
 
 
@@ -49,21 +49,21 @@ OPERATORS: Mapping[str, Operator] = {
     "neg": Operator(8, "-{0}", (9,)),
     "not": Operator(8, "!{0}", (9,)),
 }
-"""The operators that most languages have alike. A conditional expression binds less tightly than these, with 1."""
+"""The operators that most languages share. A conditional expression has a lower binding strength, 1."""
 
 WORDS: Mapping[str, Operator] = {
     "or": Operator(2, "{0} or {1}", (2, 3)),
     "and": Operator(3, "{0} and {1}", (3, 4)),
     "not": Operator(4, "not {0}", (4,)),
 }
-"""The logical operators of languages that spell them as words."""
+"""Logical operators of languages that use words for them."""
 
 
 @dataclass(frozen=True)
 class Literals:
-    """How a language writes constants: an infinite number, what is not a number, and the two flags.
+    """Spelling of constants in a language: infinity, NaN, and the two flags.
 
-    `signed` is how tightly a number with a sign binds. `whole` and `finite` write a whole number and a finite double.
+    `signed` is the binding strength of a number with a sign. `whole` and `finite` print an integer and a finite double.
     """
 
     infinity: str
@@ -80,7 +80,7 @@ class Literals:
         return self.nan if math.isnan(value) else f"{'-' * (value < 0)}{self.infinity}"
 
     def spelled(self, kind: Kind, data: Any) -> tuple[int, str]:
-        """Return how tightly a constant binds, and its text."""
+        """Return the binding strength of a constant, and its text."""
         if kind is FLAG:
             return ATOM, self.flags[bool(data)]
         text = self.whole(data) if kind is WHOLE else self.real(data)

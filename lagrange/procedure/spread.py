@@ -1,7 +1,7 @@
-"""Which values of a procedure differ between members that it runs side by side, and which are the same for all.
+"""Determine which values of a procedure differ between members that run in parallel lanes, and which are common.
 
-A member has its own value where an argument is its own, or where members may have gone different ways. The rest is
-computed once for all of them.
+A value differs if it depends on an argument of each member's own, or if members may have taken different branches.
+Common values are computed once for all members.
 """
 
 from __future__ import annotations
@@ -41,7 +41,7 @@ from lagrange.procedure.visit import Visitor, defined, operands, visits
 
 
 class Share(NamedTuple):
-    """How members share an argument: each has its `own`, or all have one; of an array each may use a part `apart`."""
+    """Sharing of an argument: each member has its `own`, or all share it. Of an array each may use a part `apart`."""
 
     own: bool
     apart: bool = False
@@ -53,7 +53,7 @@ Signature = tuple[Share, ...]
 
 
 def signature_of(call: Call, own: Container[int], apart: Container[int]) -> Signature:
-    """Return how members share the arguments of a call, where some values are their own and some arrays apart."""
+    """Return the sharing of the arguments of a call, given the values that are own and the arrays that are apart."""
     assert isinstance(call.callee, Procedure)
     return tuple(
         Share(arg in own, not isinstance(one.type, Kind) and arg in apart)
@@ -63,9 +63,9 @@ def signature_of(call: Call, own: Container[int], apart: Container[int]) -> Sign
 
 @dataclass(frozen=True)
 class Spread:
-    """What differs between members: values, variables and memory by number, and the results by place.
+    """The differences between members: numbers of values, variables and memory that are own, and results by index.
 
-    Arrays in `apart` begin at another place for each member. Where `parting` holds, members may leave the procedure at
+    Arrays in `apart` begin at another index for each member. With `parting`, members may leave the procedure at
     different statements.
     """
 
@@ -77,12 +77,12 @@ class Spread:
 
 @dataclass
 class Spreads:
-    """The spreads of procedures by their signatures, each found once."""
+    """The spreads of procedures by their signatures, each computed once."""
 
     known: dict[tuple[Procedure, Signature], Spread] = field(default_factory=dict)
 
     def of(self, procedure: Procedure, signature: Signature) -> Spread:
-        """Return what differs for arguments that are shared as the signature says."""
+        """Return the spread of a procedure with the arguments shared as in the signature."""
         key = procedure, signature
         if key not in self.known:
             self.known[key] = _Search(self, procedure, signature).spread()
@@ -90,14 +90,14 @@ class Spreads:
 
 
 class _Search(Visitor):
-    """Walks a procedure until nothing more is found to differ: a variable set in a loop may differ where it begins."""
+    """Repeats passes over a procedure until no more differences appear: loops carry variables back to their start."""
 
     def __init__(self, spreads: Spreads, procedure: Procedure, signature: Signature) -> None:
         self.spreads, self.procedure = spreads, procedure
         self.own: dict[int, None] = {}
         self.apart: dict[int, None] = {}
         self.written: dict[int, None] = {}
-        """Arrays that are not only read."""
+        """Arrays that are written."""
         self.parted = self.parting = False
         self.results = [False] * len(procedure.results)
         for parameter, share in zip(procedure.parameters, signature, strict=True):
@@ -106,7 +106,7 @@ class _Search(Visitor):
                 self.written[parameter.ref] = None
 
     def spread(self) -> Spread:
-        """Return what was found."""
+        """Return the spread after the last pass."""
         before = None
         while before != (before := self.size()):
             self.block(self.procedure.body, parted=False)
@@ -114,11 +114,11 @@ class _Search(Visitor):
         return Spread(frozenset(self.own), frozenset(self.apart), self.parting, results)
 
     def size(self) -> tuple[int, ...]:
-        """Return how much has been found."""
+        """Return the numbers of differences so far, which grow until the passes are complete."""
         return len(self.own), len(self.apart), self.parting, sum(self.results)
 
     def mark(self, ref: int, *, own: bool, apart: bool = False) -> None:
-        """Note that a number differs, if it does."""
+        """Record that a number differs: it is `own` or `apart`."""
         if own:
             self.own[ref] = None
         if apart:

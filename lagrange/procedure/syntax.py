@@ -1,4 +1,4 @@
-"""How a language spells the statements of a procedure."""
+"""Spelling of the statements of a procedure in a language."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from lagrange.procedure.spelling import ATOM, Literals, Operator
 
 
 class Syntax(ABC):
-    """How a language spells a procedure.
+    """Spelling of a procedure in a language.
 
-    `operators` has the operations that are operators; the others are functions. `literals` writes constants. `greater`
-    are the comparisons with the operands exchanged, for a constant that comes first.
+    `operators` has the operations that are operators; the others are functions. `literals` prints constants. `greater`
+    has the comparisons with operands exchanged, used if the first operand is a constant.
     """
 
     operators: Mapping[str, Operator]
@@ -22,27 +22,27 @@ class Syntax(ABC):
     greater: ClassVar[Mapping[str, str]] = {"less": "{1} > {0}", "less_equal": "{1} >= {0}"}
     indent: ClassVar[str] = "    "
     longest: ClassVar[int] = 63
-    """Characters of a name, of which many languages distinguish no more."""
+    """Largest number of significant characters of a name in many languages."""
     widest: ClassVar[int] = 118
-    """Longest line, where a language breaks lines."""
+    """Longest line in languages that break lines."""
     end_binds: ClassVar[int] = 0
-    """How tightly the end of a loop must bind to stand without parentheses."""
+    """Least binding strength of the end of a loop without parentheses."""
 
     @abstractmethod
     def head(self) -> list[str]:
-        """Return the lines before the body; parameters have their names."""
+        """Return the lines before the body; the parameters have names already."""
 
     def tail(self) -> list[str]:
-        """Return the lines behind the body."""
+        """Return the lines after the body."""
         return []
 
     def broken(self, line: str) -> list[str]:
-        """Return a line as several where it is too long for the language."""
+        """Return a line as several if it is too long for the language."""
         return [line]
 
     @abstractmethod
     def legal(self, stem: str) -> str:
-        """Return a name of the language made of a stem; it may be taken."""
+        """Return a valid name made of a stem; it may be in use."""
 
     @abstractmethod
     def function_of(self, op: str) -> str:
@@ -66,7 +66,7 @@ class Syntax(ABC):
 
     @abstractmethod
     def reserve(self, ref: int, array: Array) -> None:
-        """Print a local array, whose name is to be chosen."""
+        """Print a local array, and choose its name."""
 
     @abstractmethod
     def reserve_record(self, ref: int, record: Record) -> None:
@@ -102,19 +102,19 @@ class Syntax(ABC):
 
     @abstractmethod
     def closing(self, kind: str) -> str:
-        """Return the line that closes a block, empty if there is none; `else` follows an `if` without it."""
+        """Return the line that closes a block, or ""; an `else` then follows the `if` directly."""
 
     @abstractmethod
     def leaving_loop(self) -> str:
         """Return the statement that leaves a loop."""
 
     def empty(self) -> str:
-        """Return what stands in a block without statements."""
+        """Return the placeholder in a block without statements."""
         return ""
 
     @abstractmethod
     def partial(self, ref: int, place: str) -> str:
-        """Return a partial sum, the place of which is a number or the text of an index below four."""
+        """Return a partial sum, whose index is a number or the text of an index below four."""
 
     @abstractmethod
     def modulo(self, index: str) -> str:
@@ -122,4 +122,4 @@ class Syntax(ABC):
 
     @abstractmethod
     def text(self, ref: int, least: int = 0) -> str:
-        """Return a value as an operand, in parentheses where it binds less tightly than it must."""
+        """Return a value as an operand, in parentheses if it binds less tightly than `least`."""

@@ -1,4 +1,4 @@
-"""Procedures without short vectors: each entry is a value of its own."""
+"""Rewrite procedures without short vectors: each entry becomes a value."""
 
 from __future__ import annotations
 
@@ -33,9 +33,9 @@ from lagrange.procedure.visit import defined
 
 
 def unpacked(procedure: Procedure) -> Procedure:
-    """Return a procedure with numbers and flags in the place of vectors, itself if it has none.
+    """Return a procedure with numbers and flags in the place of vectors, or the procedure itself without vectors.
 
-    What it calls is unpacked by whoever prints that.
+    Callees are not unpacked here; their printers do that.
     """
     statements = list(walk(procedure.body))
     if not any(isinstance(one, VECTOR_STATEMENTS) for one in statements):
@@ -46,7 +46,7 @@ def unpacked(procedure: Procedure) -> Procedure:
 
 
 class _Unpacker:
-    """Writes blocks again; `entries` are the numbers of the entries of each vector."""
+    """Rewrites blocks; `entries` are the numbers of the entries of each vector."""
 
     def __init__(self, first: int) -> None:
         self.unused = count(first)
@@ -91,7 +91,7 @@ class _Unpacker:
         return tuple(self.let(let.vector.kind, let.op, operands) for operands in zip(*args, strict=True))
 
     def reduce(self, reduce: Reduce) -> None:
-        """Add the operations of a sum, or of the test of flags."""
+        """Add the operations of a sum, or of the test whether any flag is true."""
         op, left = "or" if reduce.op == "any" else "add", list(self.entries[reduce.vector])
         while len(left) > 1:
             half = len(left) // 2
@@ -101,7 +101,7 @@ class _Unpacker:
             left = refs
 
     def side_by_side(self, place: int, width: int) -> tuple[int, ...]:
-        """Return places from one on."""
+        """Return `width` successive indices, the first of which is `place`."""
         steps = [self.let(WHOLE, CONSTANT, (), k) for k in range(1, width)]
         return place, *(self.let(WHOLE, "add", (place, step)) for step in steps)
 

@@ -91,7 +91,7 @@ class _Ordered(Value):
         return Flag.of(self.builder.operation("less_equal", other, self))
 
     def equals(self, other: Any) -> Flag:
-        """Whether two numbers are the same; False if one is NaN."""
+        """Return the flag that two numbers are equal; it is false if one is NaN."""
         return Flag.of(self._with("equal", other))
 
 
@@ -147,7 +147,7 @@ VALUES: dict[Kind, Callable[[Builder, int], Any]] = {REAL: Real, WHOLE: Whole, F
 
 
 class Entries:
-    """A short vector: operators go entry by entry, and a number or flag with a vector stands in every entry."""
+    """A short vector. Operators work entry by entry; a number or flag that meets a vector is broadcast."""
 
     def __init__(self, builder: Builder, ref: int, vector: Vector) -> None:
         self.builder, self.ref, self.vector = builder, ref, vector
@@ -194,7 +194,7 @@ class Entries:
 
     @property
     def any(self) -> Flag:
-        """Whether an entry is true."""
+        """The flag that any entry is true."""
         return Flag.of(self.builder.made(FLAG, lambda ref: Reduce(ref, FLAG, "any", self.ref)))
 
 
@@ -206,7 +206,7 @@ class Variable:
 
     @property
     def value(self) -> Any:
-        """The present value."""
+        """The current value."""
         return self.builder.made(self.kind, lambda ref: Get(ref, self.kind, self.ref))
 
     @value.setter
@@ -229,18 +229,18 @@ class Memory:
         self.builder.add(Store(self.ref, place, self.builder.operand(value, self.array.kind)))
 
     def entries(self, place: Any, width: int, mask: Entries | None = None) -> Entries:
-        """Return entries side by side as a vector, zero where a mask is false."""
+        """Return adjacent entries as a vector, with zeros where a mask is false."""
         vector, start = Vector(self.array.kind, width), self.builder.operand(place, WHOLE)
         held = None if mask is None else mask.ref
         return self.builder.vector(vector, lambda ref: VectorLoad(ref, vector, self.ref, start, held))
 
     def gathered(self, places: Entries) -> Entries:
-        """Return the entries at some places."""
+        """Return the entries at the indices in a vector."""
         vector = Vector(self.array.kind, places.vector.width)
         return self.builder.vector(vector, lambda ref: Gather(ref, vector, self.ref, places.ref))
 
     def put(self, place: Any, value: Entries, mask: Entries | None = None) -> None:
-        """Write a vector side by side, where a mask is true."""
+        """Write a vector to adjacent entries, where a mask is true."""
         start = self.builder.operand(place, WHOLE)
         self.builder.add(VectorStore(self.ref, start, value.ref, None if mask is None else mask.ref))
 

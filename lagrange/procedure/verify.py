@@ -61,7 +61,7 @@ def verify(procedure: Procedure) -> None:
 
 
 class _Check(Visitor):
-    """Walks a procedure with the types of the values known so far; a method returns whether the procedure ends."""
+    """Walks a procedure with the types of the values defined so far; methods return whether the procedure ends."""
 
     def __init__(self, procedure: Procedure) -> None:
         self.procedure = procedure
@@ -359,7 +359,7 @@ class _Check(Visitor):
 
 
 def _fits(found: Type, wanted: Type) -> bool:
-    """Whether an argument has the type of a parameter: an array that is only read may be one that is written."""
+    """Return whether an argument fits a parameter: a writable array may be passed where it is only read."""
     if isinstance(found, Array) and isinstance(wanted, Array):
         return found.kind is wanted.kind and (wanted.read or not found.read)
     return found == wanted

@@ -1,7 +1,7 @@
-"""One visitor over the statements of procedures, and what each statement reads and defines.
+"""The visitor over the statements of procedures, and tables of the numbers that each statement reads and defines.
 
-Printers, the verifier and all passes go by this page: who adds a statement adds it to `form`, to the table here, and as
-a method to each visitor. A visitor that has no method for a statement is refused when its class is defined.
+Printers, the verifier and all passes use it. A new statement is added to `form`, to the table here, and as a method to
+each visitor. Defining a visitor class without a method for some statement raises an error.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ from lagrange.procedure.form import (
 
 
 class Fields(NamedTuple):
-    """The fields of a statement that have the numbers which it reads, and those of values or memory that it defines."""
+    """Names of a statement's fields: those with numbers that it reads, and those that it defines (values or memory)."""
 
     read: tuple[str, ...] = ()
     defined: tuple[str, ...] = ()
@@ -78,19 +78,19 @@ FIELDS: Mapping[type, Fields] = {
     Leave: Fields(("values",)),
     Note: Fields(),
 }
-"""Every statement. Variables are read and set by name alone. An angle is read for its sine and for its cosine."""
+"""Fields of every statement. Variables are excluded. An angle is read twice, for its sine and for its cosine."""
 
 
 def operands(statement: Statement) -> tuple[int, ...]:
-    """Return the numbers of all that a statement reads itself, without its blocks.
+    """Return the numbers that a statement itself reads, without its blocks.
 
-    Parts of arrays and records to which it writes are among them, variables are not.
+    They include arrays and records that it writes to, but not variables.
     """
     return tuple(ref for name in FIELDS[type(statement)].read for ref in _numbers(getattr(statement, name)))
 
 
 def defined(statement: Statement) -> tuple[int, ...]:
-    """Return the numbers of all that a statement defines itself, without its blocks."""
+    """Return the numbers that a statement itself defines, without its blocks."""
     found: list[int] = []
     for name in FIELDS[type(statement)].defined:
         value = getattr(statement, name)
@@ -115,12 +115,12 @@ def _numbers(value: Any) -> Iterator[int]:
 
 
 def reads(block: Block) -> frozenset[int]:
-    """Return the numbers of all that a block reads."""
+    """Return the numbers that the statements of a block read."""
     return frozenset(ref for statement in walk(block) for ref in operands(statement))
 
 
 def uses_of(block: Block) -> dict[int, int]:
-    """Count the uses of each value. A use inside a loop counts twice if the value is made outside."""
+    """Count the uses of each value. A use inside a loop counts twice if the value is defined outside."""
     found: dict[int, int] = {}
     for statement in block:
         for ref in operands(statement):
@@ -134,7 +134,7 @@ def uses_of(block: Block) -> dict[int, int]:
 
 
 def loop_depth(block: Block) -> int:
-    """Return the largest number of loops inside one another."""
+    """Return the depth of nested loops."""
     depths = (loop_depth(body) + isinstance(one, (Loop, Each)) for one in block for body in inner(one))
     return max(depths, default=0)
 
@@ -143,7 +143,7 @@ Method = TypeVar("Method", bound=Callable[..., Any])
 
 
 def visits(*kinds: type) -> Callable[[Method], Method]:
-    """Mark a method as that of some kinds of statements."""
+    """Mark a method as the one for some kinds of statements."""
 
     def marked(method: Method) -> Method:
         method.__dict__["visits"] = kinds
@@ -153,15 +153,15 @@ def visits(*kinds: type) -> Callable[[Method], Method]:
 
 
 class Visitor:
-    """Goes to the method of a statement; a subclass has one for each kind, marked by `visits`.
+    """Calls the method of a statement. A subclass has one for each kind of statement, marked by `visits`.
 
-    Those for vectors may be missing: such a visitor reads `unpacked` procedures.
+    Methods for vectors may be missing in visitors of `unpacked` procedures.
     """
 
     _methods: ClassVar[Mapping[type, str]] = {}
 
     def __init_subclass__(cls) -> None:
-        """Collect the methods. Raises TypeError where a kind of statement has none."""
+        """Collect the methods. Raises TypeError if a kind of statement has none."""
         found = {
             kind: name
             for base in reversed(cls.__mro__)
@@ -174,7 +174,7 @@ class Visitor:
         cls._methods = found
 
     def statement(self, statement: Statement) -> Any:
-        """Call the method of a statement, and return its result. Raises LagrangeError where vectors have no method."""
+        """Call the method of a statement, and return its result. Raises LagrangeError for a vector without a method."""
         if type(statement) not in self._methods:
             raise LagrangeError(f"{type(self).__name__} reads no vectors: hand it an unpacked procedure.")
         return getattr(self, self._methods[type(statement)])(statement)

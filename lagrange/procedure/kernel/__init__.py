@@ -1,1 +1,1 @@
-"""Straight-line programs as procedures: what is computed once per parameters, and what at every state."""
+"""Straight-line programs as procedures: one part runs once for a set of parameters, the other at every state."""

@@ -22,10 +22,10 @@ from lagrange.program.program import GIVEN, Instruction, Program
 from lagrange.program.solve_groups import SolveGroup, scheduled
 
 CONDITIONS = frozenset(op for op, signatures in OPERATIONS.items() if signatures[0][1] is FLAG)
-"""Operations that give true or false."""
+"""Operations with a true or false result."""
 
 MOSTLY_ZERO = 4
-"""A triangle with this many times as many places as entries is cleared in a loop."""
+"""A triangle is cleared in a loop if its size is at least this many times its number of entries."""
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class Style:
 
     Eliminations up to the order `largest` are written out, with up to `substituted` multiplications of substitutions.
     Up to `systems` with one matrix are solved together, with up to `entries` in solutions that are written out;
-    those in memory are solved `side_by_side` or one after the other. Without `pivoting` a system fails where a pivot in
-    its order cannot be trusted. Inputs are read `early`, before all else, or where they are used.
+    systems in memory are solved `side_by_side` or one after the other. Without `pivoting` a system fails if a pivot in
+    the given order cannot be trusted. Inputs are read `early`, at the start, or at their first use.
     """
 
     largest: int = WRITTEN_OUT
@@ -55,7 +55,7 @@ SOURCE = Style()
 class Inputs:
     """Inputs of the instructions of a program: time, state, and parameters with prepared numbers after them.
 
-    `names` are those of values in printed code, by instruction.
+    `names` are the names of values in printed code, by instruction.
     """
 
     parameters: Memory
@@ -69,7 +69,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class Factored:
-    """A factorization: its entries by place where it is written out, else the array of its factors."""
+    """A factorization: its entries by index if it is written out, else the array of its factors."""
 
     entries: Mapping[tuple[int, int], Real]
     trusted: Flag | None
@@ -86,9 +86,9 @@ class Body:
         """The sines and cosines of the program."""
         self.vectors: dict[int, list[Real]] = {}
         self.later: dict[int, list[tuple[Memory, int]]] = {}
-        """Solutions in memory, of which each entry is read where it is used."""
+        """Solutions in memory, with entries that are read at their use."""
         self.rows: dict[int, Memory] = {}
-        """Right-hand sides side by side, by the first solve of their group."""
+        """Right-hand sides in adjacent columns, by the first solve of their group."""
         self.factors: dict[int, Factored] = {}
         self.tested: dict[int, None] = {}
         """Factors that have been tested once for all their systems, without pivoting."""
@@ -96,13 +96,13 @@ class Body:
         """Flag of a singular matrix, None before the first matrix."""
 
     def fails(self) -> Variable:
-        """Return the variable that says whether a matrix was singular; it is declared before the first branch."""
+        """Return the variable for a singular matrix, declared before the first branch."""
         if self.singular is None:
             self.singular = self.p.variable(self.p.false, "singular")
         return self.singular
 
     def load_inputs(self, refs: Iterable[int]) -> None:
-        """Read the inputs that instructions read, in order, outside of all branches."""
+        """Read the inputs of instructions, in order, outside of all branches."""
         code, read = self.program.instructions, dict[int, None]()
         for ref in refs:
             read |= dict.fromkeys(code[ref].args)
@@ -145,7 +145,7 @@ class Body:
         return self.values[ref]
 
     def restore(self, ref: int, one: Instruction, slot: int) -> None:
-        """Read a result that was prepared."""
+        """Read a prepared result."""
         inputs, held = self.inputs, self.inputs.parameters
         if one.op == "factor" and not written_out(self.program.eliminations[ref], inputs.largest):
             self.factors[ref] = self.read_factors(self.program.eliminations[ref], held.at(slot))
@@ -189,7 +189,7 @@ class Body:
             out[slot] = self.p.real(self.value(ref))
 
     def run(self, refs: Iterable[int]) -> None:
-        """Add instructions, each after those that it reads; systems with one matrix are solved together."""
+        """Add instructions in order of dependence; systems with one matrix are solved together."""
         refs = list(refs)
         if self.style.early:
             self.load_inputs(refs)
@@ -228,7 +228,7 @@ class Body:
             self.values[ref] = self._named(ref, self.p.operation(one.op, *(self.value(arg) for arg in one.args)))
 
     def partner(self, one: Instruction) -> int | None:
-        """Return the cosine to a sine of the program, or the sine to a cosine; None where it has none."""
+        """Return the cosine for a sine of the program, or the sine for a cosine; None if the program lacks it."""
         return self.places.get(one._replace(op="cos" if one.op == "sin" else "sin")) if one.op in ANGLES else None
 
     def vector(self, ref: int) -> list[Real]:
@@ -264,7 +264,7 @@ class Body:
         return memory
 
     def factor(self, ref: int, one: Instruction) -> None:
-        """Factor a matrix: written out where that is short, else in memory."""
+        """Factor a matrix, written out or in memory, whichever is shorter."""
         plan, p = self.program.eliminations[ref], self.p
         if written_out(plan, self.style.largest):
             entries, trusted = elimination.factored(p, plan, self.entries(one))
@@ -317,25 +317,25 @@ class Body:
         return [[vector[k * n + i] for i in range(n)] for k in range(len(right))]
 
     def stands_in_rows(self, group: SolveGroup) -> bool:
-        """Return whether the right-hand sides of a group stand side by side in memory."""
+        """Return whether the right-hand sides of a group are adjacent columns in memory."""
         plan = self.program.eliminations[group.factor]
         return self.style.side_by_side and not written_out(plan, self.style.largest)
 
     def rows_of(self, solves: Sequence[int]) -> tuple[Memory, int]:
-        """Return the memory of right-hand sides side by side, and how many there is room for in a row."""
+        """Return the memory of adjacent right-hand sides, and the length of a row."""
         n, width = self.program.instructions[solves[0]].order, whole_blocks(len(solves), COLUMNS_AT_ONCE)
         if solves[0] not in self.rows:
             self.rows[solves[0]] = self.p.reserve(n * width, room=COLUMNS_AT_ONCE, name="rows")
         return self.rows[solves[0]], width
 
     def gather(self, ref: int, solves: Sequence[int]) -> None:
-        """Write a right-hand side as soon as it is known: its numbers need no registers from then on."""
+        """Write a right-hand side as soon as it is computed: its numbers then need no registers."""
         (rows, width), column = self.rows_of(solves), solves.index(ref)
         for i, value in enumerate(self.right(ref)):
             rows[i * width + column] = 0.0 if value is None else value
 
     def by_rows(self, factors: Memory, solves: Sequence[int]) -> None:
-        """Solve systems side by side in memory; a solution is read entry by entry where it is used."""
+        """Solve systems with adjacent right-hand sides in memory; entries of solutions are read at their use."""
         p, n, count = self.p, self.program.instructions[solves[0]].order, len(solves)
         rows, width = self.rows_of(solves)
         for i in range(n if count < width else 0):
@@ -346,7 +346,7 @@ class Body:
             self.later[ref] = [(rows, i * width + column) for i in range(n)]
 
     def written_out(self, factor: int, held: Factored, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
-        """Return the solutions by the written-out factors where these can be trusted, else with pivoting."""
+        """Return the solutions by written-out factors, or by pivoting if these cannot be trusted."""
         p, one, plan = self.p, self.program.instructions[factor], self.program.eliminations[factor]
         failed = self.fails()
         entries = self.entries(one) if plan.negative else {}
@@ -373,13 +373,13 @@ class Body:
         return [[variable.value for variable in x] for x in kept]
 
     def densely(self, one: Instruction, plan: Elimination, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
-        """Return solutions by `factor_dense`, which keeps a definite matrix whatever its units."""
+        """Return solutions by `factor_dense`, which recognizes definite matrices in any units."""
         return self.in_memory(plan.order, self.factored_in_memory(one), right)
 
     def in_a_band(
         self, one: Instruction, plan: Elimination, right: Sequence[Sequence[Real | None]]
     ) -> list[list[Real]]:
-        """Return solutions with pivoting of a sparse matrix, its rows by `ranks` of the plan."""
+        """Return solutions of a sparse matrix by banded pivoting, with rows in the order `ranks` of the plan."""
         p, n, failed = self.p, plan.order, self.fails()
         matrix = p.reserve(band_size(n, plan.band), name="matrix")
         elimination.write_band(p, plan, self.entries(one), matrix)

@@ -17,8 +17,8 @@ Entries = Mapping[tuple[int, int], Real]
 def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:
     """Return the entries of L, with 1/d on its diagonal, and whether every pivot is trusted.
 
-    A pivot is compared with its diagonal entry, or, for a multiplier, which has none, with what is subtracted:
-    G M^-1 G^T of the constraint.
+    A pivot is compared with its diagonal entry. A multiplier has none, and is compared with the subtracted terms, those
+    of G M^-1 G^T of the constraint.
     """
     lower: dict[tuple[int, int], Real] = {}
     scaled: dict[tuple[int, int], Real] = {}
@@ -40,7 +40,7 @@ def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:
 
 
 def write_band(p: Builder, plan: Elimination, a: Entries, to: Memory) -> None:
-    """Write a matrix as `factor_pivoted` reads it, its rows by `ranks` of the plan."""
+    """Write a matrix in the layout of `factor_pivoted`, with rows in the order `ranks` of the plan."""
     size = band_size(plan.order, plan.band)
     if len(a) < size:
         with p.each(size, width=1) as k:
@@ -52,7 +52,7 @@ def write_band(p: Builder, plan: Elimination, a: Entries, to: Memory) -> None:
 def _trusted(
     p: Builder, plan: Elimination, j: int, a: Entries, products: Sequence[tuple[Real, Real]], scaled: Entries
 ) -> Flag:
-    """Return whether a pivot is of its sign, and not small against what it is made of."""
+    """Return whether a pivot has the right sign, and is not small compared with its terms."""
     pivot = scaled.get((j, j), p.real(0.0))
     if j not in plan.negative:
         return Flag.of(pivot > abs(a.get((j, j), p.real(0.0))) * least_pivot(plan.negative))
@@ -93,8 +93,8 @@ def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real |
 def satisfied(p: Builder, plan: Elimination, a: Entries, x: Sequence[Real], right: Sequence[Real | None]) -> list[Flag]:
     """Return whether a solution satisfies the rows of the multipliers, one flag for each row.
 
-    With inertias that differ by many digits pivots are large and the solution is still wrong: what is light gets the
-    difference of two forces that nearly cancel.
+    If inertias differ by many digits, pivots are large and the solution can still be wrong: the force on a light body
+    is the difference of two forces that nearly cancel.
     """
     found = []
     for i in plan.negative:

@@ -3,9 +3,9 @@
     prepare(parameters, p)             p = the parameters, then the results that depend on them alone
     prepare(p)                         the same for an array that begins with the parameters
     name(t, y, p, out)                 the results of a program at a time and a state
-    name_by_value(t, y0, ..., p)       the same as values, for those who keep a state in registers or in rows
+    name_by_value(t, y0, ..., p)       the same as values, for callers that keep a state in registers or in rows
 
-Each says whether a matrix is singular to round-off: the results are then not to be used.
+Each returns whether a matrix is singular to round-off; its results are then invalid.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from lagrange.program.program import Instruction, Program
 ZERO = Instruction("constant")
 
 MANY_ZEROS = 32
-"""From this many results that are always zero on they are cleared in a loop; compilers take long over many stores."""
+"""Number of zero results from which they are cleared in a loop: many stores take compilers long."""
 
 
 def prepare(
@@ -36,9 +36,9 @@ def prepare(
     divisors: Sequence[int] = (),
     style: Style = SOURCE,
 ) -> Procedure:
-    """Return the procedure that writes parameters and hoisted results; `in_place` the parameters are there already.
+    """Return the procedure that writes parameters and hoisted results; with `in_place` the parameters are there.
 
-    `divisors` are places of results that are matrices of one unknown: one that is zero is singular.
+    `divisors` are indices of results that are matrices of order one. If one of them is zero, it is singular.
     """
     p = Builder(name, about)
     program = prepared.program
@@ -67,7 +67,7 @@ def kernel(
     names: Mapping[int, str] | None = None,
     style: Style = SOURCE,
 ) -> Procedure:
-    """Return the procedure that evaluates a program; `names` are those of values in printed code."""
+    """Return the procedure that evaluates a program; `names` are the names of values in printed code."""
     p = Builder(name, about)
     t, y = p.given("t", REAL), p.array("y", size=program.states, read=True)
     held, out = p.array("p", size=prepared.size, read=True), p.array("out", size=len(program.outputs))
@@ -90,7 +90,7 @@ def kernel(
 def kernel_by_value(
     program: Program, prepared: Prepared, outputs: Sequence[int], *, style: Style, suffix: str = "by_value"
 ) -> Procedure:
-    """Return a kernel from time and entries of a state to some results of a program and the flag."""
+    """Return a kernel from time and entries of a state to some results of a program and the singular flag."""
     p = Builder(f"{program.name}_{suffix}", f"Evaluate {program.name} by value.")
     t, state = p.given("t", REAL), [p.given(f"y{i}", REAL) for i in range(program.states)]
     held = p.array("p", size=prepared.size, read=True)
@@ -105,7 +105,7 @@ def kernel_by_value(
 
 
 def kernel_through_values(program: Program, prepared: Prepared, by_value: Procedure) -> Procedure:
-    """Return `kernel` as a call of a kernel by value that returns the parts of the results that are `returned`."""
+    """Return `kernel` as a call of a kernel by value, and the `returned` parts of its results."""
     p = Builder(program.name, f"Evaluate {program.name} in memory.")
     t, y = p.given("t", REAL), p.array("y", size=program.states, read=True)
     held, out = p.array("p", size=prepared.size, read=True), p.array("out", size=len(program.outputs))

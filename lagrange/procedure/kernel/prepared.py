@@ -1,4 +1,4 @@
-"""Where the numbers that depend on parameters alone stand: behind the parameters, each once for all programs."""
+"""Layout of the numbers that depend on parameters alone: after the parameters, each once for all programs."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from lagrange.program.elimination import Elimination
 from lagrange.program.program import Instruction, Program
 
 WRITTEN_OUT = 20
-"""Largest matrix that is written out: compilers of source text make more of it than of loops."""
+"""Largest matrix that is written out: compilers optimize such source text better than loops."""
 
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """The places of hoisted results of some programs in one array, which begins with the parameters.
+    """Indices of the hoisted results of some programs in one array, which begins with the parameters.
 
-    `size` is its length. `program` computes what is prepared, with its results at `saved`; `slots` are the places for
-    each of the `programs`. A factorization takes the entries of L that are not zero by rows, 1/d on its diagonal, and
-    behind them whether its pivots are trusted; one that is not written out takes what `factor_dense` keeps.
+    `size` is its length. `program` computes the prepared results, with their indices `saved`. `slots` are the indices
+    for each of the `programs`. A written-out factorization stores the nonzero entries of L by rows with 1/d on its
+    diagonal, and then the flag whether its pivots are trusted. Others store the factors of `factor_dense`.
     """
 
     programs: tuple[Program, ...]
@@ -28,11 +28,11 @@ class Prepared:
     slots: tuple[Mapping[int, int], ...]
     size: int
     largest: int = WRITTEN_OUT
-    """Largest matrix whose factors are kept as they are where their elimination is written out."""
+    """Largest matrix whose factors are stored as entries, if its elimination is written out."""
 
     @classmethod
     def of(cls, programs: Sequence[Program], largest: int = WRITTEN_OUT) -> Prepared:
-        """Return the places for programs with the same parameters."""
+        """Return the layout for programs with the same parameters."""
         count = max((program.parameters for program in programs), default=0)
         merged: dict[Instruction, int] = {}
         moved = [_merged(program, merged) for program in programs]
@@ -49,12 +49,12 @@ class Prepared:
         return cls(tuple(programs), whole, saved, tuple(slots), place, largest)
 
     def of_program(self, program: Program) -> Mapping[int, int]:
-        """Return the places of a program."""
+        """Return the indices of a program's saved results."""
         return self.slots[self.programs.index(program)]
 
 
 def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
-    """Add the hoisted instructions of a program to those of others; return where each stands there."""
+    """Add the hoisted instructions of a program to `merged`; return the index of each there."""
     table: list[int] = []
     for one in program.instructions[: program.hoisted]:
         moved = one._replace(args=tuple(table[arg] for arg in one.args))

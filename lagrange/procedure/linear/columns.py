@@ -1,7 +1,7 @@
 """Inverses of many matrices at once, one in each column: Gauss-Jordan elimination with partial pivoting.
 
-Entry (r, c) of the matrix of column b stands at ((r * 2 order) + c) * columns + b, and behind each row is the row of
-the inverse. Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 14.4.
+Entry (r, c) of the matrix of column b is at ((r * 2 order) + c) * columns + b. Each row is followed by that of the
+inverse. Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 14.4.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ from lagrange.procedure.front.plain import procedure
 from lagrange.procedure.front.vocabulary import Out, Writable, each, fma
 
 LANES = 8
-"""The widest vectors of doubles that processors have."""
+"""Number of doubles in the widest vectors of processors."""
 
 
 @procedure(a=lambda: Array(room=LANES), row=lambda: Array(room=LANES))
 def invert_columns(order: int, columns: int, a: Out, row: Out) -> None:
-    """Invert the matrix of each column, with the inverses behind their rows; `row` takes one number a column.
+    """Invert the matrix of each column, and write its rows after those of the matrix; `row` takes a number a column.
 
-    Where a matrix is singular its inverse is not finite.
+    The inverse of a singular matrix is not finite.
     """
 
     def entry(r: int, c: int) -> Writable[float]:

@@ -1,7 +1,7 @@
 """The inverse of any matrix: Gauss-Jordan elimination in place, with pivots.
 
-The pivot of each column is its largest entry relative to the size of the row. Rows, columns in units of the rows, and
-rows again are scaled first.
+The pivot of each column is its largest entry relative to the size of the row. Before that, rows are scaled, then
+columns, then rows again.
 Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 14.4.
 """
 
@@ -20,7 +20,7 @@ WRITTEN_OUT = 16
 
 
 def row_stride(n: int) -> int:
-    """Return the distance between the rows of a matrix of order n: whole blocks."""
+    """Return the distance between the rows of a matrix of order n, a multiple of the block size."""
     return whole_blocks(n, PARTIAL)
 
 
@@ -34,7 +34,7 @@ def inversion(n: int) -> Procedure:
     scratch=lambda n: Array(size=3 * row_stride(n), room=PARTIAL),
 )
 def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
-    """Replace a matrix by its inverse, and say whether it is singular."""
+    """Replace a matrix by its inverse, and return whether it is singular."""
     stride, short = row_stride(n), n <= WRITTEN_OUT
     units, columns, pivots = scratch, scratch[stride:], scratch[2 * stride :]
     chosen = wholes(n)
@@ -47,7 +47,7 @@ def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
         small = abs(pivot) * (units[row] * columns[k]) <= PIVOT
         singular = singular or small or pivot == 0.0
         if row != k:
-            # The unit of the second row, which becomes the pivot row, is not needed any more.
+            # The scale of the second row is not needed later: this row becomes the pivot row.
             first, second = a[row * stride :], a[k * stride :]
             for j in each(n, unrolled=short, spill=True, disjoint=True):
                 first[j], second[j] = second[j], first[j]
@@ -81,7 +81,7 @@ def measure(n: int, a: Readable[float], units: Writable[float], columns: Writabl
 
 @inline
 def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Readable[float]) -> None:
-    """Write the reciprocal size of each row, with columns in their units."""
+    """Write the reciprocal size of each row after the columns are scaled."""
     for i in range(n):
         row, largest = a[i * row_stride(n) :], -math.inf
         for j in each(n, unrolled=n <= WRITTEN_OUT):
@@ -100,7 +100,7 @@ def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> in
             larger = size > best
             best, row = size if larger else best, i if larger else row
         return row
-    # The largest of pairs, then of pairs of pairs: no comparison waits for more than four others.
+    # A tournament of pairs: no comparison waits for more than four others.
     found = tuple(candidate(a, units, k, i, stride) for i in unrolled(n))
     for _ in unrolled((n - 1).bit_length()):
         found = larger_of_pairs(found)
@@ -110,7 +110,7 @@ def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> in
 
 @inline
 def candidate(a: Readable[float], units: Readable[float], k: int, i: int, stride: int) -> tuple[float, int]:
-    """Return the size of the entry of row i, or -1 where it cannot be the pivot, and i."""
+    """Return the size of the entry of row i, or -1 if it cannot be the pivot, and i."""
     size = abs(a[i * stride :][k]) * units[i]
     return size if size >= 0.0 and k <= i else -1.0, i
 
@@ -133,7 +133,7 @@ def larger_of(a: tuple[float, int], b: tuple[float, int]) -> tuple[float, int]:
 def eliminate(n: int, a: Writable[float], pivots: Writable[float], k: int) -> None:
     """Subtract multiples of row k from the others, and replace column k by that of the inverse.
 
-    Whole blocks are stored, with the entry of column k in them: a single store would delay the next load of its block.
+    Whole blocks are stored, including the entry of column k: a single store would delay the next load of its block.
     """
     stride, short = row_stride(n), n <= WRITTEN_OUT
     here = a[k * stride :]

@@ -1,8 +1,8 @@
 """The inverse of a symmetric matrix, in vectors of eight.
 
-The matrix is given as its lower triangle by columns, entry (i, j) at j*n + i. The inverse is written by columns
-`stride` reals apart, a multiple of eight, with zeros or anything behind the n-th row. A = L D L^T, then L D (L^T X) = I
-for all columns at once. Where a pivot cannot be trusted the matrix is inverted with pivoting.
+The matrix is given as its lower triangle by columns, entry (i, j) at j*n + i. The inverse is written by columns, which
+are `stride` reals apart, a multiple of eight. Entries after the n-th row are zero or undefined. A = L D L^T, then
+L D (L^T X) = I for all columns at once. If a pivot cannot be trusted, the matrix is inverted with pivoting.
 """
 
 from __future__ import annotations
@@ -29,13 +29,13 @@ def work_size(n: int) -> int:
 
 @inline
 def aligned(k: int) -> int:
-    """Return the place of the vector that a place lies in."""
+    """Return the index of the vector that contains an index."""
     return quotient(k, WIDTH) * WIDTH
 
 
 @procedure(lower=lambda: Array(room=WIDTH))
 def factor_columns(n: int, stride: int, a: In, lower: Out, d: Out) -> bool:
-    """Turn columns `lower` into L below the diagonal, and 1/d into `d`; say whether every pivot is trusted."""
+    """Turn columns `lower` into L below the diagonal, write 1/d to `d`, and return whether every pivot is trusted."""
     trusted = True
     for j in range(n):
         column = lower[j * stride :]
@@ -58,10 +58,10 @@ def factor_columns(n: int, stride: int, a: In, lower: Out, d: Out) -> bool:
 
 @procedure(lower=lambda: Array(read=True, room=WIDTH), x=lambda: Array(room=WIDTH))
 def solve_identity(n: int, stride: int, lower: In, d: In, x: Out) -> None:
-    """Find X of L D L^T X = I; `x` has rows, which are columns as well, and begins as the identity."""
+    """Solve L D L^T X = I. `x` begins as the identity; its rows are also its columns, as it is symmetric."""
     for i in range(n):
         row = x[i * stride :]
-        # Row j of the inverse of L ends at column j, and so does what it adds.
+        # Row j of the inverse of L ends at column j, and so do its contributions.
         for block in range(0, i + 1, WIDTH):
             part, above = row[block:], x[block:]
             for c in each(WIDTH, width=WIDTH, disjoint=True):
@@ -85,7 +85,7 @@ def solve_identity(n: int, stride: int, lower: In, d: In, x: Out) -> None:
 
 @procedure(out=lambda: Array(room=WIDTH), work=lambda: Array(room=WIDTH))
 def invert(n: int, stride: int, a: In, out: Out, work: Out) -> bool:
-    """Write the inverse to `out`, and say whether the matrix is singular to round-off."""
+    """Write the inverse to `out`, and return whether the matrix is singular to round-off."""
     square = stride * stride
     reciprocals = work[square:]
     for i in each(square, width=WIDTH, spill=True):

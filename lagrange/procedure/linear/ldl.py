@@ -1,10 +1,10 @@
-"""Solve symmetric systems of any order: L D L^T where the matrix is definite, elimination with pivoting elsewhere.
+"""Solve symmetric systems of any order: L D L^T for definite matrices, elimination with pivoting for others.
 
 A matrix is given as its lower triangle by columns: entry (i, j), i >= j, at j*n + i. It is factored as L D L^T without
-pivoting, which is stable for a positive definite mass matrix. Where a pivot vanishes against its diagonal entry, at
-`PIVOT`, the matrix is factored again with pivoting (see `lagrange.procedure.linear.pivoted`), which serves every
-regular matrix; only a pivot that vanishes there too is called singular. A factor that is zero subtracts nothing: its
-column is left out, so that a sparse matrix in a good order takes a time like n^2.
+pivoting, which is stable for a positive definite mass matrix. If a pivot vanishes against its diagonal entry, at
+`PIVOT`, the matrix is factored again with pivoting (see `lagrange.procedure.linear.pivoted`), which works for every
+regular matrix. The matrix counts as singular only if a pivot vanishes there too. A zero factor subtracts nothing and
+its column is skipped, so that a sparse matrix in a good order takes a time like n^2.
 Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, section 4.1.
 
 Factors are kept in an array of `factor_size(n)` reals: [kind, rest]. The rest is [1/d (n), n unused, columns (n*n)] of
@@ -21,22 +21,22 @@ from lagrange.procedure.front.vocabulary import In, Out, each, fma
 from lagrange.procedure.linear.pivoted import PIVOT, factor_pivoted, pivoted_size, solve_pivoted
 
 PIVOT_BESIDE_MULTIPLIERS = 2.0**-10
-"""Elimination in a given order is trusted beside multipliers where each pivot exceeds this part of its terms.
+"""Least pivot relative to its terms, for elimination in a given order to be trusted in systems with multipliers.
 
-It then loses three digits at most. A definite matrix loses none with any pivot.
+Elimination then loses three digits at most. For definite matrices it loses none with any pivot.
 """
 
 
 COLUMNS_AT_ONCE = 8
-"""So many right-hand sides are solved for at once: the widest vectors of doubles that processors have."""
+"""Number of right-hand sides that are solved at once: the widest vectors of doubles that processors have."""
 
 
 RESIDUAL = 2.0**-40
-"""Part of its terms that a row of a multiplier may be off by, for a solution by pivots in their order to be trusted."""
+"""Largest residual of a multiplier's row, relative to its terms, for a solution without pivoting to be trusted."""
 
 
 def least_pivot(negative: Sequence[int]) -> float:
-    """Return the least pivot that is trusted, relative to its terms, in a matrix with some pivots below zero."""
+    """Return the least trusted pivot, relative to its terms, in a matrix with the given negative pivots."""
     return PIVOT_BESIDE_MULTIPLIERS if negative else PIVOT
 
 
@@ -47,7 +47,7 @@ def factor_size(n: int) -> int:
 
 @procedure
 def factor_symmetric(n: int, a: In, factors: Out) -> bool:
-    """Factor A = L D L^T by columns, and say whether every pivot can be trusted."""
+    """Factor A = L D L^T by columns, and return whether every pivot can be trusted."""
     reciprocals, columns = factors[1:], factors[2 * n + 1 :]
     for j in range(n):
         for i in range(j, n):
@@ -60,7 +60,7 @@ def factor_symmetric(n: int, a: In, factors: Out) -> bool:
         trusted = trusted and large
         reciprocal = 1.0 / d
         reciprocals[j] = reciprocal
-        # The finished column is subtracted from the columns behind it.
+        # The finished column is subtracted from the later columns.
         for k in range(j + 1, n):
             factor = -(column[k] * reciprocal)
             target = columns[k * n :]
@@ -74,7 +74,7 @@ def factor_symmetric(n: int, a: In, factors: Out) -> bool:
 
 @procedure
 def factor_dense(n: int, a: In, factors: Out) -> bool:
-    """Factor a symmetric matrix, with pivoting where L D L^T cannot be trusted; say whether it is singular."""
+    """Factor a symmetric matrix, with pivoting if L D L^T cannot be trusted; return whether it is singular."""
     trusted = factor_symmetric(n, a, factors)
     factors[0] = 0.0
     if trusted:
@@ -85,7 +85,7 @@ def factor_dense(n: int, a: In, factors: Out) -> bool:
 
 @procedure
 def solve_factored(n: int, factors: In, b: Out) -> None:
-    """Replace a right-hand side by the solution, with the factors of `factor_dense`."""
+    """Replace a right-hand side by the solution, using the factors of `factor_dense`."""
     reciprocals, columns = factors[1:], factors[2 * n + 1 :]
     if factors[0] != 0.0:
         solve_pivoted(n, n, factors[1:], b)
@@ -108,10 +108,10 @@ def solve_factored(n: int, factors: In, b: Out) -> None:
 def solve_columns(n: int, columns: int, factors: In, b: Out, spare: Out) -> None:
     """Replace right-hand sides by solutions, entry k of column c at k*columns + c; `spare` takes n reals.
 
-    The columns are a multiple of `COLUMNS_AT_ONCE`. The operations are those of `solve_factored` for each.
+    `columns` is a multiple of `COLUMNS_AT_ONCE`. The operations on each column are those of `solve_factored`.
     """
     reciprocals, lower = factors[1:], factors[2 * n + 1 :]
-    # Factors with pivoting are rare: one column after the other.
+    # Factors with pivoting are rare, so their columns are solved one after the other.
     if factors[0] != 0.0:
         for c in range(columns):
             for k in range(n):
@@ -138,7 +138,7 @@ def solve_columns(n: int, columns: int, factors: In, b: Out, spare: Out) -> None
 
 @procedure
 def invert_dense(n: int, a: In, out: Out, work: Out) -> bool:
-    """Write the inverse by columns, and say whether the matrix is singular; `work` takes the factors."""
+    """Write the inverse by columns, and return whether the matrix is singular; `work` takes the factors."""
     singular = factor_dense(n, a, work)
     for j in range(n):
         column = out[j * n :]

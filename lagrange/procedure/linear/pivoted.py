@@ -1,12 +1,12 @@
 """Solve symmetric systems that are not definite: P A = L U with scaled partial pivoting, within a band.
 
 Entries (i, j) with |i - j| above the `band` are zero. The lower triangle is given by columns: entry (i, j), i >= j, at
-j*band + i, which for a band of n is a full matrix by columns. Exchanges of rows widen U to twice the band, and stay
-within it, so that a long chain takes a time like n. The factors are those of the full matrix, rounding included.
+j*band + i, which for a band of n is a full matrix by columns. Row exchanges widen U to at most twice the band, so a
+long chain takes a time like n. The factors are those of the full matrix, rounding included.
 Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, sections 3.4 and 4.3.
 
-Factors take `pivoted_size` reals: [row scales (n), the row exchanged with each (n), columns]. A column has those of its
-rows that may be filled, from row j - 2 band on, and `column` is its place, moved so that its index is the row.
+Factors take `pivoted_size` reals: [row scales (n), the row exchanged with each (n), columns]. A column stores the rows
+that may be filled, from row j - 2 band on. `column` is its offset, shifted so that its index is the row.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, Readable, Writable, fma
 
 PIVOT = 2.0**-46
-"""A symmetric matrix is singular to round-off where elimination with pivoting, its rows scaled, meets a pivot of at
-most this part of its row's largest entry: 64 rounding errors. The entries of its inverse, in units in which its
+"""A symmetric matrix is singular to round-off if elimination with pivoting, its rows scaled, meets a pivot of at most
+this fraction of its row's largest entry: 64 rounding errors. The entries of its inverse, in units in which its
 diagonal is one, then exceed 1 / PIVOT."""
 
 
@@ -33,7 +33,7 @@ def pivoted_size(n: int, band: int) -> int:
 
 @inline
 def column(n: int, band: int, j: int) -> int:
-    """Return where column j of L and U begins in factors, such that its index is the row."""
+    """Return the offset of column j of L and U in factors, shifted so that its index is the row."""
     height = min(n, 3 * band + 1)
     first = min(max(j - 2 * band, 0), n - height)
     return 2 * n + j * height - first
@@ -41,7 +41,7 @@ def column(n: int, band: int, j: int) -> int:
 
 @procedure
 def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
-    """Factor P A = L U with scaled pivots, and say whether A is singular to round-off."""
+    """Factor P A = L U with scaled pivots, and return whether A is singular to round-off."""
     scales, exchanges = factors, factors[n:]
     nothing = scale_rows(n, band, a, scales)
     for j in range(n):
@@ -68,7 +68,7 @@ def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
             other = factors[column(n, band, k) :]
             other[j], other[row] = other[row], other[j]
         pivot = entries[j]
-        # A row of zeros gives 0 * inf.
+        # For a row of zeros this product is 0 * inf = NaN.
         vanishes = abs(pivot) * scales[j] <= PIVOT
         singular = singular or vanishes or pivot == 0.0
         reciprocal = 1.0 / pivot
@@ -80,13 +80,13 @@ def factor_pivoted(n: int, band: int, a: In, factors: Out) -> bool:
             if factor != 0.0:
                 for i in range(j + 1, rows):
                     target[i] = fma(factor, entries[i], target[i])
-    # A matrix with an entry that is not finite is not singular: the entry passes to the solution.
+    # A matrix with an entry that is not finite does not count as singular: the entry passes to the solution.
     return singular and nothing == 0.0
 
 
 @inline
 def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float]) -> float:
-    """Write one over the largest entry of each row; return zero times all entries: NaN if one is not finite."""
+    """Write one over the largest entry of each row; return 0 times the sum of their sizes: NaN if one is not finite."""
     nothing = 0.0
     for i in range(n):
         scales[i] = 0.0
@@ -97,7 +97,7 @@ def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float]) -
             for row in (i, j):
                 largest = scales[row]
                 scales[row] = size if size > largest else largest
-            # Zero times a NaN or an infinity is NaN, and stays.
+            # Zero times a NaN or an infinity is NaN, and remains in the sum.
             nothing = fma(size, 0.0, nothing)
     for i in range(n):
         scales[i] = 1.0 / scales[i]
@@ -106,7 +106,7 @@ def scale_rows(n: int, band: int, a: Readable[float], scales: Writable[float]) -
 
 @procedure
 def solve_pivoted(n: int, band: int, factors: In, b: Out) -> None:
-    """Replace a right-hand side by the solution, with the factors of `factor_pivoted`."""
+    """Replace a right-hand side by the solution, using the factors of `factor_pivoted`."""
     exchanges = factors[n:]
     for j in range(n):
         chosen = int(exchanges[j])

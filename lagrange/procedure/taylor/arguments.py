@@ -1,4 +1,4 @@
-"""The arguments that the loop over Taylor steps hands on to its parts."""
+"""The arguments that the loop over Taylor steps passes to its parts."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from lagrange.procedure.taylor.watching import Watched
 
 
 class Arguments:
-    """The arguments of the loop, of its iterations and of a step: the common ones, and those `own` to a procedure."""
+    """The arguments of the loop, of its iterations and of a step: the common ones, and a procedure's `own`."""
 
     def __init__(self, p: Builder, layout: TaylorLayout, **own: Kind | Array) -> None:
         self.p, self.layout = p, layout
@@ -41,14 +41,14 @@ class Arguments:
         self.times, self.rows = p.array("times"), p.array("rows", room=layout.block)
         self.watched = Watched(p, layout) if layout.watched else None
         self.projection: tuple[Any, ...] = ()
-        """The corrections that constraints want and their parameters, if there are constraints."""
+        """The function of the corrections onto the constraints, and its numbers; empty without constraints."""
         if layout.projected:
             self.projection = p.function("projection", CORRECTIONS), p.array("projection_numbers", read=True)
         self.own = [p.given(name, kind) for name, kind in own.items()]
         self.series = SeriesMemory(p, layout, work_array(p))
 
     def handed(self, *own: Any) -> tuple[Any, ...]:
-        """Return the arguments for another procedure, with those of its own."""
+        """Return the arguments for another procedure, followed by its own."""
         records = self.run, self.counts, self.taylor, self.floors, self.held
         watched = self.watched.handed if self.watched else ()
         written = *self.output, self.times, self.rows, *watched
@@ -57,7 +57,7 @@ class Arguments:
 
     @property
     def numbers(self) -> tuple[Any, ...]:
-        """The numbers of the series: with surfaces, those for the sides that hold."""
+        """The prepared numbers of the series: with switching surfaces, those for the present sides."""
         if self.watched is None or self.layout.observes:
             return self.prepared, self.constants
         place = self.watched.record.numbers
@@ -65,5 +65,5 @@ class Arguments:
 
     @property
     def output(self) -> tuple[Any, ...]:
-        """The arguments for a procedure that writes states at output times."""
+        """The arguments of a procedure that writes states at output times."""
         return self.outputs, self.output_times, self.output_states

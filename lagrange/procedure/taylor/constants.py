@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 MARGIN = 0.1
-"""Steps are chosen for a tenth of the tolerance: errors add up along a run."""
+"""Fraction of the tolerance at which steps aim: errors add up along a run."""
 
 TIGHT_RTOL, LEAST_MARGIN = 1e-15, 0.01
 """Below this tolerance steps are chosen for a hundredth of it.
@@ -24,30 +24,31 @@ nor underflow in any units.
 """
 
 START_ROWS = 4
-"""Rows behind the first from which the size of an entry is estimated that is zero at the start of a run.
+"""Number of rows after the first that estimate the size of an entry which is zero at the start of a run.
 
 The fourth derivative includes one coupling between coordinates. Entries whose series begin later have no estimate.
 """
 
 FIRST_SCALE_RATIO = 1.5
-"""The same for the first step of a run: a factor of 2**1.5."""
+"""The same exponent for the first step of a run: a factor of 2**1.5."""
 
 ROWS_USED = 6
 GUARD = 0.25
 """The step follows the last two rows, and the `ROWS_USED - 2` rows before them as a guard.
 
 From rest every other coefficient is zero, and the last nonzero one may be small by chance. Row k of a series of radius
-r gives the estimate r tolerance**(1/k). The step may exceed that estimate by a quarter of a binary digit, because
-the rows of an entire function fall faster and faster. Rows below half of the order are no guard: where a velocity is
-zero, its first coefficient is what its tolerance is relative to, and the estimate is as long as the unit of time, which
-follows the step. At order 4 and a tolerance of 1e-12 no step was long enough.
+r gives the estimate r tolerance**(1/k). The step may exceed that estimate by a quarter of a binary digit, because the
+rows of an entire function fall faster and faster. Rows below half of the order are not used as a guard. Where a
+velocity is zero, its tolerance is relative to its first coefficient, and the estimate is the unit of time, which
+follows the step. At order 4 and a tolerance of 1e-12 no step was then long enough.
 
-An order that is low for the tolerance would take steps like tolerance**(1/(p - 1)), for the row before the last: 18
-times as many as tolerance**(1/p) at order 4 and 1e-15. There its radius counts at the last order, less this quarter.
+An order that is low for the tolerance would take steps like tolerance**(1/(p - 1)), by the row before the last: 18
+times as many as tolerance**(1/p) at order 4 and 1e-15. There the radius of that row is used at the last order, less
+GUARD.
 """
 
 LOWEST_ORDER = 4
-"""The lowest order of a series that steps are taken with."""
+"""Lowest order of a series for steps."""
 
 RADIUS_FRACTION = -1.0
 """log2 of the largest step as a fraction of the estimated radius of convergence.
@@ -55,9 +56,9 @@ RADIUS_FRACTION = -1.0
 The bound holds however small the last rows are. Far from a wall exp(200 (x - 1)) the rows are below all tolerances, and
 only their growth shows the wall.
 
-It does not hold for systems with constraints and without such functions. Where two motions cross, a violation e of the
-constraints, as rounding leaves it, is a term like e / t in the time t to the crossing: the rows grow with the radius t
-from below rounding, and steps of half of it would never pass.
+For systems with constraints and without such functions there is no such bound. Where two motions cross, a violation e
+of the constraints, from rounding, is a term like e / t in the time t to the crossing. The rows then grow with the
+radius t from below rounding, and steps of half of it would never pass the crossing.
 """
 
 ROW_DISTANCE = 4
@@ -75,7 +76,7 @@ tolerances was 1.1 times that.
 """
 
 RETRY_FRACTION, MOST_FAILURES = 0.25, 24
-"""A rejected step is tried again at a quarter of its length, up to this many times.
+"""A rejected step is repeated at a quarter of its length, up to this many times.
 
 The step is then as short as round-off.
 """
@@ -124,21 +125,21 @@ there to 1e289.
 """
 
 EVENT_NOISE = 4 * 2.0**-52 / 2.0**-26
-"""Rounding of the state, here and where the step before ended, over the part by which it is moved to see how much an
-event function owes to it: half of the digits."""
+"""Noise of an event function, as a multiple of its change under a perturbation of the state: round-off of the state,
+here and at the end of the last step, divided by the relative perturbation, which is half of the digits."""
 
 EVENT_SLACK = 64.0
-"""The series of an event function may end so many tolerances above the end of the state's: it is a sum of products."""
+"""Truncation error of an event function's series in units of the state's tolerance: it is a sum of products."""
 
 BALANCE = 256.0
-"""A step without a length of its own ends where what grows with the square of time is this much larger than the rest:
-two digits of the roots are lost to it, and a run of any length takes a few steps more."""
+"""Largest ratio of the higher terms of an event function, which grow with the square of time or faster, to its lower
+ones, on a step that the series does not limit. It costs two digits of the roots. Runs then take a few more steps."""
 
 DOUBT = 64 * 2.0**-52
-"""A coefficient of an event function below this part of the sum of all counts as zero."""
+"""A coefficient of an event function is zero if it is below this fraction of the sum of all."""
 
 LEAST_PART = 2.0**-70
-"""A step shorter than this part of what is left of the run does not get on."""
+"""A step shorter than this fraction of the rest of the run makes no progress."""
 
 MOST_SURFACES = 3
-"""With more surfaces the loop comes back to change a side: the numbers for all combinations of sides are kept."""
+"""Largest number of surfaces whose sides the loop changes: it keeps the numbers for all combinations of sides."""

@@ -1,7 +1,7 @@
-"""Whether what is watched has, at the end of a step, the sign that its series says.
+"""Compare the sign of a watched function at the end of a step with the sign that its series predicts.
 
-A function that saturates, such as erf(x), looks constant where it is flat: its series knows nothing of the slope that
-lies ahead. The next series begins with the value itself, and tells.
+A function that saturates, such as erf(x), looks constant where it is flat: its series does not show a slope further
+ahead. The next series begins with the exact value, which reveals the error.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ from lagrange.procedure.values import Flag, Real, Whole
 
 @shared
 def contradicts(layout: TaylorLayout) -> Procedure:
-    """Return what says whether the series here and that of the last step, of a length, disagree on the side of zero.
+    """Return the procedure that tests whether the present series and that of the last step disagree on a side.
 
-    What may jump is left out: there a change of sign is no zero.
+    Functions that may jump are excluded: their sign may change without a zero.
     """
     return _Contradiction(layout).build()
 
@@ -47,7 +47,7 @@ class _Contradiction:
             values[i] = self.row(0, i)
         write_noise(watched, watched.own_numbers, self.t, self.memory.work)
         noise, found = watched.kept.reals("noise"), p.variable(p.false, "found")
-        # An error of the state is as many times its rounding as its tolerance is.
+        # The error of the state is its rounding times the ratio of tolerance to round-off.
         slack = EVENT_SLACK * p.fma(self.rtol, 2.0**50, 1.0)
         with p.loop(0, self.layout.watched) as i:
             found.value = found.value | (self.is_other(i) & (abs(values[i]) > slack * noise[i]))
@@ -55,12 +55,12 @@ class _Contradiction:
         return p.finish(FLAG)
 
     def row(self, order: int, i: Whole) -> Real:
-        """Return a coefficient of something that is watched."""
+        """Return a coefficient of a watched function."""
         found: Real = self.memory.row(order).at(self.layout.watched_at)[i]
         return found
 
     def is_other(self, i: Whole) -> Flag:
-        """Whether something that cannot jump is on the other side, farther than its slope leads on a step."""
+        """Return whether a function that cannot jump is on the other side, further than its slope explains."""
         p, watched, value = self.p, self.watched, self.row(0, i)
         before = watched.sides.at(self.layout.watched * (SIDES + STARTING))
         settled = watched.side(NEAR)[i].equals(0) & ~watched.setting(SMOOTH, i).equals(0) & before[i].equals(0)

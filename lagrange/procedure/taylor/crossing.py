@@ -1,4 +1,4 @@
-"""What happens at a surface to which a Taylor step has led: the equations go on with its other side."""
+"""Cross a switching surface at which a Taylor step has ended: continue with the equations of the other side."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from lagrange.procedure.values import Memory, Whole
 
 @shared
 def cross_surface() -> Procedure:
-    """Return what crosses the surface that is due at the state, if the motion leaves to its other side at once.
+    """Return the procedure that crosses the surface due at the state, if the motion leaves to the other side at once.
 
-    It returns whether that was done; otherwise nothing has changed.
+    It returns whether that was done. If not, nothing has changed.
     """
     return _Crossing().build()
 
@@ -41,7 +41,7 @@ class _Crossing(DueChange):
         return p.finish(FLAG)
 
     def other_side(self, place: Whole) -> Whole:
-        """Return the combination of sides with the other one of a surface, as a binary number: 1 is the side above."""
+        """Return the combination of sides with the other side of a surface, as a binary number: 1 is above."""
         p, record = self.p, self.watched.record
         power = p.variable(1)
         with p.loop(0, place):
@@ -53,7 +53,7 @@ class _Crossing(DueChange):
         return found
 
     def leave_unless_consistent(self, place: Whole, numbers: Whole) -> None:
-        """Leave unless the motion with the other side goes there, and is on no other surface."""
+        """Leave unless the motion with the other side goes there, and touches no other surface."""
         p, layout, watched, work = self.p, self.layout, self.watched, self.work
         there = work.at(p.whole(layout.ahead(self.memory.order)))
         with p.loop(0, layout.padded * 2) as i:
@@ -70,7 +70,7 @@ class _Crossing(DueChange):
             self.leave_if(~signs[i].equals(expected))
 
     def commit(self, place: Whole, other: Whole, numbers: Whole) -> None:
-        """Go on with the other side, and write where it begins to hold."""
+        """Continue with the other side, and write the row after which it holds."""
         p, watched, record = self.p, self.watched, self.watched.record
         record.combination, record.numbers = other, numbers
         slot: Whole = record.switches

@@ -35,7 +35,7 @@ from lagrange.procedure.values import Flag, Real
 def defect_is_small(layout: TaylorLayout) -> Procedure:
     """Return the comparison of the stored derivative with the first coefficients of some rows.
 
-    `length` is that of the step in units of the scale.
+    `length` is the length of the step in units of the scale.
     """
     p = Builder("defect_is_small", "Whether the derivative that is held is what the equations say.")
     length, order, first = p.given("length", REAL), p.given("order", WHOLE), p.given("first", WHOLE)
@@ -51,7 +51,7 @@ def defect_is_small(layout: TaylorLayout) -> Procedure:
 
 
 def retries_exhausted(taylor: Any) -> Flag:
-    """Whether so many steps have failed that a shorter one is lost in round-off."""
+    """Return the flag that the retry limit is reached: a shorter step would be lost in round-off."""
     found: Flag = taylor.failures >= MOST_FAILURES
     return found
 

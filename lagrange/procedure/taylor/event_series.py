@@ -1,4 +1,4 @@
-"""The series of what is watched: how much of it is round-off, how far it reaches, and with which sign it begins."""
+"""The series of a watched function: its round-off noise, how far it can be trusted, and its sign at the start."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ READ = Array(read=True)
 
 @shared
 def event_noise() -> Procedure:
-    """Return what finds how wrong the values that are watched may be: by rounding the state, here and a step before.
+    """Return the procedure that estimates the noise of watched functions from rounding of the state.
 
-    Time and state, of `size` entries, are moved by about the square root of the round-off, each entry by another part:
-    else the difference of two equal entries would seem to owe nothing to either.
+    The state here and at the end of the last step may be rounded. The time and the `size` entries of the state are
+    perturbed by about the square root of round-off, each by another factor: with equal factors the difference of two
+    equal entries would seem exact.
     """
     p = Builder("event_noise", "Write how wrong what is watched may be; `values` is what it is.", apart=True)
     function = p.function("function", FUNCTION)
@@ -40,7 +41,7 @@ def event_noise() -> Procedure:
 
 
 def write_noise(watched: Watched, numbers: Memory, t: Real, state: Memory) -> None:
-    """Write how wrong what is watched may be behind its values, which stand among what is kept on the way."""
+    """Write the noise of watched functions to the scratch memory, from their values there."""
     kept, layout = watched.kept, watched.layout
     function, sizes = (watched.values, numbers, watched.tilts), (layout.dimension, layout.watched)
     watched.p.call(event_noise(), *function, t, *sizes, state, kept.reals("values"), kept.reals("noise"), kept.moved)
@@ -48,9 +49,9 @@ def write_noise(watched: Watched, numbers: Memory, t: Real, state: Memory) -> No
 
 @shared
 def reach() -> Procedure:
-    """Return how far a series reaches with its accuracy or noise, at most to s, as far as one that terminates.
+    """Return the part of a step that a series covers within its accuracy or noise: s if the series terminates.
 
-    The series of an expression may end above the end of the state's: it is a sum of products.
+    The truncation error of an expression's series may exceed that of the state: it is a sum of products.
     """
     p = Builder("reach", "Return how far a series can be trusted.", apart=True)
     c, count = p.array("c", read=True), p.given("count", WHOLE)
@@ -80,7 +81,7 @@ def reach() -> Procedure:
 
 @shared
 def safe_step() -> Procedure:
-    """Return the step that the radius of convergence allows which the last coefficients of a series show."""
+    """Return the longest safe step: within the radius of convergence that the last coefficients of a series show."""
     p = Builder("safe_step", "Return how far a series goes that may hide what it grows to.", apart=True)
     c, count = p.array("c", read=True), p.given("count", WHOLE)
     radius: Any = p.variable(0.0)
@@ -97,7 +98,7 @@ def safe_step() -> Procedure:
 
 @shared
 def is_balanced() -> Procedure:
-    """Return whether the high powers of a series on a step leave the low ones their digits; see `BALANCE`."""
+    """Return whether the high powers of a series on a step are small enough for the low ones; see `BALANCE`."""
     p = Builder("is_balanced", "Whether high powers do not drown low ones in round-off.", apart=True)
     c, count, s = p.array("c", read=True), p.given("count", WHOLE), p.given("s", REAL)
     low = p.larger(abs(c[0]), abs(c[1]) * s)
@@ -111,9 +112,9 @@ def is_balanced() -> Procedure:
 
 @shared
 def keeps_sign() -> Procedure:
-    """Return whether a series surely has a sign on all of a step: its linear part outweighs the rest at both ends.
+    """Return whether a series surely keeps its sign on a step: its linear part outweighs the rest at both ends.
 
-    Between the ends the linear part lies between what it is there.
+    Between the ends the linear part lies between its values there.
     """
     p = Builder("keeps_sign", "Whether a series surely keeps a sign on a step.", apart=True)
     c, count, s, noise, sign = p.array("c", read=True), p.given("count", WHOLE), *_reals(p, "s", "noise", "sign")
@@ -147,11 +148,11 @@ def largest_term() -> Procedure:
 
 @shared
 def start_of_series() -> Procedure:
-    """Return on which side of zero something that is watched goes on from a start: a sign, and an order.
+    """Return the sign and order with which a watched function leaves its value at a start.
 
-    The order is 0 where the series is not zero at its start, within its `margin` and the round-off of its terms in a
-    time in which they compare; else it is that of the term which tells, and the sign is that of this term; -1 where
-    none does.
+    The order is 0 if the function is not zero at its start, beyond its `margin` and the round-off of its terms over a
+    comparable time. Otherwise it is the order of the first term that decides, and the sign is that of this term. The
+    order is -1 if no term decides.
     """
     p = Builder("start_of_series", "Return the sign with which a series begins, and the order that tells.", apart=True)
     c, count = p.array("c", read=True), p.given("count", WHOLE)
@@ -177,10 +178,10 @@ def _sign(p: Builder, value: Real) -> Any:
 
 
 def comparable_unit(p: Builder, t: Real, scale: Real) -> Real:
-    """Return the time, in units of the scale, in which a velocity beside an acceleration counts as zero or not.
+    """Return the time, in units of the scale, at which a velocity is compared with an acceleration.
 
-    Motions of polynomials have a scale without a meaning. What takes less than some spacings of floating-point times
-    cannot be told apart anyway.
+    The scale of a polynomial motion has no meaning. Motions that take less than some spacings of floating-point times
+    cannot be resolved in any case.
     """
     part = p.larger(p.smaller(abs(t / scale) * (1.0 / 64), 1.0), 2.0**-40)
     found: Real = p.choose(t.equals(0.0), 1.0, part)

@@ -1,4 +1,4 @@
-"""The terms of what is watched on a step, and what their sums tell: of most steps the only zero, or that none is."""
+"""Terms of a watched function's series on a step. Their sums usually decide that it has one zero, or none."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from lagrange.procedure.values import Real
 REST, RATES, END, SLOPE, LATE = range(len(TERM_SUMS))
 
 LEAST_COUNT = 3
-"""A series is taken to have at least so many coefficients."""
+"""Least number of coefficients of a series; shorter ones are padded with zeros."""
 
 
 class _Chain:
-    """Sums of every other term from an order on: one alone would wait for itself."""
+    """Sums of every other term from an order on. Two such chains hide the latency of additions."""
 
     def __init__(self, p: Builder, k: int, power: Real, square: Real, end: Any, slope: Any) -> None:
         self.p, self.square, self.first = p, square, k
@@ -29,7 +29,7 @@ class _Chain:
         self.rest, self.rates, self.slope = p.variable(0.0), p.variable(0.0), p.variable(slope)
 
     def add(self, coefficient: Real) -> tuple[Real, Real]:
-        """Add the next term; return it, and its order times it."""
+        """Add the next term; return the term, and the term times its order."""
         term: Real = coefficient * self.power.value
         rate: Real = self.number.value * term
         self.rest.value = self.rest.value + abs(term)
@@ -42,9 +42,9 @@ class _Chain:
 
 @shared
 def event_terms() -> Procedure:
-    """Return what writes the terms x[k] s**k of one thing watched, k times each, and their sums; see `TERM_SUMS`.
+    """Return the procedure that writes the terms x[k] s**k of a watched function, k times each, and `TERM_SUMS`.
 
-    The coefficients stand in rows, `width` apart.
+    The coefficients are read from rows that are `width` apart.
     """
     p = Builder("event_terms", "Write the terms of something that is watched on a step, and their sums.")
     rows, width, order = p.array("rows", read=True), p.given("width", WHOLE), p.given("order", WHOLE)
@@ -70,10 +70,10 @@ def event_terms() -> Procedure:
 
 @shared
 def only_zero() -> Procedure:
-    """Return what says what the sums of terms tell of one thing watched on the step that they are of.
+    """Return the procedure that decides from the sums of terms whether a watched function has a zero on the step.
 
-    The result is 0 where it surely keeps its sign, 1 or -1 where it surely takes on this one, once; 2 where they do not
-    tell: its slope may change its sign, or a value at one of the ends is within its noise.
+    The result is 0 if the function surely keeps its sign, and 1 or -1 if it surely changes to this sign, once. It is 2
+    if that is undecided: the slope may change its sign, or a value at an end is within its noise.
     """
     p = Builder("only_zero", "Return the sign that a series takes on, once, on a step; 0 for none, 2 if unknown.")
     s, order, sign = p.given("s", REAL), p.given("order", WHOLE), p.given("sign", WHOLE)
@@ -81,7 +81,7 @@ def only_zero() -> Procedure:
     start, slope, rest, rates, end = terms[0], terms[1], sums[REST], sums[RATES], sums[END]
     rate, side = abs(slope), p.real(sign)
     total = abs(start) + rate + rest
-    # The linear part outweighs the rest at both ends, and between them it lies between what it is there.
+    # The linear part outweighs the rest at both ends, and is between its end values in the middle.
     least = p.fma(ROUND_OFF, total, rest + noise) * SURELY
     clear = (side * start > least) & (side * (start + slope) > least)
     p.leave_if(clear, 0)
@@ -96,7 +96,7 @@ def only_zero() -> Procedure:
 
 @shared
 def only_passage() -> Procedure:
-    """Return what finds where terms add up to a polynomial that takes on a sign for the only time from 0 to 1."""
+    """Return the procedure that finds the zero in 0 to 1 of a polynomial that changes to a sign exactly once."""
     p = Builder("only_passage", "Return where terms add up to a sign for the only time between 0 and 1.")
     c, slopes, sums = (p.array(name, read=True) for name in ("terms", "slopes", "sums"))
     order, sign = p.given("order", WHOLE), p.given("sign", WHOLE)
@@ -112,10 +112,10 @@ def only_passage() -> Procedure:
 
 @shared
 def read_column() -> Procedure:
-    """Return what copies the series of one thing watched from rows, `width` apart, if it has not been copied yet.
+    """Return the procedure that copies the series of a watched function from rows, `width` apart, on first use.
 
-    `counts` says of each how many coefficients it has before it is zero; 0 that it was not copied. The result is
-    whether it is finite.
+    `counts` has the number of its coefficients up to the last nonzero one, or 0 before the copy. The result is whether
+    the series is finite.
     """
     p = Builder("read_column", "Copy a series from the rows, once; return whether it is finite.", apart=True)
     rows, width, order = p.array("rows", read=True), p.given("width", WHOLE), p.given("order", WHOLE)

@@ -1,4 +1,4 @@
-"""Zeros of what is watched on a Taylor step that is about to be taken, and where the first of them ends the step."""
+"""Zeros of watched functions on the next Taylor step; the first one that changes the motion ends the step."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ from lagrange.procedure.taylor.zeros_on_step import Zeros, zeros_on_step
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 MOST_BALANCING = 200
-"""So many times a step is halved until the low powers of what is watched on it keep their digits."""
+"""Largest number of halvings of a step until the low powers of watched functions keep their digits."""
 
 GO_ON, LEAVE, WAIT = range(3)
-"""What is to follow: the step, a return to who watches, or a return because there is no room for more events."""
+"""Decisions: take the step, leave the step to the caller, or return because the memory for events is full."""
 
 
 @shared
 def inspect_step() -> Procedure:
-    """Return what decides on a step of length s in units of the scale: what is to follow, and how long it may be.
+    """Return the procedure that inspects a step of length s in units of the scale: a decision, and its new length.
 
-    What is not `doubtful` keeps its sign on all of it. `final` says that it ends at the end of the run, which is `left`
-    away. Where the step is to follow, its events are written, and the sides are those at its end. Otherwise nothing has
-    changed.
+    Functions that are not `doubtful` keep their signs on the step. `final` is true if it ends at the end of the run,
+    which is `left` away. If the step is taken, its events are written, and the sides are those at its end. Otherwise
+    nothing has changed.
     """
     return _Inspection().build()
 
@@ -99,7 +99,7 @@ class _Inspection:
         return p.finish(WHOLE, REAL)
 
     def column(self, i: Whole) -> Memory:
-        """Return the series of something watched, which is copied where it was not yet; leave if it is not finite."""
+        """Return the series of a watched function, copied on first use; leave if it is not finite."""
         p, c = self.p, self.columns.at(i * COLUMN)
         given = self.rows.at(i + self.layout.watched_at), self.layout.width, self.memory.order
         with p.when(~p.call(read_column(), *given, c, self.counts.at(i)), likely=False):
@@ -108,13 +108,13 @@ class _Inspection:
 
     @contextmanager
     def doubted(self) -> Iterator[Whole]:
-        """Go through what is doubtful."""
+        """Loop over the doubtful functions."""
         p = self.p
         with p.loop(0, self.size) as i, p.when(~self.doubtful[i].equals(0.0)):
             yield i
 
     def terminates(self) -> Flag:
-        """Whether the series of the state terminate, and say nothing about the length of a step."""
+        """Return whether the series of the state terminate, so that they do not limit the step."""
         p, width, place = self.p, self.layout.width, self.p.variable(0)
         last = self.rows.at(self.memory.order * width)
         before = self.rows.at((self.memory.order - 1) * width)
@@ -124,7 +124,7 @@ class _Inspection:
         return found
 
     def trusted(self, ends: Flag) -> Real:
-        """Return how much of the step the series of all that is watched reach."""
+        """Return the part of the step on which the series of all watched functions can be trusted."""
         p, s = self.p, self.p.variable(self.s, "trusted")
         tolerance = p.larger(self.rtol, 2.0**-52) * EVENT_SLACK
         kept = self.watched.kept
@@ -138,7 +138,7 @@ class _Inspection:
             with p.when(self.hides_growth, likely=False):
                 s.value = p.smaller(s.value, p.call(safe_step(), self.column(i), self.count))
         with p.when(ends, likely=False):
-            # What is balanced on a step is so on a shorter one.
+            # A series that is balanced on a step is balanced on a shorter one.
             halvings, balanced = p.variable(0), p.variable(p.false)
             with self.doubted() as i:
                 c = self.column(i)
@@ -151,7 +151,7 @@ class _Inspection:
         return found
 
     def verified(self, s: Real) -> Real:
-        """Return a step on which the series of high powers agree with what is watched at its end."""
+        """Return a step at whose end the series of high powers agree with the watched functions."""
         p, watched, found = self.p, self.watched, self.p.variable(s, "verified")
         with p.when(self.steep, likely=False):
             function = watched.values, watched.own_numbers, watched.tilts
@@ -163,7 +163,7 @@ class _Inspection:
         return result
 
     def sides_now(self, s: Real) -> tuple[Memory, Memory]:
-        """Return the sides before the step: what has jumped over zero since the step before is on the other."""
+        """Return the sides before the step; functions that jumped over zero since the last step have changed theirs."""
         p, kept = self.p, self.watched.kept
         signs, nears = kept.wholes("sides"), kept.wholes("sides", 1)
         sides = self.watched.side(SIGN), self.watched.side(NEAR)
@@ -179,7 +179,7 @@ class _Inspection:
         return signs, nears
 
     def find(self, zeros: Zeros, s: Real, last: Flag, *, until_change: bool) -> Whole:
-        """Find the zeros on a step of length s; leave where they are not to be found here."""
+        """Find the zeros on a step of length s; leave if that cannot be done here."""
         p, watched = self.p, self.watched
         until = ~watched.record.changing.equals(0) if until_change else p.false
         numbers = s, self.s, last, until, watched.record.surfaces, watched.settings
@@ -193,7 +193,7 @@ class _Inspection:
         return count
 
     def first_change(self, zeros: Zeros, count: Whole, before: Real) -> Whole:
-        """Return the number of the first zero before a time that changes the motion, -1 if none does."""
+        """Return the number of the first zero before a time that changes the motion, or -1 without one."""
         p, watched = self.p, self.watched
         seen, before_step = watched.kept.wholes("seen"), watched.side(COUNT)
         found, j = p.variable(-1), p.variable(0)
@@ -214,9 +214,9 @@ class _Inspection:
         return result
 
     def shorten(self, zeros: Zeros, count: Whole, change: Whole, shorter: Zeros) -> None:
-        """End the step at the first change; leave where it is at the start, or more than one thing happens there.
+        """End the step at the first change. Leave if that is at the start, or several things happen there.
 
-        The shorter step tells more zeros apart: what it has is what is kept, and a change may come out earlier.
+        On the shorter step more zeros are resolved. Its zeros are the ones that count, and a change may come earlier.
         """
         p = self.p
         at = p.variable(zeros.times[change], "at")
@@ -231,7 +231,7 @@ class _Inspection:
             earlier = self.first_change(shorter, found.value, at.value - self.close(at.value))
             again.value = earlier >= 0
             with p.when(again.value):
-                # The zeros of the longer step count no more, and which happen at once is to be seen anew.
+                # The zeros of the longer step are dropped, and simultaneous ones must be counted again.
                 at.value = shorter.times[earlier]
                 place.value, direction.value = shorter.places[earlier], shorter.directions[earlier]
                 together.value = self.together(shorter, found.value, at.value)
@@ -243,12 +243,12 @@ class _Inspection:
         p.leave(GO_ON, at.value)
 
     def close(self, at: Real) -> Real:
-        """Return how far from a zero others happen at once with it."""
+        """Return the distance within which zeros count as simultaneous."""
         found: Real = TOGETHER * self.p.larger(abs(self.t / self.scale), at)
         return found
 
     def together(self, zeros: Zeros, count: Whole, at: Real) -> Whole:
-        """Return how many zeros happen at once at a time."""
+        """Return the number of zeros that are simultaneous at a time."""
         p, number = self.p, self.p.variable(0)
         close = self.close(at)
         with p.loop(0, count) as j:
@@ -257,15 +257,15 @@ class _Inspection:
         return found
 
     def leave_unless_alone(self, zeros: Zeros, count: Whole, at: Real, place: Whole) -> None:
-        """Leave where something else has its zero at the end of the shorter step."""
+        """Leave if another function has a zero at the end of the shorter step."""
         p, late = self.p, at - self.close(at)
         with p.loop(0, count) as j, p.when((zeros.times[j] >= late) & ~zeros.places[j].equals(place)):
             p.leave(LEAVE, self.s)
 
     def accept(self, zeros: Zeros, count: Whole, before: Real, again: Flag) -> None:
-        """Write the events before a time on the step, and the sides at its end; keep what held before it.
+        """Write the events before a time on the step, and the sides at its end; save the sides before it.
 
-        `again` says that the next step is to be inspected whatever its bounds say.
+        `again` forces an inspection of the next step.
         """
         p, record = self.p, self.watched.record
         with p.when(record.done + count > record.room):
@@ -274,7 +274,7 @@ class _Inspection:
         self.write_events(zeros, count, before)
 
     def keep_sides(self, zeros: Zeros, again: Flag) -> None:
-        """Keep the sides before the step, and write those at its end; say whether the next is to be inspected."""
+        """Save the sides before the step, write those at its end, and decide whether to inspect the next step."""
         p, watched, size = self.p, self.watched, self.size
         kept = watched.sides.at(size * SIDES)
         sign, near, starting, counted = (watched.side(block) for block in (SIGN, NEAR, STARTING, COUNT))

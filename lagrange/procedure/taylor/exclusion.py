@@ -1,4 +1,4 @@
-"""Which of what is watched may vanish on a step: the others keep their signs, as their coefficients show."""
+"""Exclude watched functions without a zero on a step: their coefficients show that they keep their signs."""
 
 from __future__ import annotations
 
@@ -11,17 +11,18 @@ from lagrange.procedure.taylor.memory import BLOCK, SeriesMemory, TaylorLayout, 
 from lagrange.procedure.values import Real, Whole
 
 CHAINS = 4
-"""A sum of coefficients is computed in so many chains: one alone would wait for itself."""
+"""Number of independent partial sums of coefficients, to hide the latency of additions."""
 
 LOWEST = 2
-"""The first order that is not part of a linear function."""
+"""Lowest order beyond the linear part."""
 
 
 @shared
 def doubtful_events(layout: TaylorLayout) -> Procedure:
-    """Return what writes 1 for each thing watched that may vanish on a step of length s, else 0; and whether any may.
+    """Return the procedure that writes 1 for each watched function that may vanish on a step of length s, else 0.
 
-    Where `all` holds, all are written as doubtful. A function keeps its sign if its linear part outweighs the rest at
+    It returns whether any may. With `all`, all are written as doubtful. A function keeps its sign if its linear part
+    outweighs the rest at both ends of the step, and has the same sign at both.
     both ends of the step, and has one sign there.
     """
     p = Builder("doubtful_events", "Find what may vanish on a step, and return whether anything may.")
@@ -42,7 +43,7 @@ def doubtful_events(layout: TaylorLayout) -> Procedure:
 
 
 def _row(run: SeriesMemory, k: Any) -> Any:
-    """Return the coefficients of all that is watched of an order."""
+    """Return the coefficients of an order, of all watched functions."""
     return run.row(k).at(run.layout.watched_at)
 
 

@@ -27,7 +27,7 @@ def raise_floors(layout: TaylorLayout) -> Procedure:
 
 @shared
 def first_floors(layout: TaylorLayout) -> Procedure:
-    """Return the procedure that sets the floors of entries that are zero: to what the series adds in the scale of time.
+    """Return the procedure that sets the floors of entries that are zero, to the sum of their series over the scale.
 
     It returns whether the series of some entry begins too late to show a size.
     """

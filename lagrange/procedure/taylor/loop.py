@@ -89,7 +89,7 @@ def iteration(layout: TaylorLayout) -> Procedure:
 
 
 def _test_defect(given: Arguments, weights: Memory, singular: Flag) -> None:
-    """Record or reject the last step; after repeated rejections, ask for the sizes of the entries."""
+    """Record or reject the last step. After repeated rejections, return UNSCALED to get the sizes of the entries."""
     p, layout, counts, held, series = given.p, given.layout, given.counts, given.held, given.series
     length = abs(held.h) / abs(given.taylor.scale)
     first = layout.rows + layout.width
@@ -111,7 +111,7 @@ def _test_defect(given: Arguments, weights: Memory, singular: Flag) -> None:
 
 
 def _test_events(given: Arguments, length: Real) -> None:
-    """Reject the last step where what is watched is on another side than its series says, as often as that may help."""
+    """Reject the last step if a watched function contradicts its series, up to the limit of retries."""
     p, layout, watched = given.p, given.layout, given.watched
     if watched is None:
         return

@@ -31,41 +31,41 @@ machine has prepared, the rows and the order. It returns whether a matrix is sin
 TAYLOR = Record.of(
     "Taylor_state", low=REAL, scale=REAL, next_limit=REAL, limit=REAL, rescalings=WHOLE, failures=WHOLE, inspect=WHOLE
 )
-"""The state of a run by Taylor series, beside `RUN` and `COUNTS`.
+"""The state of a run by Taylor series, in addition to `RUN` and `COUNTS`.
 
-    low          the part of the time that rounding lost (compensated summation)
+    low          rounding error of the time (compensated summation)
     scale        the unit of time of the series, signed
-    next_limit   the bound of the next step only, infinite if there is none
-    limit        the bound of all steps, set by rejected steps
-    rescalings   how often the series of this step was computed again in another unit of time
+    next_limit   bound of the next step, or infinity
+    limit        bound of all steps, set by rejected steps
+    rescalings   number of times that the series of this step was repeated in another unit of time
     failures     consecutive steps rejected by the defect test
-    inspect      1 if the event functions are to be inspected on the next step, whatever their bounds say
+    inspect      1 if the event functions must be inspected on the next step, whatever their bounds
 """
 
 HELD = Record.of("Held", unproven=WHOLE, t=REAL, low=REAL, scale=REAL, h=REAL)
-"""The beginning of the last step: time, the part of it that rounding lost, scale, and length of the step.
+"""The beginning of the last step: its time, rounding error of the time, scale, and length of the step.
 
 `unproven` is 1 until the step has passed the defect test. The state at the beginning is kept in the work array.
 """
 
 
 OUTPUTS = Record.of("Outputs", done=WHOLE, ahead=WHOLE)
-"""How many output times have their states: on steps that are proven, and on the last step too.
+"""Number of output times with states: `done` on proven steps, and `ahead` including the last step.
 
-The output times stand in the order of the run, and NaN stands behind the last."""
+The output times are sorted in the direction of the run, and end with NaN."""
 
 
 BLOCK = 8
-"""Vectors are computed on at most so many entries at once, and the last block of one may be written as a whole."""
+"""Largest number of entries that are computed at once; the last block of a vector may be written as a whole."""
 
 SIZES = Record.of(
     "Sizes", dimension=WHOLE, padded=WHOLE, width=WHOLE, watched=WHOLE, watched_at=WHOLE, scratch=WHOLE, chains=WHOLE
 )
-"""The sizes of a layout, for procedures that serve every layout; see `TaylorLayout`. `chains` is 1 or 0."""
+"""The sizes of a layout, for procedures that work for every layout; see `TaylorLayout`. `chains` is 1 or 0."""
 
 
 class Offsets:
-    """Where the parts of a work array begin."""
+    """Offsets of the parts of a work array."""
 
     padded: Any
     width: Any
@@ -73,7 +73,7 @@ class Offsets:
 
     @property
     def lost(self) -> Any:
-        """Offset of the compensation of the state: what rounding lost."""
+        """Offset of the compensation of the state: its rounding error."""
         return self.padded
 
     @property
@@ -102,10 +102,10 @@ class TaylorLayout(Offsets):
 
     `dimension` is 2n. Rows are `width` doubles apart. A row begins with q and v; its coefficients of the event
     functions begin at `watched_at`. With an order of 0 the code serves every order. Vectors are computed on `block`
-    entries at once. `scratch` doubles follow the rows. With `projected` the state is moved onto the constraints of the
-    system behind each step, and with `crossing` the radius of convergence does not bound the step. With `by_rows` a
-    series is summed row by row, for compilers that compute at once what an innermost loop does, and nothing else. With
-    `observes` what is watched are events without resets: the loop returns where one ends the run.
+    entries at once. `scratch` doubles follow the rows. With `projected` the state is moved onto the constraints after
+    each step. With `crossing` the radius of convergence does not bound the step. With `by_rows` a series is summed row
+    by row, for compilers that vectorize only innermost loops. With `observes` all watched functions are events without
+    resets: the loop returns when one ends the run.
     """
 
     dimension: int
@@ -147,7 +147,7 @@ class TaylorLayout(Offsets):
 
 
 class RecordedLayout(Offsets):
-    """The sizes of the layout that a record has, for a procedure that reads them once, behind its parameters."""
+    """The sizes of a layout, from a record. A procedure reads them once, after its parameters."""
 
     dimension: Any
     watched: Any
@@ -190,7 +190,7 @@ class SeriesMemory:
 
     @contextmanager
     def entries(self, start: int = 0) -> Iterator[Whole]:
-        """Go through the entries of vectors behind a place in all of them, in blocks."""
+        """Loop over the entries of vectors from `start` on, in blocks."""
         with entries(self.p, self.layout, start) as i:
             yield i
 
@@ -204,21 +204,21 @@ class SeriesMemory:
 
 @contextmanager
 def entries(p: Builder, layout: TaylorLayout, start: int = 0) -> Iterator[Whole]:
-    """Go through the entries of vectors from a place on, in blocks."""
+    """Loop over the entries of vectors from `start` on, in blocks."""
     with p.each(layout.padded - start, width=layout.block, spill=True, unrolled=layout.chains) as i:
         yield i
 
 
 def work_array(p: Builder) -> Memory:
-    """Return the work array, as a parameter."""
+    """Add the work array as a parameter, and return it."""
     return p.array("work", room=BLOCK)
 
 
 def weights_array(p: Builder, layout: TaylorLayout, *, read: bool = True) -> Memory:
-    """Return one over the tolerance of each entry of the state, as a parameter."""
+    """Add the weights as a parameter, one over the tolerance of each entry of the state, and return them."""
     return p.array("weights", size=layout.padded, room=layout.block, read=read)
 
 
 def floors_array(p: Builder, layout: TaylorLayout, *, read: bool = True) -> Memory:
-    """Return how wrong each entry of the state may be beside its share of the relative tolerance, as a parameter."""
+    """Add the floors as a parameter, the least tolerance of each entry of the state, and return them."""
     return p.array("floors", size=layout.dimension, room=layout.block, read=read)

@@ -1,4 +1,4 @@
-"""States at output times: sums of the series of the step that they lie on, written while the series is there."""
+"""States at output times: sums of the step's series, written while the series is in memory."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 
 def outstanding(wanted: Memory, place: Whole, end: Real, scale: Real) -> Flag:
-    """Whether there is an output time at a place, and it lies before the end of a step."""
+    """Return whether an output time at an index exists and lies before the end of a step."""
     found: Flag = (wanted[place] - end) * scale < 0.0
     return found
 
 
 @shared
 def write_outputs(layout: TaylorLayout) -> Procedure:
-    """Return what writes the states at the output times that lie before the end of the last step, `end`.
+    """Return the procedure that writes the states at the output times before the end of the last step, `end`.
 
-    A time at the end itself is left to the next step, which begins there with the state of that time.
+    A time at the end itself belongs to the next step, which begins with the state at that time.
     """
     p = Builder("write_outputs", "Write the states at the output times on the last step.", apart=True)
     end: Real = p.given("end", REAL)

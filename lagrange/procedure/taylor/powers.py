@@ -1,4 +1,4 @@
-"""Binary logarithms and powers of two to a few digits, which is enough for the size of a step."""
+"""Binary logarithms and powers of two to a few digits, which suffice for the size of a step."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from lagrange.procedure.values import Real
 
 LOG2 = (-1.6531240060861732, 1.9941811995403236, -0.33474901889029146)
 EXP2 = (1.0, 0.703601177393781, 0.24203533019053836)
-"""Polynomials for the binary logarithm on [1, 2], good to 0.007, and the power of two on [-1/2, 1/2], good to 0.002: a
-step size needs no more than two digits, and the C library's functions would take a tenth of a small step."""
+"""Polynomials for the binary logarithm on [1, 2], good to 0.007, and the power of two on [-1/2, 1/2], good to 0.002. A
+step size needs only two digits, and the C library's functions would take a tenth of a small step."""
 
 
 @shared

@@ -1,4 +1,4 @@
-"""What happens at an event to which a Taylor step has led: the state is reset, and the motion starts anew."""
+"""Apply the event at which a Taylor step has ended: reset the state and begin a new motion."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ from lagrange.procedure.taylor.watching import (
 from lagrange.procedure.values import Flag, Memory, Whole
 
 AT_REST = 4.0
-"""An event function may be this many times as far from zero behind a reset as before, and counts as zero."""
+"""Largest distance of an event function from zero after a reset, relative to that before it, that counts as zero."""
 
 
 @shared
 def sides_at_start() -> Procedure:
-    """Return what finds the sides with which a motion begins, and what starts at zero there.
+    """Return the procedure that finds the sides at the start of a motion, and the functions that start at zero.
 
-    The event at `place` is as good as zero where it is not above `margin`. It returns False where that is not decided
-    here: a series is not finite, that event does not leave zero at once, or something else starts at zero. Where a run
-    begins, the place is -1, and an event may start at zero that does not reset the state there.
+    The event at index `place` counts as zero up to `margin`. The procedure returns False if it cannot decide: a series
+    is not finite, that event does not leave zero at once, or another function starts at zero. At the start of a run
+    `place` is -1, and an event that does not reset the state may start at zero.
     """
     p = Builder("sides_at_start", "Find the sides with which a motion begins.", apart=True)
     t, scale, rtol, margin = (p.given(name, REAL) for name in ("t", "scale", "rtol", "margin"))
@@ -76,7 +76,7 @@ def sides_at_start() -> Procedure:
 
 @shared
 def begin_sides() -> Procedure:
-    """Return what begins to watch at the state, if that can be done here; it returns whether it was done."""
+    """Return the procedure that finds the first sides of a run, and returns whether that succeeded."""
     p = Builder("begin_sides", "Find the sides at the beginning, and return whether that was done.", apart=True)
     t, scale, rtol = (p.given(name, REAL) for name in ("t", "scale", "rtol"))
     watched = Watched(p)
@@ -93,7 +93,7 @@ def begin_sides() -> Procedure:
 
 
 def put_sides(watched: Watched) -> None:
-    """Write the sides at the beginning of a motion, as `sides_at_start` has found them."""
+    """Write the sides at the beginning of a motion, from the results of `sides_at_start`."""
     signs, starting = (watched.kept.wholes("begun", number) for number in (0, 1))
     sides = [watched.side(block) for block in (SIGN, NEAR, STARTING)]
     with watched.p.loop(0, watched.count) as i:
@@ -103,17 +103,17 @@ def put_sides(watched: Watched) -> None:
 
 @shared
 def reset_state() -> Procedure:
-    """Return what does what is due at the state, if that is a reset behind which the motion leaves zero at once.
+    """Return the procedure that applies the reset due at the state, if the motion then leaves zero at once.
 
-    It returns whether that was done; otherwise nothing has changed.
+    It returns whether that was done. If not, nothing has changed.
     """
     return _Reset().build()
 
 
 class DueChange:
-    """What builders of procedures share that change the motion where a step has led: their arguments, and the refusal.
+    """Base of builders whose procedures change the motion at the end of a step: arguments, and the early return.
 
-    One that writes a row of the run takes where to.
+    With `writes_row` the procedure also gets the arrays of recorded times and states.
     """
 
     def __init__(self, name: str, about: str, *, writes_row: bool) -> None:
@@ -132,7 +132,7 @@ class DueChange:
         self.layout.read()
 
     def due(self) -> Whole:
-        """Return the place of what is due; leave it where the motion has just changed: changes may accumulate."""
+        """Return the index of the function that is due. Leave if the motion just changed: changes may accumulate."""
         p, record = self.p, self.watched.record
         since = abs(self.t - record.changed)
         self.leave_if(~(since > CLOSEST * p.larger(abs(self.t), EARLIEST)))
@@ -140,7 +140,7 @@ class DueChange:
         return place
 
     def leave_if(self, condition: Flag) -> None:
-        """Leave what is due to who watches on a condition."""
+        """Return False on a condition, so that the caller handles the change."""
         self.p.leave_if(condition, self.p.false)
 
 
@@ -168,7 +168,7 @@ class _Reset(DueChange):
         return p.finish(FLAG)
 
     def write_new_state(self, place: Whole, there: Memory) -> None:
-        """Write the state behind the reset; of it nothing is lost to rounding."""
+        """Write the state after the reset, with a compensation of zero."""
         p, layout, watched = self.p, self.layout, self.watched
         with p.loop(0, layout.padded) as i:
             there[i], there[i + layout.lost] = self.work[i], 0.0
@@ -181,7 +181,7 @@ class _Reset(DueChange):
             self.leave_if(~(abs(given[j]) < math.inf))
 
     def find_sides(self, place: Whole, there: Memory, series: Memory) -> None:
-        """Find the sides behind the reset, and what starts at zero there: nothing else than the event may."""
+        """Find the sides after the reset. Only the event itself may start at zero there."""
         p, layout, watched = self.p, self.layout, self.watched
         before = abs(self.work[place + (layout.rows + layout.watched_at)]) * AT_REST
         numbers = self.t, self.taylor.scale, self.rtol, before, place
@@ -194,9 +194,9 @@ class _Reset(DueChange):
             self.keep_side(i, place, series)
 
     def keep_side(self, i: Whole, place: Whole, series: Memory) -> None:
-        """Leave an event its side if the reset leaves it where it was; see `lagrange.trajectory.events.sides_behind`.
+        """Keep the side of an event that the reset leaves unchanged; see `lagrange.trajectory.events.sides_behind`.
 
-        One that came near zero may have touched it, which is left to who watches.
+        An event that came near zero may have touched it, which the caller handles.
         """
         p, watched, at = self.p, self.watched, self.layout.watched_at
         sign, near = watched.side(SIGN)[i], watched.side(NEAR)[i]

@@ -1,4 +1,4 @@
-"""Series of powers above the order: how far they say what they are of."""
+"""Series of functions with powers above the order: verify how far they agree with the functions."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from lagrange.procedure.taylor.watching import FUNCTION
 from lagrange.procedure.values import Flag, Memory, Real
 
 MOST_HALVINGS = 60
-"""So many times a step is halved until the series agree."""
+"""Largest number of halvings of a step until the series agree."""
 
 
 @shared
 def verified_step() -> Procedure:
-    """Return what shortens a step until the series of all that is watched agree with it at the end.
+    """Return the procedure that shortens a step until the series of all watched functions agree with them at its end.
 
-    At x = 0 the series of x**40 is zero up to order 39, and nothing in it says that it rises.
+    At x = 0 the series of x**40 is zero up to order 39, and does not show that the function rises.
     """
     return _Verification().build()
 
@@ -51,7 +51,7 @@ class _Verification:
             p.leave_if(self.function(end, self.state, self.numbers, self.there), s.value)
             again.value = self.disagrees(s.value, None)
             with p.when(again.value):
-                # Rounding the state there may be what makes the difference.
+                # Rounding of the state at the end may explain the difference.
                 sizes = layout.dimension, layout.watched
                 function = self.function, self.numbers, self.tilts
                 p.call(event_noise(), *function, end, *sizes, self.state, self.there, self.blur, self.moved)
@@ -62,7 +62,7 @@ class _Verification:
         return p.finish(REAL)
 
     def disagrees(self, s: Real, blur: Memory | None) -> Flag:
-        """Return whether the sum of some series is not what is watched at the end of a step."""
+        """Return whether the sum of some series differs from its function at the end of a step."""
         p, width, wrong = self.p, self.layout.width, self.p.variable(self.p.false, "wrong")
         tolerance = p.larger(self.rtol, 2.0**-52)
         first = self.memory.row(0).at(self.layout.watched_at)

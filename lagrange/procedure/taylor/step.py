@@ -74,7 +74,7 @@ class _TaylorStep:
             s, h, final = self.inspect(self.given.watched, s, h, final)
         self.probe(s, h)
         p.call(raise_floors(self.layout), self.run.share, self.given.floors, self.series.work)
-        # A series that terminates says nothing about the next one.
+        # A series that terminates does not estimate the next one.
         whole = p.choose(whole > LARGEST_SCALE_RATIO, 0.0, whole)
         longer = p.operation("two_to", p.whole(whole)).called("longer")
         p.leave_if(~p.call(advance(self.layout), s, longer, *self.series.handed), Outcome.NON_FINITE, likely=False)
@@ -87,10 +87,10 @@ class _TaylorStep:
         return p.finish(WHOLE)
 
     def fits(self, reach: Real) -> Flag:
-        """Whether the step is near the scale of time, so that no coefficient has left the range of doubles.
+        """Return whether the step is near the scale of time, so that all coefficients are in the range of doubles.
 
-        A series without last coefficients fits if the scale is as long as any step may be. After `MOST_RESCALINGS`
-        changes any scale is taken.
+        A series that terminates fits if the scale is as long as any step may be. After `MOST_RESCALINGS` changes any
+        scale is accepted.
         """
         p, exponent, tries = self.p, self.exponent, self.taylor.rescalings
         first = (self.counts.steps + tries).equals(0)
@@ -102,8 +102,8 @@ class _TaylorStep:
     def length(self) -> tuple[Real, Real, Flag]:
         """Return the step in units of the scale, its natural exponent rounded, and whether it is the last.
 
-        What does not depend on the coefficients comes first: processors compute it while the last coefficient is on its
-        way.
+        Operations that do not need the coefficients come first: processors run them before the last coefficient is
+        available.
         """
         p, run, taylor = self.p, self.run, self.taylor
         inverse = (1.0 / abs(self.scale)).called("inverse")
@@ -121,9 +121,9 @@ class _TaylorStep:
         return s, whole, final
 
     def probe(self, s: Real, h: Real) -> None:
-        """Try a shorter step if a series that terminates does not satisfy the equations along a longer one.
+        """Try a shorter step if a terminating series does not satisfy the equations along a longer one.
 
-        An event may have made it short enough; else what the inspection has written has not happened.
+        An event may have shortened the step enough. Otherwise the results of the inspection are undone.
         """
         p, run, series = self.p, self.run, self.series
         with p.when(
@@ -146,7 +146,7 @@ class _TaylorStep:
             p.leave_if(~begun, Outcome.WATCHED)
 
     def reset(self, watched: Watched) -> None:
-        """Do what is due at the state, if that can be done here."""
+        """Apply the reset or crossing that is due at the state, if that can be done here."""
         p, given, record = self.p, self.given, watched.record
         if self.layout.observes:
             p.leave_if(~record.due.equals(0), Outcome.WATCHED, likely=False)
@@ -163,9 +163,9 @@ class _TaylorStep:
             p.leave_if(done.value, Outcome.PAUSED)
 
     def inspect(self, watched: Watched, s: Real, h: Real, final: Flag) -> tuple[Real, Real, Flag]:
-        """Find what vanishes on the step; return how long it may be, in both units, and whether it is the last.
+        """Find zeros on the step; return its new length, in both units, and whether it is the last.
 
-        Come back where that is not to be decided here.
+        Return to the caller if that cannot be decided here.
         """
         p, series = self.p, self.series
         doubtful = p.reserve(self.layout.watched, room=BLOCK, name="doubtful")
@@ -188,7 +188,7 @@ class _TaylorStep:
         return taken.value, length, final & whole
 
     def move_on(self, h: Real, final: Flag) -> None:
-        """Advance the time, compensated, and store the beginning of the step."""
+        """Advance the time with compensation, and store the beginning of the step."""
         p, run, taylor, held = self.p, self.run, self.taylor, self.held
         held.t, held.low, held.scale, held.h = self.t, self.low, self.scale, h
         held.unproven = 1
@@ -202,7 +202,7 @@ class _TaylorStep:
         taylor.rescalings = 0
 
     def project(self) -> None:
-        """Move the state onto the constraints, with what rounding has taken from it; else try a shorter step."""
+        """Project the compensated state onto the constraints; if that fails, try a shorter step."""
         p, layout, work = self.p, self.layout, self.series.work
         state, lost = work.at(0), work.at(layout.lost)
         outcome, _ = p.call(project(layout.dimension, layout.block), *self.given.projection, self.run.t, state, lost)

@@ -48,7 +48,7 @@ def weigh(layout: TaylorLayout) -> Procedure:
 
 
 def ends(run: SeriesMemory, exponent: Real) -> Flag:
-    """Whether a series has no last coefficients: it terminates, or they underflow."""
+    """Return whether the last coefficients of a series are zero: it terminates, or they underflow."""
     found: Flag = exponent > ZERO_BOUND * run.minus_one_over(run.order)
     return found
 
@@ -95,9 +95,9 @@ class _Exponent:
         return self.p.choose(b < a, b, a)
 
     def leeway(self) -> Real:
-        """Return by how much the row before the last may exceed its bound: to its radius at the last order, less GUARD.
+        """Return the allowed excess of the row before the last over its bound, up to its radius at the last order.
 
-        It is zero where the order suits the tolerance.
+        It is reduced by GUARD, and zero if the order suits the tolerance.
         """
         run, p = self.run, self.p
         apart = run.minus_one_over(run.order) - run.minus_one_over(run.less(1))

@@ -57,11 +57,11 @@ def advance(layout: TaylorLayout) -> Procedure:
 
 
 FIRST = (1, 2, 3, 4)
-"""The first orders of the chains of a sum."""
+"""First orders of the partial sums of a series."""
 
 
 class _Chains:
-    """Sums of a series in four chains in s**4, which take a quarter of the time of one."""
+    """Sums of a series in four chains in s**4, which take a quarter of the time of a single chain."""
 
     def __init__(self, run: SeriesMemory, s: Real) -> None:
         self.run, self.p, self.s = run, run.p, s
@@ -78,7 +78,7 @@ class _Chains:
     def _chains(self, i: Whole) -> list[Any]:
         """Return the sums of x[k] s**(k - first) over k = first, first + 4, ... for each first order.
 
-        The chains with a coefficient more than the others begin one step earlier.
+        Chains with one coefficient more than the others begin one step earlier.
         """
         p, run, count = self.p, self.run, len(FIRST)
         steps = run.order // count
@@ -116,7 +116,7 @@ def increment(run: SeriesMemory, s: Real) -> Callable[[Whole], Real]:
 
 @shared
 def state_on_step() -> Procedure:
-    """Return what writes the state at a time on a step, for every layout."""
+    """Return the procedure that writes the state at a time on a step, for every layout."""
     p = Builder("state_on_step", "Write the state at a time on a step.", apart=True)
     s, to = p.given("s", REAL), p.array("to", room=BLOCK)
     sizes: Any = p.record("sizes", SIZES)

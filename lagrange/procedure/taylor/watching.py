@@ -1,7 +1,7 @@
-"""What a Taylor run watches: surfaces on which the equations switch, then event functions; and what happened at them.
+"""The watched functions of a Taylor run, switching surfaces first and then event functions, and their zeros.
 
-The series of what is watched stand behind those of the state in each row. What is regular is dealt with here; the
-driver comes back for the rest, with nothing changed.
+Their series follow those of the state in each row. Regular zeros are handled here. For all others the driver returns,
+with nothing changed.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from lagrange.procedure.values import Flag, Memory, Real, Whole
 READ = Array(read=True)
 
 FUNCTION = Callee((REAL, READ, READ, Array()), (FLAG,))
-"""A function of a time, a state and numbers that the machine has prepared; it says whether it has no value."""
+"""A function of a time, a state and prepared numbers; it returns whether its value is undefined."""
 
 WATCH = Record.of(
     "Watch",
@@ -43,54 +43,55 @@ WATCH = Record.of(
     changed=REAL,
     changed_at=WHOLE,
 )
-"""What a run knows of what it watches.
+"""State of the search for zeros. An index is that of a watched function.
 
-    enabled      1 where steps are inspected here, 0 where the driver is to come back for each
-    hides_growth 1 where series hide what they grow to: every step is inspected, and no longer than they show to be safe
-    steep        1 where powers above the order are watched: every step is inspected, and its series are compared with
-                 what is watched at its end
-    fresh        1 where a motion begins whose sides are not known
-    surfaces     how many of what is watched are surfaces
-    changing     1 where something that is watched may change the motion or end the run
-    room         how many events there is room for
-    done         how many events are written, and `ahead` with those on the step that is not proven yet
-    due          what vanishes at the end of the last step and changes the motion there: its place and 1; 0 for nothing
+    enabled      1 if steps are inspected here, 0 if the driver must return for each
+    hides_growth 1 if series may hide a growth: every step is inspected, and only as long as the series prove to be safe
+    steep        1 if powers above the order are watched: every step is inspected, and the series are compared with the
+                 functions at its end
+    fresh        1 at the start of a motion whose sides are not known
+    surfaces     number of switching surfaces
+    changing     1 if some watched function may change the motion or end the run
+    room         largest number of events that can be written
+    done         number of written events, and `ahead` including those on the step that is not proven yet
+    due          1 + the index of the function that vanishes at the end of the last step and changes the motion, or 0
     direction    the direction in which it passes through zero
-    jumps        how often the state was reset
-    checked      1 where the state behind a reset is to be checked, which is done elsewhere
-    planned      the number of accepted steps behind which a step planned elsewhere is proven
-    unproven     1 where the sides before the step that is not proven are kept: others are at its end
-    combination  the sides that hold as a binary number, 1 for above: the first surface is the last digit; or -1
-    numbers      where in the arrays of numbers those for these sides begin
-    switches     how many changes of sides are written
-    changed      when the motion changed last, and `changed_at` what vanished then, by its place
+    jumps        number of resets of the state
+    checked      1 if the state after a reset must be checked, which the caller does
+    planned      number of accepted steps after which a step planned by the caller is proven
+    unproven     1 if the sides before the step that is not proven are saved: the present ones are at its end
+    combination  the present sides as a binary number, 1 for above, the first surface in the last digit; or -1
+    numbers      index at which the prepared numbers for these sides begin
+    switches     number of written changes of sides
+    changed      time of the last change of the motion, and `changed_at` the index of the function that vanished
 """
 
 SIGN, NEAR, STARTING, COUNT = range(4)
-"""For each thing that is watched: the side before the present step (see `roots`), whether it starts at zero there, and
-how often it counted. Behind them the same as before the step that is not proven."""
+"""Blocks of `sides`, one entry for each watched function: the side before the present step (see `roots`), whether it
+came near zero, whether it starts at zero there, and the number of its events. The blocks are followed by the same
+blocks before the step that is not proven."""
 
 DIRECTION, TERMINAL, RESET_AT, RESET_SIZE, ROOT, SMOOTH = range(6)
-"""For each thing that is watched: the direction that counts, after how many times the run ends, or 0; where among the
-results of all resets its own begin, and how many there are; 1 for a square root; and 1 for an event that does not jump.
-Behind them stand the entries of the state that are reset."""
+"""Blocks of `settings`, one entry for each watched function: the direction that counts; the number of events that ends
+the run, or 0; the first of its results among those of all resets, and their number; 1 for a square root; and 1 for an
+event function that does not jump. The blocks are followed by the entries of the state that are reset."""
 
 SIDES, SETTINGS = 4, 6
-"""How many blocks of these there are."""
+"""Number of blocks of sides, and of settings."""
 
 COLUMN = MOST_COEFFICIENTS + 1
-"""So many coefficients of each thing watched have room; a linear one that starts at zero has `LEAST_COUNT`."""
+"""Coefficients that are stored for each watched function; a linear one that starts at zero has `LEAST_COUNT`."""
 
 MOST_ZEROS = 64
-"""So many zeros on one step are dealt with in the loop."""
+"""Largest number of zeros on one step that the loop handles."""
 
 TERM_SUMS = ("rest", "rates", "end", "slope", "late")
-"""What is known of the terms x[k] s**k of something watched on a step.
+"""Sums of the terms x[k] s**k of a watched function on a step.
 
-    rest   the sum of their sizes over k > 1, and `rates` that of k times their sizes
-    end    the sum of all terms: the value at the end of the step
-    slope  the sum of k times each: the derivative there, in units of the step
-    late   the largest size among the last two
+    rest   sum of the sizes of terms with k > 1, and `rates` that of k times their sizes
+    end    sum of all terms: the value at the end of the step
+    slope  sum of k times each term: the derivative there, in units of the step
+    late   larger size of the last two terms
 """
 
 REALS = {
@@ -105,49 +106,49 @@ REALS = {
     "blur": 1,
 }
 WHOLES = {"zeros": 4 * MOST_ZEROS, "ends": 4, "sides": 2, "seen": 1, "counts": 1, "begun": 2}
-"""What is kept of each thing watched on the way: how many numbers of each part.
+"""Scratch memory for each watched function: the number of entries of each part.
 
-Functions of what is watched write whole blocks: behind `noise` and `there` stands what is written later."""
+Watched functions are written in whole blocks: the parts after `noise` and `there` are written later."""
 
 
 def scratch_sizes(count: int, dimension: int) -> tuple[int, int]:
-    """Return how many reals and how many whole numbers procedures need beside their arguments; see `Scratch`."""
+    """Return the numbers of reals and of wholes in the scratch memory of procedures; see `Scratch`."""
     return count * (sum(REALS.values()) + dimension) + dimension + 4 * BLOCK, count * sum(WHOLES.values())
 
 
 class Scratch:
-    """Memory on the way, each part at its own place: it grows with what is watched, and stacks may be small."""
+    """Scratch memory, each part at its own offset. It grows with the watched functions, so it is not on the stack."""
 
     def __init__(self, layout: Any, reals: Memory, wholes: Memory) -> None:
         self.layout, self._reals, self._wholes = layout, reals, wholes
 
     def reals(self, part: str, number: int = 0) -> Memory:
-        """Return one of `REALS`, of which there may be more than one, behind so many of each thing watched."""
+        """Return part `part` of `REALS`. If it has several entries for each watched function, `number` selects one."""
         return self._reals.at(self.layout.watched * (_begin(REALS, part) + number))
 
     def wholes(self, part: str, number: int = 0) -> Memory:
-        """Return one of `WHOLES`."""
+        """Return part `part` of `WHOLES`; see `reals`."""
         return self._wholes.at(self.layout.watched * (_begin(WHOLES, part) + number))
 
     @property
     def moved(self) -> Memory:
-        """Another state, in whole blocks."""
+        """Memory for a perturbed state, in whole blocks."""
         return self._reals.at(self.layout.watched * sum(REALS.values()) + BLOCK)
 
     @property
     def new_entries(self) -> Memory:
-        """The results of all resets, and the state at the end of a step."""
+        """Memory for the results of all resets, or the state at the end of a step."""
         return self.moved.at(self.layout.dimension + 2 * BLOCK)
 
 
 def _begin(parts: dict[str, int], wanted: str) -> int:
-    """Return how many numbers of each thing watched stand before a part."""
+    """Return the number of entries for each watched function before a part."""
     names = list(parts)
     return sum(parts[name] for name in names[: names.index(wanted)])
 
 
 class Watched:
-    """What is watched, as arguments of a procedure: of one for a layout, or of one that serves every layout."""
+    """The watched functions as arguments of a procedure, for one layout or for every layout."""
 
     def __init__(self, p: Builder, layout: TaylorLayout | None = None) -> None:
         self.p = p
@@ -169,17 +170,17 @@ class Watched:
 
     @property
     def count(self) -> Any:
-        """How many things are watched."""
+        """Number of watched functions."""
         return self.layout.watched
 
     @property
     def kept(self) -> Scratch:
-        """Memory on the way."""
+        """The scratch memory."""
         return Scratch(self.layout, self.scratch, self.whole_scratch)
 
     @property
     def own_numbers(self) -> Memory:
-        """The numbers of what is watched with the sides that hold."""
+        """The prepared numbers of the watched functions for the present sides."""
         return self.value_numbers.at(self.record.numbers)
 
     @property
@@ -192,45 +193,45 @@ class Watched:
 
     @property
     def events(self) -> tuple[Memory, ...]:
-        """Where events are written to."""
+        """The arrays that events are written to: times, states and indices."""
         return self.event_times, self.event_states, self.event_places
 
     def side(self, block: int) -> Memory:
-        """Return one of `SIGN`, `NEAR`, `STARTING` and `COUNT` of all that is watched."""
+        """Return one of the blocks `SIGN`, `NEAR`, `STARTING` and `COUNT`, with an entry for each watched function."""
         return self.sides.at(self.count * block)
 
     def setting(self, block: int, place: Whole) -> Whole:
-        """Return one of the settings of one thing that is watched."""
+        """Return one of the settings of a watched function."""
         found: Whole = self.settings[place + self.count * block]
         return found
 
     def is_event(self, place: Whole) -> Flag:
-        """Whether something that is watched is not a surface."""
+        """Return whether a watched function is an event function, not a surface."""
         found: Flag = place >= self.record.surfaces
         return found
 
     def counts(self, place: Whole, direction: Whole) -> Flag:
-        """Whether a zero of an event function in a direction is an event."""
+        """Return whether a zero of an event function in a direction counts as an event."""
         wanted = self.setting(DIRECTION, place)
         found: Flag = wanted.equals(0) | wanted.equals(direction)
         return found
 
     def is_last(self, place: Whole, count: Whole) -> Flag:
-        """Whether the run ends when an event has counted so often."""
+        """Return whether the run ends when an event function has this number of events."""
         terminal = self.setting(TERMINAL, place)
         found: Flag = (terminal > 0) & (terminal <= count)
         return found
 
 
 def column(p: Builder, layout: Any, rows: Memory, place: Whole, count: Any, to: Memory) -> None:
-    """Copy the series of something that is watched from the rows."""
+    """Copy the series of a watched function from the rows."""
     first, width = rows.at(place + layout.watched_at), layout.width
     with p.loop(0, count) as k:
         to[k] = first[k * width]
 
 
 def restore_sides(watched: Watched) -> None:
-    """Go back to what held before a step that is not proven; its events have not happened."""
+    """Restore the sides before a step that is not proven, and drop its events."""
     p, record, size = watched.p, watched.record, watched.count * SIDES
     with p.when(~record.unproven.equals(0)):
         with p.loop(0, size) as i:
@@ -239,12 +240,12 @@ def restore_sides(watched: Watched) -> None:
 
 
 def prove_sides(watched: Watched) -> None:
-    """Let the events on the last step have happened."""
+    """Commit the events on the last step."""
     watched.record.done, watched.record.unproven = watched.record.ahead, 0
 
 
 def write_event(watched: Watched, slot: Whole, t: Real, place: Whole) -> Memory:
-    """Write the time and the place of an event; return where its state belongs."""
+    """Write the time and the index of an event; return the memory for its state."""
     watched.event_times[slot] = t
     watched.event_places[slot] = place
     return watched.event_states.at(slot * watched.layout.dimension)

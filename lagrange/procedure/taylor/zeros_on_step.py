@@ -1,4 +1,4 @@
-"""The zeros of what is watched on a Taylor step, in order."""
+"""The zeros of watched functions on a Taylor step, in order of time."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ from lagrange.procedure.taylor.watching import (
 from lagrange.procedure.values import Memory, Real, Whole
 
 MARGIN = 1 / 64
-"""By this part of a step zeros are looked for behind the first that changes the motion, at least."""
+"""Least part of a step by which the search continues after the first zero that changes the motion."""
 
 
 class Zeros:
-    """The zeros on a step: their times in units of the scale, places and directions, and the sides at its end.
+    """The zeros on a step: their times in units of the scale, indices and directions, and the sides at its end.
 
-    There may be two such lists at a time, with the numbers 0 and 1.
+    Two such lists, with the numbers 0 and 1, may exist at a time.
     """
 
     def __init__(self, watched: Watched, number: int) -> None:
@@ -42,17 +42,17 @@ class Zeros:
 
     @property
     def handed(self) -> tuple[Memory, ...]:
-        """The arguments for the procedure that finds them."""
+        """The arguments of the procedure that finds zeros."""
         return self.times, self.places, self.directions, self.signs, self.nears
 
 
 @shared
 def zeros_on_step() -> Procedure:
-    """Return what finds the zeros of all that is watched on a step, in order; it returns how many, or -1.
+    """Return the procedure that finds the zeros of watched functions on a step, in order.
 
-    With `until`, zeros matter up to the first that surely changes the motion, and others at once with it: the search
-    goes on to twice its time, and at least by `MARGIN` of the step, where those others are clearly passed. The terms
-    are those on a step of length `whole`.
+    It returns their number, or -1 on failure. With `until`, only zeros up to the first one that surely changes the
+    motion matter, and simultaneous ones. The search then ends at twice the time of that zero, at least `MARGIN` of the
+    step after it, where simultaneous zeros are clearly passed. The terms are those on a step of length `whole`.
     """
     return _Search().build()
 
@@ -95,7 +95,7 @@ class _Search:
         return p.finish(WHOLE)
 
     def search(self, i: Whole) -> None:
-        """Find the zeros of one thing watched: from the sums of its terms, where they tell."""
+        """Find the zeros of a watched function, from the sums of its terms if these decide."""
         p, s = self.p, self.far.value
         sign, near, begins = self.before[i], ~self.came_near[i].equals(0), ~self.starting[i].equals(0)
         answer = p.variable(2, "answer")
@@ -120,16 +120,16 @@ class _Search:
             self.add(i, to, 1)
 
     def read(self, i: Whole) -> None:
-        """Copy the series of one thing watched, if it was not copied; leave where it is not finite."""
+        """Copy the series of a watched function on first use; leave if it is not finite."""
         p = self.p
         given = self.rows.at(i), self.layout.width, self.memory.order
         with p.when(~p.call(read_column(), *given, self.columns.at(i * COLUMN), self.counts.at(i)), likely=False):
             p.leave(-1)
 
     def isolate(self, i: Whole, s: Real, begins: Any, near: Any) -> None:
-        """Find all zeros by their isolation.
+        """Find all zeros by root isolation.
 
-        What starts at zero is divided by time: its root there is known, and the next may be close.
+        A function that starts at zero is divided by time: the root there is known, and the next may be close.
         """
         p, to, first = self.p, self.found.value, self.p.whole(begins)
         c, count, allowed = self.columns.at(i * COLUMN), self.counts[i], p.choose(begins, 0.0, self.noise[i])
@@ -142,7 +142,7 @@ class _Search:
         self.add(i, to, more)
 
     def add(self, i: Whole, to: Whole, more: Any) -> None:
-        """Add zeros that have been written; where one changes the motion, the search ends behind it."""
+        """Add zeros that were written. If one changes the motion, the search ends soon after it."""
         p, watched = self.p, self.layout.watched
         with p.loop(to, to + more) as j:
             self.places[j] = i
@@ -159,7 +159,7 @@ class _Search:
 
 @contextmanager
 def _sorted(p: Builder, count: Whole, keys: Memory) -> Iterator[tuple[Whole, Whole]]:
-    """Exchange neighbours, in the body, until their keys rise; equal ones stay in their order."""
+    """Sort by exchanging neighbours, in the body, until their keys rise; equal keys keep their order."""
     with p.loop(1, count) as i:
         j = p.variable(i)
         with p.repeat(lambda: (j.value > 0) & (keys[j.value] < keys[p.larger(j.value - 1, 0)])):
