@@ -1,12 +1,12 @@
-"""The front end: a plain Python function is read once, and becomes a procedure.
+"""The front end: it translates plain Python functions to procedures.
 
     @procedure
     def factor(n: int, a: In, factors: Out) -> bool:
         ...
 
-    factor(3, a, factors)       # runs as it stands, on NumPy arrays
-    factor.form()               # the procedure: printed, compiled, run by the interpreter
+    factor(3, a, factors)       # runs in Python, on NumPy arrays
+    factor.form()               # the procedure: to be printed, compiled, or run by the interpreter
 
-`vocabulary` has the words beside Python's own, `plain` the decorators; `docs/dev/procedures.md` says what all of them
-mean.
+`vocabulary` has the words in addition to Python's own, and `plain` the decorators. `docs/dev/procedures.md` defines
+their meanings.
 """

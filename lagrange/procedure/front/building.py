@@ -1,8 +1,8 @@
-"""Build a procedure from a rewritten function: each step that the function says becomes statements of the form.
+"""Build a procedure from a rewritten function: each step of the function adds statements of the form.
 
-Values that are known when the procedure is built (numbers, options, layouts, tuples) are Python's own, and so a
-condition on them chooses, and a loop over them is written out. A name with a number that a branch or a loop sets again
-becomes a variable in front of it.
+Values known when the procedure is built (numbers, options, layouts, tuples) remain Python values. A condition on them
+selects a branch, and a loop over them is written out. A name whose number a branch or a loop sets again becomes a
+variable, declared before it.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ from lagrange.procedure.interpreter import OPERATIONS as EXACT
 from lagrange.procedure.values import Fields, Flag, Memory, Value, Whole
 
 UNSAFE = ("quotient", "whole")
-"""Operations that machine code may not do for every operand: they are computed under their condition only."""
+"""Operations that machine code must not run for every operand: they are computed under their condition only."""
 
 CONTAINERS: tuple[Any, ...] = (tuple, list, zip, enumerate, reversed, len)
-"""Functions of Python that look at no value."""
+"""Python functions that do not use the values in a container."""
 
 
 class Local:
-    """A function inside a procedure: it is written into its callers."""
+    """A function inside a procedure, which is inlined into its callers."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         self.function = function
@@ -85,7 +85,7 @@ class Tracer(Names):
         return Repeat(self, self.p.block)
 
     def sequence(self, values: Any) -> Loop | Written:
-        """Return the loop over values that are written out, or over those that an inline generator yields."""
+        """Return the loop over values that are written out, or over the values of an inline generator."""
         if isinstance(values, GeneratorType):
             return Spliced(self, values)
         if isinstance(values, (Value, Memory)):
@@ -168,7 +168,7 @@ class Tracer(Names):
         return self._joined("or", left, right)
 
     def _joined(self, op: str, left: Any, right: Callable[[], Any]) -> Any:
-        """Return `left and right`, or with `or`: a branch where the right side loads, calls or stores."""
+        """Return `left and right`, or with `or`; a branch if the right side loads, calls or stores."""
         if not isinstance(left, Value):
             return right() if bool(left) == (op == "and") else left
         with self.p.block() as body:
@@ -182,7 +182,7 @@ class Tracer(Names):
         return outcome.value
 
     def choose(self, test: Any, then: Callable[[], Any], otherwise: Callable[[], Any]) -> Any:
-        """Return one value or the other: both are computed, or there is a branch where one loads, calls or stores."""
+        """Return one of two values. Both are computed, or there is a branch if one of them loads, calls or stores."""
         condition = test.condition if isinstance(test, Weighed) else test
         if not isinstance(condition, Value):
             return then() if condition else otherwise()
@@ -207,7 +207,7 @@ class Tracer(Names):
         return outcome.value
 
     def is_pure(self, bodies: Sequence[list[Statement]], what: str) -> bool:
-        """Whether blocks only compute; then their statements join the present block."""
+        """Return whether blocks only compute values; their statements then join the present block."""
         statements = [statement for body in bodies for statement in body]
         pure = all(isinstance(s, (Get, Read)) or (isinstance(s, Let) and s.op not in UNSAFE) for s in statements)
         if not pure and self.iterations is not None:
@@ -227,7 +227,7 @@ class Tracer(Names):
         return owner[place]
 
     def place(self, array: Memory, place: Any, *, stored: bool) -> Value:
-        """Return a place in an array. Raises Error where it cannot stand."""
+        """Return an index of an array. Raises Error if it is not allowed there."""
         if not isinstance(place, Value) and isinstance(place, int) and place < 0:
             raise Error(f"the place {place} counts from the end, which a procedure does not know.")
         index = self.number(place, WHOLE, "a place")
@@ -236,7 +236,7 @@ class Tracer(Names):
         return index
 
     def part(self, owner: Any, lower: Any, upper: Any) -> Any:
-        """Return the part of an array from a place on."""
+        """Return the part of an array from an index on."""
         if not isinstance(owner, Memory):
             return owner[lower:upper]
         if upper is not None:
@@ -277,7 +277,7 @@ class Tracer(Names):
             part[i] = number
 
     def extent(self, lower: Any, upper: Any) -> Any:
-        """Return the number of elements from a place to another."""
+        """Return the number of elements from an index to another."""
         if upper is None:
             raise Error("a part that is written has an end: write b[:n] = a[:n].")
         return upper if lower is None or (not isinstance(lower, Value) and lower == 0) else upper - lower
@@ -285,11 +285,11 @@ class Tracer(Names):
     # --- calls
 
     def local(self, function: Callable[..., Any]) -> Local:
-        """Return a function that is stated inside another."""
+        """Return the wrapper of a function that is defined inside another."""
         return Local(function)
 
     def call(self, function: Any, /, *args: Any, **options: Any) -> Any:
-        """Return what a function gives: of a procedure a call, of an inline function its statements."""
+        """Return the result of a call: a procedure is called, an inline function is written out."""
         if function in (likely, unlikely):
             return Weighed(args[0], function is likely) if isinstance(args[0], Value) else args[0]
         if isinstance(function, Local):
@@ -312,7 +312,7 @@ class Tracer(Names):
         return self._of_values(function, args, options)
 
     def call_procedure(self, callee: Procedure, args: list[Any]) -> Any:
-        """Return the results of a procedure for its arguments, bundles written out."""
+        """Return the results of a procedure for its arguments, with bundles expanded."""
         self._outside_each(callee.name)
         if len(args) != len(callee.parameters):
             raise Error(f"{callee.name} takes {len(callee.parameters)} arguments; {len(args)} are given.")
@@ -328,7 +328,7 @@ class Tracer(Names):
             raise Error(f"an iteration of an `each` calls {callee}: use `range`.")
 
     def _of_values(self, function: Any, args: Sequence[Any], options: Mapping[str, Any]) -> Any:
-        """Return a function of Python of values that are known at run time."""
+        """Return the result of a Python function of run-time values."""
         if function is float:
             return self.p.real(*args)
         if function is int:

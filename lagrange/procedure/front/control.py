@@ -1,4 +1,4 @@
-"""Branches and loops while a procedure is built: what a name stands for inside and behind them."""
+"""Branches and loops while a procedure is built: the values of names inside and after them."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lagrange.procedure.values import Flag, Memory, Value, Variable
 
 
 class Chosen(Ways):
-    """A condition that is known when the procedure is built: one branch."""
+    """A condition that is known when the procedure is built: only one branch is built."""
 
 
 class Written(Chosen):
@@ -24,7 +24,7 @@ class Written(Chosen):
 
 
 class Block:
-    """A part of a procedure under a condition: the names that it sets are variables, or missing behind it."""
+    """A part of a procedure under a condition. Names that it sets are variables, or have no value after it."""
 
     where = ""
 
@@ -37,7 +37,7 @@ class Block:
         self.has_ended = False
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return what names stand for inside."""
+        """Return the values of names inside."""
         self.names = names
         self.outer = self.tracer.handed
         pairs = zip(names, values, strict=True)
@@ -47,18 +47,18 @@ class Block:
         return self.before
 
     def ended(self, ended: Exception) -> None:
-        """Take note that the block has returned."""
+        """Record that the block has returned."""
         self.has_ended = True
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Note which names have been set here; return what they stood for before."""
+        """Record the names that were set here; return their values before."""
         for i, (old, new) in enumerate(zip(self.before, values, strict=True)):
             if old is not new:
                 self.lost.add(i)
         return self.before
 
     def after(self) -> Sequence[Any]:
-        """Return what names stand for behind it."""
+        """Return the values of names after the block."""
         self.tracer.handed = self.outer
         pairs = zip(self.names, self.before, strict=True)
         return [Missing(name, self.where) if i in self.lost else old for i, (name, old) in enumerate(pairs)]
@@ -96,7 +96,7 @@ class Repeat(Loop):
 
 
 class Spliced(Loop):
-    """The values that an inline generator yields: its statements stand around those of the body."""
+    """The loop over an inline generator: the statements of the generator surround those of the body."""
 
     def __init__(self, tracer: Names, values: Iterator[Any]) -> None:
         super().__init__(tracer, lambda: None)
@@ -116,7 +116,7 @@ class Branches(Block):
         self.condition, self.likely = condition, likely
         self.bodies: list[list[Statement]] = []
         self.ways: list[Sequence[Any] | None] = []
-        """What the names stand for at the end of each branch; None if it ended the procedure."""
+        """The values of the names at the end of each branch; None if the branch ended the procedure."""
 
     def __iter__(self) -> Iterator[bool]:
         for way in (True, False):
@@ -126,12 +126,12 @@ class Branches(Block):
             self.bodies.append(body)
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Take what names stand for at the end; return what they stand for next."""
+        """Store the values of names at the end of a branch; return those for the next branch."""
         self.ways.append(None if self.has_ended else values)
         return super().close(*values) if not self.has_ended else self.before
 
     def after(self) -> Sequence[Any]:
-        """Add the statement; a name that all branches set first becomes a variable in front of it."""
+        """Add the statement. A name that all branches set first becomes a variable, declared before it."""
         found = list(super().after())
         ways = [(body, way) for body, way in zip(self.bodies, self.ways, strict=True) if way is not None]
         for i in sorted(self.lost):
@@ -167,10 +167,10 @@ class Each(Block):
         self.folds: dict[int, tuple[str, Folded]] = {}
         self.index: Value | None = None
         self.visits: list[tuple[int, int, bool, bool]] = []
-        """The whole array, the part, whether at the index itself and whether written, of each access."""
+        """The whole array, the part, whether at the loop index itself, and whether written, of each access."""
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return what names stand for inside."""
+        """Return the values of names inside."""
         for name, value in zip(names, values, strict=True):
             if not isinstance(value, Missing):
                 raise Error(f"`{name}` is set by an `each` and read by the next iteration or behind it: use `range`.")
@@ -187,11 +187,11 @@ class Each(Block):
         self.check()
 
     def ended(self, ended: Exception) -> None:
-        """Take note that the block has returned."""
+        """Record that the block has returned."""
         raise Error("an iteration of an `each` returns: use `range`.")
 
     def visit(self, array: Memory, place: Value, *, stored: bool) -> None:
-        """Note an access to an array."""
+        """Record an access to an array."""
         assert self.index is not None
         own = place.ref == self.index.ref
         if stored and not own:
@@ -199,7 +199,7 @@ class Each(Block):
         self.visits.append((self.tracer.root(array), array.ref, own, stored))
 
     def check(self) -> None:
-        """Refuse parts of one array of which one is written, unless they are said to be disjoint."""
+        """Raise Error for parts of one array of which one is written, unless they are declared disjoint."""
         written = {root: part for root, part, _, stored in self.visits if stored}
         for root, part, own, _ in self.visits:
             if not self.disjoint and root in written and (part != written[root] or not own):
@@ -225,7 +225,7 @@ class Each(Block):
         self.folds[slot] = op, made
 
     def folded(self, slot: int, first: Any) -> Any:
-        """Return a reduction, with the first value of its name."""
+        """Return the result of a reduction that starts with the first value of its name."""
         tracer = self.tracer
         op, made = self.folds[slot]
         value = made.value

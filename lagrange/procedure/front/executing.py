@@ -1,6 +1,6 @@
-"""Run a rewritten function on numbers, with the arithmetic of the form: what tests compare all other lives with.
+"""Run a rewritten function on numbers, with the arithmetic of the form: the reference for tests of all machines.
 
-Nothing raises that a processor computes (1/0 is infinite), a sum over an `each` adds in the form's order, and the
+Operations never raise, as in a processor (1/0 is infinite). A sum over an `each` adds in the form's order, and the
 iterations of an `each` run in a shuffled order.
 """
 
@@ -36,7 +36,7 @@ class Exact:
         self.random = None if seed is None else random.Random(seed)
 
     def run(self, function: Callable[..., Any], /, *args: Any, **options: Any) -> Any:
-        """Return what a rewritten function returns."""
+        """Return the result of a rewritten function."""
         try:
             function(self, *args, **options)
         except Returned as returned:
@@ -44,16 +44,16 @@ class Exact:
         return None
 
     def missing(self, name: str) -> Missing:
-        """Return what a name stands for that has no value yet."""
+        """Return the placeholder for a name without a value."""
         return Missing(name)
 
     def read(self, value: Any) -> Any:
-        """Return what a name stands for."""
+        """Return the value of a name, which must be set."""
         assert not isinstance(value, Missing), f"{value.name} is read before it is set"
         return value
 
     def assign(self, before: Any, name: str, value: Any) -> Any:
-        """Return what a name stands for once it is set to a value."""
+        """Return the new value of a name."""
         return value
 
     def named(self, name: str, value: Any) -> Any:
@@ -65,7 +65,7 @@ class Exact:
         return value
 
     def note(self, said: str) -> None:
-        """Comments do nothing."""
+        """Ignore a comment."""
 
     def leave(self, value: Any) -> None:
         """Return from the procedure."""
@@ -82,7 +82,7 @@ class Exact:
         return Ways(range(*bounds))
 
     def sequence(self, values: Any) -> Ways:
-        """Return the loop over a tuple, or over what an inline generator yields."""
+        """Return the loop over a tuple, or over the values of an inline generator."""
         return Ways(values)
 
     def repeat(self) -> Ways:
@@ -146,7 +146,7 @@ class Exact:
         return value.item() if isinstance(value, np.generic) else value
 
     def part(self, owner: Any, lower: Any, upper: Any) -> Any:
-        """Return the part of an array from a place on."""
+        """Return the part of an array from an index on."""
         if isinstance(owner, Span):
             return owner.part(lower or 0)
         return owner[lower:upper]
@@ -172,11 +172,11 @@ class Exact:
     # --- calls
 
     def local(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Return a function that is stated inside another."""
+        """Return a function that is defined inside another, unchanged."""
         return function
 
     def call(self, function: Any, /, *args: Any, **options: Any) -> Any:
-        """Return what a function gives."""
+        """Return the result of a call."""
         if hasattr(function, "computed"):
             return function.computed(self, *args, **options)
         stated = record_of(function)
@@ -203,26 +203,26 @@ class Ways:
             yield None
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return what names stand for inside."""
+        """Return the values of names inside."""
         self.values = values
         return values
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Take what names stand for at the end; return what they stand for next."""
+        """Store the values of names at the end of an iteration or branch; return those for the next."""
         self.values = values
         return values
 
     def ended(self, ended: Exception) -> None:
-        """Take note that the block has returned."""
+        """Raise the exception by which the block has returned."""
         raise ended
 
     def after(self) -> Sequence[Any]:
-        """Return what names stand for behind it."""
+        """Return the values of names after the block."""
         return self.values
 
 
 class Iterations(Ways):
-    """An `each`: what its iterations set is forgotten, and reductions are computed at the end."""
+    """An `each`: names that its iterations set are dropped, and reductions are computed at the end."""
 
     def __init__(self, order: Sequence[int]) -> None:
         super().__init__(order)
@@ -236,12 +236,12 @@ class Iterations(Ways):
             yield index
 
     def open(self, names: Sequence[str], anew: Sequence[str], *values: Any) -> Sequence[Any]:
-        """Return what names stand for inside."""
+        """Return the values of names inside."""
         self.first = values
         return super().open(names, anew, *values)
 
     def close(self, *values: Any) -> Sequence[Any]:
-        """Take what names stand for at the end; return what they stand for next."""
+        """Return the values of names for the next iteration, which are those before the loop."""
         return self.first
 
     def fold(self, slot: int, function: Any, *values: float) -> None:
@@ -250,7 +250,7 @@ class Iterations(Ways):
         self.folds.setdefault(slot, (op, {}))[1][self.index] = values
 
     def folded(self, slot: int, first: float) -> float:
-        """Return a reduction, with the first value of its name."""
+        """Return the result of a reduction that starts with the first value of its name."""
         if slot not in self.folds:
             return first
         op, by_index = self.folds[slot]

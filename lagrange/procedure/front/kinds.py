@@ -1,4 +1,4 @@
-"""What stands for numbers while a procedure is built: their kinds, words for messages, and names without a value."""
+"""Helpers while a procedure is built: kinds of values, descriptions for messages, and names without a value."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ ZERO: Mapping[Kind, Any] = {REAL: 0.0, WHOLE: 0, FLAG: False}
 
 
 class Ended(Exception):
-    """The block that is being built has ended with the results of the procedure."""
+    """Raised when the block under construction has returned the results of the procedure."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Missing:
-    """What a name stands for before it is set, or behind the branch or loop that set it first."""
+    """Placeholder for a name before it is set, or after the branch or loop that set it first."""
 
     name: str
     where: str = ""
@@ -35,11 +35,11 @@ class Weighed:
 
 
 class Error(LagrangeError):
-    """An error without its place; the front end adds file and line."""
+    """An error without its location; the front end adds file and line."""
 
 
 def leaves(value: Any) -> Iterator[Any]:
-    """Return the arguments that a bundle stands for, in the order of its fields."""
+    """Yield the arguments in a bundle, in the order of its fields."""
     if value is None:
         return
     if isinstance(value, (tuple, list)):
@@ -53,7 +53,7 @@ def leaves(value: Any) -> Iterator[Any]:
 
 
 def is_dynamic(value: Any) -> bool:
-    """Whether a value, or a part of it, is known at run time only."""
+    """Return whether a value, or a part of it, is known at run time only."""
     if isinstance(value, (tuple, list)):
         return any(map(is_dynamic, value))
     return isinstance(value, (Value, Memory, Fields, GivenFunction))
@@ -70,7 +70,7 @@ def kind_of(value: Any) -> Kind | None:
 
 
 def common_kind(values: Sequence[Any]) -> Kind | None:
-    """Return the kind that numbers have in common: whole numbers of Python beside a real are reals."""
+    """Return the common kind of numbers; Python integers count as reals next to a real."""
     kinds = {kind_of(value) for value in values}
     if kinds == {REAL, WHOLE} and not any(isinstance(value, Whole) for value in values):
         return REAL
@@ -78,7 +78,7 @@ def common_kind(values: Sequence[Any]) -> Kind | None:
 
 
 def real(value: Value) -> Real:
-    """Return a value that is a real."""
+    """Return a value as a real; it must be one."""
     assert isinstance(value, Real)
     return value
 
@@ -87,12 +87,12 @@ _NAMES = {REAL: "a real", WHOLE: "a whole number", FLAG: "a flag"}
 
 
 def named_kind(kind: Kind) -> str:
-    """Return words for a kind in a message."""
+    """Return the name of a kind for a message."""
     return _NAMES[kind]
 
 
 def described(value: Any) -> str:
-    """Return words for a value in a message."""
+    """Return the description of a value for a message."""
     kind = kind_of(value)
     if kind is not None:
         return named_kind(kind)

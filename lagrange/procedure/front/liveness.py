@@ -1,6 +1,6 @@
-"""Which names a branch or a loop hands on: those that it sets, and that are read behind it or in its next iteration.
+"""Names that live on after a branch or a loop: it sets them, and they are read after it or in its next iteration.
 
-Only these may have to be variables of a procedure; every other name is a value inside its block.
+Only these may have to be variables of a procedure. Every other name is a value inside its block.
 Source: A. V. Aho et al., Compilers, 2nd ed., 2006, section 9.2.5 (live variables), on a syntax tree.
 """
 
@@ -16,18 +16,18 @@ NOTHING: Names = frozenset()
 
 
 class Carried(NamedTuple):
-    """The names that a branch or loop hands on."""
+    """The names that live on after a branch or loop."""
 
     on: Names
     anew: Names = NOTHING
-    """Those of them that all branches set: what they stood for before does not matter."""
+    """Those of the names that all branches set: their values before it do not matter."""
 
     across: Names = NOTHING
-    """Names that one branch sets, and the other reads before it sets them."""
+    """Names that one branch sets, and another branch reads before it sets them."""
 
 
 def carried(body: Sequence[ast.stmt]) -> Mapping[ast.stmt, Carried]:
-    """Return the names that each branch and loop of a function hands on."""
+    """Return the carried names of each branch and loop of a function."""
     kept = frozenset(name for statement in body for name in mentions(statement).later)
     found: dict[ast.stmt, Carried] = {}
     _Walk(kept, found).block(body, kept)
@@ -38,16 +38,16 @@ class Mentions(NamedTuple):
     """The names that a node mentions."""
 
     loaded: Names = NOTHING
-    """Names that are read, or set in place; not those that comprehensions and functions make."""
+    """Names that are read, or set in place, without the targets of comprehensions and functions."""
 
     stored: tuple[str, ...] = ()
-    """Names that are set, in order; not those of functions and comprehensions inside."""
+    """Names that are set, in order, without those of functions and comprehensions inside."""
 
     later: Names = NOTHING
-    """Names that functions inside read, whenever these are called."""
+    """Names that functions inside read when they are called later."""
 
     returns: bool = False
-    """Whether a `return` stands inside."""
+    """True if the node contains a `return`."""
 
 
 @cache
@@ -79,7 +79,7 @@ def mentions(node: ast.AST) -> Mentions:
 
 EMPTY, RETURNS = Mentions(), Mentions(returns=True)
 LEAVES = ("ctx", "op", "ops", "annotation", "returns")
-"""Fields of nodes without names of the run."""
+"""Fields of syntax nodes without names that are used at run time."""
 
 
 def _children(node: ast.AST) -> Iterator[ast.AST]:
@@ -106,13 +106,13 @@ def stored(nodes: Iterable[ast.AST]) -> list[str]:
 
 
 class _Walk:
-    """Walks a function from its end. `kept` are names that functions inside read at any time."""
+    """Walks a function backwards from its end. `kept` are names that functions inside may read at any time."""
 
     def __init__(self, kept: Names, found: dict[ast.stmt, Carried]) -> None:
         self.kept, self.found = kept, found
 
     def block(self, body: Sequence[ast.stmt], live: Names) -> Names:
-        """Return the names that are live in front of a block, for those that are behind it."""
+        """Return the names that are live before a block, given those that are live after it."""
         for statement in reversed(body):
             live = self.statement(statement, live)
         return live
@@ -137,7 +137,7 @@ class _Walk:
         return (live - frozenset(stored([s]))) | loaded([s]) | self.kept
 
     def loop(self, s: ast.stmt, body: Sequence[ast.stmt], behind: Names, read: Names, targets: Names) -> Names:
-        """Return what is live in front of a loop: what is behind it, or in an iteration."""
+        """Return the names that are live before a loop: those after it, and those of its iterations."""
         live = behind | read
         while True:
             before = self.block(body, live) - targets

@@ -14,7 +14,7 @@ from lagrange.procedure.values import Flag, Memory, Value, Variable
 
 
 class Names:
-    """The part of a receiver that knows what names stand for."""
+    """The part of a receiver that manages the values of names."""
 
     def __init__(self, p: Builder, results: Sequence[Kind]) -> None:
         self.p, self.results = p, results
@@ -22,18 +22,18 @@ class Names:
         self.roots: dict[int, int] = {}
         """The whole array of each part."""
         self.handed: list[Variable] = []
-        """The variables of branches and loops that are open: behind these, a name that is set is a new value."""
+        """Variables of the open branches and loops. After these have ended, setting a name creates a new value."""
 
         self.unnamed = {parameter.ref for parameter in p.parameters}
 
     # --- names
 
     def missing(self, name: str) -> Missing:
-        """Return what a name stands for that has no value yet."""
+        """Return the placeholder for a name without a value."""
         return Missing(name)
 
     def read(self, value: Any) -> Any:
-        """Return what a name that may be a variable stands for."""
+        """Return the value of a name, which may be a variable. Raises Error if it has none."""
         if isinstance(value, Variable):
             return value.value
         if isinstance(value, Missing):
@@ -41,7 +41,7 @@ class Names:
         return value
 
     def assign(self, before: Any, name: str, value: Any) -> Any:
-        """Return what a name stands for that is set to a value: the variable that it was, or the value."""
+        """Return the new value of a name: its variable, if it has one here, or the value."""
         if isinstance(before, Variable) and before in self.handed:
             before.value = self.number(value, before.kind, f"`{name}`")
             return before
@@ -54,7 +54,7 @@ class Names:
         return value
 
     def number(self, value: Any, kind: Kind, what: str) -> Value:
-        """Return a number as a value of a kind; a whole number of Python may be a real."""
+        """Return a number as a value of a kind; a Python integer may be a real."""
         if isinstance(value, Weighed):
             value = value.condition
         found = kind_of(value)
@@ -77,32 +77,32 @@ class Names:
         return value
 
     def varied(self, name: str, value: Any) -> Any:
-        """Return a name's number as a variable, for a branch or loop that sets it."""
+        """Return the number of a name as a variable, for a branch or loop that sets it."""
         return value if isinstance(value, Variable) or kind_of(value) is None else self.p.variable(value, name)
 
     def note(self, said: str) -> None:
-        """Keep a comment."""
+        """Add a comment to the procedure."""
         self.p.note(said)
 
     def is_flag(self, value: Any) -> Flag:
-        """Return a condition. Raises Error if it is none."""
+        """Return a condition. Raises Error for other values."""
         if not isinstance(value, Flag):
             raise Error(f"a condition is true or false; {described(value)} is given: compare it.")
         return value
 
     def root(self, array: Memory) -> int:
-        """Return the whole array that a part belongs to."""
+        """Return the whole array of a part."""
         return self.roots.get(array.ref, array.ref)
 
     @contextmanager
     def resumed(self, body: list[Statement]) -> Iterator[None]:
-        """Add statements to a block that has been built."""
+        """Add statements to a block that was built before."""
         with self.p.block() as more:
             yield
         body.extend(more)
 
     def extreme(self, function: Any, args: Sequence[Any]) -> Any:
-        """Return Python's `max` or `min`: the first argument unless a later one is beyond it."""
+        """Return Python's `max` or `min`: the first argument unless a later one is larger (smaller)."""
         kind = common_kind(args)
         if kind not in (REAL, WHOLE):
             raise Error(f"`{function.__name__}` takes numbers of one kind.")

@@ -1,4 +1,4 @@
-"""Declare a plain Python function as a procedure, or as a function that is written into its callers."""
+"""Declare a plain Python function as a procedure, or as a function that is inlined into its callers."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Owner = TypeVar("Owner")
 Rest = ParamSpec("Rest")
 
 _BUILDING = threading.RLock()
-"""One lock for all procedures: what is built builds what it calls."""
+"""Reentrant lock for building all procedures, because building one also builds its callees."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Bundle:
 
     of: type
     types: Mapping[str, Stated]
-    """Types of fields that depend on what is known; the others are annotated."""
+    """Types of fields that depend on known parameters; other fields have annotations."""
 
 
 Stated = Kind | Array | Record | Callee | tuple["Stated", ...] | Bundle | type | None
@@ -53,7 +53,7 @@ class Located(LagrangeError):
 
 
 class Written(Generic[Args, Result]):
-    """A plain function that a receiver can run; called as it stands, it is the function."""
+    """A plain function that a receiver can run; a direct call runs the Python function."""
 
     inlined = False
 
@@ -68,11 +68,11 @@ class Written(Generic[Args, Result]):
         return result
 
     def exactly(self, /, *args: Any, seed: int | None = None, **kwargs: Any) -> Any:
-        """Return what the function returns in the arithmetic of the form; see `executing`."""
+        """Return the result of the function in the arithmetic of the form; see `executing`."""
         return self.computed(Exact(seed), *args, **kwargs)
 
     def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
-        """Return what the function returns to a receiver that computes."""
+        """Return the result of the function, run by a receiver that computes."""
         return exact.run(self.rewritten, **self.bound(args, kwargs))
 
     def bound(self, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> dict[str, Any]:
@@ -88,7 +88,7 @@ class Written(Generic[Args, Result]):
 
     @cached_property
     def rewritten(self) -> Callable[..., Any]:
-        """The function of a receiver; see `rewriting`."""
+        """The rewritten function, with a receiver as first argument; see `rewriting`."""
         function: FunctionType = self.function
         tree = Rewriter(source_of(function), inlined=self.inlined).function(function.__code__.co_freevars)
         code = compile(as_module(tree), function.__code__.co_filename, "exec").co_consts[0]
@@ -97,7 +97,7 @@ class Written(Generic[Args, Result]):
 
 
 class Inline(Written[Args, Result]):
-    """A function that is written into its callers: it may take and return anything, and `yield` to a loop."""
+    """A function that is inlined into its callers: it may take and return anything, and `yield` to a loop."""
 
     inlined = True
 
@@ -109,11 +109,11 @@ class Inline(Written[Args, Result]):
         return self if owner is None else _Method(self, owner)
 
     def traced(self, tracer: Tracer, /, *args: Any, **kwargs: Any) -> Any:
-        """Return what the function returns, with its statements in the present block."""
+        """Return the result of the function, and add its statements to the present block."""
         return self.rewritten(tracer, **self.bound(args, kwargs))
 
     def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
-        """Return what the function returns to a receiver that computes."""
+        """Return the result of the function, run by a receiver that computes."""
         return self.rewritten(exact, **self.bound(args, kwargs))
 
 
@@ -130,12 +130,12 @@ class _Method:
         return self.inline.traced(tracer, self.owner, *args, **kwargs)
 
     def computed(self, exact: Exact, /, *args: Any, **kwargs: Any) -> Any:
-        """Return what the function returns to a receiver that computes."""
+        """Return the result of the method, run by a receiver that computes."""
         return self.inline.computed(exact, self.owner, *args, **kwargs)
 
 
 class Plain(Written[Args, Result]):
-    """A procedure as a plain function. Parameters behind `*` are known when it is built: `form(**known)`."""
+    """A procedure as a plain function. Parameters after `*` are known when it is built: `form(**known)`."""
 
     def __init__(
         self, function: Callable[Args, Result], *, apart: bool, types: Mapping[str, Callable[..., Any]]
@@ -146,10 +146,10 @@ class Plain(Written[Args, Result]):
         self.known = [one.name for one in parameters if one.kind is one.KEYWORD_ONLY]
         self._forms: MutableMapping[Hashable, Procedure] = WeakValueDictionary()
         self._kept: dict[Hashable, Procedure] = {}
-        """The forms for numbers, words and options; a form for other objects lives as long as something uses it."""
+        """Forms for known numbers, texts and options. A form for other objects lives as long as it is referenced."""
 
     def form(self, **known: Any) -> Procedure:
-        """Return the procedure for what is known, which is built once."""
+        """Return the procedure for known parameters, which is built once."""
         missing = [name for name in self.known if name not in known and self._default(name) is inspect.Parameter.empty]
         unknown = [name for name in known if name not in self.known]
         if missing or unknown:
@@ -201,7 +201,7 @@ class Plain(Written[Args, Result]):
         return p.finish(*results)
 
     def _type(self, name: str, hints: Mapping[str, Any], known: Mapping[str, Any]) -> Stated:
-        """Return the type of a parameter: as the decorator states it for what is known, or as annotated."""
+        """Return the type of a parameter, from the decorator's function of known parameters or from its annotation."""
         if name in self.types:
             stated = self.types[name]
             made: Stated = stated(**{one: known[one] for one in inspect.signature(stated).parameters if one in known})
@@ -230,8 +230,8 @@ def procedure(
 def procedure(function: Any = None, /, *, apart: bool = False, **types: Callable[..., Any]) -> Any:
     """Declare a plain function as a procedure.
 
-    A procedure that stands `apart` is not inlined. `types` give the type of a parameter as a function of what is known
-    when the procedure is built, by the names of those parameters.
+    With `apart` the procedure is not inlined. `types` define parameter types by name, as functions of the parameters
+    that are known when the procedure is built; their argument names select these.
     """
     if function is not None:
         return Plain(function, apart=False, types={})
@@ -239,12 +239,12 @@ def procedure(function: Any = None, /, *, apart: bool = False, **types: Callable
 
 
 def inline(function: Callable[Args, Result]) -> Inline[Args, Result]:
-    """Declare a plain function, a method, or a generator as one that is written into its callers."""
+    """Declare a plain function, a method, or a generator as one that is inlined into its callers."""
     return Inline(function)
 
 
 def type_of(annotation: Any) -> Stated:
-    """Return the type that an annotation of a parameter stands for."""
+    """Return the parameter type that an annotation denotes."""
     if annotation in KINDS:
         return KINDS[annotation]
     if isinstance(annotation, (Kind, Array, Record, Callee)):
@@ -270,7 +270,7 @@ def type_of(annotation: Any) -> Stated:
 
 
 def results_of(annotation: Any) -> tuple[Kind, ...]:
-    """Return the kinds of results that a return annotation stands for."""
+    """Return the kinds of results that a return annotation denotes."""
     if annotation in (None, type(None)):
         return ()
     parts = typing.get_args(annotation) if typing.get_origin(annotation) is tuple else (annotation,)
@@ -279,7 +279,7 @@ def results_of(annotation: Any) -> tuple[Kind, ...]:
 
 
 def _parameter(p: Builder, name: str, stated: Stated) -> Any:
-    """Return a parameter of a type; a bundle has one for each field, with the name of the bundle in front."""
+    """Add a parameter of a type and return it. A bundle has one for each field, prefixed with the bundle's name."""
     if stated is None:
         return None
     if isinstance(stated, tuple):
@@ -298,7 +298,7 @@ def _parameter(p: Builder, name: str, stated: Stated) -> Any:
 
 
 def _suffix(known: Mapping[str, Any]) -> str:
-    """Return what tells the procedures of one function apart by name: numbers, words and options that hold."""
+    """Return the suffix for the name of a procedure built for known numbers, texts and true options."""
     parts = []
     for name, value in known.items():
         if isinstance(value, bool):

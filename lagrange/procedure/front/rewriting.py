@@ -1,7 +1,7 @@
-"""Rewrite the syntax tree of a plain function into a function that says each step to a receiver.
+"""Rewrite the syntax tree of a plain function to a function that passes each step to a receiver.
 
 The receiver is the first argument, `_t`: `building.Tracer` makes statements of the form, `executing.Exact` computes.
-What Python can leave to the values themselves (a + b, a < b, attributes) stays as it is. Control flow, names that
+Operations of the values themselves (a + b, a < b, attributes) stay as they are. Control flow, names that
 branches and loops set, division, elements of arrays and calls become calls of the receiver:
 
     if a > b:                         _b0 = _t.branches(a > b)
@@ -15,7 +15,7 @@ branches and loops set, division, elements of arrays and calls become calls of t
                                           x, = _b0.close(x)
                                       x, = _b0.after()
 
-The tracer runs both branches, each in a block of its own, and a receiver that computes runs one.
+The tracer runs both branches, each in its own block. A receiver that computes runs only one.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ RECEIVER = "_t"
 LOAD, STORE = ast.Load(), ast.Store()
 LOOPS = (ast.For, ast.While)
 DIRECT = (ast.Add, ast.Sub, ast.Mult, ast.BitAnd, ast.BitOr)
-"""Binary operators that values have themselves."""
+"""Binary operators that are defined on values."""
 
 BY_RECEIVER: Mapping[type[ast.operator], str] = {
     ast.Div: "divide",
@@ -55,7 +55,7 @@ INSTEAD: Mapping[type[ast.AST], str] = {
     ast.Await: "`await`",
     ast.Starred: "a starred target: write the names out",
 }
-"""What a plain procedure cannot have, and what to write instead."""
+"""Constructs that a plain procedure must not use, with their replacement."""
 
 
 def named(name: str) -> ast.expr:
@@ -64,12 +64,12 @@ def named(name: str) -> ast.expr:
 
 
 def told(method: str, *args: ast.expr, of: str = RECEIVER) -> ast.Call:
-    """Return a call of a method of the receiver, or of what it gave."""
+    """Return a call of a method of the receiver, or of an object that it returned."""
     return ast.Call(ast.Attribute(named(of), method, LOAD), list(args), [])
 
 
 def text(value: str) -> ast.expr:
-    """Return a constant text."""
+    """Return a constant string."""
     return ast.Constant(value)
 
 
@@ -94,17 +94,17 @@ class Rewriter:
         arguments = self.tree.args
         self.parameters = [arg.arg for arg in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
         self.carried = carried(self.body)
-        """The names that each branch and loop hands on."""
+        """The names that live on after each branch and loop."""
 
         self.own = {name for names in self.carried.values() for name in names.on}
         self.changing = frozenset(self.own) | (outer - frozenset(self.parameters))
-        """Names that a branch or a loop hands on: they may be variables, or missing."""
+        """Names that live on after a branch or a loop: they may be variables, or missing."""
 
         self.scoped: list[frozenset[str]] = []
-        """Names of comprehensions and lambdas that are open."""
+        """Names of open comprehensions and lambdas."""
 
     def function(self, free: Sequence[str] = ()) -> ast.FunctionDef:
-        """Return the function of the receiver, of the parameters, and of the free names of the plain one."""
+        """Return the function of the receiver, the parameters, and the free names of the plain function."""
         first = [] if self.inlined and not free and self.outer_receiver else [RECEIVER]
         names = [*first, *self.parameters, *free]
         arguments = ast.arguments(
@@ -121,7 +121,7 @@ class Rewriter:
     outer_receiver = False
 
     def fresh(self) -> str:
-        """Return a name that the function does not have."""
+        """Return a name that the function does not use."""
         self.count += 1
         return f"_{self.count}"
 
@@ -133,7 +133,7 @@ class Rewriter:
     # --- statements
 
     def block(self, body: Sequence[ast.stmt], before: int) -> list[ast.stmt]:
-        """Return the statements for a body that begins behind a line."""
+        """Return the statements for a body, with its comments; `before` is the line before the body."""
         made: list[ast.stmt] = []
         for statement in body:
             said = [self.comments[line] for line in range(before + 1, statement.lineno) if line in self.comments]
@@ -147,7 +147,7 @@ class Rewriter:
         return made
 
     def statement(self, s: ast.stmt) -> list[ast.stmt]:
-        """Return the statements for one."""
+        """Return the statements for one statement."""
         match s:
             case Handed(value=value):
                 return [ast.Return(self.expression(value) if value is not None else None)]
@@ -189,7 +189,7 @@ class Rewriter:
         return made
 
     def to_target(self, target: ast.expr, value: ast.expr) -> list[ast.stmt]:
-        """Return the assignment of a value that is computed."""
+        """Return the assignment of a computed value to a target."""
         match target:
             case ast.Name(id=name):
                 return [self.to_name(name, value)]
@@ -220,11 +220,11 @@ class Rewriter:
         return told("fill", *here, self.expression(value))
 
     def bound(self, place: ast.expr | None) -> ast.expr:
-        """Return the expression for a place, or None."""
+        """Return the expression for an index, or None."""
         return ast.Constant(None) if place is None else self.expression(place)
 
     def augmented(self, target: ast.expr, op: ast.operator, value: ast.expr) -> list[ast.stmt]:
-        """Return `target op= value`, with the place of the target computed once."""
+        """Return `target op= value`, which evaluates the index of the target once."""
         match target:
             case ast.Name(id=name):
                 return [self.to_name(name, self.binary(op, self.name(name), self.expression(value)))]
@@ -258,7 +258,7 @@ class Rewriter:
         across = sorted(self.carried[s].across)
         if not across:
             return [first, *made]
-        # What one branch sets, the other does not see.
+            # Names that one branch sets must not be visible in the other.
         kept, loop = self.fresh(), made[1]
         assert isinstance(loop, ast.For)
         names = ast.Tuple([ast.Name(name, STORE) for name in across], STORE)
@@ -266,7 +266,7 @@ class Rewriter:
         return [first, put(kept, ast.Tuple([named(name) for name in across], LOAD)), *made]
 
     def for_loop(self, s: ast.For, iterable: ast.expr) -> list[ast.stmt]:
-        """Return a loop over `range`, `each`, or what is known when the procedure is built."""
+        """Return a loop over `range`, `each`, or values known when the procedure is built."""
         loop = self.fresh()
         match iterable:
             case ast.Call(func=ast.Name(id="range"), args=args, keywords=[]):
@@ -283,20 +283,20 @@ class Rewriter:
     def loop(
         self, loop: str, source: ast.expr, target: ast.expr | None, s: ast.stmt, body: Sequence[ast.stmt]
     ) -> list[ast.stmt]:
-        """Return a loop over what its receiver gives; the target takes each value."""
+        """Return a loop over the values of its receiver, each assigned to the target."""
         index = self.fresh()
         first = [] if target is None else self.to_target(target, named(index))
         made = [*first, *self.block(body, s.lineno)] or [ast.Pass()]
         return self.through(s, loop, source, index, self.handed(s), made)
 
     def handed(self, s: ast.stmt) -> list[str]:
-        """Return the names that a branch or loop hands on, in the order in which it sets them."""
+        """Return the carried names of a branch or loop, in the order in which it sets them."""
         return [name for name in stored([s]) if name in self.carried[s].on]
 
     def through(
         self, s: ast.stmt, held: str, source: ast.expr, target: str, names: Sequence[str], body: list[ast.stmt]
     ) -> list[ast.stmt]:
-        """Return a loop around the body of a statement; `held` hands out the names that it hands on."""
+        """Return a loop around the body of a statement; `held` opens and closes it with the carried names."""
         texts = ast.Tuple([text(name) for name in names], LOAD)
         values = [named(name) for name in names]
         anew = ast.Tuple([text(name) for name in names if name in self.carried[s].anew], LOAD)
@@ -317,7 +317,7 @@ class Rewriter:
         ]
 
     def iterations(self, loop: str, s: ast.For) -> list[ast.stmt]:
-        """Return an `each`: names that every iteration adds to are reductions, all others are its own."""
+        """Return an `each`: names to which every iteration adds are reductions, others are local to an iteration."""
         if not isinstance(s.target, ast.Name):
             raise self.refuse(s, "several indices of an `each`")
         reductions = _reductions(s.body)
@@ -341,7 +341,7 @@ class Rewriter:
         return made
 
     def local_function(self, s: ast.FunctionDef) -> list[ast.stmt]:
-        """Return a function inside another: it is written into its callers."""
+        """Return a function inside another, which is inlined into its callers."""
         if s.decorator_list:
             raise self.refuse(s, "a decorated function inside another")
         inner = Rewriter(Source(s, self.comments), inlined=True, outer=self.changing)
@@ -351,7 +351,7 @@ class Rewriter:
     # --- expressions
 
     def expression(self, x: ast.expr) -> ast.expr:
-        """Return the expression for one."""
+        """Return the rewritten form of an expression."""
         made = self._expression(x)
         if "lineno" not in made.__dict__:
             made.lineno = x.lineno
@@ -402,7 +402,7 @@ class Rewriter:
         raise self.refuse(x, INSTEAD.get(type(x), f"`{ast.unparse(x)}`"))
 
     def name(self, name: str) -> ast.expr:
-        """Return what a name stands for: the present value of a variable."""
+        """Return the expression for the value of a name; of a variable the present value is read."""
         if name in self.changing and not any(name in names for names in self.scoped):
             return told("read", named(name))
         return named(name)
@@ -439,7 +439,7 @@ class Rewriter:
         return made
 
     def scope(self, x: ast.ListComp | ast.GeneratorExp | ast.Lambda) -> ast.expr:
-        """Return a comprehension, which is written out, or a function in one expression."""
+        """Return a comprehension, which is written out, or a lambda."""
         if isinstance(x, ast.Lambda):
             with_names = frozenset(arg.arg for arg in x.args.args)
             self.scoped.append(with_names)
@@ -458,13 +458,13 @@ class Rewriter:
 
 
 def as_module(tree: ast.FunctionDef) -> ast.Module:
-    """Return a function as a module, for `compile`."""
+    """Return a module with the function, for `compile`."""
     _place(tree, tree.lineno)
     return ast.Module([tree], [])
 
 
 def _place(node: ast.AST, line: int) -> None:
-    """Give each node a line: its own, or that of the node around it."""
+    """Set the line of each node: its own, or that of the enclosing node."""
     fields = node.__dict__
     line = fields.setdefault("lineno", line)
     fields.setdefault("col_offset", 0)
@@ -509,9 +509,9 @@ RESULT = "result_"
 
 
 def single_exit(tree: ast.FunctionDef) -> list[ast.stmt]:
-    """Return the body of a function with one return, at its end: what follows a return in a branch goes into the other.
+    """Return the body of a function with one return, at its end: code after a return in a branch moves to the other.
 
-    A function that is written into its caller needs this form. Raises LagrangeError for a return inside a loop.
+    Functions to be inlined need this form. Raises LagrangeError for a return inside a loop.
     """
     returns = [node for node in _walk(tree.body) if isinstance(node, ast.Return)]
     last = tree.body[-1]
@@ -538,7 +538,7 @@ def single_exit(tree: ast.FunctionDef) -> list[ast.stmt]:
 
 
 class Handed(ast.Return):
-    """The return of a function that is written into its caller: Python's own."""
+    """The return of an inlined function: a Python return."""
 
 
 def _native(statement: ast.stmt) -> ast.stmt:
@@ -568,13 +568,13 @@ def _nested(body: Sequence[ast.stmt], names: Sequence[str]) -> list[ast.stmt]:
 
 
 def _ends(body: Sequence[ast.stmt]) -> bool:
-    """Whether every way through statements returns."""
+    """Return whether every path through statements ends with a return."""
     last = body[-1] if body else None
     return isinstance(last, ast.Return) or (isinstance(last, ast.If) and _ends(last.body) and _ends(last.orelse))
 
 
 def _walk(body: Iterable[ast.stmt]) -> list[ast.stmt]:
-    """Return statements and those inside them, functions inside left out."""
+    """Return statements and those inside them, except those of inner functions."""
     found: list[ast.stmt] = []
     for statement in body:
         found.append(statement)

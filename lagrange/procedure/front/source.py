@@ -1,4 +1,4 @@
-"""Find the syntax tree of a function in its module, with the comments that stand on lines of their own."""
+"""Find the syntax tree of a function in its module, with the comments on lines of their own."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ from lagrange.errors import LagrangeError
 
 
 class Source(NamedTuple):
-    """The syntax tree of a function, and the lines of its module that begin with `#`, inside texts too."""
+    """The syntax tree of a function, and the lines of its module that begin with `#`, also inside strings."""
 
     tree: ast.FunctionDef
     comments: Mapping[int, str]
 
 
 def source_of(function: FunctionType) -> Source:
-    """Return the syntax tree of a function. Raises LagrangeError where its source cannot be read."""
+    """Return the syntax tree of a function. Raises LagrangeError if its source cannot be read."""
     code = function.__code__
     functions, comments = _module(code.co_filename)
     tree = functions.get(code.co_firstlineno)
@@ -33,7 +33,7 @@ def source_of(function: FunctionType) -> Source:
 
 
 FILES: set[str] = set()
-"""Files of plain functions, for the places in messages."""
+"""Files with plain functions, for locations in messages."""
 
 
 @cache
@@ -50,7 +50,7 @@ def _module(file: str) -> tuple[Mapping[int, ast.FunctionDef], Mapping[int, str]
 
 
 def _functions(body: Iterable[ast.stmt]) -> Iterator[ast.FunctionDef]:
-    """Return the functions of a block, with those of classes, functions and branches inside it."""
+    """Yield the functions of a block, including those inside classes, functions and branches."""
     for statement in body:
         if isinstance(statement, ast.FunctionDef):
             yield statement

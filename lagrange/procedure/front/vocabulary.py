@@ -1,7 +1,7 @@
-"""The words of plain procedures beside Python's own: loops in any order, arithmetic that is rounded once, arrays.
+"""Words of plain procedures in addition to Python's own: loops in any order, arithmetic that is rounded once, arrays.
 
-Every word works on numbers as it stands, so that a plain procedure runs in Python. What each means in a compiled
-procedure stands in `docs/dev/procedures.md`.
+Every word also works on plain numbers, so that a procedure runs in Python. Their meaning in a compiled procedure is
+defined in `docs/dev/procedures.md`.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ WholesOut = Annotated[Writable[int], Array(WHOLE)]
 def each(count: int, **options: Any) -> range:
     """Return the indices below `count`, for a loop whose iterations may run in any order or several at once.
 
-    Of the options, `width`, `spill` and `unrolled` are those of `form.Each`. With `disjoint` the function promises that
+    The options `width`, `spill` and `unrolled` are those of `form.Each`. With `disjoint` the function promises that
     different parts of one array, of which one is written, do not overlap. Python runs one iteration after the other.
     """
     unknown = sorted(set(options) - {"width", "spill", "unrolled", "disjoint"})
@@ -115,7 +115,7 @@ def nearest(x: float) -> float:
 
 
 def sign(x: float) -> float:
-    """Return 1, -1, or x itself where it is zero or NaN."""
+    """Return 1, -1, or x itself if it is zero or NaN."""
     return float(EXACT["sign"](x))
 
 
@@ -125,7 +125,7 @@ def two_to(k: int) -> float:
 
 
 def exponent(x: float) -> int:
-    """Return k of |x| = m * 2**k with 1 <= m < 2: 1024 for infinity and NaN, -1023 for zero and below the normals."""
+    """Return k of |x| = m * 2**k with 1 <= m < 2: 1024 for infinity and NaN, -1023 for zero and subnormal numbers."""
     return int(EXACT["exponent"](x))
 
 
@@ -135,7 +135,7 @@ def mantissa(x: float) -> float:
 
 
 def reals(size: int, *, room: int = 1) -> Writable[float]:
-    """Return a local array of reals with undefined values, NaN in Python; `room` is that of `form.Array`."""
+    """Return a local array of reals with undefined values, NaN in Python; see `form.Array` for `room`."""
     made: Any = np.full(size + room - 1, math.nan)
     array: Writable[float] = made
     return array
@@ -174,7 +174,7 @@ OPERATION_OF: Mapping[Callable[..., Any], str] = {
     math.pow: "power",
     **{getattr(math, name): name for name in _LIBRARY},
 }
-"""The operation of the form that each function on numbers stands for."""
+"""The operation of the form for each function on numbers."""
 
 REDUCTIONS: Mapping[Callable[..., Any], str] = {
     max: "most",
@@ -186,19 +186,19 @@ REDUCTIONS: Mapping[Callable[..., Any], str] = {
 """Functions f of `x = f(x, value)`, or `x = fma(a, b, x)`, that an `each` takes as reductions; see `form.Fold`."""
 
 KINDS: Mapping[Any, Kind] = {float: REAL, int: WHOLE, bool: FLAG}
-"""The kind of value that an annotation stands for."""
+"""The kind of value that an annotation denotes."""
 
 Class = TypeVar("Class", bound=type)
 
 
 def record_of(stated: Any) -> Record | None:
-    """Return the record that a class stands for, or None."""
+    """Return the record of a class, or None if it has none."""
     found = getattr(stated, "record", None)
     return found if isinstance(stated, type) and isinstance(found, Record) else None
 
 
 def form_of(stated: type) -> Record:
-    """Return the record that a class under `@record` stands for."""
+    """Return the record of a class under `@record`."""
     found = record_of(stated)
     assert found is not None
     return found

@@ -1,10 +1,10 @@
-"""Expressions along the run of a member: the largest and the least value, and the mean over time.
+"""Expressions along the run of a member: largest and least values, and means over time.
 
-On each step an expression is evaluated at nine points of the dense output, both ends among them. Its integral is that
-of Gauss-Lobatto's rule, which is exact for polynomials of degree 15. Where a maximum lies between points, and may be
-above all values before, it is searched for: an extremum is found that nine points of a step show.
+On each step an expression is evaluated at nine points of the dense output, including both ends. Its integral is that of
+Gauss-Lobatto's rule, which is exact for polynomials of degree 15. A maximum between points that may exceed all earlier
+values is searched for. So extrema are found if nine points of a step show them.
 
-A step by a Taylor series is looked at while its series is there, and counts when it is accepted.
+The step of a Taylor series is sampled while its series is in memory, and counts when it is accepted.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 POINTS = 9
-"""A step is looked at in so many points.
+"""Number of sample points on a step.
 
-A series of Taylor's method reaches e**2 times as far as its step: the rule then errs by 1e-22 of what the expression
-varies, and by 1e-11 if it reaches twice as far as the step alone.
+The radius of a Taylor series is e**2 times its step: the rule then has an error of 1e-22 of the expression's variation,
+and of 1e-11 if the radius is only twice the step.
 """
 
 RISE = 2.0**-50
-"""A maximum is searched for where it may exceed what was found by more than this part of it, which is round-off."""
+"""A maximum is searched for if it may exceed the largest value so far by more than this fraction (round-off)."""
 
 NEAR_END = 2.0**-20
-"""Whether an expression rises from the end of a step is seen at this part of the step."""
+"""Fraction of the step at which the slope of an expression at an end of the step is tested."""
 
 SIGNS = {"max": 1.0, "min": -1.0}
-"""The factors by which a least value is a largest one."""
+"""Factors that turn a search for the least value into one for the largest."""
 
 
 @shared
@@ -62,10 +62,10 @@ def table_of_points() -> NDArray[np.float64]:
 
 @dataclass(frozen=True)
 class Sampled:
-    """Expressions, `size` of them, which read some `entries` of the state, and what is made of each.
+    """Expressions, `size` of them, of some `entries` of the state, and the reductions of their values along a run.
 
-    `kernel` is a procedure of time, state, numbers and results. `reductions` are "max", "min" or "mean", and the place
-    of an expression.
+    `kernel` is a procedure of time, state, numbers and results. `reductions` are pairs of "max", "min" or "mean" and
+    the index of an expression.
     """
 
     kernel: Procedure
@@ -76,9 +76,9 @@ class Sampled:
 
 @dataclass(frozen=True)
 class Step:
-    """A step of a member: its ends, its length, and the same in the unit of its polynomial.
+    """A step of a member: its begin, end and length, and its length in the unit of its polynomial.
 
-    `memory` is that of the polynomial and `degree` its degree; `y` is the state at the end.
+    `memory` has the coefficients of the polynomial, and `degree` its degree; `y` is the state at the end.
     """
 
     t: Real
@@ -91,7 +91,7 @@ class Step:
 
 
 class Along:
-    """What is known of the expressions of a member, in memory of a procedure."""
+    """The reductions of a member's expressions, in memory of a procedure."""
 
     def __init__(
         self, p: Builder, sampled: Sampled, path: Procedure, points: Memory, numbers: Memory, dimension: int
@@ -104,7 +104,7 @@ class Along:
         self.start = p.variable(0.0, "start")
 
     def begin(self, t: Real, y: Memory) -> None:
-        """Begin with the values at the start of a member."""
+        """Initialize with the values at the start of a member."""
         p = self.p
         singular = p.call(self.sampled.kernel, t, y, self.numbers, self.now)
         self.start.value = t
@@ -117,7 +117,7 @@ class Along:
             self.lost[k] = 0.0
 
     def follow(self, step: Step) -> None:
-        """Look at the expressions on a step, which counts when it is accepted."""
+        """Sample the expressions on a step, which counts only when it is accepted."""
         p = self.p
         given: dict[str, Any] = {"t": step.t, "end": step.end, "h": step.h, "ratio": step.ratio, "memory": step.memory}
         given |= {"numbers": self.numbers, "points": self.points, "y": step.y, "now": self.now, "found": self.found}
@@ -125,7 +125,7 @@ class Along:
         p.call(self.procedure, *(given[one.name] for one in self.procedure.parameters))
 
     def accept(self) -> None:
-        """Let the step that was looked at count."""
+        """Commit the values of the sampled step."""
         for place in range(self.sampled.size):
             self.now[place] = self.ahead[place]
         for k, (how, _) in enumerate(self.sampled.reductions):
@@ -135,7 +135,7 @@ class Along:
                 self.found[k] = self.tried[k]
 
     def write(self, end: Real, to: Memory) -> None:
-        """Write what came of a member that ends at a time."""
+        """Write the reductions of a member that ends at a time."""
         p, duration = self.p, end - self.start.value
         for k, (how, place) in enumerate(self.sampled.reductions):
             if how == "mean":
@@ -147,9 +147,9 @@ class Along:
 
 
 def follow_step(sampled: Sampled, path: Procedure, dimension: int) -> Procedure:
-    """Return what looks at expressions on a step: their values at its end, `ahead`, and what is `tried`.
+    """Return the procedure that samples expressions on a step: their values at its end, `ahead`, and `tried`.
 
-    That is the integral over the step, or the largest value with all before; `now` has the values at the begin.
+    `tried` is the integral over the step, or the largest value so far; `now` has the values at the beginning.
     """
     p = Builder("follow_step", "Look at expressions along a step.")
     t, end, h, ratio = (p.given(name, REAL) for name in ("t", "end", "h", "ratio"))
@@ -180,7 +180,7 @@ def follow_step(sampled: Sampled, path: Procedure, dimension: int) -> Procedure:
 
 
 def _integral(p: Builder, samples: Memory, weights: Memory) -> Real:
-    """Return the integral of values at the points over the length of the step."""
+    """Return the integral of values at the points, divided by the length of the step."""
     total = samples[0] * weights[0]
     for j in range(1, POINTS):
         total = p.fma(samples[j], weights[j], total)
@@ -188,15 +188,15 @@ def _integral(p: Builder, samples: Memory, weights: Memory) -> Real:
 
 
 def raised(sampled: Sampled, path: Procedure, dimension: int) -> Procedure:
-    """Return what raises a number to the largest value of an expression on a step."""
+    """Return the procedure that raises a number to the largest value of an expression on a step."""
     return _Raised(value_on_step(sampled, path, dimension)).build()
 
 
 class _Raised:
     """Builds the procedure.
 
-    A maximum lies about a point where neither of its neighbours is larger. It lies between an end of the step and the
-    next point where the expression rises from the end, and the end is not smaller: that takes one value more.
+    A maximum is near a point that is not less than its neighbours. It is between an end of the step and the next point
+    if the expression rises from the end, but the next point is not larger. That takes one more value.
     """
 
     def __init__(self, value: Procedure) -> None:
@@ -227,9 +227,9 @@ class _Raised:
         return p.finish(REAL)
 
     def bound(self, j: Whole, a: Real, b: Real, c: Real) -> Real:
-        """Return how large an expression may be between points: nowhere twice as steep as from one to the next.
+        """Return a bound of an expression between points: its slope is at most twice the slope from point to point.
 
-        A parabola is not, and neither is |x|.
+        This holds for a parabola, and for |x|.
         """
         p = self.p
         left, right = self.points[j] - self.points[j - 1], self.points[j + 1] - self.points[j]
@@ -238,7 +238,7 @@ class _Raised:
         return found
 
     def bracket(self, j: Whole, inner: Flag, first: Flag) -> None:
-        """Put the places about a maximum, and search there."""
+        """Write the points around a maximum, and search there."""
         p, sign = self.p, self.sign
         begin = p.choose(inner | first, j - 1, j)
         end = p.choose(inner, j + 1, begin + 1)

@@ -1,4 +1,4 @@
-"""The largest value of a function between three places, by Brent's method without derivatives.
+"""The largest value of a function in a bracket of three points, by Brent's method without derivatives.
 
 Source: R. P. Brent, Algorithms for Minimization without Derivatives, 1973, chapter 5.
 """
@@ -13,37 +13,37 @@ from lagrange.procedure.values import Flag, Real, Whole
 READ = Array(read=True)
 
 ALONG: tuple[Kind | Array, ...] = (REAL, REAL, REAL, WHOLE, READ, READ, WHOLE)
-"""What a value along a step is known by: its beginning, its length in time and in the unit of the polynomial, the
-number of the expression, the memory of the polynomial, the numbers of the system, and the degree."""
+"""Arguments for a value along a step: the beginning of the step, its length in time and in the unit of the polynomial,
+the index of the expression, the coefficients of the polynomial, the numbers of the system, and the degree."""
 
 FRACTIONS = Callee((WHOLE, READ, Array(), *ALONG), ())
-"""What writes the values of an expression at some fractions of a step."""
+"""A callback that writes the values of an expression at some fractions of a step."""
 
 RESOLUTION = 2.0**-27
-"""Places are told apart to this part of a step: the value at a maximum is then right to round-off."""
+"""Resolution of points as a fraction of the step: the value at a maximum is then exact to round-off."""
 
 MOST_EVALUATIONS = 60
-"""A function without a second derivative takes 40, one with a third derivative about 8."""
+"""Largest number of evaluations. Without a second derivative it takes 40, with a third derivative about 8."""
 
 GOLDEN = 0.3819660112501051
 """The smaller part of the golden section, (3 - sqrt(5)) / 2."""
 
 MEMORY = ("low", "high", "x", "w", "v", "fx", "fw", "fv", "before", "moved", "at", "there")
-"""What is known of each bracket: its ends, the best three places with their values, the moves before and now, and the
-place that is tried, with its value."""
+"""Entries for each bracket: its ends, the best three points and their values, the last two moves, and the trial point
+with its value."""
 
 
 def memory_size(count: int) -> int:
-    """Return how many numbers the memory for so many brackets has."""
+    """Return the number of entries of the memory for `count` brackets."""
     return len(MEMORY) * count + PARTIAL
 
 
 @shared
 def largest_between(columns: int | None = None) -> Procedure:
-    """Return what raises `best` to the largest value in each of some brackets.
+    """Return the procedure that raises `best` to the largest value in each of some brackets.
 
-    A bracket is three places with their values, which are multiplied by `sign`. With `columns` there are so many of
-    them, else as many as the caller says, who gives the memory: `memory_size` numbers.
+    A bracket is three points with their values, which are multiplied by `sign`. The number of brackets is `columns`, or
+    a parameter, and then the caller also passes the memory of `memory_size` numbers.
     """
     return _Search(columns).build()
 
@@ -78,7 +78,7 @@ class _Search:
         return p.finish()
 
     def begin(self) -> None:
-        """Begin with the middle, the better end and the other one: the first place tried is that of their parabola."""
+        """Start from the middle, the better end and the other end; the vertex of their parabola is tried first."""
         p, kept = self.p, self.kept
         with p.each(self.count) as i:
             low, middle, high = (places[i] for places in self.places)
@@ -91,13 +91,13 @@ class _Search:
             kept["before"][i], kept["moved"][i] = high - low, high - low
 
     def wide(self, i: Whole) -> Flag:
-        """Whether a bracket is wider than places are told apart."""
+        """Return whether a bracket is wider than the resolution."""
         low, high, x = (self.kept[name][i] for name in ("low", "high", "x"))
         found: Flag = abs(x - (low + high) * 0.5) > 2.0 * RESOLUTION - (high - low) * 0.5
         return found
 
     def unfinished(self) -> Flag:
-        """Whether a bracket is wide."""
+        """Return whether any bracket is wide."""
         p = self.p
         with p.each(self.count) as i:
             most = p.largest_magnitude(p.choose(self.wide(i), 1.0, p.constant(0.0, REAL)))
@@ -105,7 +105,7 @@ class _Search:
         return found
 
     def choose_places(self) -> None:
-        """Choose the next place: where the parabola through three has its vertex, else by the golden section."""
+        """Choose the next point: the vertex of the parabola through the best three, else by the golden section."""
         p, kept = self.p, self.kept
         with p.each(self.count) as i:
             names = ("low", "high", "x", "w", "v", "fx", "fw", "fv", "before", "moved")
@@ -126,7 +126,7 @@ class _Search:
             kept["at"][i] = x + p.choose(self.wide(i), p.choose(abs(step) < RESOLUTION, least, step), 0.0)
 
     def sort_in(self) -> None:
-        """Sort the place that was tried in among the best three, and make the bracket smaller."""
+        """Sort the trial point into the best three, and shrink the bracket."""
         p, kept = self.p, self.kept
         with p.each(self.count) as i:
             names = ("low", "high", "x", "w", "v", "fx", "fw", "fv", "at", "there")

@@ -1,7 +1,7 @@
-"""Events of members: the first occurrences of each, and on Taylor steps what is watched.
+"""Events of members: the first occurrences of each event, and the search for events on Taylor steps.
 
-The loop over steps finds events as in single runs. What it leaves to who watches, such as a double zero that it cannot
-tell from none, ends the member here: a run of its own decides.
+The loop over steps finds events as in single runs. An irregular case, such as a double zero or none within rounding,
+ends the member here, and the member is run again alone.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from lagrange.procedure.taylor.watching import MOST_ZEROS, SIDES, WATCH, scratch
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 ENDED_BY_EVENT = len(Outcome)
-"""What stands among outcomes for a member that an event ended."""
+"""Code in addition to the outcomes: an event ended the member."""
 
 ROOM = 2 * MOST_ZEROS
-"""So many events have room until they are taken over, which is done behind each step."""
+"""Number of events that can be stored until they are copied, which is done after each step."""
 
 
 @dataclass(frozen=True)
 class Events:
-    """What members watch: so many things, of which the first are the `events` of the user.
+    """The watched functions of members: `count` of them, and the first `events` are the user's events.
 
-    `values` gives all from a time, a state and the numbers of the system. See `WATCH` for the flags.
+    `values` evaluates all from a time, a state and the numbers of the system. See `WATCH` for the flags.
     """
 
     values: Procedure
@@ -40,7 +40,7 @@ class Events:
 
 
 class FirstOccurrences:
-    """The first occurrences of so many events of each member, `most` of each; this announces where they go."""
+    """The first occurrences of `kept` events of each member, at most `most` of each; adds the result arrays."""
 
     def __init__(self, p: Builder, kept: int, dimension: int) -> None:
         self.p, self.kept, self.dimension = p, kept, dimension
@@ -48,16 +48,16 @@ class FirstOccurrences:
         self.all_times, self.all_states = p.array("occurrence_times"), p.array("occurrence_states")
 
     def reserve_counts(self) -> None:
-        """Reserve memory, behind all arguments."""
+        """Reserve memory, after all parameters have been added."""
         self.seen = self.p.reserve(max(self.kept, 1), WHOLE, name="seen")
 
     def forget(self) -> None:
-        """Begin at the start of a member: nothing has happened."""
+        """Reset the counts at the start of a member."""
         for place in range(self.kept):
             self.seen[place] = 0
 
     def keep(self, member: Whole, place: Whole, t: Real, state: Memory) -> None:
-        """Keep an occurrence of an event, if it is among the first."""
+        """Store an occurrence of an event, if it is among the first `most`."""
         p, n = self.p, self.dimension
         number = self.seen[p.smaller(place, max(self.kept - 1, 0))]
         with p.when((place < self.kept) & (number < self.most)):
@@ -70,7 +70,7 @@ class FirstOccurrences:
 
 
 class Occurrences(FirstOccurrences):
-    """What is known of the events of a member, in memory of a procedure whose arguments this announces."""
+    """The search for events of a member, in memory of a procedure; adds its parameters."""
 
     def __init__(self, p: Builder, events: Events, dimension: int) -> None:
         super().__init__(p, events.events, dimension)
@@ -79,7 +79,7 @@ class Occurrences(FirstOccurrences):
         self.settings, self.tilts = p.array("settings", WHOLE, read=True), p.array("tilts", read=True)
 
     def reserve(self, layout: TaylorLayout) -> None:
-        """Reserve memory, behind all arguments."""
+        """Reserve memory, after all parameters have been added."""
         p, count, n = self.p, self.events.count, self.dimension
         reals, wholes = scratch_sizes(count, n)
         self.record: Any = p.reserve_record(WATCH)
@@ -104,7 +104,7 @@ class Occurrences(FirstOccurrences):
         return given | {"scratch": self.scratch, "whole_scratch": self.whole_scratch}
 
     def begin(self, taylor: Any) -> None:
-        """Begin at the start of a member: nothing has happened, and no sides are known."""
+        """Reset the search at the start of a member: no events, and unknown sides."""
         p, record, events = self.p, self.record, self.events
         for name, kind in WATCH.fields:
             setattr(record, name, 0.0 if kind is REAL else 0)
@@ -118,7 +118,7 @@ class Occurrences(FirstOccurrences):
         self.taken.value = 0
 
     def take(self, member: Whole) -> None:
-        """Take over the events on steps that are proven."""
+        """Copy the events on proven steps."""
         p, record = self.p, self.record
         with p.when(record.done > self.taken.value, likely=False):
             with p.repeat(lambda: self.taken.value < record.done):
@@ -129,7 +129,7 @@ class Occurrences(FirstOccurrences):
                 record.done = record.ahead = self.taken.value = 0
 
     def ended(self, outcome: Whole, unproven: Whole, last: Flag) -> Flag:
-        """Return whether an event ends the run where it stands."""
+        """Return whether an event ends the run at the present state."""
         due = ~self.record.due.equals(0) & unproven.equals(0)
         stopped = outcome.equals(Outcome.DONE) | outcome.equals(Outcome.WATCHED)
         found: Flag = due & (stopped | (outcome.equals(Outcome.PAUSED) & last))

@@ -10,16 +10,16 @@ from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 
 def outstanding(times: Memory, place: Whole, end: Real, sign: Real) -> Flag:
-    """Whether there is an output time at a place, and it lies before the end of a step; NaN stands behind the last."""
+    """Return whether an output time at an index is before the end of a step. The times end with NaN."""
     found: Flag = (times[place] - end) * sign < 0.0
     return found
 
 
 @shared
 def write_outputs() -> Procedure:
-    """Return what writes the states at the output times on a step from t to `end`; it returns how many are done.
+    """Return the procedure that writes the states at the output times on a step from t to `end`.
 
-    A time at the end is left to the next step, which begins there.
+    It returns the number of output times that are done. A time at the end belongs to the next step.
     """
     p = Builder("write_outputs", "Write the states at the output times on a step, and return how many are done.")
     path = p.function("path", PATH)

@@ -1,4 +1,4 @@
-"""The path of a member inside a step, by the dense output of single runs: its polynomials, and states on them."""
+"""The path of a member on a step, by the dense output of single runs: its polynomials, and states on them."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from lagrange.procedure.taylor.sums import increment
 from lagrange.procedure.values import Memory, Real, Whole
 
 PATH = Callee((REAL, REAL, READ, Array(), WHOLE), ())
-"""What writes the state at a fraction of a step, or some entries of it: of the fraction, the length of the step in the
-unit of the polynomial, its memory, the state, and the degree."""
+"""A callback that writes the state at a fraction of a step, or some entries of it. Arguments: the fraction, the length
+of the step in the unit of the polynomial, the coefficients, the state, and the degree."""
 
 
 def polynomial_path(name: str, entries: Sequence[int], dimension: int) -> Procedure:
-    """Return the path by polynomials, whose unit is the whole step; the coefficients of a power stand together."""
+    """Return the path by polynomials in the fraction of the step; the coefficients of a power are adjacent."""
     p = Builder(name, "Write the state at a fraction of a step.")
     fraction, ratio = p.given("theta", REAL), p.given("ratio", REAL)
     c, out, degree = p.array("c", read=True), p.array("out"), p.given("degree", WHOLE)
@@ -37,7 +37,7 @@ def polynomial_path(name: str, entries: Sequence[int], dimension: int) -> Proced
 
 
 def series_path(layout: TaylorLayout, entries: Sequence[int]) -> Procedure:
-    """Return the path by the series of a step that has just been taken; the state before it is kept beside them."""
+    """Return the path by the series of the last step; the state before the step is stored with its rows."""
     p = Builder("series_path", "Write the state at a fraction of a step.")
     theta, ratio = p.given("theta", REAL), p.given("ratio", REAL)
     work, out = p.array("work", read=True), p.array("out")
@@ -58,12 +58,12 @@ class DenseOutput:
 
     @cached_property
     def column(self) -> Procedure:
-        """The right-hand side over columns, of which there is one."""
+        """The right-hand side as a law over columns, for one column."""
         return _of_column(self.law)
 
 
 class StepCoefficients:
-    """The step of a member and its polynomial, in memory of a procedure: the dense output that single runs have."""
+    """The polynomial of a member's step, in memory of a procedure: the same dense output as in single runs."""
 
     def __init__(self, p: Builder, dense: DenseOutput, dimension: int) -> None:
         kind = dense.kind
@@ -76,7 +76,7 @@ class StepCoefficients:
         self.c = p.reserve((kind.degree + 1) * dimension, room=LANES, name="c")
 
     def find(self, table: Memory, numbers: Memory) -> None:
-        """Find the polynomial of the step, from the numbers of the method and those of the law."""
+        """Write the polynomial of the step, from the numbers of the method and those of the law."""
         write_polynomial(self.p, self.kind, self.polynomial, (numbers, table), self.step, self.work, self.c)
 
 
@@ -98,7 +98,7 @@ def write_polynomial(
 
 
 def _of_column(law: Procedure) -> Procedure:
-    """Return a law of a time and a state as one over columns of which there is one; see `COLUMNS`."""
+    """Return a law of a time and a state as a law over columns, for one column; see `COLUMNS`."""
     p = Builder("law_of_column", "Write the right-hand side of a column, and return 0 where a matrix is singular.")
     p.given("columns", WHOLE)
     t, y = p.array("t", read=True), p.array("q", read=True)

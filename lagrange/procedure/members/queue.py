@@ -1,7 +1,7 @@
-"""One member after the other: each lane of a vector takes its next member when it is done with the one before.
+"""Queue of members: each lane of a vector takes its next member when the last one has ended.
 
-A lane is a number from 0 on, and takes every member whose number is its own plus a multiple of the number of lanes.
-What a member gives depends on its own numbers alone.
+A lane is a number from 0 on. It runs the members whose index is the lane plus a multiple of the number of lanes. The
+results of a member depend on its own numbers only.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ LANE = "lane"
 """The argument that differs from lane to lane; all others are common."""
 
 COUNTED = ("steps", "rejected", "evaluations")
-"""The counts that are kept of each member."""
+"""The counts that are returned for each member."""
 
 
 @dataclass(frozen=True)
 class Numbers:
-    """What procedures know beside a time and a state: parameters, and behind them what depends on them alone.
+    """The numbers of procedures in addition to time and state: parameters, then the values of them alone.
 
-    `size` is how many numbers these are. With `prepare` each member has `parameters` of its own, from which it writes
-    them; without it all members have one array of them.
+    `size` is their total number. With `prepare` each member has its own `parameters`, from which it computes all
+    numbers; otherwise all members share one array of them.
     """
 
     size: int
@@ -40,20 +40,20 @@ class Numbers:
 
 @dataclass(frozen=True)
 class Observed:
-    """Numbers that are kept of a state, `size` of them, by a procedure of time, state, numbers and results."""
+    """Numbers that are recorded of a state, `size` of them, by a procedure of time, state, numbers and results."""
 
     kernel: Procedure
     size: int
 
 
 class Members(ABC):
-    """Builds a procedure that runs members from t0 to t1; a method says how a run begins and how it goes on.
+    """Builds a procedure that runs members from t0 to t1. A method defines the start of a run and its steps.
 
-    Of `count` members, `starts` has the states [q, v], and `numbers` their parameters or the numbers of all; see
-    `Numbers`. The results are, by rows, the last states, times and outcomes, the counts, what is observed at the start
-    and at the end, the states at `wanted` output times, and what is made of expressions along the run; `points` are
-    those of its steps, and `table` has the numbers of the dense output. A member that is not DONE is where its run
-    stopped.
+    There are `count` members: `starts` has their states [q, v], and `numbers` their parameters or the common numbers;
+    see `Numbers`. The results have a row for each member: last states, times and outcomes, the counts, the observed
+    values at the start and at the end, the states at `wanted` output times, and the reductions of expressions along the
+    run. `points` are the sample points of a step, and `table` has the numbers of the dense output. A member whose
+    outcome is not DONE is at the point where its run stopped.
     """
 
     def __init__(self, dimension: int, numbers: Numbers, observed: Observed) -> None:
@@ -84,29 +84,29 @@ class Members(ABC):
 
     @abstractmethod
     def announce(self) -> None:
-        """Announce the arguments of the method's own, behind all others."""
+        """Add the parameters of the method, after all others."""
 
     @property
     @abstractmethod
     def state(self) -> list[Memory]:
-        """The state of the present member, in parts of equal length."""
+        """The state of the present member, as vectors of equal length."""
 
     @property
     @abstractmethod
     def along(self) -> Along | None:
-        """What is known of expressions along the run, if any are kept."""
+        """The reductions of expressions along the run, or None."""
 
     @abstractmethod
     def begin(self) -> None:
-        """Set up what the method keeps of a run, at its start."""
+        """Initialize the data that the method keeps of a run."""
 
     @abstractmethod
     def advance(self, last: Flag) -> Whole:
-        """Take a step, and return an outcome, PAUSED where the run goes on; after the `last` one it does not."""
+        """Take a step, and return an outcome, PAUSED if the run continues; after the `last` step it does not."""
 
     @property
     def attempts(self) -> Whole:
-        """How many steps of the present member were tried: no more than the budget."""
+        """Number of trial steps of the present member, which the budget bounds."""
         found: Whole = self.counts.steps + self.counts.rejected
         return found
 
@@ -126,10 +126,10 @@ class Members(ABC):
         return p.finish()
 
     def without_sizes(self, outcome: Whole) -> Whole:
-        """Return an outcome, PAUSED where a run under way asks for the sizes of its entries: it goes on without them.
+        """Return an outcome, but PAUSED if a run under way requests the sizes of its entries: it continues without.
 
-        They would raise floors, so its steps are at most shorter. A run ends that cannot begin without them, or has an
-        entry that may be rounding: its steps would shrink until none are left.
+        Sizes would only raise floors, so its steps are at most shorter. A run ends if it cannot begin without them, or
+        if an entry may be rounding: its steps would shrink to nothing.
         """
         p, counts = self.p, self.counts
         asked = outcome.equals(Outcome.UNSCALED) & (counts.steps > 0) & (counts.surveyed < MOST_SURVEYS)
@@ -154,7 +154,7 @@ class Members(ABC):
         return rounded
 
     def explained(self, outcome: Whole) -> Whole:
-        """Return an outcome, that of the last trials where steps shrank because these had no value."""
+        """Return an outcome. If steps shrank because trials had no value, it is the outcome of these trials."""
         p = self.p
         stuck = outcome.equals(Outcome.STEP_TOO_SMALL) & (self.counts.after_reject > 0)
         for cause in (Outcome.NON_FINITE, Outcome.SINGULAR):
@@ -162,7 +162,7 @@ class Members(ABC):
         return outcome
 
     def begin_member(self) -> None:
-        """Set up the run of the next member."""
+        """Initialize the run of the next member."""
         p, run, counts, n = self.p, self.run, self.counts, self.dimension
         member = self.member.value
         if self.known.prepare is not None:
@@ -188,7 +188,7 @@ class Members(ABC):
         self.begin()
 
     def observe(self, t: Real, results: Memory) -> None:
-        """Write what is observed at the state, as a row of some results."""
+        """Write the observed values of the state, as a row of some results."""
         p, size = self.p, self.observed.size
         if not size:
             return
@@ -202,7 +202,7 @@ class Members(ABC):
             target[i] = self.found[i]
 
     def end_member(self, outcome: Whole) -> None:
-        """Write the results of a member, and turn to the next."""
+        """Write the results of a member, and go to the next one."""
         p, member = self.p, self.member.value
         length = self.dimension // len(self.state)
         for k, part in enumerate(self.state):

@@ -1,6 +1,6 @@
 """Events of members on the steps of an explicit step program: each accepted step is reviewed before the next.
 
-What is irregular, such as an event that is not resolved, ends the member here: a run of its own decides.
+An irregular case, such as an event that is not resolved, ends the member here, and the member is run again alone.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 ROOM = MOST_ZEROS + 1
-"""So many zeros have room until they are taken over, which is done behind each step."""
+"""Number of zeros that can be stored until they are copied, which is done after each step."""
 
 Numbers = tuple[Memory, Memory]
 """The numbers of the law, and those of the dense output."""
 
 
 class StepOccurrences(FirstOccurrences):
-    """What is known of the events of a member, in memory of a procedure whose arguments this announces.
+    """The search for events of a member on steps, in memory of a procedure; adds its parameters.
 
-    Behind a review the run is at `time`, in the state `there`, a `part` of the step from its begin: at its end, unless
-    an event ends the run before.
+    After a review the run is at `time`, in the state `there`, at the fraction `part` of the step. This is the end of
+    the step, unless an event ends the run earlier.
     """
 
     def __init__(self, p: Builder, events: StepEvents, dimension: int) -> None:
@@ -39,7 +39,7 @@ class StepOccurrences(FirstOccurrences):
         self.terminal = p.array("terminal", WHOLE, read=True)
 
     def reserve(self, dense: DenseOutput) -> None:
-        """Reserve memory, behind all arguments."""
+        """Reserve memory, after all parameters have been added."""
         p, count, n = self.p, self.events.count, self.dimension
         self.reserve_counts()
         self.record: Any = p.reserve_record(REVIEW)
@@ -54,7 +54,7 @@ class StepOccurrences(FirstOccurrences):
         self.review = review_step(dense, self.events, n)
 
     def begin(self) -> None:
-        """Begin at the start of a member: nothing has happened, and no sides are known."""
+        """Reset the search at the start of a member: no events, and unknown sides."""
         self.forget()
         for name, kind in REVIEW.fields:
             setattr(self.record, name, 0.0 if kind is REAL else 0)
@@ -65,9 +65,9 @@ class StepOccurrences(FirstOccurrences):
             self.reals["stayed"][e] = 0.0
 
     def look(self, member: Whole, steps: Whole, step: OwnStep, end: Real, last: Flag, numbers: Numbers) -> Whole:
-        """Review a step up to a time, which is the `last` or not; return PAUSED or how the run ends.
+        """Review a step up to a time, which is the `last` or not; return PAUSED or the outcome of the run.
 
-        So many `steps` were taken with this one; `numbers` are those of the law and of the dense output.
+        `steps` is the number of steps including this one. `numbers` are those of the law and of the dense output.
         """
         p, record = self.p, self.record
         record.found, record.starts = 0, p.whole(steps.equals(1))
@@ -93,7 +93,7 @@ class StepOccurrences(FirstOccurrences):
         return self.reals["there"].at(slot * self.dimension)
 
     def end(self, step: OwnStep, end: Real) -> None:
-        """Let the run be at the event that ends it; at an end of the step it is at the accepted state."""
+        """Move the run to the event that ends it; at the end of a step that is the accepted state."""
         p, record = self.p, self.record
         s, slot = record.place, record.found
         begins, finishes = (s <= 0.0).called("begins"), (s >= 1.0).called("finishes")

@@ -1,7 +1,7 @@
 """The review of one step of a member for events: the same samples and decisions as on the blocks of single runs.
 
-The step goes in with its end, and what is known of each event; zeros that count come out, and why the review ended.
-See `lagrange.procedure.events.step_review`.
+Inputs are the step with its end, and the memory of each event. Results are the zeros that count, and the reason why the
+review ended. See `lagrange.procedure.events.step_review`.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from lagrange.procedure.members.paths import DenseOutput, write_polynomial
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 ONE = 1
-"""The steps of a block: one, since members stand side by side."""
+"""Steps in a block: one, because the lanes hold members."""
 
 
 @dataclass(frozen=True)
 class StepEvents:
-    """What members watch on their steps: `count` events by a procedure of time, state, numbers and results.
+    """The event functions of members on steps: `count` of them, by a procedure of time, state, numbers and results.
 
-    With `screened` steps are screened by cubics, as in single runs, whose steps have errors under control.
+    With `screened` steps are screened by cubics, as in single runs of methods with error control.
     """
 
     values: Procedure
@@ -37,7 +37,7 @@ class StepEvents:
 
 
 def review_step(dense: DenseOutput, events: StepEvents, dimension: int) -> Procedure:
-    """Return what reviews a step, and says why that ended; see `review`."""
+    """Return the procedure that reviews a step, and returns the reason for its end; see `review`."""
     p = Builder("review_step", "Find the zeros of events on a step, and say why that ended.")
     given = ReviewArguments(p)
     samples = _StepSamples(p, dense, events, dimension)
@@ -51,7 +51,7 @@ def review_step(dense: DenseOutput, events: StepEvents, dimension: int) -> Proce
     with p.when(given.screens & ~close.value):
         samples.sift()
         close.value = samples.is_doubtful(step)
-    # Members that have left a procedure are passed over by branches alone.
+    # Branches alone skip members that have left a procedure.
     with p.when(~given.screens | close.value):
         samples.follow()
         zeros.leave(IRREGULAR, step, condition=samples.bad.value)
@@ -67,7 +67,7 @@ def review_step(dense: DenseOutput, events: StepEvents, dimension: int) -> Proce
 
 
 class _StepSamples(Samples):
-    """Samples of one step, with laws and paths that are known, and memory of the procedure's own."""
+    """Samples of one step, with known laws and paths, in memory of the procedure itself."""
 
     columns = ONE
 
@@ -90,12 +90,12 @@ class _StepSamples(Samples):
         self.work = p.reserve(work_size(n, events.count, ONE), room=LANES, name="work")
 
     def gather(self, both: Any) -> None:
-        """Take the step as it was given."""
+        """Do nothing: the caller passes the step."""
         del both
         self.t_end[0] = self.end
 
     def writing(self, kind: StepPolynomial, law: Procedure, prefix: str) -> Callable[..., Any]:
-        """Return what writes the polynomial of a step, called as `POLYNOMIAL` says."""
+        """Return the callback that writes the polynomial of a step, with the signature `POLYNOMIAL`."""
         procedure = bound(kind.procedure, {"law": law}, prefix=prefix)
 
         def write(table: Memory, columns: int, own: Memory, beside: Memory, work: Memory, c: Memory) -> None:
@@ -106,7 +106,7 @@ class _StepSamples(Samples):
 
 
 def _calling(p: Builder, procedure: Procedure) -> Callable[..., Any]:
-    """Return what calls a procedure in the place of a function."""
+    """Return a Python function that calls a procedure, in the place of a function parameter."""
     return lambda *args: p.call(procedure, *args)
 
 

@@ -1,4 +1,4 @@
-"""Members that run by the steps of an explicit step program, with error control or equal."""
+"""Members that run by the steps of an explicit step program, with error control or with equal steps."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from lagrange.program.step import StepProgram
 
 
 class StepMembers(Members):
-    """Runs by the steps that the driver of single runs takes, with the law of the step program in a function.
+    """Runs members by the same steps as the driver of single runs, with the law of the step program as a procedure.
 
-    With `dense` the states at output times are written, by the dense output of single runs, and what is `sampled`; on
-    it `events` are found.
+    With `dense` it writes the states at output times and reduces `sampled` expressions, by the dense output of single
+    runs. The search for `events` uses it too.
     """
 
     def __init__(
@@ -48,21 +48,21 @@ class StepMembers(Members):
         self.effort: Any = p.reserve_record(EFFORT)
         self.none = p.reserve(1, name="none")
         self.whole = dense is None and step.control is None
-        """Whether all steps are taken at once."""
+        """True if all steps are taken in one call."""
         self.follower = None if dense is None else _Follower(self, dense, sampled)
 
     def announce(self) -> None:
-        """Announce what is watched, if anything is."""
+        """Add the parameters of the events, if there are any."""
         if self.events is not None:
             self.occurrences = StepOccurrences(self.p, self.events, self.dimension)
 
     @property
     def state(self) -> list[Memory]:
-        """The state, or coordinates and velocities apart."""
+        """The state as one vector, or as coordinates and velocities."""
         return [self.work.at(self.layout.place(k)) for k in range(self.program.states)]
 
     def begin(self) -> None:
-        """Clear what the law reads and a step does not write: velocities, where it moves coordinates alone."""
+        """Clear the entries that the law reads and no step writes: velocities, if the step moves only coordinates."""
         if self.program.law == "accelerations":
             velocities = self.work.at(self.layout.argument + self.layout.length)
             with self.p.each(self.layout.length, width=1) as i:
@@ -71,7 +71,7 @@ class StepMembers(Members):
             self.follower.begin()
 
     def advance(self, last: Flag) -> Whole:
-        """Take a trial step, or all of equal length: then all members are done at once."""
+        """Take a trial step, or all equal steps at once, which finishes the member."""
         p = self.p
         trials = p.choose(last, 0, self.budget if self.whole else p.whole(1))
         given = {"parameters": self.held, "constants": self.held, "run": self.run, "counts": self.counts}
@@ -90,17 +90,17 @@ class StepMembers(Members):
 
     @property
     def attempts(self) -> Whole:
-        """How many steps were tried; all at once are as many as there may be."""
+        """Number of trial steps; the whole budget if all steps are taken at once."""
         return self.budget if self.whole else super().attempts
 
     @property
     def along(self) -> Along | None:
-        """What is known of expressions along the run, if any are kept."""
+        """The reductions of expressions along the run, or None."""
         return None if self.follower is None else self.follower.along
 
 
 class _Follower:
-    """Follows the steps of members on their polynomials: states at output times, and expressions along a run."""
+    """Follows steps of members by their polynomials: states at output times, and expressions along a run."""
 
     def __init__(self, members: StepMembers, dense: DenseOutput, sampled: Sampled | None) -> None:
         p = self.p = members.p
@@ -127,7 +127,7 @@ class _Follower:
             self.along.begin(self.members.run.t, self.step.step.new)
 
     def copy(self, to: Memory) -> None:
-        """Copy the state, whose parts may stand apart."""
+        """Copy the state, whose vectors need not be adjacent, to an array."""
         parts = self.members.state
         length = self.dimension // len(parts)
         for k, part in enumerate(parts):
@@ -135,7 +135,7 @@ class _Follower:
                 to.at(k * length)[i] = part[i]
 
     def before(self) -> Whole:
-        """Note where the next step begins, and return how many were taken."""
+        """Record the beginning of the next step, and return the number of accepted steps."""
         self.step.step.t[0] = self.members.run.t
         self.copy(self.step.step.y)
         found: Whole = self.members.counts.steps
@@ -144,7 +144,7 @@ class _Follower:
     def follow(self) -> Whole | None:
         """Follow an accepted step: events on it, states at output times, and expressions along it.
 
-        Return PAUSED or how the run ends, None if nothing is watched.
+        Return PAUSED or the outcome of the run, or None without events.
         """
         p, members, step = self.p, self.members, self.step.step
         t, end = step.t[0], members.run.t
@@ -161,7 +161,7 @@ class _Follower:
         return ended
 
     def watch(self, occurrences: StepOccurrences, end: Real) -> Whole:
-        """Find the events on a step, and let the run be where one of them ends it."""
+        """Find the events on a step, and move the run to an event that ends it."""
         p, members = self.p, self.members
         steps, last, numbers = members.counts.steps, end.equals(members.t1), (members.held, members.table)
         found = occurrences.look(members.member.value, steps, self.step.step, end, last, numbers)
@@ -172,7 +172,7 @@ class _Follower:
         return found
 
     def put(self, state: Memory) -> None:
-        """Let the run be at a state, whose parts may stand apart."""
+        """Set the state, whose vectors need not be adjacent."""
         parts = self.members.state
         length = self.dimension // len(parts)
         for k, part in enumerate(parts):
@@ -180,7 +180,7 @@ class _Follower:
                 part[i] = state.at(k * length)[i]
 
     def look_along(self, along: Along, t: Real, end: Real) -> None:
-        """Look at expressions along a step, or along the part of it up to the event that ends the run."""
+        """Sample expressions along a step, or along its part up to the event that ends the run."""
         p, members, occurrences = self.p, self.members, self.members.occurrences
         self.step.find(members.table, members.held)
         part = p.real(1.0)

@@ -17,7 +17,7 @@ from lagrange.procedure.values import Flag, Memory, Whole
 
 
 class TaylorMembers(Members):
-    """Runs by the steps that the driver of single runs takes, with the series in a function `jet`."""
+    """Runs members by the same steps as the driver of single runs, with the series as the procedure `jet`."""
 
     def __init__(
         self,
@@ -48,7 +48,7 @@ class TaylorMembers(Members):
         self.digits = (-p.call(logarithm(), self.rtol)).called("digits")
 
     def announce(self) -> None:
-        """Announce what is watched, if anything is."""
+        """Add the parameters of the events, if there are any."""
         if self.events is not None:
             self.occurrences = Occurrences(self.p, self.events, self.dimension)
 
@@ -59,17 +59,17 @@ class TaylorMembers(Members):
 
     @property
     def attempts(self) -> Whole:
-        """How many steps were tried, with the one that is not proven."""
+        """Number of trial steps, including the one that is not proven."""
         found: Whole = super().attempts + self.before.unproven
         return found
 
     @property
     def along(self) -> Along | None:
-        """What is known of expressions along the run, if any are kept."""
+        """The reductions of expressions along the run, or None."""
         return self._along
 
     def begin(self) -> None:
-        """Reset the compensation, the counters and the scale of time; no output has been written."""
+        """Reset the compensation, the counters, the scale of time and the outputs."""
         self.before.unproven = 0
         self.written.done = self.written.ahead = 0
         begin_run(self.p, self.layout, self.run, self.counts, self.taylor, self.before, self.work)
@@ -79,7 +79,7 @@ class TaylorMembers(Members):
             self.occurrences.begin(self.taylor)
 
     def advance(self, last: Flag) -> Whole:
-        """Prove the step before, and take the next one."""
+        """Prove the last step, and take the next one."""
         p = self.p
         given = {"prepared": self.held, "constants": self.held, "run": self.run, "counts": self.counts}
         given |= {"taylor": self.taylor, "floors": self.floors, "held": self.before, "outputs": self.written}
@@ -98,7 +98,7 @@ class TaylorMembers(Members):
         return found if self.occurrences is None else self.watch(self.occurrences, found, last)
 
     def watch(self, occurrences: Occurrences, outcome: Whole, last: Flag) -> Whole:
-        """Take over what has happened, and return the outcome: ENDED_BY_EVENT where an event ends the run."""
+        """Copy the events of proven steps, and return the outcome: ENDED_BY_EVENT if an event ends the run."""
         p, member = self.p, self.member.value
         occurrences.take(member)
         ended = occurrences.ended(outcome, self.before.unproven, last)
@@ -108,7 +108,7 @@ class TaylorMembers(Members):
         return found
 
     def follow(self, along: Along, steps: Whole) -> None:
-        """Look at expressions on a step that was taken, while its series is there; the one before may be proven."""
+        """Sample expressions on the last step while its series is in memory; commit the one before if it is proven."""
         p, held = self.p, self.before
         with p.when(self.counts.steps > steps):
             along.accept()
