@@ -1,4 +1,4 @@
-"""Options of a run as given, and the tolerances of a driver; `methods/settings.py` has the defaults."""
+"""Options of a run as given, and the tolerances of a driver; `methods/tolerances.py` has the defaults."""
 
 from __future__ import annotations
 

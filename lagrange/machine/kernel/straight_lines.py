@@ -76,16 +76,16 @@ class StraightLines:
     def scalar(self) -> str:
         """Return `def name(p)`, which returns a function of (t, y): a number and a sequence of floats.
 
-        That function returns a tuple of floats, or None if a pivot of the mass matrix cannot be trusted.
+        The inner function returns a tuple of floats, or None if a pivot of the mass matrix cannot be trusted.
         """
         return _Floats(self.inner).source(self)
 
     def checked(self, arrays: Mapping[str, int]) -> str:
         """Return `def name(p)` as `scalar` does, for a function of t and of arrays with these numbers of entries.
 
-        That function returns a new array with finite entries. It returns None if t is not a float, if an array is not a
-        plain array of doubles of its length, if a result is not finite, and if Python raises. It is a single function,
-        because a call of another function takes as long as three operations.
+        The inner function returns a new array with finite entries. It returns None if t is not a float, if an array is
+        not a plain array of doubles of its length, if a result is not finite, and if Python raises. It is a single
+        function, because a call of another function takes as long as three operations.
         """
         return _Checked(self.inner, arrays).source(self)
 

@@ -47,8 +47,8 @@ def density(tree: Tree) -> int:
 def stage_weights(matrix: tuple[Coefficients, ...], order: int) -> Mapping[Tree, Coefficients]:
     """Return Phi_j(tree), (stages,), for every tree up to that order: sum_j b_j Phi_j = 1/gamma is its condition.
 
-    `matrix` is the lower triangle of a tableau, row i with at least i entries. Where an entry is a float, all are taken
-    as floats: the weights of order 9 are then had in milliseconds.
+    `matrix` is the lower triangle of a tableau, row i with at least i entries. If an entry is a float, all become
+    floats: the weights of order 9 then take milliseconds.
     """
     one: Coefficient = Fraction(1)
     if any(isinstance(entry, float) for row in matrix for entry in row):

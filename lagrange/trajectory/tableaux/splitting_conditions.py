@@ -22,7 +22,7 @@ HIGHEST_CHECKED = 10
 
 @lru_cache(maxsize=64)
 def check_words(name: str, order: int, flows: tuple[tuple[str, float], ...]) -> None:
-    """Hold a composition of ("kick" or "drift", part of a step) to an order; raise StatementError where it fails."""
+    """Check the order of a composition of ("kick" or "drift", part of a step). Raises StatementError if it fails."""
     if not 1 <= order <= HIGHEST_CHECKED:
         raise StatementError(f"{name} claims order {order}: orders from 1 to {HIGHEST_CHECKED} can be checked.")
     found = coefficients(order, tuple((what[0], part) for what, part in flows))
@@ -51,5 +51,5 @@ def coefficients(order: int, flows: tuple[tuple[str, float], ...]) -> dict[str, 
 
 
 def _tail(word: str, letter: str) -> int:
-    """Return with how many of the letter a word ends."""
+    """Return the number of times that a letter is repeated at the end of a word."""
     return len(word) - len(word.rstrip(letter))

@@ -195,7 +195,7 @@ _WEIGHTS = {
         5002.13326355941 -2803.5329461869956 639.3667927298665
     """),
 }
-"""The dense weights of the stages that have any, by the number of the stage from 0."""
+"""The dense weights of stages with any, by the index of the stage."""
 
 
 def _dense_weights() -> tuple[Coefficients, ...]:
@@ -205,7 +205,7 @@ def _dense_weights() -> tuple[Coefficients, ...]:
 
 @cache
 def verner9() -> ButcherTableau:
-    """Return the tableau, made and checked when it is first asked for: order 9 has 486 conditions."""
+    """Return the tableau, built and checked at the first call: order 9 has 486 conditions."""
     return ButcherTableau(
         name="verner9",
         order=9,
