@@ -201,7 +201,7 @@ def test_what_a_procedure_cannot_have_is_refused_with_its_place() -> None:
 
     refused(breaks, "`break`", "put the condition into the `while`")
     refused(raises, "`raise`", "return a status")
-    refused(grows, "values.append(a[i])", "no procedure")
+    refused(grows, "values.append(a[i])", "is not a procedure")
     refused(chained, "give it a name")
 
 
@@ -344,7 +344,7 @@ def test_a_parameter_of_another_type_is_refused() -> None:
     def untyped(x: str) -> float:
         return float(x)
 
-    with pytest.raises(LagrangeError, match="no type of a parameter"):
+    with pytest.raises(LagrangeError, match="not a type of a parameter"):
         procedure(untyped).form()
 
 
