@@ -24,7 +24,7 @@ from sympy import (
 )
 
 from lagrange.equations.decisions import seen_jacobi
-from lagrange.equations.point import Point, moving_points
+from lagrange.equations.point import MassPoint, moving_points
 from lagrange.equations.terms import TooLargeError
 from lagrange.equations.textbook_algebra import BUDGET, TextbookAlgebra
 from lagrange.errors import StatementError
@@ -107,7 +107,7 @@ class Derivation:
         return self._merged("the potential energy", self.statement.potential)
 
     @cached_property
-    def points(self) -> tuple[Point, ...]:
+    def points(self) -> tuple[MassPoint, ...]:
         """The named points whose kinetic energy is a term of T, with their velocities."""
         return self._written("the velocities of the points", moving_points)
 

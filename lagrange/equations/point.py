@@ -15,7 +15,7 @@ HALF = Rational(1, 2)
 
 
 @dataclass(frozen=True)
-class Point:
+class MassPoint:
     """A named point of `positions` that has mass: its position and velocity, (2,) or (3,), and T = mass speed^2 / 2.
 
     The velocity is merged and collected; the position is as it was stated.
@@ -28,7 +28,7 @@ class Point:
     squared_speed: Any
 
 
-def moving_points(page: TextbookAlgebra) -> tuple[Point, ...]:
+def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
     """Return the points for which a term of the stated T is half a mass times the square of their velocity.
 
     Each term is the energy of one point at most. Points are left out if each component of their velocity is a constant
@@ -45,7 +45,7 @@ def moving_points(page: TextbookAlgebra) -> tuple[Point, ...]:
             del left[place]
             if not all(_plain(page, rate) for rate in rates):
                 velocity = tuple(map(page.show, rates))
-                points.append(Point(name, mass, tuple(position), velocity, page.show(squared)))
+                points.append(MassPoint(name, mass, tuple(position), velocity, page.show(squared)))
     return tuple(points)
 
 

@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from lagrange.errors import FAULT, RunError
-from lagrange.evidence.sample import SAMPLE_KINDS, Point, SampleKind, Sampler
+from lagrange.evidence.sample import SAMPLE_KINDS, SampleKind, SamplePoint, Sampler
 from lagrange.statement.statement import Statement
 
 MOST_DRAWS = 16
@@ -34,7 +34,7 @@ Value = TypeVar("Value")
 
 def random_points(
     statement: Statement, seed: int, draws: int = MOST_DRAWS, kinds: Sequence[SampleKind] = ALL_KINDS
-) -> Iterator[Point]:
+) -> Iterator[SamplePoint]:
     """Yield `draws` random states with times and parameters, of each kind in turn; the same for the same seed."""
     sampler = Sampler(statement, seed)
     return (sampler.point(kinds[attempt % len(kinds)], attempt) for attempt in range(draws))
@@ -58,7 +58,7 @@ def holds(places: Iterable[Place], judge: Callable[[Place], bool | None], count:
     return True if seen == count else None
 
 
-Values = Callable[[Point], tuple[Sequence[float], Sequence[complex]]]
+Values = Callable[[SamplePoint], tuple[Sequence[float], Sequence[complex]]]
 """Function that returns compiled numbers and the values of their formulas at a point."""
 
 
@@ -70,7 +70,7 @@ def compared(what: str, statement: Statement, values: Values) -> None:
     holds(random_points(statement, seed=0), lambda point: agrees(what, statement, point, values), PLACES)
 
 
-def agrees(what: str, statement: Statement, point: Point, values: Values) -> bool | None:
+def agrees(what: str, statement: Statement, point: SamplePoint, values: Values) -> bool | None:
     """Return True if compiled numbers and formulas agree at a point, None if one has no value there.
 
     Raises RunError if they differ.

@@ -27,7 +27,7 @@ from lagrange.evidence.report import (
     entry_labels,
     is_finite,
 )
-from lagrange.evidence.sample import DRAWS_PER_KIND, SAMPLE_KINDS, Point, Sampler, solved_statement
+from lagrange.evidence.sample import DRAWS_PER_KIND, SAMPLE_KINDS, SamplePoint, Sampler, solved_statement
 from lagrange.machine.model import Model, Stated
 from lagrange.statement.coordinate import acceleration_of
 from lagrange.statement.number import whole_number
@@ -109,7 +109,7 @@ class _Session:
         self.sampler = Sampler(self.statement, seed)
         self.surface = ConstraintSurface(self.statement)
         self.quantities = QUANTITIES | (CONSTRAINT_QUANTITIES if self.statement.constraints else {})
-        self.used: list[Point] = []
+        self.used: list[SamplePoint] = []
         self.outside: Counter[str] = Counter()
         self.costly = 0
         self.ways: set[tuple[Any, int]] = set()
@@ -128,7 +128,7 @@ class _Session:
             if self._use(self._on_constraints(point) if kind.state == "initial" else point):
                 return
 
-    def _on_constraints(self, point: Point) -> Point:
+    def _on_constraints(self, point: SamplePoint) -> SamplePoint:
         """Return the nearest point at which the constraints hold, or the point itself if none is found near it.
 
         The definitions hold at any state. Some points satisfy the constraints because all motions do.
@@ -174,7 +174,7 @@ class _Session:
             seconds=time.perf_counter() - self.started,
         )
 
-    def _use(self, point: Point) -> bool:
+    def _use(self, point: SamplePoint) -> bool:
         columns = self._columns()
         try:
             ways = self._ways_at(point)
@@ -212,19 +212,21 @@ class _Session:
         more = math.ceil(width / share)
         return [f"The Jacobian is checked in {checked} of its {width} columns: points={more} checks all of them."]
 
-    def _compare(self, model: Model, point: Point, entries: Mapping[str, ReferenceEntries], columns: list[int]) -> None:
+    def _compare(
+        self, model: Model, point: SamplePoint, entries: Mapping[str, ReferenceEntries], columns: list[int]
+    ) -> None:
         for name, part in entries.items():
             row = self.quantities[name] if model is self.model else self._other_label()
             labels = entry_labels(name, self.statement, columns)
             self.comparison.add(row, labels, computed(model, name, point, columns), part)
 
-    def _compare_batch(self, point: Point, entries: Mapping[str, ReferenceEntries], columns: list[int]) -> None:
+    def _compare_batch(self, point: SamplePoint, entries: Mapping[str, ReferenceEntries], columns: list[int]) -> None:
         for name, part in entries.items():
             labels = entry_labels(name, self.statement, columns)
             for many, single in computed_batch(self.model, name, point, columns):
                 self.comparison.add(BATCH, labels, many, part.around(single))
 
-    def _compare_textbook(self, tape: Precise, point: Point, part: ReferenceEntries) -> None:
+    def _compare_textbook(self, tape: Precise, point: SamplePoint, part: ReferenceEntries) -> None:
         try:
             expected = tape(point.q, point.v, point.t, point.parameters)
         except OutsideDomain as reason:
@@ -233,7 +235,7 @@ class _Session:
         labels = entry_labels("accelerations", self.statement, [])
         self.comparison.add(TEXTBOOK, labels, computed(self.model, "accelerations", point, []), part.around(expected))
 
-    def _compare_absence(self, point: Point) -> None:
+    def _compare_absence(self, point: SamplePoint) -> None:
         """Record a failure if the compiled L has a value at a point where the stated L has none."""
         try:
             self.reference.lagrangian(point.q, point.v, point.t, point.parameters)
@@ -245,7 +247,7 @@ class _Session:
             if is_finite(value):
                 self.comparison.report_unexplained(f"L has no value ({reason}), but the compiled one is {value:.17g}")
 
-    def _ways_at(self, point: Point) -> set[tuple[Any, int]]:
+    def _ways_at(self, point: SamplePoint) -> set[tuple[Any, int]]:
         ways = zip(self.reference.switches, self.reference.inspect(point), strict=True)
         return {(switch, way) for switch, way in ways if way is not None}
 

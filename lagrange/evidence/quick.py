@@ -30,7 +30,7 @@ from lagrange.evidence.laws import DifferenceSteps, along
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.report import LIMIT, TINY, relative_error
-from lagrange.evidence.sample import Point, Sampler, sampled_statement
+from lagrange.evidence.sample import SamplePoint, Sampler, sampled_statement
 from lagrange.machine.model import Model
 from lagrange.statement.statement import Statement
 
@@ -64,7 +64,7 @@ def quick_check(model: Model) -> None:
     probe = _Probe(statement)
     confirmations = suspicious = 0
 
-    def passes(point: Point) -> bool | None:
+    def passes(point: SamplePoint) -> bool | None:
         nonlocal confirmations, suspicious
         a = _accelerations(model, of_model(point))
         virtual = [w * (abs(x) or 1.0) for w, x in zip(probe.direction, point.q, strict=True)]
@@ -84,7 +84,7 @@ def quick_check(model: Model) -> None:
     holds(chain(random_points(statement, 0, MOST_DRAWS), [Sampler(statement, 0).initial()]), passes, 1)
 
 
-def _accelerations(model: Model, point: Point) -> list[float]:
+def _accelerations(model: Model, point: SamplePoint) -> list[float]:
     """Return the accelerations from the compiled kernel that runs use; NaN if it raises RunError."""
     try:
         return [float(x) for x in model.accelerations(point.q, point.v, point.t, point.parameters)]
@@ -92,7 +92,7 @@ def _accelerations(model: Model, point: Point) -> list[float]:
         return [math.nan] * len(point.q)
 
 
-def _allowed(model: Model, point: Point, direction: Sequence[float]) -> list[float]:
+def _allowed(model: Model, point: SamplePoint, direction: Sequence[float]) -> list[float]:
     """Return the part of a direction that is orthogonal to the rows of the constraint gradient G, in doubles.
 
     G is the compiled one: if it is wrong, the constraint forces do not vanish along the result, and the test fails.
@@ -112,7 +112,7 @@ def _allowed(model: Model, point: Point, direction: Sequence[float]) -> list[flo
     return [float(x) for x in w]
 
 
-def _confirm(model: Model, statement: Statement, point: Point, a: Sequence[float]) -> bool:
+def _confirm(model: Model, statement: Statement, point: SamplePoint, a: Sequence[float]) -> bool:
     """Return True if the accelerations are right after all, False if the point cannot be used.
 
     Raises RunError if they are wrong.
@@ -147,7 +147,7 @@ class _Probe:
         self.held = Precise([constraint.expression for constraint in statement.constraints], statement, DIGITS)
         self.weights = [self.number(self._factor(0.5)) for _ in statement.constraints]
 
-    def has_value(self, point: Point) -> bool:
+    def has_value(self, point: SamplePoint) -> bool:
         """Return True if the energies, forces and constraints have values at the point."""
         try:
             for tape in (self.plain, self.forces, self.dissipation, self.held):
@@ -157,7 +157,7 @@ class _Probe:
             return False
         return True
 
-    def suspects(self, point: Point, a: Sequence[float], direction: Sequence[float]) -> bool:
+    def suspects(self, point: SamplePoint, a: Sequence[float], direction: Sequence[float]) -> bool:
         """Return True if a residual exceeds its rounding or has no value.
 
         `a` are the accelerations; `direction` is a direction that the constraints allow.
@@ -184,7 +184,7 @@ class _Probe:
             for (residual, _), (other, _) in zip(residuals, moved, strict=True)
         )
 
-    def _held(self, tape: Precise, point: Point, q: Any, v: Any, a: Any) -> list[tuple[Any, Any]]:
+    def _held(self, tape: Precise, point: SamplePoint, q: Any, v: Any, a: Any) -> list[tuple[Any, Any]]:
         """Return [(random combination of G a + gamma, its largest term)]; empty without constraints."""
         if not self.holonomic:
             return []
@@ -199,7 +199,7 @@ class _Probe:
         return [(sum(terms), max(map(abs, [*bias, *(x - b for x, b in zip(whole, bias, strict=True))])))]
 
     def _residual(
-        self, for_rate: Precise, for_force: Precise, point: Point, q: Any, v: Any, a: Any, w: Any
+        self, for_rate: Precise, for_force: Precise, point: SamplePoint, q: Any, v: Any, a: Any, w: Any
     ) -> tuple[Any, Any]:
         """Return the left-hand side of the projected equation along w, and the magnitude of its largest term.
 
@@ -226,7 +226,7 @@ class _Probe:
             terms.append(slope(self.dissipation, q, v, t, still, w))
         return sum(terms), max(map(abs, terms))
 
-    def _time_step(self, point: Point, q: Any, v: Any) -> Any:
+    def _time_step(self, point: SamplePoint, q: Any, v: Any) -> Any:
         """Return a time step in which no coordinate changes by more than `DIFFERENCE_STEP`, relative to its value."""
         times = [abs(x / y) for x, y in zip(q, v, strict=True) if x and y]
         if self.plain.uses_time or self.held.uses_time or not times:

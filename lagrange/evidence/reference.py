@@ -27,7 +27,7 @@ from lagrange.evidence.constraint_laws import (
 from lagrange.evidence.laws import DifferenceSteps, Numbers, Sources, extrapolate, local_terms
 from lagrange.evidence.precise import BeyondDoubles, Precise
 from lagrange.evidence.report import ReferenceEntries
-from lagrange.evidence.sample import Point
+from lagrange.evidence.sample import SamplePoint
 from lagrange.statement.statement import Statement
 
 DIGITS = 90
@@ -84,7 +84,7 @@ class Reference:
         self._loaded = any(force != 0 for force in statement.forces)
         self._samples = [_Perturbed.of(self, 6 * k) for k in range(SAMPLES)]
 
-    def at(self, point: Point, columns: Sequence[int]) -> dict[str, ReferenceEntries]:
+    def at(self, point: SamplePoint, columns: Sequence[int]) -> dict[str, ReferenceEntries]:
         """Return lagrangian, momenta, forces, mass_matrix, bias, energy, accelerations, rhs and jacobian by name.
 
         With constraints also constraints, constraint_gradient, constraint_bias, multipliers and constraint_forces.
@@ -121,7 +121,9 @@ class Reference:
         entries["jacobian"] = self._with_floor(entries["jacobian"], entries["accelerations"], point)
         return self._with_rates(entries, point, columns)
 
-    def _with_floor(self, slopes: ReferenceEntries, accelerations: ReferenceEntries, point: Point) -> ReferenceEntries:
+    def _with_floor(
+        self, slopes: ReferenceEntries, accelerations: ReferenceEntries, point: SamplePoint
+    ) -> ReferenceEntries:
         """Return the Jacobian of the accelerations with a lower limit for sizes: size of acceleration / size of state.
 
         Second derivatives of V may cancel where V and its gradient do not: V = sqrt(x**2 + 1) at x = 1e3 has a gradient
@@ -134,7 +136,7 @@ class Reference:
         return ReferenceEntries(slopes.value, slopes.error, sizes)
 
     def _with_rates(
-        self, entries: dict[str, ReferenceEntries], point: Point, columns: Sequence[int]
+        self, entries: dict[str, ReferenceEntries], point: SamplePoint, columns: Sequence[int]
     ) -> dict[str, ReferenceEntries]:
         """Return the entries with the upper halves of rhs and jacobian, v and (0 1), inserted."""
         n = len(point.q)
@@ -151,7 +153,7 @@ class Reference:
         """The conditions, Abs, sign, Min and Max in L, Q, D and the constraints: they select between formulas."""
         return self.lagrangian.switches + self.loads.switches + self.held.switches
 
-    def inspect(self, point: Point) -> tuple[int | None, ...]:
+    def inspect(self, point: SamplePoint) -> tuple[int | None, ...]:
         """Return the outcome of each switch at a point, or None for a switch without effect there.
 
         Raises OutsideDomain if L, Q, D or a constraint has no value, or exceeds double precision.
@@ -164,7 +166,7 @@ class Reference:
             outcomes += found.outcomes
         return outcomes
 
-    def _perturbed(self, k: int, point: Point, steps: DifferenceSteps, columns: Sequence[int]) -> Numbers:
+    def _perturbed(self, k: int, point: SamplePoint, steps: DifferenceSteps, columns: Sequence[int]) -> Numbers:
         """Return all quantities in one list, with every intermediate number perturbed, from perturbed copy `k`."""
         draw = random.Random(k)
         factors: dict[tuple[str, int], Any] = {}
@@ -206,7 +208,7 @@ class Reference:
         found = self._laws(sources, stated, point, steps, columns)
         return list(chain.from_iterable(found.values()))
 
-    def _plain(self, point: Point) -> tuple[Sources, StatedConstraints]:
+    def _plain(self, point: SamplePoint) -> tuple[Sources, StatedConstraints]:
         parameters = self._parameters(point)
 
         def exact(tape: Precise) -> laws.StateFunction:
@@ -242,10 +244,10 @@ class Reference:
             touched=local.touched.__getitem__ if local else (lambda j: range(n)),
         )
 
-    def _parameters(self, point: Point) -> dict[Any, Any]:
+    def _parameters(self, point: SamplePoint) -> dict[Any, Any]:
         return {p: self.number(x) for p, x in point.parameters.items()}
 
-    def _steps(self, point: Point) -> DifferenceSteps:
+    def _steps(self, point: SamplePoint) -> DifferenceSteps:
         step = self.number(DIFFERENCE_STEP)
         sizes_q = [abs(self.number(x)) or self.number(1) for x in point.q]
         sizes_v = [abs(self.number(x)) or self.number(1) for x in point.v]
@@ -257,7 +259,12 @@ class Reference:
         return DifferenceSteps([step * x for x in sizes_q], [step * x for x in sizes_v], step * min(times))
 
     def _laws(
-        self, source: Sources, held: StatedConstraints, point: Point, steps: DifferenceSteps, columns: Sequence[int]
+        self,
+        source: Sources,
+        held: StatedConstraints,
+        point: SamplePoint,
+        steps: DifferenceSteps,
+        columns: Sequence[int],
     ) -> dict[str, Numbers]:
         q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
         t, n, zero = self.number(point.t), len(point.q), self.number(0)

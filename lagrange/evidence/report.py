@@ -16,7 +16,7 @@ import numpy as np
 from lagrange.errors import RunError
 from lagrange.evidence.laws import Numbers
 from lagrange.evidence.precise import OutsideDomain
-from lagrange.evidence.sample import Point
+from lagrange.evidence.sample import SamplePoint
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.statement.notebook_page import ShownAsPage
@@ -226,7 +226,7 @@ class Comparison:
         self._place = ""
         self._number = 0
 
-    def start(self, point: Point, number: int) -> None:
+    def start(self, point: SamplePoint, number: int) -> None:
         """Set the point of the next comparisons and its number, which is 0 for a point outside the domain."""
         self._place = point.describe(self.names)
         self._number = number
@@ -313,7 +313,7 @@ def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> lis
     return list(names)
 
 
-def computed(model: Model, name: str, point: Point, columns: Sequence[int]) -> list[float]:
+def computed(model: Model, name: str, point: SamplePoint, columns: Sequence[int]) -> list[float]:
     """Return the compiled entries of a quantity, flattened; all NaN if the model raises RunError."""
     q, v = np.array(point.q), np.array(point.v)
     try:
@@ -324,7 +324,7 @@ def computed(model: Model, name: str, point: Point, columns: Sequence[int]) -> l
 
 
 def computed_batch(
-    model: Model, name: str, point: Point, columns: Sequence[int]
+    model: Model, name: str, point: SamplePoint, columns: Sequence[int]
 ) -> Iterator[tuple[list[float], list[float]]]:
     """Yield (entries from a batch, entries from a single evaluation) for each of `LANES` states near the point."""
     near = [_beside(point, 1e-6 * k) for k in range(LANES)]
@@ -352,7 +352,7 @@ def _evaluate(
     return np.asarray(model.evaluate(name, q, v, t, parameters))
 
 
-def _beside(point: Point, shift: float) -> Point:
+def _beside(point: SamplePoint, shift: float) -> SamplePoint:
     """Return a point with a relative shift, so that the lanes of a batch differ."""
     q, v = (tuple(x * (1.0 + shift) for x in values) for values in (point.q, point.v))
-    return Point(q, v, point.t * (1.0 + shift), point.parameters, point.kind)
+    return SamplePoint(q, v, point.t * (1.0 + shift), point.parameters, point.kind)

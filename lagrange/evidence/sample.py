@@ -182,7 +182,7 @@ class _Solution:
         return last
 
 
-def sampled_statement(model: Model) -> tuple[Statement, Callable[[Point], Point]]:
+def sampled_statement(model: Model) -> tuple[Statement, Callable[[SamplePoint], SamplePoint]]:
     """Return the statement that a model is tested with, and a function from its points to points of the model.
 
     Inputs of the model become polynomials in time with random coefficients, so that their values and rates are
@@ -204,7 +204,7 @@ def sampled_statement(model: Model) -> tuple[Statement, Callable[[Point], Point]
             table[symbol] = polynomial
             symbol, polynomial = rates[symbol], diff(polynomial, t)
 
-    def of_model(point: Point) -> Point:
+    def of_model(point: SamplePoint) -> SamplePoint:
         at = {**point.parameters, t: point.t}
         inputs = {symbol: float(value.xreplace(at)) for symbol, value in table.items()}
         values = {p: inputs[p] if p in inputs else point.parameters[p] for p in statement.parameters}
@@ -214,7 +214,7 @@ def sampled_statement(model: Model) -> tuple[Statement, Callable[[Point], Point]
 
 
 @dataclass(frozen=True)
-class Point:
+class SamplePoint:
     """A state, a time and a value for every parameter; `kind` says how it was chosen."""
 
     q: tuple[float, ...]
@@ -278,7 +278,7 @@ class Sampler:
         n = len(statement.coordinates)
         self._initial = (statement.initial[:n], statement.initial[n:])
 
-    def point(self, kind: SampleKind, attempt: int = 0) -> Point:
+    def point(self, kind: SampleKind, attempt: int = 0) -> SamplePoint:
         """Return a random point of a kind. Points near the initial state approach it as `attempt` grows."""
         near = kind.state == "initial"
         if near:
@@ -289,14 +289,14 @@ class Sampler:
         t = self._draw.uniform(0.1, 2.0) * (max(0.1, self.statement.run.t_end / 2) if near else 1.0)
         parameters = self._parameters(kind.parameters)
         q, v = self._placed(moves, self._sizes(tuple(parameters.values()), self.statement.initial if near else ()))
-        return Point(q, v, self._within(t), parameters, kind.name)
+        return SamplePoint(q, v, self._within(t), parameters, kind.name)
 
-    def initial(self) -> Point:
+    def initial(self) -> SamplePoint:
         """Return the initial state itself, at t = 0 with the default parameters."""
         q, v = self._initial
-        return Point(q, v, self._within(0.0), self._parameters("default"), "the initial state")
+        return SamplePoint(q, v, self._within(0.0), self._parameters("default"), "the initial state")
 
-    def far(self) -> Point:
+    def far(self) -> SamplePoint:
         """Return a point with numbers of many magnitudes, for branches that are rarely taken."""
         moves = [
             [(x if self._draw.random() < 0.5 else 0.0, self._of_order_one() * self._magnitude(), 1.0) for x in values]
@@ -305,7 +305,7 @@ class Sampler:
         t = abs(self._of_order_one()) * self._magnitude()
         parameters = self._parameters(self._draw.choice(("default", "near default", "order one")))
         q, v = self._placed(moves, self._sizes(tuple(parameters.values()), ()))
-        return Point(q, v, self._within(t), parameters, "far and wide")
+        return SamplePoint(q, v, self._within(t), parameters, "far and wide")
 
     def _placed(
         self, moves: Sequence[Sequence[Move]], scales: Sequence[float]

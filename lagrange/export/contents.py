@@ -12,7 +12,7 @@ from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.export.descriptions import WIDTH, statement_lines
 from lagrange.export.identifiers import ascii_name
 from lagrange.export.lines import wrapped
-from lagrange.export.module import Integrator, Quantity, Run, SourceModule, ValueNames
+from lagrange.export.module import ExportedIntegrator, ExportedQuantity, ExportedRun, SourceModule, ValueNames
 from lagrange.export.self_test import check_of, in_python, prepared_numbers, step_check
 from lagrange.export.target import QUANTITIES, SOLVED, Target, every_target
 from lagrange.graph import node
@@ -53,7 +53,7 @@ MAIN_RTOL = 1e-12
 
 
 @dataclass(frozen=True)
-class Wanted:
+class ExportContents:
     """The contents of an export: names of quantities, and names of methods with their steps, both in order.
 
     `main` and `taylor` are True if the run and the Taylor integrator are among them.
@@ -71,7 +71,7 @@ def wanted(
     contents: Sequence[str] | None,
     events: Sequence[Event],
     parameters: Mapping[Any, Any] | None,
-) -> Wanted:
+) -> ExportContents:
     """Return the requested contents. Raises StatementError for contents that the system or the target do not have."""
     names = list(dict.fromkeys((*target.always, *_names(contents, events))))
     quantities = [name for name in QUANTITIES if name in names]
@@ -86,7 +86,7 @@ def wanted(
     steps = tuple((name, step_of(name)) for name in dict.fromkeys(methods))
     if (steps or not quantities) and "rhs" not in quantities:
         quantities.insert(0, "rhs")
-    return Wanted(tuple(quantities), steps, MAIN in names, TAYLOR in names)
+    return ExportContents(tuple(quantities), steps, MAIN in names, TAYLOR in names)
 
 
 def _names(contents: Any, events: Sequence[Event]) -> list[str]:
@@ -196,7 +196,7 @@ def step_of(name: str) -> StepProgram:
 
 
 def module_of(
-    model: Model, asked: Wanted, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
+    model: Model, asked: ExportContents, events: Sequence[Event], parameters: Mapping[Any, Any] | None = None
 ) -> SourceModule:
     """Return the language-independent module of a model. Raises StatementError for a parameter without a value."""
     statement = model.statement
@@ -230,7 +230,7 @@ def module_of(
         series = _taylor(model, prepared.size, laws.get("projection"))
         preparing, size = series.prepare(preparing), prepared.size + series.numbers.size
         own = prune(series.taylor())
-        integrators = (*integrators, Integrator(TAYLOR, own.about, own, adaptive=True))
+        integrators = (*integrators, ExportedIntegrator(TAYLOR, own.about, own, adaptive=True))
     preparing = prune(preparing)
     p = prepared_numbers(preparing, size, statement, values)
     quantities = tuple(_quantity(model, name, one, prune(procedures[name])) for name, one in programs.items())
@@ -301,12 +301,12 @@ def _integrator(
     dimension: int,
     laws: Mapping[str, Procedure],
     prune: Callable[[Procedure], Procedure],
-) -> Integrator:
+) -> ExportedIntegrator:
     """Return the integrator of a method: one step, or a run with error control. It calls the procedures `laws`."""
     adaptive, own = step.control is not None, name.replace("-", "_")
     make: Callable[..., Procedure] = adaptive_run if adaptive else one_step
     made = bound(make(step, dimension, own, projected="projection" in laws), laws, prefix=f"{own}_")
-    return Integrator(own, made.about, prune(replace(made, name=own)), adaptive)
+    return ExportedIntegrator(own, made.about, prune(replace(made, name=own)), adaptive)
 
 
 def _taylor(model: Model, begin: int, projection: Procedure | None) -> TaylorProcedures:
@@ -332,9 +332,9 @@ ABOUT = {
 }
 
 
-def _quantity(model: Model, name: str, program: Program, procedure: Procedure) -> Quantity:
+def _quantity(model: Model, name: str, program: Program, procedure: Procedure) -> ExportedQuantity:
     results, unit = _results(name, model, program), _unit(name, model)
-    return Quantity(name, ABOUT[name], program, procedure, results, program.shape, unit)
+    return ExportedQuantity(name, ABOUT[name], program, procedure, results, program.shape, unit)
 
 
 def _unit(name: str, model: Model) -> str:
@@ -373,10 +373,10 @@ def _results(name: str, model: Model, program: Program) -> tuple[str, ...]:
             return tuple(f"event{k}" for k in range(len(program.outputs)))
 
 
-def _run(model: Model) -> Run:
+def _run(model: Model) -> ExportedRun:
     settings = model.statement.run
     rtol = MAIN_RTOL if settings.rtol is None else min(MAIN_RTOL, settings.rtol)
-    return Run(model.statement.initial, settings.t_end, INTERVALS, rtol)
+    return ExportedRun(model.statement.initial, settings.t_end, INTERVALS, rtol)
 
 
 # --- unknowns that a division gives: a zero divisor is tested separately

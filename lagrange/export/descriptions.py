@@ -12,7 +12,7 @@ from sympy.printing.str import StrPrinter
 
 from lagrange.export.identifiers import distinct
 from lagrange.export.lines import TOGETHER, commented, plain, wrapped
-from lagrange.export.module import Integrator, Run, SourceModule
+from lagrange.export.module import ExportedIntegrator, ExportedRun, SourceModule
 from lagrange.procedure.form import Array, Procedure, Record, ReserveRecord, inner
 from lagrange.procedure.outcome import Outcome
 from lagrange.show.notation.formula import Typesetter
@@ -133,14 +133,14 @@ def columns(module: SourceModule) -> str:
     return ",".join(["t", *map(plain, module.state)])
 
 
-def run_of(module: SourceModule) -> tuple[Run, Integrator] | None:
+def run_of(module: SourceModule) -> tuple[ExportedRun, ExportedIntegrator] | None:
     """Return the run of `main` and its integrator, or None if `main` is not exported."""
     if module.run is None:
         return None
     return module.run, next(one for one in module.integrators if one.adaptive)
 
 
-def integrator_of(module: SourceModule, name: str) -> Integrator:
+def integrator_of(module: SourceModule, name: str) -> ExportedIntegrator:
     """Return an integrator by name."""
     return next(one for one in module.integrators if one.name == name)
 

@@ -11,7 +11,7 @@ from lagrange.program.program import Instruction, Program
 
 
 @dataclass(frozen=True, eq=False)
-class Quantity:
+class ExportedQuantity:
     """A function of time, state and prepared numbers: its results by name, in C order, their shape, and their unit.
 
     `program` is its formula, for languages without assignment; `procedure` is its code, for the other languages.
@@ -27,7 +27,7 @@ class Quantity:
 
 
 @dataclass(frozen=True, eq=False)
-class Integrator:
+class ExportedIntegrator:
     """A function that takes one step, or if `adaptive` runs to an end; its parameters are those of its procedure."""
 
     name: str
@@ -105,7 +105,7 @@ class StepCheck:
 
 
 @dataclass(frozen=True)
-class Run:
+class ExportedRun:
     """The run of `main`: from the initial state to `t_end`; its table has `intervals` + 1 rows."""
 
     initial: tuple[float, ...]
@@ -134,15 +134,15 @@ class SourceModule:
     names: ValueNames
     prepare: Procedure
     prepared: int
-    quantities: tuple[Quantity, ...]
-    integrators: tuple[Integrator, ...] = ()
+    quantities: tuple[ExportedQuantity, ...]
+    integrators: tuple[ExportedIntegrator, ...] = ()
     checks: tuple[Check, ...] = ()
     step_checks: tuple[StepCheck, ...] = ()
-    run: Run | None = None
+    run: ExportedRun | None = None
     inputs: tuple[str, ...] = ()
     divisors: Program | None = None
 
-    def quantity(self, name: str) -> Quantity | None:
+    def quantity(self, name: str) -> ExportedQuantity | None:
         """Return a quantity by name, or None if it is not exported."""
         return next((one for one in self.quantities if one.name == name), None)
 

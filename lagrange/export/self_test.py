@@ -10,7 +10,7 @@ from itertools import islice
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.precise_run import NoValue, evaluate
 from lagrange.evidence.sample import SampleKind, Sampler
-from lagrange.export.module import Check, Integrator, StepCheck
+from lagrange.export.module import Check, ExportedIntegrator, StepCheck
 from lagrange.machine.python_source import loaded
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.outcome import Outcome
@@ -181,7 +181,7 @@ MOST_TRIES = 50
 """Largest number of steps in a tested run with error control: Python needs 10 ms a step for 50 bodies."""
 
 
-def step_check(integrator: Integrator, p: memoryview, statement: Statement) -> StepCheck:
+def step_check(integrator: ExportedIntegrator, p: memoryview, statement: Statement) -> StepCheck:
     """Return the test of an integrator; the expected result is that of its procedure, run in Python.
 
     It starts from the initial state, or from a state near it if the step fails there. Raises StatementError if the step

@@ -16,7 +16,7 @@ from lagrange.errors import StatementError
 from lagrange.export.descriptions import indices
 from lagrange.export.elimination import ROWS, Statements
 from lagrange.export.identifiers import ascii_name, distinct
-from lagrange.export.module import Quantity, SourceModule
+from lagrange.export.module import ExportedQuantity, SourceModule
 from lagrange.export.target import SOLVED
 from lagrange.graph.functions import CONDITIONS as FLAGS
 from lagrange.procedure.form import FLAG, REAL
@@ -350,7 +350,7 @@ def checked(program: Program, divisors: Program) -> Program:
 
 
 @dataclass(frozen=True, eq=False)
-class Function:
+class PrintedFunction:
     """A printed function: its lines, the condition that a matrix is singular, and the operations that it needs.
 
     `declared` are its local variables, `unused` the arguments that it does not read.
@@ -384,16 +384,16 @@ class Functions:
         last = first + len(module.parameters)
         self.names = replace(module.names, state=names[:first], parameters=names[first:last], entries=names[last:])
 
-    def _checked(self, one: Quantity) -> Program:
+    def _checked(self, one: ExportedQuantity) -> Program:
         return checked(one.program, self.divisors) if self.divisors and one.name in SOLVED else one.program
 
-    def quantity(self, one: Quantity) -> Function:
+    def quantity(self, one: ExportedQuantity) -> PrintedFunction:
         """Return the function of a quantity."""
         program = self.programs[one.name]
         printer = StraightLinePrinter(program, self.language, self.names.of(program), self.hoisted.kept(program))
         return self._function(printer, "out", range(len(one.results)))
 
-    def prepare(self) -> Function:
+    def prepare(self) -> PrintedFunction:
         """Return the function that writes the parameters and what depends on them alone into p."""
         hoisted, count = self.hoisted, len(self.module.parameters)
         tests = hoisted.zeros(self.divisors) if self.divisors else []
@@ -404,7 +404,7 @@ class Functions:
         printer.lines += [self._stored("p", k, printer.element("parameters", k)) for k in range(count)]
         return self._function(printer, "p", range(count, hoisted.size))
 
-    def _function(self, printer: StraightLinePrinter, array: str, places: Sequence[int]) -> Function:
+    def _function(self, printer: StraightLinePrinter, array: str, places: Sequence[int]) -> PrintedFunction:
         printer.values()
         stored, flags = printer.program.outputs[: len(places)], printer.program.outputs[len(places) :]
         lines = [self._stored(array, k, printer.number(ref)) for k, ref in zip(places, stored, strict=True)]
@@ -412,7 +412,7 @@ class Functions:
         status = printer.status(flags)
         written = [*printer.lines, *lines]
         unused = (*printer.unused, *([] if written else [array]))
-        return Function(written, status, printer.needed, printer.declared, unused)
+        return PrintedFunction(written, status, printer.needed, printer.declared, unused)
 
     def _stored(self, array: str, place: int, value: str) -> str:
         name = self.language.element.format(array, place + self.language.first)

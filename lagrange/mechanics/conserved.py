@@ -15,7 +15,7 @@ from lagrange.equations.terms import MonomialSum, TooLargeError, differentiable,
 from lagrange.equations.textbook_algebra import StatedAlgebra, TextbookAlgebra, canonical
 from lagrange.errors import FAULT, RunError, StatementError, formula, listing, shown, suggestion
 from lagrange.evidence.agreement import random_points, usable
-from lagrange.evidence.sample import Point
+from lagrange.evidence.sample import SamplePoint
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters, some_of
 from lagrange.mechanics.symmetries import (
@@ -295,7 +295,7 @@ REST = 1e-4
 class QuantityRates:
     """The rate of a quantity at K states of a model: `values` (K,), and `sizes` (K,), the magnitudes of its terms."""
 
-    points: Sequence[Point]
+    points: Sequence[SamplePoint]
     values: FloatArray
     sizes: FloatArray
 
@@ -325,7 +325,7 @@ def quantity_rates(model: Model, expressions: Sequence[Any]) -> list[QuantityRat
     return [QuantityRates(points, block.sum(axis=0), np.maximum(size, largest)) for block, size in pairs]
 
 
-def _placed(model: Model, point: Point) -> Point | None:
+def _placed(model: Model, point: SamplePoint) -> SamplePoint | None:
     """Return a close state that satisfies constraints and first-order equations of motion, or None."""
     if not len(model.equations.constraints):
         return point

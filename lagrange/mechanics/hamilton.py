@@ -13,7 +13,7 @@ import sympy
 from lagrange.equations.solve_plan import coupled_blocks
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.agreement import LARGEST_ERROR, compared, holds, random_points
-from lagrange.evidence.sample import Point
+from lagrange.evidence.sample import SamplePoint
 from lagrange.machine.model import Model
 from lagrange.mechanics.plain_form import (
     DIGITS,
@@ -205,7 +205,7 @@ def _with_roots_together(given: Any) -> Any:
 def _is_inverse(form: PlainForm, block: Sequence[int], symbols: Sequence[Any], found: Sequence[Any]) -> bool:
     """Return True if the formulas reproduce the velocities from their momenta, at a few random states."""
 
-    def reproduced(point: Point) -> bool | None:
+    def reproduced(point: SamplePoint) -> bool | None:
         values = form.at(point)
         momenta = [number(form.momenta[i], values) for i in block]
         if not all(p.imag == 0 for p in momenta):

@@ -25,7 +25,7 @@ from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.equations.regularity import known_statement
 from lagrange.errors import StatementError, formula, listing
 from lagrange.evidence.agreement import agrees, compared
-from lagrange.evidence.sample import Point
+from lagrange.evidence.sample import SamplePoint
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node
 from lagrange.graph.rebuild import substitute
@@ -275,18 +275,18 @@ def check(lin: Linearization, point: StatedPoint, model: Model) -> None:
     """
     statement = point.form.statement
 
-    def at_point(sample: Point) -> tuple[Any, Any]:
+    def at_point(sample: SamplePoint) -> tuple[Any, Any]:
         return _both(lin, point, model, _values(point, sample))
 
     if all(p in statement.defaults for p in statement.parameters if p not in point.inputs):
         defaults = {p: statement.defaults.get(p, 0.0) for p in statement.parameters}
         zero = (0.0,) * len(statement.coordinates)
-        agrees("the linearization", statement, Point(zero, zero, 0.3, defaults, "the point given"), at_point)
+        agrees("the linearization", statement, SamplePoint(zero, zero, 0.3, defaults, "the point given"), at_point)
     if not (point.decimal or lin.decimal):
         compared("the linearization", statement, at_point)
 
 
-def _values(point: StatedPoint, sample: Point) -> dict[Any, Any]:
+def _values(point: StatedPoint, sample: SamplePoint) -> dict[Any, Any]:
     """Return exact numbers for the parameters, the inputs and the time of a sample."""
     numbers = {p: sympy.Rational(x) for p, x in sample.parameters.items()} | {t: sympy.Rational(sample.t)}
     return numbers | {u: x.xreplace(numbers) for u, x in point.inputs.items()}
@@ -407,7 +407,7 @@ class AtPoint:
         return [[along(x) for x in row] for row in rows]
 
 
-class Elimination:
+class DependentCoordinates:
     """The m independent rows G of constraint gradients at a point, solved for m dependent coordinates."""
 
     def __init__(self, here: AtPoint, rows: Rows) -> None:
@@ -483,7 +483,7 @@ def expansion(point: StatedPoint) -> ConstrainedEquations:
     here = AtPoint(point)
     e, held = here.equations, here.equations.stated
     _check(here)
-    speeds, mass = Elimination(here, held.gradient), here.matrix(e.mass, here.n)
+    speeds, mass = DependentCoordinates(here, held.gradient), here.matrix(e.mass, here.n)
     if any(x.is_number and x.atoms(sympy.Function) for x in (*mass, *speeds.gradient)):
         decimals = point.in_decimals()  # sums of numbers such as sin(1/3) grow with every elimination
         if decimals.decimal and not point.decimal:
@@ -494,7 +494,7 @@ def expansion(point: StatedPoint) -> ConstrainedEquations:
         raise StatementError("the constraints leave no motion: there is nothing to linearise.")
     kept = held.part(speeds.kept)
     holonomic = [row for row, phi in zip(kept.gradient, kept.positions, strict=True) if phi is not None]
-    places = Elimination(here, holonomic)
+    places = DependentCoordinates(here, holonomic)
     N, B, product = speeds.null_space, places.null_space, here.product
     reduced = product(N.T, mass, N)
     rest = here.matrix([[h] for h in e.bias], 1)

@@ -15,7 +15,7 @@ from sympy.core.function import AppliedUndef
 
 from lagrange.equations.terms import Algebra, TooLargeError, differentiable, printable
 from lagrange.evidence.agreement import ALL_KINDS, MOST_DRAWS, holds, random_points
-from lagrange.evidence.sample import Point, SampleKind
+from lagrange.evidence.sample import SampleKind, SamplePoint
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.statement import Statement
@@ -270,7 +270,7 @@ class PlainForm:
         """The inverse of `plain`: {symbol: coordinate, velocity or acceleration of the statement}."""
         return {symbol: leaf for leaf, symbol in self.plain.items()}
 
-    def at(self, point: Point) -> dict[Any, Any]:
+    def at(self, point: SamplePoint) -> dict[Any, Any]:
         """Return a point as exact fractions, {symbol of a coordinate, velocity, parameter or t: fraction}."""
         numbers = [*zip(self.q, point.q, strict=True), *zip(self.v, point.v, strict=True)]
         numbers += [*point.parameters.items(), (t, point.t)]

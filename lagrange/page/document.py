@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from lagrange.page.script_data import moving_points
-from lagrange.show.figures.style import DARK, LIGHT, MOST_NAMED, Style, colours
+from lagrange.show.figures.style import DARK, LIGHT, MOST_NAMED, FigureStyle, colours
 from lagrange.show.notation.text import UnicodeNotation
 from lagrange.statement.statement import Statement
 
@@ -58,7 +58,7 @@ def colour_rules(statement: Statement) -> str:
     )
 
 
-def _variables(style: Style, count: int) -> str:
+def _variables(style: FigureStyle, count: int) -> str:
     lines = [*style.colours, *colours(count, style.colours)[len(style.colours) :]]
     named = {"paper": style.paper, "ink": style.ink, "quiet": style.quiet, "grid": style.grid}
     named |= {"accent": lines[0], "warning": lines[1]}

@@ -10,7 +10,7 @@ from html import escape
 from typing import Any, ClassVar
 
 from lagrange.equations.derivation import Derivation
-from lagrange.show.notation.formula import Line, LineWriter
+from lagrange.show.notation.formula import FormulaLine, LineWriter
 from lagrange.show.notation.latex_notation import LatexNotation
 from lagrange.show.notation.mathml_notation import MathmlNotation
 from lagrange.show.notation.sections import Formula, Section, sections
@@ -132,7 +132,7 @@ class LatexPage(Page):
 
     notation = LatexNotation
 
-    def aligned(self, lines: Sequence[Line], environment: str) -> str:
+    def aligned(self, lines: Sequence[FormulaLine], environment: str) -> str:
         """Return lines below one another."""
         rows = [
             f"{line.left} &= {line.right}"
@@ -149,7 +149,7 @@ class LatexPage(Page):
         lines = self.lines.formula(row)
         return self.in_one_line(lines[0]) if len(lines) == 1 else self.aligned(lines, "aligned")
 
-    def in_one_line(self, line: Line) -> str:
+    def in_one_line(self, line: FormulaLine) -> str:
         """Return a formula that consists of one line."""
         return f"{line.left} = {line.right}" if line.left else line.right
 

@@ -19,7 +19,7 @@ from lagrange.evidence import work_precision
 from lagrange.evidence.work_precision import TOLERANCES, Entry, Result
 from lagrange.machine.model import Model, Stated, stated
 from lagrange.show.figures.new_figure import new_figure
-from lagrange.show.figures.style import LineStyle, Style, dress, line_styles, on_paper, style_of
+from lagrange.show.figures.style import FigureStyle, LineStyle, dress, line_styles, on_paper, style_of
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.atomic_folder import write_together
@@ -87,7 +87,7 @@ def _below(race: Race, shown: list[Entry]) -> list[str]:
     return below + [note for note in race.notes if "does not take part" not in note]
 
 
-def _draw(axis: Axes, label: str, entries: list[Entry], own: LineStyle, style: Style) -> None:
+def _draw(axis: Axes, label: str, entries: list[Entry], own: LineStyle, style: FigureStyle) -> None:
     """Draw a method: open marks for other libraries, and open marks without a line for errors below the uncertainty."""
     rival = entries[0].method.startswith(("scipy-", "cvode"))
     common: dict[str, Any] = {"color": own.colour, "marker": own.marker, "markersize": 5.5, "markeredgewidth": 1.0}
@@ -119,7 +119,7 @@ def _short(size: float) -> str:
     return f"{size:.2g}" if 1e-2 < size < 1e3 else f"{mantissa.removesuffix('.0')}e{int(exponent)}"
 
 
-def _mark_limits(axis: Axes, race: Race, style: Style) -> None:
+def _mark_limits(axis: Axes, race: Race, style: FigureStyle) -> None:
     """Shade errors that no method in doubles reaches except by chance, if they are inside the picture."""
     low, high = axis.get_ylim()
     if low < race.floor < float("inf"):
@@ -139,7 +139,7 @@ def _mark_limits(axis: Axes, race: Race, style: Style) -> None:
         axis.set_ylim(low, high)
 
 
-def _dress(axis: Axes, race: Race, style: Style) -> None:
+def _dress(axis: Axes, race: Race, style: FigureStyle) -> None:
     start, end = race.span
     dress(axis, style)
     axis.set_title(f"{race.system}, t = {start:g} to {end:g}", loc="left", fontsize=11, color=style.ink)

@@ -6,7 +6,7 @@ import pytest
 
 import lagrange as lg
 from lagrange.evidence.agreement import compared, holds, random_points, usable
-from lagrange.evidence.sample import Point
+from lagrange.evidence.sample import SamplePoint
 
 
 def test_places_without_a_value_are_skipped() -> None:
@@ -29,7 +29,7 @@ def test_a_seed_gives_the_same_points_again() -> None:
 def test_a_wrong_formula_is_refused_and_one_without_values_is_not() -> None:
     statement = lg.scene("pendulum").statement
 
-    def values(share: float, point: Point) -> tuple[list[float], list[complex]]:
+    def values(share: float, point: SamplePoint) -> tuple[list[float], list[complex]]:
         return [1.0, point.q[0]], [1.0, point.q[0] * share]
 
     compared("the formula", statement, lambda point: values(1 + 1e-12, point))

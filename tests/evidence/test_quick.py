@@ -11,7 +11,7 @@ from lagrange.errors import RunError
 from lagrange.evidence.precise import Precise
 from lagrange.evidence.quick import quick_check
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.sample import Point
+from lagrange.evidence.sample import SamplePoint
 from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinate
 from lagrange.statement.declare import declare
@@ -28,12 +28,12 @@ def looked_at(model: StandIn) -> None:
 
 
 @pytest.fixture
-def confirmations(monkeypatch: pytest.MonkeyPatch) -> list[Point]:
+def confirmations(monkeypatch: pytest.MonkeyPatch) -> list[SamplePoint]:
     """The points at which the accelerations were looked at one by one."""
-    points: list[Point] = []
+    points: list[SamplePoint] = []
     look = Reference.at
 
-    def counted(self: Reference, point: Point, columns: Sequence[int]) -> Any:
+    def counted(self: Reference, point: SamplePoint, columns: Sequence[int]) -> Any:
         points.append(point)
         return look(self, point, columns)
 
@@ -43,7 +43,7 @@ def confirmations(monkeypatch: pytest.MonkeyPatch) -> list[Point]:
 
 @pytest.mark.few
 @pytest.mark.parametrize("make", statements.ALL, ids=lambda make: make.__name__)
-def test_what_is_right_passes_at_once(make: Callable[[], Statement], confirmations: list[Point]) -> None:
+def test_what_is_right_passes_at_once(make: Callable[[], Statement], confirmations: list[SamplePoint]) -> None:
     model = StandIn(make())
     looked_at(model)
     assert set(model.calls) == {"accelerations"}
@@ -79,7 +79,7 @@ def test_a_refusal_without_reason_is_refused() -> None:
         looked_at(Refusing(statements.kepler()))
 
 
-def test_a_singular_mass_matrix_is_no_fault_of_the_compiler(confirmations: list[Point]) -> None:
+def test_a_singular_mass_matrix_is_no_fault_of_the_compiler(confirmations: list[SamplePoint]) -> None:
     statement = declare(kinetic=(x.dot + y.dot) ** 2 / 2, potential=x * y, coordinates=[x, y], name="singular")
     model = Refusing(declare(kinetic=x.dot**2 + y.dot**2, potential=x * y, coordinates=[x, y], name="regular"))
     model.statement = statement
@@ -145,7 +145,7 @@ def test_it_costs_six_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("wrong", [1, 2])
 def test_a_large_system_is_asked_twice_before_a_full_test(
-    wrong: int, monkeypatch: pytest.MonkeyPatch, confirmations: list[Point]
+    wrong: int, monkeypatch: pytest.MonkeyPatch, confirmations: list[SamplePoint]
 ) -> None:
     monkeypatch.setattr("lagrange.evidence.quick.MOST_CONFIRMED", 1)
     left = [wrong]

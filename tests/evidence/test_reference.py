@@ -10,7 +10,7 @@ import sympy as sp
 from lagrange.evidence import laws
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler
+from lagrange.evidence.sample import SAMPLE_KINDS, SamplePoint, Sampler
 from lagrange.statement.coordinate import coordinate, t
 from lagrange.statement.declare import declare
 from lagrange.statement.statement import Statement
@@ -49,7 +49,7 @@ def test_every_quantity_agrees_with_symbolic_differentiation(make: Callable[[], 
             assert size <= 1e-10 or abs(value - expected) <= 1e-30 * size, (name, expression)
 
 
-def inside(reference: Reference, point: Point) -> bool:
+def inside(reference: Reference, point: SamplePoint) -> bool:
     try:
         reference.inspect(point)
     except OutsideDomain:
@@ -70,7 +70,7 @@ def test_sizes_are_those_of_the_terms(make: Callable[[], Statement]) -> None:
 
 def test_cancellation_makes_the_size_larger_than_the_value() -> None:
     statement = declare(kinetic=x.dot**2 / 2, potential=x - sp.sin(x), name="nearly flat")
-    point = Point((1e-5,), (0.3,), 0.0, {}, "")
+    point = SamplePoint((1e-5,), (0.3,), 0.0, {}, "")
     force = Reference(statement).at(point, [])["forces"]
     assert abs(force.value[0]) < 1e-10
     assert 0.2 < force.size[0] < 3
@@ -82,7 +82,7 @@ def test_terms_that_cancel_in_a_slope_alone_count() -> None:
     A factor on u**2 or on 1 + u**2 that is the same at all places changes the slope as little as the value.
     """
     statement = declare(kinetic=x.dot**2 / 2, potential=(1000 * x) ** 2 / (1 + (1000 * x) ** 2), name="saturated")
-    force = Reference(statement).at(Point((1.0,), (0.3,), 0.0, {}, ""), [])["forces"]
+    force = Reference(statement).at(SamplePoint((1.0,), (0.3,), 0.0, {}, ""), [])["forces"]
     assert abs(force.value[0]) < 3e-6
     assert 0.5 < force.size[0] < 10
 
@@ -90,7 +90,7 @@ def test_terms_that_cancel_in_a_slope_alone_count() -> None:
 def test_a_bias_that_cancels_identically_has_the_size_of_its_parts() -> None:
     """A total time derivative in L changes nothing, but costs digits; compiled code may leave some 1e-13."""
     statement = declare(lagrangian=x.dot**2 / 2 + 1000 * sp.cos(x) * x.dot, name="gauge")
-    bias = Reference(statement).at(Point((0.5,), (0.8,), 0.0, {}, ""), [])["bias"]
+    bias = Reference(statement).at(SamplePoint((0.5,), (0.8,), 0.0, {}, ""), [])["bias"]
     assert abs(bias.value[0]) < 1e-30
     assert 50 < bias.size[0] < 2000
 
@@ -98,21 +98,21 @@ def test_a_bias_that_cancels_identically_has_the_size_of_its_parts() -> None:
 def test_a_kink_under_the_stencil_is_no_point_to_use() -> None:
     statement = declare(kinetic=x.dot**2 / 2, potential=sp.Abs(x), name="kink")
     with pytest.raises(OutsideDomain, match="no derivative"):
-        Reference(statement).at(Point((0.0,), (1.0,), 0.0, {}, ""), [0])
+        Reference(statement).at(SamplePoint((0.0,), (1.0,), 0.0, {}, ""), [0])
 
 
 def test_numbers_that_doubles_cannot_hold_are_outside() -> None:
     statement = declare(kinetic=x.dot**2 / 2, potential=sp.exp(x**2), name="steep")
     reference = Reference(statement)
     with pytest.raises(OutsideDomain, match="range of double"):
-        reference.at(Point((30.0,), (1.0,), 0.0, {}, ""), [0])
-    assert reference.at(Point((3.0,), (1.0,), 0.0, {}, ""), [0])
+        reference.at(SamplePoint((30.0,), (1.0,), 0.0, {}, ""), [0])
+    assert reference.at(SamplePoint((3.0,), (1.0,), 0.0, {}, ""), [0])
 
 
 def test_a_singular_mass_matrix_is_outside() -> None:
     statement = declare(kinetic=(x.dot + y.dot) ** 2 / 2, potential=x * y, coordinates=[x, y], name="singular")
     with pytest.raises(laws.SingularMass):
-        Reference(statement).at(Point((0.4, 0.3), (1.0, 0.2), 0.0, {}, ""), [0])
+        Reference(statement).at(SamplePoint((0.4, 0.3), (1.0, 0.2), 0.0, {}, ""), [0])
 
 
 def test_solve_needs_pivoting_and_gets_it() -> None:
@@ -135,13 +135,15 @@ def test_sizes_without_a_factorization_fall_back_on_the_rows() -> None:
     assert [[float(v) for v in row] for row in sizes] == [[4, 4], [4, 4]]
 
 
-def steps(make: Callable[[], Statement], point: Point) -> Any:
+def steps(make: Callable[[], Statement], point: SamplePoint) -> Any:
     return Reference(make())._steps(point)
 
 
 def test_steps_follow_the_scale_of_the_motion() -> None:
-    slow = steps(statements.earth_and_moon, Point((1.5e11, 1.0, 1.5e11, 1.0), (1e-3, 3e4, 1e-3, 3e4), 5.0, {}, ""))
+    slow = steps(
+        statements.earth_and_moon, SamplePoint((1.5e11, 1.0, 1.5e11, 1.0), (1e-3, 3e4, 1e-3, 3e4), 5.0, {}, "")
+    )
     assert float(slow.q[0]) == pytest.approx(1.5e-7, abs=0)
     assert float(slow.motion) == pytest.approx(1e-18 / 3e4, abs=0)
-    timed = steps(statements.bead_on_hoop, Point((1.0,), (1e-9,), 3.0, {}, ""))
+    timed = steps(statements.bead_on_hoop, SamplePoint((1.0,), (1e-9,), 3.0, {}, ""))
     assert float(timed.motion) == pytest.approx(3e-18, abs=0)

@@ -1,6 +1,6 @@
 from __future__ import annotations
 
-from lagrange.evidence.sample import SAMPLE_KINDS, Point, SampleKind, Sampler
+from lagrange.evidence.sample import SAMPLE_KINDS, SampleKind, SamplePoint, Sampler
 from lagrange.statement.coordinate import coordinate, parameters
 from lagrange.statement.declare import declare
 from tests.evidence import statements
@@ -19,7 +19,7 @@ STATEMENT = declare(
 INITIAL, ALL_OF_ORDER_ONE, _, NEAR_INITIAL, _ = SAMPLE_KINDS
 
 
-def points(kind: SampleKind, count: int = 60) -> list[Point]:
+def points(kind: SampleKind, count: int = 60) -> list[SamplePoint]:
     sampler = Sampler(STATEMENT, seed=2)
     return [sampler.point(kind) for _ in range(count)]
 
@@ -79,5 +79,5 @@ def test_the_same_seed_draws_the_same_points() -> None:
 
 def test_a_point_describes_itself_in_the_users_symbols() -> None:
     (symbol,) = (parameters("m"),)
-    text = Point((0.1,), (2.0,), 3.0, {symbol: 4.0}, "").describe(["theta"])
+    text = SamplePoint((0.1,), (2.0,), 3.0, {symbol: 4.0}, "").describe(["theta"])
     assert text == "theta = 0.10000000000000001, theta_dot = 2, t = 3, m = 4"

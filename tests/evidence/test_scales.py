@@ -15,7 +15,7 @@ import lagrange as lg
 from lagrange.errors import RunError
 from lagrange.evidence.quick import quick_check
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler, Scales
+from lagrange.evidence.sample import SAMPLE_KINDS, SamplePoint, Sampler, Scales
 from lagrange.machine.model import Model
 from lagrange.statement.declare import declare
 from tests.evidence.stand_in import StandIn
@@ -131,7 +131,7 @@ def test_the_reference_of_held_systems_does_not_depend_on_units(held: str, seed:
         parameters = {m: 1.3 * mass, l: 1.1 * length, g: 0.7 * length / time**2}
         q, v = (0.4 * length, 1.0 * length, 0.9), (0.5 * length / time, -0.2 * length / time, 0.6 / time)
         parameters = {symbol: parameters[symbol] for symbol in statement.parameters}
-        entries = reference.at(Point(q, v, 0.1, parameters, "stated"), [0])
+        entries = reference.at(SamplePoint(q, v, 0.1, parameters, "stated"), [0])
         return [float(a) for a in entries["accelerations"].value]
 
     scaled = accelerations(length, mass, time)

@@ -9,7 +9,7 @@ from typing import Any
 
 import mpmath
 
-from lagrange.export.module import Quantity, SourceModule, ValueNames
+from lagrange.export.module import ExportedQuantity, SourceModule, ValueNames
 from lagrange.export.straight_line import with_outputs
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Procedure
@@ -76,7 +76,9 @@ def as_module(programs: Sequence[Program], more: Sequence[Procedure] = (), name:
     made = [(one, kernel(one, prepared, one.name, "Random operations.")) for one in programs]
     made += [(programs[0], one) for one in more]
     quantities = [
-        Quantity(one.name, one.about, program, one, tuple(f"r{k}" for k in range(_results(one))), (_results(one),))
+        ExportedQuantity(
+            one.name, one.about, program, one, tuple(f"r{k}" for k in range(_results(one))), (_results(one),)
+        )
         for program, one in made
     ]
     return SourceModule(

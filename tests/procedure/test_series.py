@@ -15,7 +15,7 @@ from hypothesis import HealthCheck, given, settings
 import lagrange as lg
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import LagrangeError, StatementError
-from lagrange.export.contents import Wanted, module_of
+from lagrange.export.contents import ExportContents, module_of
 from lagrange.machine.python_source import loaded
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.procedure.form import Procedure
@@ -120,7 +120,7 @@ def test_series_of_random_systems_are_those_of_the_machines(kinetic: Any, potent
 def exported(scene: str) -> tuple[System, Procedure, Procedure, int]:
     """Return a scene, what prepares its numbers, its integrator, and how many numbers there are."""
     system = lg.scene(scene)
-    asked = Wanted(("rhs",), (), main=False, taylor=True)
+    asked = ExportContents(("rhs",), (), main=False, taylor=True)
     module = module_of(system.compile(), asked, ())
     return system, module.prepare, module.integrators[-1].procedure, module.prepared
 

@@ -17,14 +17,14 @@ from lagrange.show.notation.formula import LineWriter
 from lagrange.show.notation.latex_notation import LatexNotation
 from lagrange.show.notation.mathml_notation import MathmlNotation
 from lagrange.show.notation.sections import (
+    ExpressionRows,
     Formula,
-    Grid,
     Partial,
     Product,
     Rate,
     ShownQuantity,
+    SignedTerms,
     Square,
-    Sum,
     Transpose,
     sections,
 )
@@ -131,9 +131,9 @@ class Motion:
                 for factor in factors[1:]:
                     value = value @ factor if value.ndim and factor.ndim else value * factor
                 return value
-            case Sum():
+            case SignedTerms():
                 return sum((-1 if negative else 1) * np.asarray(self.side(term)) for negative, term in side.terms)
-            case Grid():
+            case ExpressionRows():
                 return np.array([[self.number(entry) for entry in row] for row in side.rows])
         return self.number(side)
 
@@ -205,7 +205,7 @@ def test_each_side_is_what_the_compiled_model_gives(name: str) -> None:
 
 def size(motion: Motion, side: Any) -> float:
     """The largest term of a side, against which its rounding is measured."""
-    if isinstance(side, Sum):
+    if isinstance(side, SignedTerms):
         return max((float(np.max(np.abs(motion.side(term)))) for _, term in side.terms), default=0.0)
     if isinstance(side, sympy.Expr):
         return max(abs(motion.number(term)) for term in sympy.Add.make_args(side))

@@ -7,7 +7,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from xml.sax.saxutils import quoteattr
 
 from lagrange.export.descriptions import generator, run_of
-from lagrange.export.fmu.variables import DERIVATIVE, INDICATOR, INPUT, PARAMETER, RESULT, STATE, Variable, variables
+from lagrange.export.fmu.variables import (
+    DERIVATIVE,
+    INDICATOR,
+    INPUT,
+    PARAMETER,
+    RESULT,
+    STATE,
+    ScalarVariable,
+    variables,
+)
 from lagrange.export.module import SourceModule
 
 CAUSALITY = {
@@ -60,7 +69,7 @@ def _head(module: SourceModule, fmi: str, token: tuple[str, str]) -> dict[str, o
     }
 
 
-def _common(module: SourceModule, found: Sequence[Variable]) -> Iterator[str]:
+def _common(module: SourceModule, found: Sequence[ScalarVariable]) -> Iterator[str]:
     """Yield what both versions have alike: units, categories of messages, the run."""
     units = sorted({*(one.unit for one in found), module.units.get("t", "")} - {""})
     if units:
@@ -81,7 +90,7 @@ def _common(module: SourceModule, found: Sequence[Variable]) -> Iterator[str]:
     )
 
 
-def _attributes(one: Variable) -> dict[str, object]:
+def _attributes(one: ScalarVariable) -> dict[str, object]:
     causality, variability, initial = CAUSALITY[one.kind]
     return {
         "name": one.name,
@@ -98,7 +107,7 @@ def _derivatives(module: SourceModule) -> str:
     return "true" if module.quantity("jacobian") and not module.inputs else "false"
 
 
-def _start(one: Variable) -> str | None:
+def _start(one: ScalarVariable) -> str | None:
     return None if one.start is None else number(one.start)
 
 

@@ -18,7 +18,7 @@ RESULT, INDICATOR = "result", "indicator"
 
 
 @dataclass(frozen=True)
-class Variable:
+class ScalarVariable:
     """A real variable: `start` is its first value; `of` is the reference of the state that a derivative belongs to."""
 
     name: str
@@ -39,7 +39,7 @@ def places(module: SourceModule) -> dict[str, int]:
     return found
 
 
-def variables(module: SourceModule) -> list[Variable]:
+def variables(module: SourceModule) -> list[ScalarVariable]:
     """Return the variables in the order of their references: state, parameters, derivatives, results.
 
     Names are those of the statement; a name that is taken gets a number as suffix.
@@ -51,16 +51,16 @@ def variables(module: SourceModule) -> list[Variable]:
     half, first = len(module.state) // 2, []
     for k, name in enumerate(module.state):
         about = f"velocity of {module.state[k - half]}" if k >= half else "coordinate"
-        first.append(Variable(named(name), 1 + k, STATE, about, module.units.get(name, ""), initial[k]))
+        first.append(ScalarVariable(named(name), 1 + k, STATE, about, module.units.get(name, ""), initial[k]))
     for k, name in enumerate(module.parameters, 1 + len(module.state)):
         value = module.values[k - 1 - len(module.state)]
         kind = INPUT if name in module.inputs else PARAMETER
         about = "input: may change at any time" if kind == INPUT else "parameter"
-        first.append(Variable(named(name), k, kind, about, module.units.get(name, ""), value))
+        first.append(ScalarVariable(named(name), k, kind, about, module.units.get(name, ""), value))
     return [*first, *_results(module, named)]
 
 
-def _results(module: SourceModule, named: Callable[[str], str]) -> Iterator[Variable]:
+def _results(module: SourceModule, named: Callable[[str], str]) -> Iterator[ScalarVariable]:
     """Yield the variables of results, quantity by quantity, for `rhs` the derivatives of the state."""
     first = places(module)
     for one in module.quantities:
@@ -69,10 +69,12 @@ def _results(module: SourceModule, named: Callable[[str], str]) -> Iterator[Vari
             if one.name == "rhs":
                 state = module.state[k]
                 about = f"time derivative of {state}"
-                yield Variable(named(f"der({state})"), reference, DERIVATIVE, about, _rate_unit(module, k), of=1 + k)
+                yield ScalarVariable(
+                    named(f"der({state})"), reference, DERIVATIVE, about, _rate_unit(module, k), of=1 + k
+                )
             elif one.name not in HIDDEN:
                 kind = INDICATOR if one.name == "events" else RESULT
-                yield Variable(named(name), reference, kind, one.about, one.unit)
+                yield ScalarVariable(named(name), reference, kind, one.about, one.unit)
 
 
 def _rate_unit(module: SourceModule, k: int) -> str:

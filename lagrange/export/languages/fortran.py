@@ -11,7 +11,7 @@ from lagrange.export.identifiers import LONGEST, distinct
 from lagrange.export.lines import commented, continued
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
-from lagrange.export.straight_line import Function, Functions, Language
+from lagrange.export.straight_line import Functions, Language, PrintedFunction
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, WORDS, Literals, Operator, call
 
@@ -207,7 +207,7 @@ def source(module: SourceModule) -> str:
     return "\n".join([*lines, *LANGUAGE.definitions(functions.needed), f"end module {name}", ""])
 
 
-def _subroutine(name: str, given: str, about: str, function: Function) -> Iterator[str]:
+def _subroutine(name: str, given: str, about: str, function: PrintedFunction) -> Iterator[str]:
     """Yield a subroutine; the last argument but `singular` is the array that it writes."""
     *arrays, made = given.split(", ")
     size = 1

@@ -10,7 +10,7 @@ from lagrange.export.identifiers import distinct
 from lagrange.export.lines import commented, wrapped
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
-from lagrange.export.straight_line import Function, Functions, Language
+from lagrange.export.straight_line import Functions, Language, PrintedFunction
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 
@@ -133,7 +133,7 @@ def source(module: SourceModule) -> str:
     return "\n".join([*lines, *printed, "end", ""])
 
 
-def _function(head: str, about: str, function: Function, least: Mapping[str, int]) -> Iterator[str]:
+def _function(head: str, about: str, function: PrintedFunction, least: Mapping[str, int]) -> Iterator[str]:
     """Yield a function; `least` are the smallest lengths of its arrays. A line ends its statement in Julia."""
     yield from ('"""', f"    {head}", "")
     yield from (line.replace('"', "'").replace("$", "") for line in wrapped(about, WIDTH))

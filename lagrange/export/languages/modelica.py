@@ -11,7 +11,7 @@ from lagrange.export.identifiers import distinct
 from lagrange.export.lines import commented, plain
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
-from lagrange.export.straight_line import Function, Functions, Language
+from lagrange.export.straight_line import Functions, Language, PrintedFunction
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, WORDS, Literals, Operator, call
 
@@ -202,7 +202,7 @@ def function_lines(functions: Functions) -> Iterator[str]:
     yield "end Functions;"
 
 
-def _function(name: str, given: Mapping[str, int], made: str, function: Function, finite: str) -> Iterator[str]:
+def _function(name: str, given: Mapping[str, int], made: str, function: PrintedFunction, finite: str) -> Iterator[str]:
     """Yield a function: its arguments by name with their lengths (0 for a number), and the array that it makes."""
     yield f"function {name}"
     yield from (f"  input Real {one};" if one == "t" else f"  input Real {one}[{size}];" for one, size in given.items())

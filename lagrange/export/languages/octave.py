@@ -13,7 +13,7 @@ from lagrange.export.identifiers import LONGEST
 from lagrange.export.lines import commented, continued, number_lines
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
-from lagrange.export.straight_line import Function, Functions, Language
+from lagrange.export.straight_line import Functions, Language, PrintedFunction
 from lagrange.export.target import Target, register
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 
@@ -140,7 +140,7 @@ def _defaults(module: SourceModule, prefix: str) -> str:
     return "\n".join(lines)
 
 
-def _text(module: SourceModule, head: str, about: Sequence[str], function: Function, size: int) -> str:
+def _text(module: SourceModule, head: str, about: Sequence[str], function: PrintedFunction, size: int) -> str:
     """Return the file of a function that makes an array of a size, followed by the functions that it calls."""
     array = head[1 : head.index(",")]
     lines = [

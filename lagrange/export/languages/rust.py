@@ -10,7 +10,7 @@ from lagrange.export.identifiers import distinct
 from lagrange.export.lines import commented, continued
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
-from lagrange.export.straight_line import Function, Functions, Language
+from lagrange.export.straight_line import Functions, Language, PrintedFunction
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 
@@ -226,7 +226,7 @@ def source(module: SourceModule) -> str:
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
-def _function(head: str, about: str, function: Function, slices: str) -> Iterator[str]:
+def _function(head: str, about: str, function: PrintedFunction, slices: str) -> Iterator[str]:
     """Yield a function; `slices` checks the lengths of its arrays once."""
     yield from commented(about, "///")
     yield head

@@ -18,7 +18,7 @@ from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
-from lagrange.evidence.sample import Point, Sampler
+from lagrange.evidence.sample import SamplePoint, Sampler
 from lagrange.mechanics.grading.motion_samples import MotionSample, MotionStates, motion_samples
 from lagrange.mechanics.grading.student_equations import HELD, EquationRow, StudentEquation, row_of
 from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, Write
@@ -55,7 +55,7 @@ def branch_samples(
     if not switches:
         return [], []
 
-    def ways(point: Point) -> tuple[int | None, ...]:
+    def ways(point: SamplePoint) -> tuple[int | None, ...]:
         return (*states.reference.inspect(point), *(way for row in rows for way in row.ways(point)))
 
     samples: list[MotionSample] = []
@@ -83,7 +83,7 @@ def _numbers(statement: Statement, rows: Sequence[EquationRow]) -> list[float]:
     return sorted(x for x in numbers | {1.0} if x and math.isfinite(x))
 
 
-def _points(statement: Statement, numbers: Sequence[float]) -> Iterator[Point]:
+def _points(statement: Statement, numbers: Sequence[float]) -> Iterator[SamplePoint]:
     """Yield `DRAWS` points with entries of all magnitudes, half of the entries near one of the numbers."""
     sampler, draw = Sampler(statement, 1), random.Random(1)
 

@@ -16,7 +16,7 @@ from lagrange.evidence.constraint_laws import ConstraintSurface
 from lagrange.evidence.laws import solve
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
-from lagrange.evidence.sample import SAMPLE_KINDS, Point, Sampler
+from lagrange.evidence.sample import SAMPLE_KINDS, SamplePoint, Sampler
 from lagrange.mechanics.plain_form import PlainForm
 from lagrange.statement.statement import Statement
 
@@ -50,7 +50,7 @@ class FirstOrderStates:
             slopes = [sympy.diff(r, form.v[j]) for r in relations for j in self.places]
             self._tape = Precise([one.xreplace(form.stated) for one in (*relations, *slopes)], statement, DIGITS)
 
-    def satisfied(self, point: Point) -> Point:
+    def satisfied(self, point: SamplePoint) -> SamplePoint:
         """Return the point with velocities of these coordinates that satisfy the relations.
 
         Raises OutsideDomain if the relations do not determine them, or are not linear in them.
@@ -89,7 +89,7 @@ class MotionSample:
     `first_order` are the indices of coordinates without inertia, whose equations of motion are of first order.
     """
 
-    point: Point
+    point: SamplePoint
     accelerations: tuple[Any, ...]
     multipliers: tuple[Any, ...]
     mass: tuple[list[Any], ...]
@@ -127,20 +127,20 @@ class MotionStates:
         self._surface, self._relations = ConstraintSurface(statement), FirstOrderStates(statement)
         self.reference = Reference(statement, self._relations.places)
 
-    def satisfied(self, point: Point) -> Point:
+    def satisfied(self, point: SamplePoint) -> SamplePoint:
         """Return a nearby state that satisfies constraints and relations. Raises OutsideDomain if none is found."""
         if self._surface.holonomic:
             q, v = self._surface.nearest(point.q, point.v, point.t, point.parameters)
             point = replace(point, q=tuple(map(_without_noise, q)), v=tuple(map(_without_noise, v)))
         return self._relations.satisfied(point)
 
-    def sample(self, point: Point) -> MotionSample | None:
+    def sample(self, point: SamplePoint) -> MotionSample | None:
         """Return the motion at a nearby state that satisfies the laws, or None if there is none."""
         with suppress(OutsideDomain):
             return self.motion(self.satisfied(point))
         return None
 
-    def motion(self, point: Point) -> MotionSample:
+    def motion(self, point: SamplePoint) -> MotionSample:
         """Return a state with its accelerations and multipliers. Raises OutsideDomain if they are not determined."""
         if any(0 < abs(x) < LEAST for x in (*point.q, *point.v)):
             raise OutsideDomain("a coordinate or velocity is too small for differences")

@@ -12,7 +12,7 @@ import sympy
 
 from lagrange.errors import StatementError, listing, suggestion
 from lagrange.evidence.precise import OutsideDomain, Precise
-from lagrange.evidence.sample import Point
+from lagrange.evidence.sample import SamplePoint
 from lagrange.mechanics.grading.motion_samples import MotionSample
 from lagrange.mechanics.plain_form import vanishes_in_symbols as vanishes
 from lagrange.statement.coordinate import constraint_of, name_of, t
@@ -225,7 +225,7 @@ class EquationRow:
         """The conditions, Abs, sign, Min and Max in the equation, in the user's symbols."""
         return self._tape.switches
 
-    def ways(self, point: Point) -> tuple[int | None, ...]:
+    def ways(self, point: SamplePoint) -> tuple[int | None, ...]:
         """Return the outcome of each switch at a point. Raises OutsideDomain if the equation has no value there."""
         return self._tape.inspect(point.q, point.v, point.t, point.parameters).outcomes
 

@@ -19,7 +19,7 @@ from lagrange.show.figures.new_figure import new_figure
 from lagrange.show.figures.panel import label_of_entry
 from lagrange.show.figures.paths import Box, draw_floor, is_slender
 from lagrange.show.figures.space import spring, view_of
-from lagrange.show.figures.style import MOST_NAMED, Style, colours, dress, legend, of_figure, point_look
+from lagrange.show.figures.style import MOST_NAMED, FigureStyle, colours, dress, legend, of_figure, point_look
 from lagrange.show.figures.ticks import few_ticks
 from lagrange.show.notation.symbols import plain_text
 from lagrange.show.units import energy_unit, length_unit, unit_of, with_unit
@@ -99,7 +99,7 @@ class Rows:
     size: float = 0.0
 
 
-def panels_of(recording: Recording, style: Style) -> list[Rows]:
+def panels_of(recording: Recording, style: FigureStyle) -> list[Rows]:
     """Return the panels over time: the coordinates if no points are named, and the energies."""
     panels = [] if recording.points else _coordinates(recording, style)
     if recording.energies:
@@ -113,7 +113,7 @@ def panels_of(recording: Recording, style: Style) -> list[Rows]:
     return panels
 
 
-def _coordinates(recording: Recording, style: Style) -> list[Rows]:
+def _coordinates(recording: Recording, style: FigureStyle) -> list[Rows]:
     statement = recording.statement
     names = statement.names
     each = ceil(len(names) / MOST_PANELS)
@@ -130,7 +130,7 @@ def _coordinates(recording: Recording, style: Style) -> list[Rows]:
 class Film:
     """Frames of a recording by their numbers, as pixels. The first frame also draws the fixed parts."""
 
-    def __init__(self, recording: Recording, timing: Timing, options: FilmOptions, style: Style) -> None:
+    def __init__(self, recording: Recording, timing: Timing, options: FilmOptions, style: FigureStyle) -> None:
         self.recording, self.timing, self.style = recording, timing, style
         self.panels = panels_of(recording, style)
         self.trail_seconds = TAIL if options.trail is None else options.trail / timing.speed
@@ -296,7 +296,7 @@ def _plan(scene: MovingScene | None, count: int, size: tuple[int, int] | None) -
 class MovingScene:
     """Named points with their links and trails, as moving artists of one panel."""
 
-    def __init__(self, recording: Recording, trail: float, style: Style) -> None:
+    def __init__(self, recording: Recording, trail: float, style: FigureStyle) -> None:
         self.recording, self.style = recording, style
         statement, points = recording.statement, recording.points
         self.view = view_of(points)
@@ -426,7 +426,7 @@ class Pen:
 class MovingChart:
     """Curves over time in a panel: pale as a whole, clear up to now, with a dot at now."""
 
-    def __init__(self, axis: Axes, recording: Recording, rows: Rows, style: Style, *, named: bool) -> None:
+    def __init__(self, axis: Axes, recording: Recording, rows: Rows, style: FigureStyle, *, named: bool) -> None:
         self.axis, self.t, self.rows, self.style = axis, recording.t, rows, style
         dress(axis, style)
         first, last = float(self.t[0]), float(self.t[-1])

@@ -15,7 +15,7 @@ from lagrange.members.chunk import INTERRUPTED, STATUSES
 from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, end_row, event_times
 from lagrange.members.varied import MemberNumbers
 from lagrange.show.figures.panel import colour_bar, label_of_entry, panel_on, say_below
-from lagrange.show.figures.style import Style, colours, dress, style_of
+from lagrange.show.figures.style import FigureStyle, colours, dress, style_of
 from lagrange.show.figures.ticks import angle_ticks
 from lagrange.show.notation.symbols import letter_of
 from lagrange.show.units import unit_of, with_unit
@@ -178,7 +178,7 @@ def _title(runs: Ensemble, what: str) -> str:
     return f"{runs.model.statement.name}: {what}"
 
 
-def _map(axis: Axes, runs: Ensemble, found: MemberQuantity, look: Style) -> str:
+def _map(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -> str:
     """Draw a colour for every combination of two axes, the first horizontal; return the remark below."""
     from matplotlib.colors import ListedColormap
 
@@ -221,7 +221,7 @@ def _image(axis: Axes, x: Values, y: Values, values: Any, **look: Any) -> Scalar
     return axis.pcolormesh(x, y, values, shading="nearest", rasterized=True, **look)
 
 
-def _curve(axis: Axes, runs: Ensemble, found: MemberQuantity, look: Style) -> None:
+def _curve(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -> None:
     """Draw a quantity against the varied one, with a cross at the bottom for each failed member."""
     (varied, values), *_ = ((name, one) for name, one in runs.table.varied.axes.items() if len(one) > 1)
     axis.plot(values, found.values, color=look.colours[0], linewidth=1.3, marker="." if len(values) <= 100 else "")
@@ -234,7 +234,7 @@ def _curve(axis: Axes, runs: Ensemble, found: MemberQuantity, look: Style) -> No
     axis.set_ylabel(found.label)
 
 
-def _histogram(axis: Axes, runs: Ensemble, found: MemberQuantity, look: Style) -> None:
+def _histogram(axis: Axes, runs: Ensemble, found: MemberQuantity, look: FigureStyle) -> None:
     """Draw the distribution of the values, with their median and the middle nine tenths."""
     values = found.values[np.isfinite(found.values)]
     axis.hist(values, bins=min(BINS, max(8, round(len(values) ** 0.5))), color=look.colours[0], alpha=0.85)
@@ -246,7 +246,7 @@ def _histogram(axis: Axes, runs: Ensemble, found: MemberQuantity, look: Style) -
     axis.set_ylabel("members")
 
 
-def _fan(axis: Axes, runs: Ensemble, name: str, look: Style) -> None:
+def _fan(axis: Axes, runs: Ensemble, name: str, look: FigureStyle) -> None:
     """Draw quantiles of a row over time, or each member if there are few."""
     row, times = runs.y[runs.names.index(name)], runs.t
     if len(runs) <= FEW:

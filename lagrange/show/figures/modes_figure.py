@@ -15,7 +15,7 @@ from lagrange.mechanics.stability import EigenvaluePath
 from lagrange.show.figures.new_figure import new_figure
 from lagrange.show.figures.panel import panel_on, say_below
 from lagrange.show.figures.space import spring, view_of
-from lagrange.show.figures.style import Style, colours, dress, mixed, on_paper, style_of
+from lagrange.show.figures.style import FigureStyle, colours, dress, mixed, on_paper, style_of
 from lagrange.show.notation.symbols import letters
 from lagrange.statement.declare import ORIGIN
 from lagrange.statement.number import real_number
@@ -74,7 +74,7 @@ def _title(shapes: ModeShapes, k: int) -> str:
     return rf"mode {k + 1}: $\omega$ = {value.real:.5g}{rate}"
 
 
-def _bars(axis: Axes, shapes: ModeShapes, k: int, look: Style) -> None:
+def _bars(axis: Axes, shapes: ModeShapes, k: int, look: FigureStyle) -> None:
     values = shapes.components[k]
     places = np.arange(len(values))
     axis.bar(places, values, width=0.6, color=[look.colours[0] if v >= 0 else look.colours[1] for v in values])
@@ -91,7 +91,7 @@ def _name_coordinates(axis: Axes, shapes: ModeShapes, places: NDArray[Any]) -> N
     axis.set_xticks(places[::step], [f"${known[name]}$" for name in shapes.names][::step])
 
 
-def _all_bars(axis: Axes, shapes: ModeShapes, look: Style) -> None:
+def _all_bars(axis: Axes, shapes: ModeShapes, look: FigureStyle) -> None:
     count, n = shapes.components.shape
     places, width = np.arange(n), 0.8 / count
     for k, colour in enumerate(colours(count, look.colours)):
@@ -123,7 +123,7 @@ def _shape(
     shapes: ModeShapes,
     seen: tuple[Mapping[str, FloatArray], Mapping[str, FloatArray], float],
     k: int,
-    look: Style,
+    look: FigureStyle,
 ) -> None:
     """Draw the positions at rest in a pale colour, and the displaced positions with arrows."""
     points, moved, extent = seen

@@ -36,7 +36,7 @@ from lagrange.show.figures.curve import (
 from lagrange.show.figures.new_figure import new_figure
 from lagrange.show.figures.style import (
     LINES,
-    Style,
+    FigureStyle,
     colours,
     dress,
     legend,
@@ -224,7 +224,7 @@ def formula_label(statement: Statement, given: Any) -> str:
     return text if len(text) <= _WIDEST else f"{text[:_WIDEST]} ..."
 
 
-def panel_on(ax: Any, style: Style, size: tuple[float, float]) -> tuple[Figure, Axes]:
+def panel_on(ax: Any, style: FigureStyle, size: tuple[float, float]) -> tuple[Figure, Axes]:
     """Return the user's axes with their figure, or those of a new figure of a size in inches."""
     if ax is None:
         figure = new_figure(figsize=size, layout="constrained")
@@ -239,7 +239,7 @@ def figure_of(ax: Any) -> Figure:
     return of_figure(ax)
 
 
-def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: Style) -> None:
+def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: FigureStyle) -> None:
     """Add the colour scale of a map beside its panel."""
     from matplotlib.colors import LogNorm
 
@@ -254,14 +254,14 @@ def colour_bar(axis: Axes, image: ScalarMappable, label: str, style: Style) -> N
     outline.set_edgecolor(style.quiet)
 
 
-def say_below(figure: Figure, ax: Any, style: Style, message: str) -> None:
+def say_below(figure: Figure, ax: Any, style: FigureStyle, message: str) -> None:
     """Write a sentence below a figure, unless the axes are the user's."""
     if ax is None and message:
         lines = "\n".join(textwrap.wrap(message, round(13 * figure.get_size_inches()[0])))
         figure.supxlabel(lines, x=0.01, ha="left", fontsize=8, color=style.quiet)
 
 
-def legend_beside(axis: Axes, ax: Any, style: Style, **more: Any) -> None:
+def legend_beside(axis: Axes, ax: Any, style: FigureStyle, **more: Any) -> None:
     """Put the legend beside a new panel, or inside a user's axes, whose width must not change."""
     if ax is None:
         axis.legend(
@@ -344,7 +344,7 @@ class TimePanel:
         """Height relative to that of a coordinate."""
         return 1.3 if self.wide else 1.0
 
-    def draw(self, axis: Axes, pixels: Pixels, style: Style) -> None:
+    def draw(self, axis: Axes, pixels: Pixels, style: FigureStyle) -> None:
         """Draw all curves, with a legend if there are several."""
         runs = [curves(one, run, pixels) for one, run in zip(self.quantities, self.solutions, strict=True)]
         values = np.concatenate([np.empty(0), *map(_values, runs)])
@@ -368,7 +368,7 @@ class TimePanel:
         axis.locator_params(axis="y", nbins=4 if self.wide else 3)
         self._name(axis, base, "; ".join(dict.fromkeys(run.note for run in runs if run.note)), style)
 
-    def _draw_run(self, axis: Axes, place: int, run: Curves, origin: tuple[float, float], style: Style) -> None:
+    def _draw_run(self, axis: Axes, place: int, run: Curves, origin: tuple[float, float], style: FigureStyle) -> None:
         """Draw the lines of a run. Runs have a colour each, or a line style if the rows have the colours."""
         several, count = len(self.solutions) > 1, len(run.lines)
         own = colours(len(self.solutions), style.colours)[place]
@@ -394,7 +394,7 @@ class TimePanel:
                 label=name or "_nolegend_",
             )
 
-    def _name(self, axis: Axes, base: float, notes: str, style: Style) -> None:
+    def _name(self, axis: Axes, base: float, notes: str, style: FigureStyle) -> None:
         """Label the panel: beside it if the label is short, else above it, and in a legend for several curves."""
         quantity = self.quantities[0]
         title = notes
@@ -456,7 +456,7 @@ class PhasePanel:
     labels: tuple[str, ...]
     shape: str = "square"
 
-    def draw(self, axis: Axes, pixels: Pixels, style: Style) -> None:
+    def draw(self, axis: Axes, pixels: Pixels, style: FigureStyle) -> None:
         """Draw velocities against coordinates, with an open circle at the start of a run and a dot at its end."""
         dress(axis, style)
         keys = (self.name, f"{self.name}_dot")

@@ -32,7 +32,7 @@ from lagrange.show.figures.space import View, spring, view_of
 from lagrange.show.figures.style import (
     LINES,
     MOST_NAMED,
-    Style,
+    FigureStyle,
     colours,
     dress,
     legend,
@@ -112,7 +112,7 @@ class Box:
         return found
 
 
-def draw_floor(axis: Axes, view: View, box: Box, unit: str, style: Style) -> None:
+def draw_floor(axis: Axes, view: View, box: Box, unit: str, style: FigureStyle) -> None:
     """Draw the floor at the lowest z of a box, with numbers at its front edges, and the z axis at its left corner.
 
     The azimuth of the view is between -90 and 0 degrees, and it is from above.
@@ -138,7 +138,9 @@ def _line(axis: Axes, view: View, points: FloatArray, colour: str, width: float)
     axis.plot(*view.of(points.T), color=colour, linewidth=width, zorder=0.5, solid_capstyle="round")
 
 
-def _numbers(axis: Axes, view: View, box: Box, k: int, foot: tuple[float | None, ...], unit: str, style: Style) -> None:
+def _numbers(
+    axis: Axes, view: View, box: Box, k: int, foot: tuple[float | None, ...], unit: str, style: FigureStyle
+) -> None:
     """Write the numbers and the name of an axis of space outside of its edge."""
     ticks = box.ticks(k)
     outwards = np.array([(0.0, -1.0, 0.0), (1.0, 0.0, 0.0)][k]) if k < 2 else np.zeros(3)
@@ -346,7 +348,7 @@ class PathPanel:
         """Shape of the panel: row, column or square."""
         return self.view.shape
 
-    def draw(self, axis: Axes, pixels: Pixels, style: Style) -> None:
+    def draw(self, axis: Axes, pixels: Pixels, style: FigureStyle) -> None:
         """Draw paths in a panel, with open circles at their starts, and points and links at their ends."""
         runs = [paths_of(run, self.view, pixels) for run in self.solutions]
         statement = self.solutions[0].model.statement
@@ -383,7 +385,7 @@ class PathPanel:
         more = ((high - low).max() - (high - low)) / 2 if to_scale or self.view.spatial else np.zeros(len(low))
         return np.array([low - more, high + more])
 
-    def _shades(self, run: Paths, place: int, style: Style) -> dict[str, str]:
+    def _shades(self, run: Paths, place: int, style: FigureStyle) -> dict[str, str]:
         """Return the colour of each moving point: its own, or that of the run if only one point moves."""
         moving = [name for name, fixed in zip(run.names, run.fixed, strict=True) if not fixed]
         if len(moving) == 1 and len(self.solutions) > 1:
@@ -436,7 +438,7 @@ def _counted(origin: FloatArray) -> str:
 
 
 def _draw_run(
-    axis: Axes, paths: Paths, shades: dict[str, str], label: str, box: Box | None, style: Style, place: int
+    axis: Axes, paths: Paths, shades: dict[str, str], label: str, box: Box | None, style: FigureStyle, place: int
 ) -> None:
     size = float(np.max(paths.extents)) if paths.view.shape == "square" else 15.0
     for start, end, kind in paths.links:
@@ -464,7 +466,7 @@ def _draw_run(
         mark.set(linestyle=kind if shared else "none")  # for the legend
 
 
-def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style: Style, kind: str) -> None:
+def _draw_in_space(axis: Axes, paths: Paths, k: int, box: Box, shade: str, style: FigureStyle, kind: str) -> None:
     """Draw a path with its shadow on the floor; near parts are wider and darker."""
     view, space = paths.view, paths.space[k]
     floor = np.array([*space[:2], np.full(space.shape[1], box.low[2])])
@@ -497,7 +499,7 @@ def by_depth(points: FloatArray, nearness: FloatArray) -> Iterator[FloatArray]:
         yield line
 
 
-def draw_density(axis: Axes, paths: Paths, style: Style) -> None:
+def draw_density(axis: Axes, paths: Paths, style: FigureStyle) -> None:
     """Shade the earlier positions of points, before the paths: darker where they stayed for longer."""
     low, high = limits(np.concatenate([paths.before, *paths.points], axis=1))
     cell = float(np.max(high - low)) / _CELLS

@@ -18,7 +18,7 @@ from lagrange.show.figures.panel import (
     say_below,
     turned_lines,
 )
-from lagrange.show.figures.style import Style, dress, style_of
+from lagrange.show.figures.style import FigureStyle, dress, style_of
 from lagrange.show.figures.ticks import angle_ticks
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -68,7 +68,7 @@ def plot_portrait(portrait: PortraitData, ax: Any = None, style: Any = "light") 
     return figure
 
 
-def _field(axis: Axes, portrait: PortraitData, look: Style) -> None:
+def _field(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
     """Draw arrows of equal length in the directions of the curves of the picture."""
     widths = np.array([one.width for one in portrait.plane])
     u, v = portrait.u / widths[0], portrait.v / widths[1]
@@ -96,7 +96,7 @@ def _field(axis: Axes, portrait: PortraitData, look: Style) -> None:
     )
 
 
-def _nullclines(axis: Axes, portrait: PortraitData, look: Style) -> None:
+def _nullclines(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
     colours = look.colours[2], look.colours[4]
     for (name, lines), colour in zip(portrait.nullclines.items(), colours, strict=True):
         label = f"${entry(portrait.statement, name, rate=True)} = 0$"
@@ -128,7 +128,7 @@ def _points(run: Trajectory, rows: list[int], t: FloatArray) -> FloatArray:
     return np.asarray(run.dense(t)[rows][None])
 
 
-def _equilibria(axis: Axes, portrait: PortraitData, look: Style) -> None:
+def _equilibria(axis: Axes, portrait: PortraitData, look: FigureStyle) -> None:
     first, second = portrait.plane
     seen: set[str] = set()
     for place in portrait.equilibria:
@@ -150,7 +150,7 @@ def _equilibria(axis: Axes, portrait: PortraitData, look: Style) -> None:
         seen.add(place.kind)
 
 
-def _frame(axis: Axes, ax: Any, portrait: PortraitData, look: Style) -> None:
+def _frame(axis: Axes, ax: Any, portrait: PortraitData, look: FigureStyle) -> None:
     statement, (first, second) = portrait.statement, portrait.plane
     held = ", ".join(f"${entry(statement, name)}$ = {value:g}" for name, value in portrait.held.items())
     title = statement.name + (f" at {held}" if held else "")

@@ -15,7 +15,7 @@ from lagrange.show.figures.curve import Pixels
 from lagrange.show.figures.new_figure import new_figure, size_of
 from lagrange.show.figures.panel import PanelQuantity, PhasePanel, TimePanel, figure_of
 from lagrange.show.figures.paths import PathPanel, common_view
-from lagrange.show.figures.style import Style, on_paper, style_of
+from lagrange.show.figures.style import FigureStyle, on_paper, style_of
 from lagrange.show.files.picture import LEAST_DPI, MOST_DPI
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.expression import entries
@@ -258,7 +258,7 @@ def _check_alike(solutions: Sequence[Solution]) -> None:
             )
 
 
-def _draw_into(ax: Any, panels: Sequence[Panel], style: Style, dpi: int) -> Figure:
+def _draw_into(ax: Any, panels: Sequence[Panel], style: FigureStyle, dpi: int) -> Figure:
     """Draw panels into a user's axes, one each, and return their figure."""
     several, axes = isinstance(ax, (list, tuple, np.ndarray)), [ax]
     if several:
@@ -276,7 +276,7 @@ def _draw_into(ax: Any, panels: Sequence[Panel], style: Style, dpi: int) -> Figu
     return figures[0]
 
 
-def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: Style, dpi: int) -> Figure:
+def _laid_out(panels: Sequence[Panel], size: tuple[float, float] | None, style: FigureStyle, dpi: int) -> Figure:
     """Return a new figure: panels over time and rows of paths on the left, planes and columns on the right."""
     left = [panel for panel in panels if isinstance(panel, TimePanel)]
     rows = [panel for panel in panels if not isinstance(panel, TimePanel) and panel.shape == "row"]
@@ -330,7 +330,7 @@ class _Left:
         """Natural height in inches."""
         return max(2.6, 0.9 + (1.15 if self.down <= _ONE_COLUMN else 0.85) * sum(self.ratios))
 
-    def draw(self, figure: Figure | SubFigure, size: tuple[float, float], style: Style, dpi: int) -> None:
+    def draw(self, figure: Figure | SubFigure, size: tuple[float, float], style: FigureStyle, dpi: int) -> None:
         """Draw all panels in a part of a figure with a width and a height in inches."""
         grid = figure.add_gridspec(len(self.ratios), self.columns, height_ratios=self.ratios)
         pixels = Pixels(size[0] * dpi, size[1] * max(self.ratios) / sum(self.ratios) * dpi)

@@ -69,7 +69,7 @@ class LineStyle(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Style:
+class FigureStyle:
     """Colours of a figure: background, text, pale text, grid, and lines."""
 
     name: str
@@ -83,17 +83,17 @@ class Style:
 LINES = ("-", "--", ":", "-.")
 """Line styles, for runs that share the colours of their rows."""
 
-LIGHT = Style("light", "#ffffff", "#222222", "#737373", "#e3e3e3", COLOURS)
-DARK = Style("dark", "#16191d", "#e6e6e6", "#8b9097", "#2c3138", DARK_COLOURS)
+LIGHT = FigureStyle("light", "#ffffff", "#222222", "#737373", "#e3e3e3", COLOURS)
+DARK = FigureStyle("dark", "#16191d", "#e6e6e6", "#8b9097", "#2c3138", DARK_COLOURS)
 STYLES = {style.name: style for style in (LIGHT, DARK)}
 
 
-def style_of(name: Any) -> Style:
+def style_of(name: Any) -> FigureStyle:
     """Return a style by its name. Raises StatementError for an unknown name."""
     return STYLES[one_of(name, STYLES, "style = {given} is not known: give one of {known}.")]
 
 
-def line_styles(count: int, style: Style) -> list[LineStyle]:
+def line_styles(count: int, style: FigureStyle) -> list[LineStyle]:
     """Return `count` line styles, up to 88, all different: in colour, in marker, and in line style or colour."""
     few = style.colours
     return [
@@ -101,13 +101,13 @@ def line_styles(count: int, style: Style) -> list[LineStyle]:
     ]
 
 
-def on_paper(figure: Figure, style: Style) -> Figure:
+def on_paper(figure: Figure, style: FigureStyle) -> Figure:
     """Set the background of a figure to that of the style, and return the figure."""
     figure.set_facecolor(style.paper)
     return figure
 
 
-def dress(axis: Axes, style: Style, title: str = "") -> None:
+def dress(axis: Axes, style: FigureStyle, title: str = "") -> None:
     """Set the frame of a panel, in pale colours, and its title at the left."""
     axis.set_facecolor(style.paper)
     axis.spines[["top", "right"]].set_visible(False)
@@ -123,7 +123,7 @@ def dress(axis: Axes, style: Style, title: str = "") -> None:
             line.set_major_formatter(number_formatter())
 
 
-def legend(axis: Axes, style: Style, title: str = "", size: float = 9.0) -> None:
+def legend(axis: Axes, style: FigureStyle, title: str = "", size: float = 9.0) -> None:
     """Add a legend outside the upper right of a panel, and a title at its left; above it if both are long."""
     labels = axis.get_legend_handles_labels()[1]
     corners = axis.get_window_extent()

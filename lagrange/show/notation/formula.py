@@ -10,8 +10,18 @@ import sympy
 from sympy.core.function import AppliedUndef
 
 from lagrange.show.notation.book_order import BookOrder
-from lagrange.show.notation.sections import Formula, Grid, Partial, Product, Rate, ShownQuantity, Square, Sum, Transpose
-from lagrange.show.notation.text import ATOM, POWER, PRODUCT, SUM, Notation, Piece, UnicodeNotation, width
+from lagrange.show.notation.sections import (
+    ExpressionRows,
+    Formula,
+    Partial,
+    Product,
+    Rate,
+    ShownQuantity,
+    SignedTerms,
+    Square,
+    Transpose,
+)
+from lagrange.show.notation.text import ATOM, POWER, PRODUCT, SUM, FormulaPiece, Notation, UnicodeNotation, width
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.words import WORDS
@@ -37,7 +47,7 @@ class Typesetter:
         self.notation = notation
         self.order = BookOrder(statement)
         self.plain = statement.plain
-        self._signed: dict[Any, tuple[bool, Piece]] = {}
+        self._signed: dict[Any, tuple[bool, FormulaPiece]] = {}
         self.letters: dict[Any, str] = {t: notation.letter("t")}
         for symbol in (*statement.parameters, *(one.multiplier for one in statement.constraints)):
             self.letters[symbol] = notation.letter(symbol.name)
@@ -61,14 +71,18 @@ class Typesetter:
             found.append((negative, self.notation.grouped(piece, PRODUCT)))
         return found
 
-    def piece(self, node: Any) -> Piece:
+    def piece(self, node: Any) -> FormulaPiece:
         """Return the text of an expression in plain symbols, with the strength of its outermost operation."""
         if node.is_Add:
-            return Piece(self.notation.signs(self.terms(node)), SUM)
+            return FormulaPiece(self.notation.signs(self.terms(node)), SUM)
         negative, piece = self.signed(node)
-        return Piece(self.notation.signs([(True, self.notation.grouped(piece, PRODUCT))]), SUM) if negative else piece
+        return (
+            FormulaPiece(self.notation.signs([(True, self.notation.grouped(piece, PRODUCT))]), SUM)
+            if negative
+            else piece
+        )
 
-    def signed(self, node: Any) -> tuple[bool, Piece]:
+    def signed(self, node: Any) -> tuple[bool, FormulaPiece]:
         """Return True if a term is subtracted, and the term without its sign. Terms recur: each is written once."""
         if node not in self._signed:
             if node.is_Add:
@@ -112,7 +126,7 @@ class Typesetter:
         others = [x for x in factors if x not in roots]
         return number, [*others, sympy.Pow(inside, sympy.S.Half, evaluate=False)]
 
-    def quotient(self, above: list[Any], below: list[Any], number: Any) -> Piece:
+    def quotient(self, above: list[Any], below: list[Any], number: Any) -> FormulaPiece:
         """Return number * above / below. Constants are a separate fraction in front, if the notation has that."""
         top, bottom = (
             (sympy.Integer(number.p), sympy.Integer(number.q)) if number.is_Rational else (number, sympy.S.One)
@@ -129,16 +143,16 @@ class Typesetter:
         front = self.over(self.factors(top, fixed), self.factors(bottom, below))
         return self.notation.product([front, *map(self.power, moving)]) if moving else front
 
-    def over(self, above: list[Piece], below: list[Piece]) -> Piece:
+    def over(self, above: list[FormulaPiece], below: list[FormulaPiece]) -> FormulaPiece:
         """Return the quotient of two products; an empty one above is 1."""
         top = self.notation.product(above or [self.number(sympy.S.One)])
         return self.notation.fraction(top, self.notation.product(below)) if below else top
 
-    def factors(self, number: Any, pairs: list[Any]) -> list[Piece]:
+    def factors(self, number: Any, pairs: list[Any]) -> list[FormulaPiece]:
         """Return the pieces of a product; a number 1 in front of other factors is left out."""
         return [*([] if number == 1 else [self.number(number)]), *map(self.power, pairs)]
 
-    def power(self, pair: tuple[Any, Any]) -> Piece:
+    def power(self, pair: tuple[Any, Any]) -> FormulaPiece:
         """Return base**exponent, the exponent positive or a symbol."""
         base, exponent = pair
         if exponent == 1:
@@ -160,39 +174,39 @@ class Typesetter:
             return self.notation.in_line(one, other)
         return self.piece(exponent).text
 
-    def atom(self, node: Any) -> Piece:
+    def atom(self, node: Any) -> FormulaPiece:
         """Return the piece of an expression that is not a sum, a product or a power."""
         if node in self.letters:
-            return Piece(self.letters[node], simple=True)
+            return FormulaPiece(self.letters[node], simple=True)
         if node.is_Add or node.is_Mul or node.is_Pow:
             return self.piece(node)
         if node.is_Number and node.is_finite:
             return self.number(node)
         if node.is_NumberSymbol or node in (sympy.oo, sympy.zoo, sympy.nan, sympy.I):
             names = {sympy.pi: "pi", sympy.E: "e", sympy.oo: "infinity", sympy.I: "i"}
-            return Piece(self.notation.constant(names.get(node, str(node))), simple=True)
+            return FormulaPiece(self.notation.constant(names.get(node, str(node))), simple=True)
         if node.is_Symbol:
-            return Piece(self.notation.letter(node.name), simple=True)
+            return FormulaPiece(self.notation.letter(node.name), simple=True)
         if isinstance(node, sympy.Piecewise):
             return self.notation.cases([(self.piece(value).text, self.condition(when)) for value, when in node.args])
         if isinstance(node, (sympy.Derivative, sympy.Subs)):
             return self.derivative(node)
         return self.function(node)
 
-    def function(self, node: Any, exponent: str = "") -> Piece:
+    def function(self, node: Any, exponent: str = "") -> FormulaPiece:
         """Return the value of a function; a given function of time without another argument is a letter."""
         if isinstance(node, AppliedUndef) and node.args == (t,):
-            return Piece(self.notation.letter(node.func.__name__), simple=True)
+            return FormulaPiece(self.notation.letter(node.func.__name__), simple=True)
         name = NAMES.get(node.func, node.func.__name__)
         return self.notation.function(name, [self.piece(part) for part in node.args], exponent)
 
-    def derivative(self, node: Any) -> Piece:
+    def derivative(self, node: Any) -> FormulaPiece:
         """Return the derivative of a function of time as a letter with dots, of any other function with primes."""
         inner, place = (node.expr, node.point[0]) if isinstance(node, sympy.Subs) else (node, None)
         function, (variable, times) = inner.expr, inner.variable_count[0]
         simple = len(inner.variable_count) == 1 and isinstance(function, AppliedUndef) and len(function.args) == 1
         if simple and function.args == (t,) and times <= 2 and place is None:
-            return Piece(self.notation.letter(function.func.__name__, int(times)), simple=True)
+            return FormulaPiece(self.notation.letter(function.func.__name__, int(times)), simple=True)
         if simple and function.args == (variable,):
             argument = self.piece(variable if place is None else place)
             return self.notation.function(function.func.__name__ + "'" * int(times), [argument])
@@ -210,7 +224,7 @@ class Typesetter:
             return self.notation.text("not ") + self.notation.brackets(self.condition(when.args[0]))
         return self.notation.comparison(self.piece(when.lhs).text, RELATIONS[when.func], self.piece(when.rhs).text)
 
-    def number(self, number: Any) -> Piece:
+    def number(self, number: Any) -> FormulaPiece:
         """Return a number that is not negative."""
         if number.is_Rational:
             top, bottom = self.notation.number(str(number.p)), self.notation.number(str(number.q))
@@ -257,7 +271,7 @@ MEANINGS = {
 
 
 @dataclass(frozen=True)
-class Line:
+class FormulaLine:
     """One line of a formula: its left side, if it is on this line, and the text to the right of it.
 
     `goes_on` marks a line that continues with the side above.
@@ -294,10 +308,10 @@ class SideWriter:
                 return self.notation.transposed(self.side(side.matrix))
             case Product():
                 return self.notation.joined([self.factor(factor) for factor in side.factors])
-            case Sum():
+            case SignedTerms():
                 terms = [(negative, self.side(term)) for negative, term in side.terms]
                 return self.notation.signs(terms) if terms else self.notation.number("0").text
-            case Grid():
+            case ExpressionRows():
                 rows = [[self.side(entry) for entry in row] for row in side.rows]
                 return self.notation.vector(rows[0]) if side.vector else self.notation.matrix(rows)
         return self.setter.write(side)
@@ -325,22 +339,22 @@ class LineWriter:
         self.setter = self.sides.setter
         self.ruler = self.sides if self.notation.in_one_line else SideWriter(statement, UnicodeNotation)
 
-    def formula(self, row: Formula) -> list[Line]:
+    def formula(self, row: Formula) -> list[FormulaLine]:
         """Return the lines of a formula, the last side broken where it is too wide."""
         *before, last = row.sides
         left = self.notation.equal([self.sides.side(side) for side in before])
         measured = left if self.ruler is self.sides else " = ".join(self.ruler.side(side) for side in before)
         if len(before) == 1 and isinstance(before[0], sympy.Expr) and self.apart(measured, last):
             first, *more = self.broken(before[0], WIDEST)
-            lines = [Line("", first), *(Line("", line, goes_on=True) for line in more)]
+            lines = [FormulaLine("", first), *(FormulaLine("", line, goes_on=True) for line in more)]
             if isinstance(last, sympy.Expr) and width(self.ruler.side(last)) > SHORT // 2:
                 first, *more = self.broken(last, WIDEST)
                 right = [self.notation.equal(["", first]), *more]
-                return [*lines, *(Line("", line, goes_on=True) for line in right)]
+                return [*lines, *(FormulaLine("", line, goes_on=True) for line in right)]
             whole = self.notation.equal([lines[-1].right, self.sides.side(last)])
-            return [*lines[:-1], Line("", whole, goes_on=lines[-1].goes_on)]
+            return [*lines[:-1], FormulaLine("", whole, goes_on=lines[-1].goes_on)]
         first, *more = self.broken(last, WIDEST - width(measured) - 3)
-        return [Line(left, first), *(Line("", line, goes_on=True) for line in more)]
+        return [FormulaLine(left, first), *(FormulaLine("", line, goes_on=True) for line in more)]
 
     def beside(self, rows: Sequence[Formula]) -> Iterator[list[Formula]]:
         """Yield formulas in groups that fit side by side into one line each."""

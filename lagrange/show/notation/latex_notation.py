@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from lagrange.show.notation.symbols import letter_of, upright
-from lagrange.show.notation.text import ATOM, CIRCULAR, POWER, Notation, Piece
+from lagrange.show.notation.text import ATOM, CIRCULAR, POWER, FormulaPiece, Notation
 
 COMMANDS = CIRCULAR - frozenset(("sech", "csch"))
 """Functions with a LaTeX command of the same name, besides ln, min and max."""
@@ -34,29 +34,29 @@ class LatexNotation(Notation):
         spelled = f"\\mathcal{{{letter}}}" if letter.isupper() else upright(word)
         return spelled + (f"_{_argument(' '.join(map(self.letter, indices)))}" if indices else "")
 
-    def number(self, digits: str, exponent: int | None = None) -> Piece:
+    def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
         r"""Return 6.674 \cdot 10^{-11}."""
         if exponent is None:
-            return Piece(digits, simple=True)
-        return Piece(f"{digits} \\cdot 10^{{{exponent}}}", POWER)
+            return FormulaPiece(digits, simple=True)
+        return FormulaPiece(f"{digits} \\cdot 10^{{{exponent}}}", POWER)
 
     def brackets(self, inside: str) -> str:
         r"""Return (inside), in parentheses that grow about a fraction: \left(inside\right)."""
         return f"\\left({inside}\\right)" if "\\frac" in inside or "\\begin" in inside else f"({inside})"
 
-    def fraction(self, above: Piece, below: Piece) -> Piece:
+    def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
         r"""Return \frac{above}{below}."""
-        return Piece(f"\\frac{{{above.text}}}{{{below.text}}}", POWER)
+        return FormulaPiece(f"\\frac{{{above.text}}}{{{below.text}}}", POWER)
 
-    def raised(self, base: str, exponent: str) -> Piece:
+    def raised(self, base: str, exponent: str) -> FormulaPiece:
         """Return base^{exponent}; dots and indices of the base are kept."""
-        return Piece(f"{base}^{_argument(exponent)}", POWER)
+        return FormulaPiece(f"{base}^{_argument(exponent)}", POWER)
 
-    def root(self, inside: Piece) -> Piece:
+    def root(self, inside: FormulaPiece) -> FormulaPiece:
         r"""Return \sqrt{inside}."""
-        return Piece(f"\\sqrt{{{inside.text}}}")
+        return FormulaPiece(f"\\sqrt{{{inside.text}}}")
 
-    def function(self, name: str, arguments: Sequence[Piece], exponent: str = "") -> Piece:
+    def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
         r"""Return \sin^{2} \theta, \cos\left(a - b\right), \left|x\right|, or e^{-t}."""
         inside = ", ".join(argument.text for argument in arguments)
         if name == "abs":
@@ -69,16 +69,16 @@ class LatexNotation(Notation):
             )
             closed = head + self.brackets(inside)
             if arguments[0].simple:
-                return Piece(f"{head} {inside}", closed=closed, call=True)
-            return Piece(closed, call=True)
+                return FormulaPiece(f"{head} {inside}", closed=closed, call=True)
+            return FormulaPiece(closed, call=True)
         shown = {"log": r"\ln", "min": r"\min", "max": r"\max"}.get(name)
         shown = shown or self.letter(name.rstrip("'")) + "'" * name.count("'")
         return self.power_of(shown + self.brackets(inside), exponent)
 
-    def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
+    def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
         """Return a cases environment."""
         lines = [f"{value} & {condition or chr(92) + 'text{otherwise}'}" for value, condition in rows]
-        return Piece("\\begin{cases} " + " \\\\ ".join(lines) + " \\end{cases}", ATOM)
+        return FormulaPiece("\\begin{cases} " + " \\\\ ".join(lines) + " \\end{cases}", ATOM)
 
     def text(self, words: str) -> str:
         """Return words in a formula."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from html import escape
 
 from lagrange.show.notation.symbols import UNICODE_GREEK, index_parts, latin
-from lagrange.show.notation.text import ATOM, CIRCULAR, POWER, SUM, Notation, Piece
+from lagrange.show.notation.text import ATOM, CIRCULAR, POWER, SUM, FormulaPiece, Notation
 
 DOTS = ("", "\N{DOT ABOVE}", "\N{DIAERESIS}")
 RELATIONS = {"<=": "≤", ">=": "≥", "!=": "≠"}
@@ -52,12 +52,12 @@ class MathmlNotation(Notation):
         shown = chr(0x1D49C + ord(letter) - ord("A")) if letter in "DQTV" else {"L": "ℒ", "E": "ℰ"}.get(letter, word)
         return self.below(f"<mi>{shown}</mi>", list(map(self.letter, indices)))
 
-    def number(self, digits: str, exponent: int | None = None) -> Piece:
+    def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
         """Return 6.674·10⁻¹¹."""
         if exponent is None:
-            return Piece(f"<mn>{digits}</mn>", simple=True)
+            return FormulaPiece(f"<mn>{digits}</mn>", simple=True)
         power = f"<msup><mn>10</mn><mn>{exponent}</mn></msup>"
-        return Piece(row(f"<mn>{digits}</mn>", operator("·"), power), POWER)
+        return FormulaPiece(row(f"<mn>{digits}</mn>", operator("·"), power), POWER)
 
     def constant(self, name: str) -> str:
         """Return π, e or ∞."""
@@ -73,20 +73,20 @@ class MathmlNotation(Notation):
         """Return factors side by side."""
         return row(*(SPACE + text if k and text.startswith(CALLS) else text for k, text in enumerate(texts)))
 
-    def fraction(self, above: Piece, below: Piece) -> Piece:
+    def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
         """Return above over below."""
-        return Piece(f"<mfrac>{_one(above)}{_one(below)}</mfrac>", POWER)
+        return FormulaPiece(f"<mfrac>{_one(above)}{_one(below)}</mfrac>", POWER)
 
-    def raised(self, base: str, exponent: str) -> Piece:
+    def raised(self, base: str, exponent: str) -> FormulaPiece:
         """Return a power; a plain number or sign as exponent becomes an element."""
         shown = f"<mn>{exponent}</mn>" if exponent.lstrip("-").isdigit() else row(exponent)
-        return Piece(f"<msup>{base}{shown}</msup>", POWER)
+        return FormulaPiece(f"<msup>{base}{shown}</msup>", POWER)
 
-    def root(self, inside: Piece) -> Piece:
+    def root(self, inside: FormulaPiece) -> FormulaPiece:
         """Return the square root."""
-        return Piece(f"<msqrt>{inside.text}</msqrt>")
+        return FormulaPiece(f"<msqrt>{inside.text}</msqrt>")
 
-    def function(self, name: str, arguments: Sequence[Piece], exponent: str = "") -> Piece:
+    def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
         """Return the value of a function."""
         inside = operator(",").join(argument.text for argument in arguments)
         if name == "abs":
@@ -98,18 +98,18 @@ class MathmlNotation(Notation):
             head = f"<mi>{name}</mi>" if not exponent else f"<msup><mi>{name}</mi><mn>{exponent}</mn></msup>"
             closed = row(head, APPLY, self.brackets(inside))
             if arguments[0].simple:
-                return Piece(row(head, APPLY, SPACE, inside), closed=closed, call=True)
-            return Piece(closed, call=True)
+                return FormulaPiece(row(head, APPLY, SPACE, inside), closed=closed, call=True)
+            return FormulaPiece(closed, call=True)
         shown = f"<mi>{({'log': 'ln'}).get(name, name)}</mi>"
         return self.power_of(row(shown, APPLY, self.brackets(inside)), exponent)
 
-    def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
+    def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
         """Return a table after a brace."""
         lines = [
             f"<mtr><mtd>{row(value)}</mtd><mtd>{row(condition or '<mtext>otherwise</mtext>')}</mtd></mtr>"
             for value, condition in rows
         ]
-        return Piece(row(operator("{"), f"<mtable>{''.join(lines)}</mtable>"), ATOM)
+        return FormulaPiece(row(operator("{"), f"<mtable>{''.join(lines)}</mtable>"), ATOM)
 
     def comparison(self, left: str, relation: str, right: str) -> str:
         """Return left ≤ right."""
@@ -158,7 +158,7 @@ class MathmlNotation(Notation):
         return start + first + "".join(operator("\N{MINUS SIGN}" if sign else "+") + term for sign, term in rest)
 
 
-def _one(piece: Piece) -> str:
+def _one(piece: FormulaPiece) -> str:
     """Return a piece as one element."""
     return row(piece.text) if piece.level == SUM else piece.text
 

@@ -74,14 +74,14 @@ class Transpose:
 
 
 @dataclass(frozen=True)
-class Sum:
+class SignedTerms:
     """Terms, each with True if it is subtracted."""
 
     terms: tuple[tuple[bool, Any], ...]
 
 
 @dataclass(frozen=True)
-class Grid:
+class ExpressionRows:
     """Expressions in rows: a matrix, or, as one row, a vector."""
 
     rows: tuple[tuple[Any, ...], ...]
@@ -179,11 +179,11 @@ def _points(derivation: Derivation) -> Iterator[Formula | str]:
         yield Formula((ShownQuantity("T", (point.name,)), half))
 
 
-def _vector(entries: tuple[Any, ...]) -> Grid:
+def _vector(entries: tuple[Any, ...]) -> ExpressionRows:
     """Return a vector on one line, or as a column if it is too wide for that."""
     if sum(int(entry.count_ops()) for entry in entries) <= WIDEST_VECTOR:
-        return Grid((entries,), vector=True)
-    return Grid(tuple((entry,) for entry in entries))
+        return ExpressionRows((entries,), vector=True)
+    return ExpressionRows(tuple((entry,) for entry in entries))
 
 
 def _lagrangian(derivation: Derivation) -> Iterator[Formula | str]:
@@ -198,7 +198,7 @@ def _lagrangian(derivation: Derivation) -> Iterator[Formula | str]:
     ):
         if stated != merged:
             yield Formula((ShownQuantity(letter), merged))
-    difference = Sum(((False, ShownQuantity("T")), (True, ShownQuantity("V"))))
+    difference = SignedTerms(((False, ShownQuantity("T")), (True, ShownQuantity("V"))))
     yield Formula((LAGRANGIAN, difference, derivation.lagrangian))
 
 
@@ -227,9 +227,9 @@ def _coordinate(derivation: Derivation, place: int) -> Iterator[Formula | str]:
             yield Formula((push, exerted))
             right.append((False, push))
     if not right and len(left) == 2 and derivation.gradient[q] == 0:
-        yield Formula((Rate(ShownQuantity("p", (name,))), Sum(())))
+        yield Formula((Rate(ShownQuantity("p", (name,))), SignedTerms(())))
     else:
-        yield Formula((Sum(tuple(left)), Sum(tuple(right))))
+        yield Formula((SignedTerms(tuple(left)), SignedTerms(tuple(right))))
 
 
 def _energy(derivation: Derivation) -> Iterator[Formula | str]:
@@ -256,7 +256,7 @@ def _matrices(derivation: Derivation) -> Iterator[Formula | str]:
     accelerations = _column(list(statement.plain.values())[2::3])
     pushed = [(False, Product((Transpose(gradient), _column(multipliers))))] if multipliers else []
     rests = [(False, right)] if any(derivation.right_sides.values()) else []
-    yield Formula((Product((mass, accelerations)), Sum((*rests, *pushed))))
+    yield Formula((Product((mass, accelerations)), SignedTerms((*rests, *pushed))))
     entries = [tuple(derivation.mass_matrix.row(i)) for i in range(len(names))]
     yield from _matrix("M", entries, names, symmetric=True)
     if rests:
@@ -271,7 +271,7 @@ def _matrices(derivation: Derivation) -> Iterator[Formula | str]:
 
 def _column(entries: Sequence[Any]) -> Any:
     """Return a column, written as the transpose of a row; a single entry is that entry."""
-    return entries[0] if len(entries) == 1 else Transpose(Grid((tuple(entries),), vector=True))
+    return entries[0] if len(entries) == 1 else Transpose(ExpressionRows((tuple(entries),), vector=True))
 
 
 def _matrix(
@@ -287,7 +287,7 @@ def _matrix(
     `names` are those of the rows, `others` those of the columns, by default the same.
     """
     if sum(max(int(entry.count_ops()) for entry in column) for column in zip(*rows, strict=True)) <= WIDEST_MATRIX:
-        yield Formula((ShownQuantity(letter), Grid(tuple(rows))))
+        yield Formula((ShownQuantity(letter), ExpressionRows(tuple(rows))))
         return
     columns = others or names
     for i, row in enumerate(rows):

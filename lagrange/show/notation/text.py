@@ -17,7 +17,7 @@ CIRCULAR = frozenset(("sin", "cos", "tan", "cot", "sec", "csc", "sinh", "cosh", 
 
 
 @dataclass(frozen=True)
-class Piece:
+class FormulaPiece:
     """A part of a formula.
 
     `closed` is an alternative text of a function, with parentheses around its argument, if `text` has none.
@@ -96,9 +96,9 @@ class Notation:
         """Return another spelling of a letter such as L if a user's symbol looks like it: the word."""
         return "_".join([word, *indices])
 
-    def number(self, digits: str, exponent: int | None = None) -> Piece:
+    def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
         """Return a number without a sign: 6.674e-11."""
-        return Piece(digits if exponent is None else f"{digits}e{exponent}", simple=True)
+        return FormulaPiece(digits if exponent is None else f"{digits}e{exponent}", simple=True)
 
     def constant(self, name: str) -> str:
         """Return the spelling of pi, e or infinity."""
@@ -112,29 +112,29 @@ class Notation:
         """Return the product of texts that already have the necessary parentheses."""
         return self.product_sign.join(texts)
 
-    def fraction(self, above: Piece, below: Piece) -> Piece:
+    def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
         """Return a*b/(c*d)."""
-        return Piece(f"{self.grouped(above, PRODUCT)}/{self.grouped(below, POWER)}", PRODUCT)
+        return FormulaPiece(f"{self.grouped(above, PRODUCT)}/{self.grouped(below, POWER)}", PRODUCT)
 
-    def raised(self, base: str, exponent: str) -> Piece:
+    def raised(self, base: str, exponent: str) -> FormulaPiece:
         """Return a power; the base already has the necessary parentheses."""
-        return Piece(f"{base}**{exponent if exponent.isalnum() else self.brackets(exponent)}", POWER)
+        return FormulaPiece(f"{base}**{exponent if exponent.isalnum() else self.brackets(exponent)}", POWER)
 
-    def root(self, inside: Piece) -> Piece:
+    def root(self, inside: FormulaPiece) -> FormulaPiece:
         """Return the square root."""
-        return Piece(f"sqrt({inside.text})")
+        return FormulaPiece(f"sqrt({inside.text})")
 
-    def function(self, name: str, arguments: Sequence[Piece], exponent: str = "") -> Piece:
+    def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
         """Return the value of a function, raised to a whole number if an exponent is given."""
         return self.power_of(f"{name}({', '.join(argument.text for argument in arguments)})", exponent)
 
-    def power_of(self, value: str, exponent: str) -> Piece:
+    def power_of(self, value: str, exponent: str) -> FormulaPiece:
         """Return the value of a function, raised to the exponent if there is one."""
-        return self.raised(value, exponent) if exponent else Piece(value)
+        return self.raised(value, exponent) if exponent else FormulaPiece(value)
 
-    def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
+    def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
         """Return pairs of value and condition as SymPy's Piecewise; the last condition may be empty."""
-        return Piece(f"Piecewise({', '.join(f'({value}, {condition or True})' for value, condition in rows)})")
+        return FormulaPiece(f"Piecewise({', '.join(f'({value}, {condition or True})' for value, condition in rows)})")
 
     def comparison(self, left: str, relation: str, right: str) -> str:
         """Return a condition; the relation is one of <, <=, >, >=, =, !=."""
@@ -184,11 +184,11 @@ class Notation:
         """Return sides with signs of equality between them."""
         return " = ".join(sides)
 
-    def grouped(self, piece: Piece, level: int) -> str:
+    def grouped(self, piece: FormulaPiece, level: int) -> str:
         """Return the text of a piece, in parentheses if its precedence is below `level`."""
         return piece.text if piece.level >= level else self.brackets(piece.text)
 
-    def product(self, pieces: Sequence[Piece]) -> Piece:
+    def product(self, pieces: Sequence[FormulaPiece]) -> FormulaPiece:
         """Return the product. A function without parentheses comes last, or before other functions."""
         if len(pieces) == 1:
             return pieces[0]
@@ -200,7 +200,7 @@ class Notation:
                 text = piece.closed
             texts.append(text)
         simple = len(pieces) == 2 and pieces[0].text[:1].isdigit() and pieces[1].simple
-        return Piece(self.joined(texts), PRODUCT, simple=simple)
+        return FormulaPiece(self.joined(texts), PRODUCT, simple=simple)
 
 
 class UnicodeNotation(Notation):
@@ -227,52 +227,56 @@ class UnicodeNotation(Notation):
         """Return a calligraphic capital, or the word."""
         return "_".join([SCRIPT.get(letter, word), *map(self.letter, indices)])
 
-    def number(self, digits: str, exponent: int | None = None) -> Piece:
+    def number(self, digits: str, exponent: int | None = None) -> FormulaPiece:
         """Return 6.674·10⁻¹¹."""
         if exponent is None:
-            return Piece(digits, simple=True)
-        return Piece(f"{digits}·10{str(exponent).translate(SUPERSCRIPT)}", POWER)
+            return FormulaPiece(digits, simple=True)
+        return FormulaPiece(f"{digits}·10{str(exponent).translate(SUPERSCRIPT)}", POWER)
 
-    def fraction(self, above: Piece, below: Piece) -> Piece:
+    def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
         """Return ½, g/l or (a + b)/(c d)."""
         if above.text.isdigit() and below.text.isdigit() and (int(above.text), int(below.text)) in VULGAR:
-            return Piece(VULGAR[int(above.text), int(below.text)])
+            return FormulaPiece(VULGAR[int(above.text), int(below.text)])
         opened = any(f"{name} " in above.text or f"{name}²" in above.text for name in CIRCULAR)
         over = above.closed or (self.brackets(above.text) if opened or above.level == SUM else above.text)
-        return Piece(f"{over}/{below.closed or self.grouped(below, POWER)}", FRACTION)
+        return FormulaPiece(f"{over}/{below.closed or self.grouped(below, POWER)}", FRACTION)
 
-    def raised(self, base: str, exponent: str) -> Piece:
+    def raised(self, base: str, exponent: str) -> FormulaPiece:
         """Return base², base^n or base^(3/2)."""
         if exponent.lstrip("-").isdigit():
-            return Piece(base + exponent.translate(SUPERSCRIPT), POWER)
-        return Piece(f"{base}^{exponent if len(exponent) == 1 else self.brackets(exponent)}", POWER)
+            return FormulaPiece(base + exponent.translate(SUPERSCRIPT), POWER)
+        return FormulaPiece(f"{base}^{exponent if len(exponent) == 1 else self.brackets(exponent)}", POWER)
 
-    def root(self, inside: Piece) -> Piece:
+    def root(self, inside: FormulaPiece) -> FormulaPiece:
         """Return √x or √(a + b)."""
-        return Piece("√" + (inside.text if inside.simple and len(inside.text) < 3 else self.brackets(inside.text)))
+        return FormulaPiece(
+            "√" + (inside.text if inside.simple and len(inside.text) < 3 else self.brackets(inside.text))
+        )
 
-    def function(self, name: str, arguments: Sequence[Piece], exponent: str = "") -> Piece:
+    def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
         """Return sin² θ, cos(a − b), |x|, or e^(−t)."""
         inside = ", ".join(argument.text for argument in arguments)
         if name == "abs":
             return self.power_of(f"|{inside}|", exponent)
         if name == "exp":
             return (
-                Piece(f"e^{self.brackets(inside)}", POWER) if not exponent else self.raised(f"exp({inside})", exponent)
+                FormulaPiece(f"e^{self.brackets(inside)}", POWER)
+                if not exponent
+                else self.raised(f"exp({inside})", exponent)
             )
         shown = {"log": "ln"}.get(name, name)
         if name in CIRCULAR and len(arguments) == 1:
             head = shown + exponent.translate(SUPERSCRIPT)
             closed = f"{head}({inside})"
             if arguments[0].simple:
-                return Piece(f"{head} {inside.replace(' ', '')}", closed=closed, call=True)
-            return Piece(closed, call=True)
+                return FormulaPiece(f"{head} {inside.replace(' ', '')}", closed=closed, call=True)
+            return FormulaPiece(closed, call=True)
         return self.power_of(f"{shown}({inside})", exponent)
 
-    def cases(self, rows: Sequence[tuple[str, str]]) -> Piece:
+    def cases(self, rows: Sequence[tuple[str, str]]) -> FormulaPiece:
         """Return {a if c; b otherwise}."""
         parts = [f"{value} if {condition}" if condition else f"{value} otherwise" for value, condition in rows]
-        return Piece("{" + "; ".join(parts) + "}", ATOM)
+        return FormulaPiece("{" + "; ".join(parts) + "}", ATOM)
 
     def transposed(self, matrix: str) -> str:
         """Return Gᵀ."""

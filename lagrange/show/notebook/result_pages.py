@@ -15,7 +15,7 @@ from lagrange.mechanics.grading.comparison import EquationsComparison
 from lagrange.mechanics.hamilton import Hamiltonian
 from lagrange.mechanics.linearization import Linearization
 from lagrange.mechanics.modes import Modes
-from lagrange.show.notation.sections import Formula, Grid, ShownQuantity
+from lagrange.show.notation.sections import ExpressionRows, Formula, ShownQuantity
 from lagrange.show.notation.symbols import markdown_text
 from lagrange.show.notebook.page_writer import MOST_OPERATIONS, PageWriter, Part, bold, folded, joined, left_out
 from lagrange.statement.notebook_page import notebook_page
@@ -93,7 +93,7 @@ def _modes(modes: Modes) -> Iterator[Part]:
         if sum(int(x.count_ops()) for x in (frequency, *shape) if isinstance(x, sympy.Basic)) > MOST_OPERATIONS:
             yield name, left_out(name, "it is too long", "`.shapes` has it.")
             continue
-        column = writer.side(Grid(tuple((_rounded(x),) for x in shape)))
+        column = writer.side(ExpressionRows(tuple((_rounded(x),) for x in shape)))
         letter, number = f"\\omega_{{{k}}}", _number(frequency, modes, writer)
         rate = f"{letter} = {writer.side(_rounded(frequency))}"
         if len(rate) + len(column) < ONE_LINE:
@@ -132,7 +132,7 @@ def _linearization(linear: Linearization) -> Iterator[Part]:
             continue
         letter = "F" if name == "input_matrix" else name
         rows = tuple(tuple(_rounded(x) for x in matrix.row(i)) for i in range(matrix.rows))
-        yield name, f"$$\n{letter} = {writer.side(Grid(rows))}\n$$"
+        yield name, f"$$\n{letter} = {writer.side(ExpressionRows(rows))}\n$$"
 
 
 MOST_ROWS = 8

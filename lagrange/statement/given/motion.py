@@ -31,7 +31,7 @@ rounded, or ends of a finite difference."""
 
 
 @dataclass(frozen=True)
-class Table:
+class TabulatedFunction:
     """Values at increasing points, joined by cubics whose first and second derivatives are continuous."""
 
     points: tuple[float, ...]
@@ -68,24 +68,24 @@ def table(argument: Any, points: Any, values: Any) -> Any:
     return spline(found, 0, variable)
 
 
-_LATEST: deque[Table] = deque(maxlen=256)
+_LATEST: deque[TabulatedFunction] = deque(maxlen=256)
 """The latest tables over expressions: a spline does not show all of their numbers exactly."""
 
 
-def table_of(node: Any) -> tuple[Any, Table] | None:
+def table_of(node: Any) -> tuple[Any, TabulatedFunction] | None:
     """Return the argument and the numbers of a spline that one of the latest tables gives exactly, else None."""
     found = table_range(node)
     same = [table for table in tuple(_LATEST) if found and _ends(table) == found[1:]]
     return next(((found[0], table) for table in same if found and spline(table, 0, found[0]) == node), None)
 
 
-def _ends(table: Table) -> tuple[float, float]:
+def _ends(table: TabulatedFunction) -> tuple[float, float]:
     """Return the ends between which a spline has values, a little beyond the first and the last point."""
     first, last = (OVERHANG * (table.points[i + 1] - table.points[i]) for i in (0, -2))
     return table.points[0] - first, table.points[-1] + last
 
 
-def checked_table(what: str, columns: Sequence[Any] | Any, points: str) -> Table:
+def checked_table(what: str, columns: Sequence[Any] | Any, points: str) -> TabulatedFunction:
     """Return a table from two columns; `points` is the word of messages for the entries of the first, such as times."""
     both = f"({points}, values), two lists of one length"
     if isinstance(columns, np.ndarray) and columns.ndim == 0:
@@ -107,11 +107,11 @@ def checked_table(what: str, columns: Sequence[Any] | Any, points: str) -> Table
     if len(falls):
         first, second = places[falls[0]], places[falls[0] + 1]
         raise StatementError(f"the {points} of {what} go from {first:g} to {second:g}: give {points} that rise.")
-    return Table(tuple(map(float, places)), tuple(map(float, values)))
+    return TabulatedFunction(tuple(map(float, places)), tuple(map(float, values)))
 
 
 @lru_cache(maxsize=256)
-def spline(table: Table, order: int, variable: Any) -> Any:
+def spline(table: TabulatedFunction, order: int, variable: Any) -> Any:
     """Return the derivative of that order of the spline, a Piecewise in a variable, undefined outside of the points.
 
     The spline is "not a knot": the first two intervals have the same cubic, and so have the last two.
@@ -153,7 +153,7 @@ MARK = "motion"
 
 @dataclass(frozen=True)
 class Motion:
-    """Values of a given function: an expression in t and parameters, a Table, or None for an open function."""
+    """Values of a given function: an expression in t and parameters, a TabulatedFunction, or None if it is open."""
 
     values: Any = None
 
@@ -166,11 +166,13 @@ class Motion:
     def span(self) -> tuple[float, float]:
         """First and last time with a value; -inf and inf without a table."""
         table = self.values
-        return (table.points[0], table.points[-1]) if isinstance(table, Table) else (-math.inf, math.inf)
+        return (table.points[0], table.points[-1]) if isinstance(table, TabulatedFunction) else (-math.inf, math.inf)
 
     def derivative(self, order: int) -> Any:
         """Return the derivative of that order as an expression in t and parameters."""
-        return spline(self.values, order, t) if isinstance(self.values, Table) else _slope(self.values, order)
+        return (
+            spline(self.values, order, t) if isinstance(self.values, TabulatedFunction) else _slope(self.values, order)
+        )
 
 
 def motion_of(function: Any) -> Motion | None:

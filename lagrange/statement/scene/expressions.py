@@ -100,7 +100,7 @@ class Expressions:
         """Return the expression that a text states. Raises SceneError with the column."""
         return replaced(self.built(text).expression, self._done)
 
-    def built(self, text: str) -> Value:
+    def built(self, text: str) -> ParsedValue:
         """Return the value of a text in the names of this reader, where functions of time are real symbols."""
         lexer.scan(text, self.names, calls=self.calls)
         return Reader(text, self.names, self.guard, self.constants, self.calls).read()
@@ -132,14 +132,14 @@ def number_from_text(text: str) -> Any:
 
 
 @dataclass(frozen=True)
-class Value:
+class ParsedValue:
     """Result of a part of the text: an expression, and its value as a double if it is constant, else None."""
 
     expression: Any
     double: float | None = None
 
 
-Join = Callable[[list[Value]], Value]
+Join = Callable[[list[ParsedValue]], ParsedValue]
 Plan = tuple[list[ast.expr], Join]
 """Parts of a node of Python's syntax tree, and the function that joins their values."""
 
@@ -171,10 +171,10 @@ class Reader:
             ast.Compare: self._stray_comparison,
         }
 
-    def read(self) -> Value:
+    def read(self) -> ParsedValue:
         """Return the expression, and its value as a double if it is constant. Parts are built first."""
         todo: list[tuple[ast.expr, int, Join | None]] = [(self._parse(), 0, None)]
-        done: list[Value] = []
+        done: list[ParsedValue] = []
         while todo:
             node, count, join = todo.pop()
             try:
@@ -215,13 +215,13 @@ class Reader:
             raise RefusalError(f"{type(node).__name__} cannot stand in an expression")
         return plan(node)
 
-    def _checked(self, value: Value) -> Value:
+    def _checked(self, value: ParsedValue) -> ParsedValue:
         """Return the checked value. If SymPy evaluated it to an exact number, the double is taken from this number."""
         varies = self.guard.check(value.expression)
         if isinstance(value.expression, sympy.Number):
-            return Value(value.expression, float(value.expression))
+            return ParsedValue(value.expression, float(value.expression))
         if varies:
-            return Value(value.expression)
+            return ParsedValue(value.expression)
         if value.double is None:
             raise RefusalError("the names cancel and leave a constant: write the constant")
         if not math.isfinite(value.double):
@@ -233,13 +233,13 @@ class Reader:
             raise RefusalError(f"a {type(node.value).__name__} cannot stand in an expression: write a real number")
         begin, end = self._place(node.col_offset), self._place(node.end_col_offset or 0)
         number = number_from_text(self.source[begin:end])
-        return [], lambda _: Value(number)
+        return [], lambda _: ParsedValue(number)
 
     def _name(self, node: ast.Name) -> Plan:
         if node.id not in self.names:
             lexer.unknown_name(node.id, self.names, self._place(node.col_offset) - 1)
         expression = self.names[node.id]
-        return [], lambda _: Value(expression, self.constants.get(node.id))
+        return [], lambda _: ParsedValue(expression, self.constants.get(node.id))
 
     def _sign(self, node: ast.UnaryOp) -> Plan:
         if isinstance(node.op, ast.UAdd):
@@ -259,13 +259,13 @@ class Reader:
             return [node.left, node.right], _power
         raise RefusalError(f"{type(node.op).__name__} cannot stand in an expression")
 
-    def _sum(self, straight: Sequence[bool], parts: list[Value]) -> Value:
+    def _sum(self, straight: Sequence[bool], parts: list[ParsedValue]) -> ParsedValue:
         terms = [part if plus else _negative([part]) for part, plus in zip(parts, straight, strict=True)]
-        return Value(self.guard.join(sympy.Add, [term.expression for term in terms]), _constant(sum, terms))
+        return ParsedValue(self.guard.join(sympy.Add, [term.expression for term in terms]), _constant(sum, terms))
 
-    def _product(self, straight: Sequence[bool], parts: list[Value]) -> Value:
+    def _product(self, straight: Sequence[bool], parts: list[ParsedValue]) -> ParsedValue:
         factors = [part if times else _reciprocal(part) for part, times in zip(parts, straight, strict=True)]
-        return Value(
+        return ParsedValue(
             self.guard.join(sympy.Mul, [factor.expression for factor in factors]), _constant(math.prod, factors)
         )
 
@@ -286,20 +286,20 @@ class Reader:
             match arguments:
                 case [ast.Name(id=constraint)]:
                     symbol = multiplier(constraint)
-                    return [], lambda _: Value(symbol)
+                    return [], lambda _: ParsedValue(symbol)
             raise RefusalError("multiplier takes the name of a constraint, as in multiplier(rod)")
         if not arguments:
             raise RefusalError(f"{name} has no arguments: write them, as in {name}(x)")
-        return list(arguments), lambda parts: Value(sympy.Function(name)(*(part.expression for part in parts)))
+        return list(arguments), lambda parts: ParsedValue(sympy.Function(name)(*(part.expression for part in parts)))
 
-    def _apply(self, word: FunctionWord, parts: list[Value]) -> Value:
+    def _apply(self, word: FunctionWord, parts: list[ParsedValue]) -> ParsedValue:
         arguments = [part.expression for part in parts]
         double = _double(word, parts)
         check_arguments(word.build, arguments)
         if word.build is sympy.Abs and not arguments[0].is_extended_real:
             # SymPy would make the real part of the root out of abs(exp(sqrt(x)))
-            return Value(sympy.Abs(*arguments, evaluate=False), double)
-        return Value(word.build(*arguments), double)
+            return ParsedValue(sympy.Abs(*arguments, evaluate=False), double)
+        return ParsedValue(word.build(*arguments), double)
 
     def _condition(self, node: ast.IfExp) -> Plan:
         """Plan `a if x < 0 else b if x < 1 else c`: of each branch the compared terms and the value, then the last."""
@@ -340,34 +340,34 @@ def spine(
     return [node, *reversed(operands)], [True, *reversed(straight)]
 
 
-def _constant(compute: Callable[[list[float]], float], parts: list[Value]) -> float | None:
+def _constant(compute: Callable[[list[float]], float], parts: list[ParsedValue]) -> float | None:
     doubles = [part.double for part in parts if part.double is not None]
     return compute(doubles) if len(doubles) == len(parts) else None
 
 
-def _negative(parts: list[Value]) -> Value:
+def _negative(parts: list[ParsedValue]) -> ParsedValue:
     part = parts[0]
-    return Value(-part.expression, None if part.double is None else -part.double)
+    return ParsedValue(-part.expression, None if part.double is None else -part.double)
 
 
-def _reciprocal(part: Value) -> Value:
+def _reciprocal(part: ParsedValue) -> ParsedValue:
     if part.double == 0.0:
         raise RefusalError("this divides by zero")
-    return Value(1 / part.expression, None if part.double is None else 1 / part.double)
+    return ParsedValue(1 / part.expression, None if part.double is None else 1 / part.double)
 
 
-def _power(parts: list[Value]) -> Value:
+def _power(parts: list[ParsedValue]) -> ParsedValue:
     base, exponent = parts
     check_power(base.expression, exponent.expression)
     if base.double is None or exponent.double is None:
-        return Value(base.expression**exponent.expression)
+        return ParsedValue(base.expression**exponent.expression)
     try:
         double = math.pow(base.double, exponent.double)
     except (ValueError, OverflowError):
         raise RefusalError(f"{base.double:g}**{exponent.double:g} has no finite real value") from None
     if double == 0.0 != base.double:
         raise RefusalError(f"{base.double:g}**{exponent.double:g} is too small for a floating-point number")
-    return Value(base.expression**exponent.expression, double)
+    return ParsedValue(base.expression**exponent.expression, double)
 
 
 def _check_arity(word: FunctionWord, count: int) -> None:
@@ -378,7 +378,7 @@ def _check_arity(word: FunctionWord, count: int) -> None:
     raise RefusalError(f"{word.name} takes {word.most} {'argument' if word.most == 1 else 'arguments'}, not {count}")
 
 
-def _double(word: FunctionWord, parts: list[Value]) -> float | None:
+def _double(word: FunctionWord, parts: list[ParsedValue]) -> float | None:
     doubles = [part.double for part in parts if part.double is not None]
     if len(doubles) < len(parts):
         return None
@@ -400,10 +400,10 @@ def _comparisons(test: ast.Compare) -> list[Callable[[Any, Any], Any]]:
     return known
 
 
-def _branches(tests: list[list[Callable[[Any, Any], Any]]], parts: list[Value]) -> Value:
+def _branches(tests: list[list[Callable[[Any, Any], Any]]], parts: list[ParsedValue]) -> ParsedValue:
     """Join the parts of a condition, laid out by `_Reader._condition`, into a Piecewise."""
     pairs: list[tuple[Any, Any]] = []
-    values: list[Value] = []
+    values: list[ParsedValue] = []
     start = chained = 0
     for comparisons in tests:
         terms = [part.expression for part in parts[start : start + len(comparisons) + 1]]
@@ -421,4 +421,4 @@ def _branches(tests: list[list[Callable[[Any, Any], Any]]], parts: list[Value]) 
     last = parts[-1]
     expression = sympy.Piecewise(*pairs, (last.expression, True))
     chosen = [value.double for value in [*values, last] if value.expression == expression]
-    return Value(expression, chosen[0] if chosen else None)
+    return ParsedValue(expression, chosen[0] if chosen else None)

@@ -18,7 +18,7 @@ from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.logic.boolalg import ITE, And, BooleanAtom, BooleanFunction, Not, Or
 
 from lagrange.statement.scene import lexer
-from lagrange.statement.scene.expressions import COMPARISONS, PREDEFINED_VALUES, Plan, Reader, Value, spine
+from lagrange.statement.scene.expressions import COMPARISONS, PREDEFINED_VALUES, ParsedValue, Plan, Reader, spine
 from lagrange.statement.scene.guard import Guard, RefusalError, check_arguments, check_power
 from lagrange.statement.vocabulary.words import SYMPY_CLASSES, FunctionWord
 
@@ -83,7 +83,7 @@ class UnevaluatedExpressions:
             lexer.refuse("this is a condition, which has no value: write a if condition else b.", 0)
         return expression
 
-    def built(self, text: str) -> Value:
+    def built(self, text: str) -> ParsedValue:
         """Return the value of a text."""
         lexer.scan(text, self.names, calls=self.calls, unevaluated=True)
         return UnevaluatedReader(text, self.names, self.guard, {}, self.calls).read()
@@ -104,24 +104,24 @@ class UnevaluatedReader(Reader):
         self.branched = guard.branched
         self.plans |= {ast.BoolOp: self._logic, ast.Compare: self._comparison}
 
-    def _checked(self, value: Value) -> Value:
+    def _checked(self, value: ParsedValue) -> ParsedValue:
         self.guard.check(value.expression)
         return value
 
     def _constant(self, node: ast.Constant) -> Plan:
         if isinstance(node.value, bool):
             truth = sympy.true if node.value else sympy.false
-            return [], lambda _: Value(truth)
+            return [], lambda _: ParsedValue(truth)
         if type(node.value) not in (int, float):
             raise RefusalError("write a real number here")
         number = sympy.Integer(node.value) if isinstance(node.value, int) else sympy.Float(node.value)
-        return [], lambda _: Value(number)
+        return [], lambda _: ParsedValue(number)
 
     def _sign(self, node: ast.UnaryOp) -> Plan:
         if isinstance(node.op, ast.Not):
-            return [node.operand], lambda parts: Value(Not(_condition_of(parts[0]), evaluate=False))
+            return [node.operand], lambda parts: ParsedValue(Not(_condition_of(parts[0]), evaluate=False))
         if isinstance(node.op, ast.USub):
-            return [node.operand], lambda parts: Value(_negated(_term_of(parts[0])))
+            return [node.operand], lambda parts: ParsedValue(_negated(_term_of(parts[0])))
         return super()._sign(node)
 
     def _operation(self, node: ast.BinOp) -> Plan:
@@ -129,13 +129,13 @@ class UnevaluatedReader(Reader):
             terms, straight = spine(node, ast.Add, ast.Sub)
             return terms, partial(_sum, straight)
         if isinstance(node.op, ast.Pow):
-            return [node.left, node.right], lambda parts: Value(_power(*map(_term_of, parts)))
+            return [node.left, node.right], lambda parts: ParsedValue(_power(*map(_term_of, parts)))
         if not isinstance(node.op, (ast.Mult, ast.Div)):
             return super()._operation(node)
         if ratio := _ratio(node):
-            return [], lambda _: Value(ratio)
+            return [], lambda _: ParsedValue(ratio)
         if isinstance(node.op, ast.Div) and isinstance(node.left, ast.Constant) and node.left.value == 1:
-            return [node.right], lambda parts: Value(_power(_term_of(parts[0]), sympy.S.NegativeOne))
+            return [node.right], lambda parts: ParsedValue(_power(_term_of(parts[0]), sympy.S.NegativeOne))
         factors, straight = spine(node, ast.Mult, ast.Div, stop=_ratio)
         negative = isinstance(factors[0], ast.UnaryOp) and isinstance(factors[0].op, ast.USub)
         if isinstance(factors[0], ast.UnaryOp):
@@ -145,22 +145,22 @@ class UnevaluatedReader(Reader):
     def _call(self, node: ast.Call) -> Plan:
         match node:
             case ast.Call(func=ast.Name(id="exp"), args=[ast.Constant(value=1)], keywords=[]):
-                return [], lambda _: Value(sympy.E)
+                return [], lambda _: ParsedValue(sympy.E)
         return super()._call(node)
 
     def _other_call(self, name: str, arguments: list[ast.expr]) -> Plan:
         if name == lexer.FLOAT:
             number = _binary_number(arguments)
-            return [], lambda _: Value(number)
+            return [], lambda _: ParsedValue(number)
         if name in (lexer.SUM, lexer.PRODUCT):
             build = sympy.Add if name == lexer.SUM else sympy.Mul
-            return list(arguments), lambda parts: Value(build(*map(_term_of, parts), evaluate=False))
+            return list(arguments), lambda parts: ParsedValue(build(*map(_term_of, parts), evaluate=False))
         return super()._other_call(name, arguments)
 
-    def _apply(self, word: FunctionWord, parts: list[Value]) -> Value:
+    def _apply(self, word: FunctionWord, parts: list[ParsedValue]) -> ParsedValue:
         arguments = [_term_of(part) for part in parts]
         options = {"evaluate": False} if word.build in SYMPY_CLASSES or word.build is sympy.sqrt else {}
-        return Value(word.build(*arguments, **options))
+        return ParsedValue(word.build(*arguments, **options))
 
     def _condition(self, node: ast.IfExp) -> Plan:
         """Plan `a if x < 0 else b`: value and condition of each branch, then the last value, which None leaves out."""
@@ -173,7 +173,7 @@ class UnevaluatedReader(Reader):
             parts.append(last)
         return parts, self._branches
 
-    def _branches(self, parts: list[Value]) -> Value:
+    def _branches(self, parts: list[ParsedValue]) -> ParsedValue:
         """Join values and conditions, laid out by `_condition`, into a Piecewise, or into ITE for values of logic."""
         count = len(parts) // 2
         conditions = [_condition_of(part) for part in parts[1 : 2 * count : 2]]
@@ -182,39 +182,39 @@ class UnevaluatedReader(Reader):
         if isinstance(parts[0].expression, _CONDITIONS):
             if len(parts) != 3:
                 raise RefusalError("a condition that depends on another has the form a if b else c")
-            return Value(ITE(conditions[0], parts[0].expression, _condition_of(parts[2]), evaluate=False))
+            return ParsedValue(ITE(conditions[0], parts[0].expression, _condition_of(parts[2]), evaluate=False))
         values = [_term_of(part) for part in parts[: 2 * count : 2]]
         pairs = [ExprCondPair(value, condition) for value, condition in zip(values, conditions, strict=True)]
         if len(parts) % 2:
             pairs.append(ExprCondPair(_term_of(parts[-1]), sympy.true))
-        return Value(sympy.Piecewise(*pairs, evaluate=False))
+        return ParsedValue(sympy.Piecewise(*pairs, evaluate=False))
 
     def _logic(self, node: ast.BoolOp) -> Plan:
         build = And if isinstance(node.op, ast.And) else Or
-        return list(node.values), lambda parts: Value(build(*map(_condition_of, parts), evaluate=False))
+        return list(node.values), lambda parts: ParsedValue(build(*map(_condition_of, parts), evaluate=False))
 
     def _comparison(self, node: ast.Compare) -> Plan:
         """Plan a comparison, or a chain such as 0 < x < 1, which is the conjunction of its relations."""
         comparisons: list[Any] = [COMPARISONS.get(type(op)) for op in node.ops]
 
-        def join(parts: list[Value]) -> Value:
+        def join(parts: list[ParsedValue]) -> ParsedValue:
             relations = []
             for compare, (left, right) in zip(comparisons, pairwise(map(_term_of, parts)), strict=True):
                 if compare is None:
                     raise RefusalError("values compare with < <= > >= == != only")
                 relations.append(compare(left, right, evaluate=False))
-            return Value(relations[0] if len(relations) == 1 else And(*relations, evaluate=False))
+            return ParsedValue(relations[0] if len(relations) == 1 else And(*relations, evaluate=False))
 
         return [node.left, *node.comparators], join
 
 
-def _term_of(value: Value) -> Any:
+def _term_of(value: ParsedValue) -> Any:
     if not isinstance(value.expression, sympy.Expr):
         raise RefusalError("a condition cannot stand where a number is expected: write a if condition else b")
     return value.expression
 
 
-def _condition_of(value: Value) -> Any:
+def _condition_of(value: ParsedValue) -> Any:
     if not isinstance(value.expression, _CONDITIONS):
         raise RefusalError("a condition compares two values: write it as in a if x < 0 else b")
     return value.expression
@@ -254,16 +254,16 @@ def _power(base: Any, exponent: Any) -> Any:
     return sympy.Pow(base, exponent, evaluate=False)
 
 
-def _sum(straight: Sequence[bool], parts: list[Value]) -> Value:
+def _sum(straight: Sequence[bool], parts: list[ParsedValue]) -> ParsedValue:
     terms = [_term_of(part) if plus else _negated(_term_of(part)) for part, plus in zip(parts, straight, strict=True)]
-    return Value(sympy.Add(*terms, evaluate=False))
+    return ParsedValue(sympy.Add(*terms, evaluate=False))
 
 
-def _product(straight: Sequence[bool], negative: bool, parts: list[Value]) -> Value:
+def _product(straight: Sequence[bool], negative: bool, parts: list[ParsedValue]) -> ParsedValue:
     terms = map(_term_of, parts)
     factors = [x if times else _power(x, sympy.S.NegativeOne) for x, times in zip(terms, straight, strict=True)]
     product = sympy.Mul(*factors, evaluate=False)
-    return Value(_negated(product) if negative else product)
+    return ParsedValue(_negated(product) if negative else product)
 
 
 def _binary_number(arguments: list[ast.expr]) -> Any:

@@ -13,7 +13,7 @@ from lagrange.errors import StatementError
 from lagrange.statement.contact import Contact, impact_speed
 from lagrange.statement.coordinate import constraint_of, name_of, t
 from lagrange.statement.event import Event
-from lagrange.statement.given.motion import Table, motion_of, table_of
+from lagrange.statement.given.motion import TabulatedFunction, motion_of, table_of
 from lagrange.statement.parameters import label_of, rate_name
 from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.lexer import MULTIPLIER
@@ -194,7 +194,7 @@ class _SceneWriter:
         motion = motion_of(function)
         if motion is None or motion.values is None:
             return _quoted(OPEN)
-        if isinstance(motion.values, Table):
+        if isinstance(motion.values, TabulatedFunction):
             return f"[{_columns(motion.values)}]"
         text = self.text(f"the given function {name_of(function)}", motion.values, self.alone)
         return text if text != f"'{OPEN}'" else f"'({OPEN})'"
@@ -212,7 +212,7 @@ def _powers(one: Dimension) -> str:
     return "*".join(f"{name}**({power})" if power != 1 else name for name, power in one.exponents) or "1"
 
 
-def _columns(table: Table, names: Sequence[str] = ("", "")) -> str:
+def _columns(table: TabulatedFunction, names: Sequence[str] = ("", "")) -> str:
     """Return the points and the values of a table as lists, each with a name if it has one."""
     rows = (f"[{_joined(map(repr, row))}]" for row in (table.points, table.values))
     return _joined(f"{name} = {row}" if name else row for name, row in zip(names, rows, strict=True))
