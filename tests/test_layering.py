@@ -95,7 +95,6 @@ def imports_of(tree: ast.AST, modules: Modules) -> Iterator[tuple[str, int]]:
 TYPES_ALONE = {
     "lagrange.graph.functions": "lagrange.graph.node",
     "lagrange.procedure.values": "lagrange.procedure.builder",
-    "lagrange.program.function_rules": "lagrange.program.recurrence",
     "lagrange.machine.llvm.iterations": "lagrange.machine.llvm.procedures",
     "lagrange.machine.members.control": "lagrange.machine.members.printer",
     "lagrange.show.race": "lagrange.show.race",

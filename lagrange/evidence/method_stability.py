@@ -102,7 +102,7 @@ class _Map:
             q, v, *multipliers = arguments
             results = [v, -k[:, None] * q - c[:, None] * v]
             # Without constraints the constraint forces are zero, and the padding entries are the multipliers
-            # themselves; see `lagrange.program.constrained`.
+            # themselves; see `lagrange.program.constraints`.
             results += [part for multiplier in multipliers for part in (0.0 * multiplier, multiplier, multiplier)]
             for i, vector in enumerate(results):
                 self.vectors[call.first + i] = vector

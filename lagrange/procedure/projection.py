@@ -1,6 +1,6 @@
 """The projection of the state onto its constraints at the end of an accepted step.
 
-The corrections are those of `lagrange.program.projection`, a Newton step whose remainder is the square of the
+The corrections are those of `lagrange.program.constraints`, a Newton step whose remainder is the square of the
 violation. They are normal to the constraints in the metric of the mass matrix, so that the energy of the motion changes
 in second order only.
 """

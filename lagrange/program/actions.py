@@ -64,7 +64,7 @@ LAWS = {
 """The laws by name: y' = f(t, y) of y = [q, v]; a(t, q), which must not depend on velocities, for methods that move
 coordinates and velocities in turn; p, f = g(t, q, v), the momenta p = dL/dv and the forces f with dp/dt = f; and p, f,
 c, phi, psi = g(t, q, v, lambda) with the forces c = G^T lambda of constraints, these themselves and their rates, all
-padded to n entries: see `lagrange.program.constrained`."""
+padded to n entries: see `lagrange.program.constraints`."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,15 @@ from lagrange.graph.differentiate import tangents
 from lagrange.graph.node import Binding, Node
 from lagrange.graph.rebuild import substitute
 from lagrange.graph.term_size import term_sizes
-from lagrange.program.constrained import constrained, constrained_inputs, constrained_jacobian
+from lagrange.program.constraints import (
+    constrained,
+    constrained_inputs,
+    constrained_jacobian,
+    constraint_positions,
+    projection,
+)
 from lagrange.program.lower import Named, lower
 from lagrange.program.program import Program
-from lagrange.program.projection import constraint_positions, projection
 
 
 @dataclass(frozen=True)

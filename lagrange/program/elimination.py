@@ -1,7 +1,7 @@
 """The elimination of a symmetric matrix A = L D L^T whose zeros are known: which entries of L there are.
 
 Pivots are taken in the order of the matrix. That is stable where A is positive definite, and for [[M, G^T], [G, 0]]
-with a definite M as long as no pivot is small against what it is made of; where one is, who eliminates takes
+with a definite M as long as no pivot is small against the terms that it is a sum of. Where one is, a solver takes
 pivots by size instead.
 Source: G. H. Golub, C. F. Van Loan, Matrix Computations, 4th ed., 2013, section 4.1; R. J. Vanderbei, Symmetric
 quasidefinite matrices, SIAM J. Optimization 5, 1995.

@@ -10,9 +10,9 @@ from typing import NamedTuple
 from lagrange.equations.euler_lagrange import Equations, bias_forces
 from lagrange.graph.node import Binding, Exact, Kind, Node, reachable
 from lagrange.graph.rebuild import substitute
+from lagrange.program.constraints import projection_program
 from lagrange.program.forms import Form, LinearTerms, Momentum, forms
 from lagrange.program.lower import lower
-from lagrange.program.projection import projection_program
 from lagrange.program.recurrence import RecurrenceBuilder, known_node
 from lagrange.program.series import (
     SeriesProgram,

@@ -14,8 +14,7 @@ from lagrange.graph.node import Binding, Graph, Node
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.program.lower import lower
-from lagrange.program.program import Program
-from lagrange.program.solve_groups import SolveGroup, scheduled
+from lagrange.program.program import Program, SolveGroup, scheduled
 from tests.machine.matrices import REGULAR, SINGULAR, Matrix, hollow, positive
 
 ORDERS = (2, 3, 7, *(pytest.param(n, marks=pytest.mark.slow) for n in (6, 12)))

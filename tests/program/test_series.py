@@ -19,9 +19,8 @@ from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Binding, Graph
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.series.interpreted_jet import COEFFICIENT
-from lagrange.program.function_rules import FUNCTION_RULES
 from lagrange.program.program import ProgramBlock
-from lagrange.program.recurrence import RecurrenceBuilder
+from lagrange.program.recurrence import FUNCTION_RULES, RecurrenceBuilder
 from lagrange.program.series import RULES, SeriesProgram, SeriesRule, convolutions
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t

@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from lagrange.errors import StatementError
 from lagrange.graph.node import Node
 from lagrange.graph.to_sympy import to_sympy
-from lagrange.program.recorder import Vector
-from lagrange.program.step import Control, StepProgram, trace
+from lagrange.program.step import Control, StepProgram, Vector, trace
 from lagrange.trajectory.methods.explicit import runge_kutta_step
 from lagrange.trajectory.methods.implicit import backward_euler, bdf2
 from lagrange.trajectory.methods.splitting import SymplecticEuler, VelocityVerlet, splitting_step

@@ -18,8 +18,7 @@ from lagrange.procedure.linear.pivoted import band_size, factor_pivoted, pivoted
 from lagrange.procedure.operations import ANGLES, OPERATIONS
 from lagrange.procedure.values import Flag, Memory, Real, Variable
 from lagrange.program.elimination import Elimination
-from lagrange.program.program import GIVEN, Instruction, Program
-from lagrange.program.solve_groups import SolveGroup, scheduled
+from lagrange.program.program import GIVEN, Instruction, Program, SolveGroup, scheduled
 
 CONDITIONS = frozenset(op for op, signatures in OPERATIONS.items() if signatures[0][1] is FLAG)
 """Operations with a true or false result."""

@@ -1,8 +1,9 @@
-"""The projection of a state onto its constraints, with the least change in the metric of the mass matrix.
+"""Programs of constraints: the projection of a state onto them, and the law of methods with multipliers as unknowns.
 
-One Newton step from (q, v): dq minimises dq^T M dq / 2 with phi + (dphi/dq) dq = 0, and dv minimises dv^T M dv / 2
-with psi + (dpsi/dq) dq + G dv = 0. Both are solved with the matrix of the accelerations, [[M, G^T], [G, 0]], which is
-factored once. A constraint on velocities determines no coordinates: dq is a displacement that it admits.
+The projection makes the least change in the metric of the mass matrix. One Newton step from (q, v): dq minimises
+dq^T M dq / 2 with phi + (dphi/dq) dq = 0, and dv minimises dv^T M dv / 2 with psi + (dpsi/dq) dq + G dv = 0. Both are
+solved with the matrix of the accelerations, [[M, G^T], [G, 0]], which is factored once. A constraint on velocities
+determines no coordinates: dq is a displacement that it admits.
 Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, section VII.2.
 """
 
@@ -75,3 +76,42 @@ def _shares(values: Sequence[Node], sizes: Sequence[Node]) -> list[Node]:
     """Return the absolute values of nodes relative to sizes."""
     graph = values[0].graph
     return [graph.call("abs", value) / (size + LEAST_SIZE) for value, size in zip(values, sizes, strict=True)]
+
+
+def multiplier_symbols(equations: Equations) -> list[Node]:
+    """Return the symbols of the padded multipliers, n of them."""
+    return [equations.graph.symbol(f"multiplier {i}", Binding.ACCELERATION) for i in range(len(equations.q))]
+
+
+def constrained_inputs(equations: Equations) -> dict[str, Sequence[Node]]:
+    """Return the inputs of the law by part: the state, followed by the multipliers."""
+    return {**equations.state, "multipliers": multiplier_symbols(equations)}
+
+
+def constrained(equations: Equations) -> Named:
+    """Return p, f, G^T lambda, phi and psi, n entries each: the law of methods whose unknowns are multipliers.
+
+    The m multipliers of n coordinates are padded to n entries, and so are the constraints: an entry without constraint
+    is the multiplier itself. A step that brings all entries to zero has padding multipliers of zero, and the matrix of
+    Newton's method is square and regular. A constraint on velocities has no phi: its multiplier takes the place of phi.
+    Momenta and forces are those of the solved form, whose mass matrix is regular.
+    """
+    held, multipliers = equations.constraints, multiplier_symbols(equations)
+    count = len(held)
+    pushed = held.forces(multipliers[:count]) if count else [equations.graph.zero] * len(equations.q)
+    places = [one if phi is None else phi for phi, one in zip(held.positions, multipliers, strict=False)]
+    return {
+        "momenta": equations.motion.momenta,
+        "forces": equations.motion.forces,
+        "constraint_forces": pushed,
+        "positions": [*places, *multipliers[count:]],
+        "velocities": [*held.velocities, *multipliers[count:]],
+    }
+
+
+def constrained_jacobian(equations: Equations) -> Named:
+    """Return the derivative of that by q, v and lambda, (5n, 3n)."""
+    rows = [node for block in constrained(equations).values() for node in block]
+    symbols = [symbol for block in constrained_inputs(equations).values() for symbol in block]
+    columns = [tangents(rows, {symbol: equations.graph.one}) for symbol in symbols]
+    return {"constrained_jacobian": [column(row) for row in rows for column in columns]}
