@@ -92,10 +92,8 @@ def time_of_processes() -> float:
     return times.children_user + times.children_system
 
 
-@pytest.mark.parametrize(
-    "path",
-    [pytest.param(path, id=path.stem, marks=[pytest.mark.slow] * (k > 0)) for k, path in enumerate(NOTEBOOKS)],
-)
+@pytest.mark.slow
+@notebooks
 def test_the_notebook_runs(path: Path, kernel: str, tmp_path: Path) -> None:
     notebook = nbformat.read(path, as_version=4)
     began = time_of_processes()

@@ -185,13 +185,6 @@ def test_the_jacobian_is_the_slope_of_the_right_hand_side(mechanism: Mechanism, 
         assert column == close(slopes, 1e-6 * max(1.0, float(np.abs(found).max())))
 
 
-@some
-@given(mechanisms(forces=True) | moving())
-def test_the_right_hand_side_is_velocities_and_accelerations(mechanism: Mechanism) -> None:
-    found = mechanism.model.rhs(mechanism.time, mechanism.state)
-    assert found == close([*mechanism.v, *mechanism.accelerations()], 1e-14)
-
-
 # --- other coordinates ----------------------------------------------------------------------------------------
 
 

@@ -10,7 +10,6 @@ from typing import Any
 import mpmath
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.optimize import brentq
 from scipy.special import ellipj, ellipk, mathieu_a
 from sympy import cos, sin, sqrt
@@ -23,9 +22,6 @@ METHODS = [
     for row in lg.methods.table()
     if row.claims.adaptive and row.claims.explicit and row.claims.order >= 5 and not row.name.startswith("scipy-")
 ]
-SYMPLECTIC = [row.name for row in lg.methods.table() if row.claims.symplectic and row.claims.explicit]
-"""Explicit ones: the weights of Gauss's and the Galerkin methods are rounded, to one side, and their energy drifts by
-some 3e-18 a step, a tenth of a unit of round-off."""
 TIGHT: dict[str, Any] = {"rtol": 1e-13, "atol": 1e-16}
 
 x, y, theta, phi, psi = lg.coordinates("x y theta phi psi")
@@ -164,41 +160,3 @@ def test_a_spherical_pendulum_passes_its_pole(method: str, turn: float) -> None:
     assert np.abs(np.sin(run["theta"])).min() < 0.1
     momentum = run.evaluate(sin(theta) ** 2 * phi.dot)
     assert momentum == pytest.approx(math.sin(1.0) ** 2 * turn, rel=1e-9)
-
-
-def orbit_in(length: float, time: float, method: str) -> NDArray[np.float64]:
-    """An orbit in units of `length` and `time`, told in those."""
-    mu = lg.parameters("mu")
-    orbit = lg.System(kinetic=(x.dot**2 + y.dot**2) / 2, potential=-mu / sqrt(x**2 + y**2), parameters={mu: 1.0})
-    speed = length / time
-    flow = lg.flow(orbit.compile(), method=method, rtol=1e-13, atol=1e-16 * speed)
-    start = np.array([length, 0.0, 0.0, 0.8 * speed])
-    found = flow(start, 0.0, 6.0 * time, {mu: length**3 / time**2})
-    return np.asarray(found / [length, length, speed, speed])
-
-
-@pytest.mark.parametrize("method", METHODS)
-@pytest.mark.parametrize("size", [1e-30, 1e-15, 1e15, 1e30])
-def test_units_do_not_matter(method: str, size: float) -> None:
-    """Taylor's steps scale with the units, so that only rounding differs: of mu, by 3e-16, and a hundred times that at
-    the end. Others begin with another step and differ by their errors.
-    """
-    natural, scaled = orbit_in(1.0, 1.0, method), orbit_in(size, math.sqrt(size), method)
-    assert scaled == pytest.approx(natural, abs=2e-13 if method == "taylor" else 1e-10)
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("method", SYMPLECTIC)
-def test_the_energy_of_a_symplectic_method_does_not_drift(method: str) -> None:
-    """4e5 steps in 40 blocks: the mean of the increments of the block means is zero, by Student's test."""
-    stars = shared_scene("henon-heiles").compile()
-    initial: dict[str, Any] = {"x": 0.1, "y": 0.2, "x_dot": 0.3, "y_dot": 0.2}
-    rows, means, first = tuple(initial), [], math.nan
-    for _ in range(40):
-        block = lg.integrate(stars, (0.0, 1000.0), initial, method=method, step=0.1).require()
-        first = block.energy[0] if math.isnan(first) else first
-        means.append(float(block.energy.mean()) - first)
-        initial = dict(zip(rows, block.y[:, -1].tolist(), strict=True))
-    steps = np.diff(means)
-    assert abs(steps.mean()) < 2.71 * steps.std(ddof=1) / math.sqrt(len(steps))  # 99 %, 38 degrees of freedom
-    assert abs(means[-1] - means[0]) < 0.02 * abs(first)

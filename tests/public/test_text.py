@@ -17,7 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_no_text_is_run_whatever_it_is_in(tmp_path: Path, everything: bool) -> None:
-    part = 1 if everything else 40
+    part = 1 if everything else 120
     result = subprocess.run(
         [sys.executable, "-W", "error", "-m", "tests.public.audit", str(part)],
         capture_output=True,

@@ -15,7 +15,6 @@ import pytest
 
 import lagrange as lg
 from lagrange.trajectory.methods import registry
-from tests.covering import Share
 from tests.public.surface import INSTANCES, Public, arguments, classes, surface
 from tests.public.values import KINDS, MADE
 
@@ -109,12 +108,13 @@ def raw(public: Public, positional: list[Any], named: dict[str, Any]) -> str:
     return f"{type(error).__name__}: {str(error)[:80]} at {place}"
 
 
-def test_wrong_calls_end_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, share: Share) -> None:
+def test_wrong_calls_end_in_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, everything: bool) -> None:
+    """A default run calls everything once."""
     monkeypatch.chdir(tmp_path)
     chance = random.Random(SEED)
     found = surface()
     failures = []
-    for number in range(share(2000)):
+    for number in range(2000 if everything else len(found)):
         public = found[number % len(found)]
         positional, named = call(public, chance, tmp_path)
         if failure := raw(public, positional, named):

@@ -88,64 +88,10 @@ Remarks
     The energy is not conserved.
 """
 
-UNICODE = """\
-elastic pendulum
-
-Stated
-    A swinging spring.
-    Source: A book.
-    T = ½ m (ẋ² + (l + x)² θ̇²)
-    V = ½ k x² − m g (l + x) cos θ
-    Q_x = sin t
-    D = ½ c θ̇²
-
-Lagrangian
-    L = T − V = ½ m (ẋ² + (l + x)² θ̇²) − ½ k x² + m g (l + x) cos θ
-
-Coordinate x
-    p_x = ∂L/∂ẋ = m ẋ
-    d/dt ∂L/∂ẋ = m ẍ
-    ∂L/∂x = m (l + x) θ̇² − k x + m g cos θ
-    Q_x = sin t
-    d/dt ∂L/∂ẋ − ∂L/∂x = Q_x
-
-Coordinate θ
-    p_θ = ∂L/∂θ̇ = m (l + x)² θ̇
-    d/dt ∂L/∂θ̇ = m (l + x)² θ̈ + 2 m (l + x) ẋ θ̇
-    ∂L/∂θ = −m g (l + x) sin θ
-    ∂D/∂θ̇ = c θ̇
-    d/dt ∂L/∂θ̇ − ∂L/∂θ + ∂D/∂θ̇ = 0
-
-Equations of motion
-    m ẍ − m (l + x) θ̇² + k x − m g cos θ = sin t
-    m (l + x)² θ̈ + 2 m (l + x) ẋ θ̇ + c θ̇ + m g (l + x) sin θ = 0
-
-Matrix form
-    M (ẍ, θ̈)ᵀ = h
-    M = [m,  0         ]
-        [0,  m (l + x)²]
-    h = [m (l + x) θ̇² − k x + m g cos θ + sin t    ]
-        [−2 m (l + x) ẋ θ̇ − c θ̇ − m g (l + x) sin θ]
-
-Accelerations
-    ẍ = (l + x) θ̇² − (k/m) x + g cos θ + (1/m) sin t
-    θ̈ = −2 ẋ θ̇/(l + x) − c θ̇/(m (l + x)²) − (g sin θ)/(l + x)
-
-Energy
-    E = ½ m (ẋ² + (l + x)² θ̇²) + ½ k x² − m g (l + x) cos θ
-
-Remarks
-    The energy is not conserved.
-"""
-
 
 def test_text_page() -> None:
     assert render(cart(), "text", ["The energy is not conserved."]) == TEXT
     assert TEXT.isascii()
-
-
-def test_unicode_page() -> None:
-    assert render(cart(), "unicode", ["The energy is not conserved."]) == UNICODE
 
 
 def test_latex_page_is_a_document() -> None:

@@ -85,16 +85,16 @@ def test_steps_that_end_on_the_constraints_are_not_projected(method: str) -> Non
 @pytest.mark.parametrize("method", HOLONOMIC)
 def test_constraints_hold_after_many_steps(method: str) -> None:
     compiled = system("spherical")
-    phi, psi = held(compiled, run(compiled, 1000.0, method, step=0.02))
-    assert phi.shape == (1, 50_001) and phi[:, -1000:].max() < 2 * 32 * 2.0**-52 and psi.max() < 10 * 32 * 2.0**-52
+    phi, psi = held(compiled, run(compiled, 400.0, method, step=0.02))
+    assert phi.shape == (1, 20_001) and phi[:, -1000:].max() < 2 * 32 * 2.0**-52 and psi.max() < 10 * 32 * 2.0**-52
 
 
 @pytest.mark.parametrize("method", HOLONOMIC)
 def test_the_double_pendulum_is_that_in_angles(method: str) -> None:
-    compiled, free, count = system("double_pendulum"), build(**angles()), {2: 20_000, 4: 1000}
+    compiled, free, count = system("double_pendulum"), build(**angles()), {2: 8000, 4: 500}
     expected = from_angles(run(free, 1.0, Taylor(rtol=1e-15, atol=1e-15)).y[:, -1])
     found = run(compiled, 1.0, method, step=1 / count[find(method).claims.order])
-    assert found.y[:, -1] == pytest.approx(expected, abs=1e-6)
+    assert found.y[:, -1] == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize("name", ["pendulum", "spherical", "double_pendulum", "guided"])
@@ -251,11 +251,6 @@ def test_a_method_of_ones_own_may_take_velocity_constraints() -> None:
     mine = replace(implicit("rattle"), name="mine", holonomic=False)
     found = run(system("pendulum"), 0.1, mine, step=0.01)
     assert (found.y == run(system("pendulum"), 0.1, "rattle", step=0.01).y).all()
-
-
-def test_the_methods_of_this_file_are_those_with_multipliers() -> None:
-    assert {*CONSTRAINED} == {"rattle", "constrained-midpoint", "lobatto4", "radau5-index2"}
-    assert {*HOLONOMIC} == {*CONSTRAINED} & {*EQUAL}
 
 
 def test_several_constraints_on_velocities_are_refused_in_the_plural() -> None:

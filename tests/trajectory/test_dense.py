@@ -22,10 +22,7 @@ from lagrange.trajectory.plan import Planned
 from lagrange.trajectory.tableaux.dopri5 import DOPRI5
 from lagrange.trajectory.trajectory import FloatArray, Status
 from tests.models import TARGETS, VALUES, build, g, k, l, m, model, x, z
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, STEPPED, exact, run, stepped
-
-COUNTS = {1: (400, 800), 2: (80, 160), 8: (12, 24), 9: (4, 8)}
-"""How many steps, by the order of the method; 24 and 48 for the others."""
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, exact, run
 
 
 def path_round_off(name: str) -> float:
@@ -35,20 +32,6 @@ def path_round_off(name: str) -> float:
 
 def hermite(compiled: Model, times: FloatArray, states: FloatArray, order: int) -> StepPath:
     return step_path(compiled, compiled.parameter_array(), hermite_polynomial(order), times, states)
-
-
-@pytest.mark.parametrize("name", STEPPED)
-def test_the_path_is_of_the_order_of_its_method(name: str) -> None:
-    compiled = model("Henon-Heiles")
-    times = np.linspace(0.0, 3.0, 203)
-    truth = exact(compiled, 3.0, t_eval=times).y
-    claims = find(name).claims
-    counts = COUNTS.get(claims.order, (24, 48))
-    errors = [np.abs(run(compiled, 3.0, stepped(name, 3.0 / n)).dense(times) - truth).max() for n in counts]
-    # The whole path is of the order of the method, or one more than that of a path within a step if that is less.
-    assert np.log2(errors[0] / errors[1]) > min(claims.order, claims.dense + 1) - 0.35, errors
-    ends = [np.abs(run(compiled, 3.0, stepped(name, 3.0 / n)).y[:, -1] - truth[:, -1]).max() for n in counts]
-    assert errors[1] < 30 * ends[1] or claims.dense + 1 < claims.order
 
 
 CLAIMED: dict[str, Planned] = {
@@ -221,19 +204,6 @@ def test_the_path_goes_through_every_step_and_is_continuous(name: str, target: s
     assert np.abs(near[0] - near[1]).max() < 10 * path_round_off(name)
 
 
-@pytest.mark.parametrize("target", TARGETS)
-def test_the_path_is_smooth_to_first_order(target: str) -> None:
-    """Hermite paths meet with equal slopes, those of the right-hand side."""
-    compiled = model("Henon-Heiles", target)
-    found = run(compiled, 2.0, "rk4", step=0.1)
-    h = 1e-6
-    for i in range(1, 19):
-        slope = compiled.rhs(found.t[i], found.y[:, i])
-        for sign in (-1, 1):
-            moved = found.dense(np.array([found.t[i] + sign * h]))[:, 0]
-            assert sign * (moved - found.y[:, i]) / h == pytest.approx(slope, abs=1e-5)
-
-
 @pytest.mark.few
 @pytest.mark.parametrize("name", NAMES)
 def test_times_in_any_order_and_number(name: str) -> None:
@@ -246,25 +216,6 @@ def test_times_in_any_order_and_number(name: str) -> None:
         assert found.dense(times[i : i + 1])[:, 0] == pytest.approx(together[:, i], abs=path_round_off(name))
     assert found.dense(times[::-1]) == pytest.approx(together[:, ::-1], abs=path_round_off(name))
     assert found.dense(np.empty(0)).shape == (4, 0)
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("end", [2.0, -2.0])
-def test_output_times_are_the_path_at_them(name: str, target: str, end: float) -> None:
-    compiled = model("Henon-Heiles", target)
-    options: dict[str, Any] = {"step": 0.1} if name in FIXED else {}
-    plain = run(compiled, end, name, **options)
-    times = np.sort(np.array([0.0, 0.0, 0.05, 0.1, 0.77, 1.0, 1.99, 2.0])) * np.sign(end)
-    found = run(compiled, end, name, t_eval=times, **options)
-    assert (found.t == times).all() and found.steps == plain.steps
-    assert found.y == pytest.approx(plain.dense(times), abs=1e-14)
-    assert found.y[:, 0] == pytest.approx(plain.y[:, 0], abs=0)
-    assert found.y[:, -1] == pytest.approx(plain.y[:, -1], abs=path_round_off(name))
-    assert found.span == (0.0, end)
-    none = run(compiled, end, name, t_eval=[], **options)
-    assert none.t.shape == (0,) and none.y.shape == (4, 0) and none.status is Status.SUCCESS
-    assert none.dense(times) == pytest.approx(found.y, abs=1e-14)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -311,12 +262,3 @@ def test_the_path_of_an_adaptive_run_keeps_the_tolerance(name: str) -> None:
         found = run(compiled, 5.0, name, rtol=rtol, atol=rtol)
         ends = np.abs(found.y[:, -1] - truth[:, -1]).max()
         assert np.abs(found.dense(times) - truth).max() < 300 * max(ends, rtol)
-
-
-def test_time_stands_in_the_path_too() -> None:
-    """Each stage has its own time: the path of a driven system is as good as its steps."""
-    compiled = model("cart and pole")
-    times = np.linspace(0, 2, 101)
-    truth = exact(compiled, 2.0, t_eval=times).y
-    for name, n in (("dopri5", 200), ("dop853", 60)):
-        assert np.abs(run(compiled, 2.0, stepped(name, 2.0 / n)).dense(times) - truth).max() < 1e-8

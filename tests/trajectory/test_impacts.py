@@ -10,7 +10,6 @@ import pytest
 
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
-from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import FloatArray, Status
 from tests.models import build, x, y
 from tests.trajectory.runs import run
@@ -70,32 +69,6 @@ def test_two_resets_of_one_entry_at_one_time_are_not_settled_by_their_order(meth
     assert alike.status is Status.SUCCESS and alike.y[2, -1] == pytest.approx(-1.0, rel=1e-12)
 
 
-def test_a_trap_closes_in_words() -> None:
-    """Each wall halves the speed, so that the flights grow longer; doubled, they accumulate."""
-    left, right = (
-        event(x, direction=-1, reset={x.dot: -2 * x.dot}),
-        event(x - 1, direction=1, reset={x.dot: -2 * x.dot}),
-    )
-    found = go(free(x=0.5, x_dot=1.0), 10.0, [left, right])
-    assert found.status is Status.STEP_TOO_SMALL and found.t[-1] == pytest.approx(1.5, rel=1e-13)
-    assert "within the spacing of floating-point times" in found.message
-
-
-def test_dense_output_across_a_reset() -> None:
-    found = go(ball(), 3.0, [floor(0.5)], max_steps=20)
-    when = FALL + 2 * FALL * 0.5 * np.linspace(0.01, 0.99, 50)
-    speed = 0.5 * G * FALL
-    expected = speed * (when - FALL) - G * (when - FALL) ** 2 / 2
-    assert found.dense(when)[0] == pytest.approx(expected, abs=1e-14)
-    hit = found.t_events[0][0]
-    assert found.dense(np.array([hit]))[1, 0] == pytest.approx(speed) and found.y_events[0][0, 1] == pytest.approx(
-        -2 * speed
-    )
-    same = go(ball(), 3.0, [floor(0.5)], max_steps=20, t_eval=when)
-    # A step writes its outputs with what rounding lost of the state, which no step keeps.
-    assert same.y == pytest.approx(found.dense(when), rel=4e-15, abs=1e-15) and np.array_equal(same.t, when)
-
-
 def test_resets_of_all_kinds() -> None:
     """Teleports, time in a reset, a reset at the very end, and one together with the end of the run."""
     saw = go(free(), 5.0, [event(x - 1, reset={x: 0})])
@@ -105,10 +78,3 @@ def test_resets_of_all_kinds() -> None:
     last = go(free(), 5.0, [event(x - 1, reset={x.dot: -2 * x.dot}, terminal=True)])
     assert last.status is Status.EVENT and last.y[:, -1].tolist() == [1.0, -2.0]
     assert last.y_events[0].tolist() == [[1.0, 1.0]]
-
-
-def test_a_flow_has_no_events() -> None:
-    """An event belongs to a run: a flow after it is that of the equations alone."""
-    model = ball()
-    go(model, 2.0, [floor(0.5)])
-    assert flow_of(model, method="taylor")([1.0, 0.0], 0.0, 2.0) == pytest.approx([1 - 2 * G, -2 * G], rel=1e-13)

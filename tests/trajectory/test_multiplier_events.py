@@ -114,7 +114,7 @@ def chain(links: int) -> lg.System:
     )
 
 
-@pytest.mark.parametrize("links", [2, 4, 14])
+@pytest.mark.parametrize("links", [2, 10])
 def test_series_and_steps_agree_on_a_chain(links: int) -> None:
     """Small systems are written out for each order, large ones loop."""
     system = chain(links)

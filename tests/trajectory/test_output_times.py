@@ -38,6 +38,9 @@ def test_the_states_of_a_run_are_those_of_its_path_to_the_last_bit(name: str, en
     among = np.isin(mixed, times)
     assert (found.at(mixed)[:, among] == found.y[:, np.searchsorted(np.abs(times), np.abs(mixed[among]))]).all()
     assert found.at(mixed[~among]) == pytest.approx(found.at(mixed)[:, ~among], abs=1e-13)
+    none = lg.integrate(compiled, (0.0, end), method=name, t_eval=[], **options(name))
+    assert none.y.shape == (len(found.y), 0) and none.status is Status.SUCCESS
+    assert none.steps == found.steps and (none.at(times[1:-1]) == found.y[:, 1:-1]).all()
 
 
 @pytest.mark.parametrize("name", ["taylor", "dop853", "radau5", "scipy-dop853"])

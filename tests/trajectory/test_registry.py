@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import re
 import sys
-from fractions import Fraction
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from lagrange.errors import StatementError
@@ -20,25 +18,11 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import registry
-from lagrange.trajectory.methods.explicit import RK4, explicit_method
+from lagrange.trajectory.methods.explicit import RK4
 from lagrange.trajectory.methods.registry import BUILT_IN, GROUP, find, names, table
 from lagrange.trajectory.methods.splitting import Splitting, SymplecticEuler, Verlet
 from tests.models import model
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, exact, run
-
-
-def test_a_tableau_of_ones_own() -> None:
-    third = Fraction(1, 3)
-    ralston = explicit_method(
-        [[0, 0], [2 * third, 0]], [Fraction(1, 4), Fraction(3, 4)], name="ralston", order=2, step=0.01
-    )
-    compiled = model("cart and pole")
-    truth = exact(compiled, 1.0).y[:, -1]
-    assert np.abs(run(compiled, 1.0, ralston).y[:, -1] - truth).max() < 1e-3
-    with pytest.raises(StatementError, match="The tableau 'ralston' is not what it claims: the condition of order 3"):
-        explicit_method([[0, 0], [2 * third, 0]], [Fraction(1, 4), Fraction(3, 4)], name="ralston", order=3)
-    with pytest.raises(StatementError, match="'implicit' is not explicit: A must be zero on and above its diagonal"):
-        explicit_method([[0.5]], [1], name="implicit", order=1)
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, run
 
 
 def test_names_and_instances_are_found() -> None:

@@ -155,33 +155,3 @@ def test_no_step_means_a_thousand_and_says_so(pendulum: lg.System) -> None:
 def test_the_same_tolerance_given_twice_is_given_once(pendulum: lg.System) -> None:
     method = lg.methods.DOP853(rtol=1e-6, atol=1e-8)
     assert (pendulum.run(1.0, method=method, rtol=1e-6).y == pendulum.run(1.0, method=method).y).all()
-
-
-def test_tolerances_of_zero_are_raised_and_said(pendulum: lg.System) -> None:
-    solution = pendulum.run(1.0, rtol=0.0, atol=0.0)
-    assert solution.status is lg.Status.SUCCESS and "was raised to" in solution.message
-    reference = pendulum.run(1.0, rtol=1e-13, atol=1e-15)
-    np.testing.assert_allclose(solution.y[:, -1], reference.y[:, -1], rtol=1e-12)
-
-
-def test_a_flow_is_the_end_of_a_run(pendulum: lg.System) -> None:
-    model = pendulum.compile()
-    for settings in ({"method": "dop853", "rtol": 1e-10}, {"method": "rk4", "step": 0.01}, {"method": "scipy-radau"}):
-        flow = lg.flow(model, **settings)
-        for t0, t1 in ((0.0, 2.0), (1.0, -0.5), (3.0, 3.0)):
-            run = lg.integrate(model, (t0, t1), {theta: 1.0}, **settings) if t0 != t1 else None
-            expected = [1.0, 0.0] if run is None else run.y[:, -1]
-            np.testing.assert_array_equal(flow([1.0, 0.0], t0, t1), expected)
-
-
-def test_a_flow_takes_parameters_and_refuses_in_words(pendulum: lg.System) -> None:
-    flow = lg.flow(pendulum.compile(), rtol=1e-10)
-    slow = flow([1.0, 0.0], 0.0, 1.0, {"g": 1.0})
-    np.testing.assert_array_equal(slow, pendulum.run(1.0, rtol=1e-10, parameters={g: 1.0}).y[:, -1])
-    np.testing.assert_array_equal(flow([1.0, 0.0], 0.0, 1.0), pendulum.run(1.0, rtol=1e-10).y[:, -1])
-    with pytest.raises(lg.StatementError, match=r"y0 has shape \(1,\): give \[q, v\] of shape \(2,\)"):
-        flow([1.0], 0.0, 1.0)
-    with pytest.raises(lg.RunError, match="stopped at t = 0"):
-        flow([float("nan"), 0.0], 0.0, 1.0)
-    with pytest.raises(lg.RunError, match="used up max_steps = 5"):
-        lg.flow(pendulum.compile(), method="rk4", step=0.01, max_steps=5)([1.0, 0.0], 0.0, 1.0)

@@ -7,39 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from sympy import cos
 
 from lagrange.errors import StatementError
-from lagrange.statement.coordinate import t
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.splitting import Splitting, composition
-from tests.models import build, k, m, model, x
+from tests.models import model
 from tests.trajectory.runs import SPLITTINGS, exact, run
-
-
-@pytest.mark.parametrize("name", SPLITTINGS)
-@pytest.mark.parametrize(
-    ("system", "reason"),
-    [
-        ("double pendulum", "its mass matrix changes along the motion"),
-        ("charge", "its accelerations depend on velocities, as with friction or a magnetic field"),
-        ("friction", "its accelerations depend on velocities, as with friction or a magnetic field"),
-    ],
-)
-def test_a_splitting_is_refused_where_it_is_not_legal(name: str, system: str, reason: str) -> None:
-    with pytest.raises(
-        StatementError, match=rf"{name} moves coordinates and velocities in turn.*: {reason}\. [UW].*galerkin4"
-    ):
-        run(model(system), 1.0, name, step=0.01)
-
-
-def test_a_splitting_runs_with_forces_of_place_and_time() -> None:
-    compiled = build(kinetic=m * x.dot**2 / 2, potential=k * x**4 / 4, forces={x: cos(3 * t)}, initial={x: 0.7})
-    truth = exact(compiled, 1.0).y[:, -1]
-    for name in SPLITTINGS:
-        found = run(compiled, 1.0, name, step=0.001)
-        error = np.abs(found.y[:, -1] - truth).max()
-        assert found.status.complete and error < 10 * 0.001 ** min(find(name).claims.order, 4)
 
 
 def test_the_parts_of_a_splitting_add_up_to_a_step() -> None:

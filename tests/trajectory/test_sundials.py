@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import lagrange as lg
 from lagrange.trajectory.foreign.sundials import CVODE
 from lagrange.trajectory.trajectory import Status
 from tests.models import model
@@ -164,9 +163,3 @@ def test_on_a_compiled_model_the_error_follows_the_tolerance(method: CVODE, rtol
     compiled = model("cart and pole")
     run = run_model(compiled, 3.0, method, rtol=rtol, atol=rtol)
     assert np.abs(run.y[:, -1] - exact(compiled, 3.0).y[:, -1]).max() < 300 * rtol
-
-
-def test_a_system_runs_by_it() -> None:
-    solution = lg.scene("elastic-pendulum").run(0.2, method=CVODE(), parameters={"k": 1e6}, rtol=1e-6)
-    assert solution.status is Status.SUCCESS and solution.method == "cvode"
-    assert np.isfinite(solution.at(np.linspace(0, 0.2, 100))).all()

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from typing import Any
 
@@ -12,13 +11,10 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from lagrange.compiler import model_of
-from lagrange.errors import StatementError
 from lagrange.evidence.precise_run import precise_run
 from lagrange.trajectory.methods.taylor import Taylor
-from lagrange.trajectory.run import flow as flow_of
 from lagrange.trajectory.trajectory import Status
-from tests.models import LLVM_FIRST, SYSTEMS, TARGETS, build, g, k, l, laws, m, model, statement_of, x, y
+from tests.models import LLVM_FIRST, SYSTEMS, TARGETS, build, g, m, model, x, y
 from tests.series_systems import relative
 from tests.trajectory.runs import exact, run
 
@@ -70,15 +66,6 @@ def test_a_low_order_takes_the_steps_that_its_error_asks_for(order: int, name: s
     fine = steps(1e-10, order)
     assert fine <= 1.3 * steps(1e-7, order) * 1e3 ** (1 / order)
     assert fine <= 2.5 * steps(1e-10, 12) * 1e10 ** (1 / order - 1 / 12)
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("name", ["pendulum", "double pendulum", "Kepler orbit", "cart and pole"])
-def test_there_and_back(name: str, target: str) -> None:
-    compiled = model(name, target)
-    start = np.array(compiled.statement.initial)
-    flow = flow_of(compiled, method=Taylor(rtol=1e-16, atol=1e-16))
-    assert flow(flow(start, 0.0, 2.0), 2.0, 0.0) == pytest.approx(start, abs=2e-13)
 
 
 def test_a_system_in_loops() -> None:
@@ -173,15 +160,6 @@ def test_nothing_moves(target: str) -> None:
     assert found.status is Status.SUCCESS and (found.y == 0).all() and found.steps <= 2
 
 
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("order", [12, 13, 14])
-def test_from_rest_every_other_coefficient_is_zero(order: int, target: str) -> None:
-    """The step must not be taken from a coefficient that happens to vanish."""
-    method = Taylor(rtol=1e-9, atol=1e-9, order=order)
-    found = run(model("pendulum", target), 1.5, method)
-    assert np.abs(found.y[:, -1] - truth("pendulum", 1.5)).max() < 2e-8
-
-
 # --- tolerances -----------------------------------------------------------------------------------------------
 
 
@@ -196,39 +174,7 @@ def test_tolerances_below_round_off_are_raised_and_said(rtol: float, target: str
     assert "raised" not in told.message
 
 
-@pytest.mark.parametrize("bad", [math.nan, -1e-9, math.inf])
-@pytest.mark.parametrize("which", ["rtol", "atol"])
-def test_tolerances_without_a_meaning_are_refused(which: str, bad: float) -> None:
-    compiled = model("pendulum")
-    given: dict[str, Any] = {which: bad}
-    with pytest.raises(StatementError, match=f"{which} = {bad}: give a finite tolerance that is not negative"):
-        run(compiled, 1.0, "taylor", **given)
-    with pytest.raises(StatementError, match=f"{which} = {bad}: give a finite tolerance that is not negative"):
-        run(compiled, 1.0, Taylor(**given))
-    with pytest.raises(StatementError, match="taylor chooses its steps by itself"):
-        run(compiled, 1.0, "taylor", step=0.1)
-
-
 # --- units ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("unit", [1e-30, 1e30])
-@pytest.mark.parametrize("what", ["length", "time", "mass"])
-def test_the_same_digits_in_any_units(what: str, unit: float, target: str) -> None:
-    """An elastic pendulum; the state at the end is off by what the rounded units themselves are, magnified by 100."""
-    compiled = model("elastic pendulum", target)
-    length, time, mass = (unit if what == one else 1.0 for one in ("length", "time", "mass"))
-    base = compiled.parameter_values()
-    values = {m: base[m] * mass, l: base[l] * length, k: base[k] * mass / time**2, g: base[g] * length / time**2}
-    start = {"r": 1.1 * length, "theta": 0.4, "theta_dot": 0.3 / time}
-    scale = np.array([length, 1.0, length / time, 1.0 / time])
-    plain = run(compiled, 2.0, "taylor", rtol=1e-13, atol=0.0)
-    options: dict[str, Any] = {"rtol": 1e-13, "atol": 0.0, "max_steps": 1000}
-    found = run(compiled, 2.0 * time, "taylor", initial=start, parameters=values, **options)
-    # The scale of time is a power of two, which a unit need not be: a step may be a little longer in one.
-    assert found.status is Status.SUCCESS and abs(found.steps - plain.steps) <= 1
-    assert found.y[:, -1] / scale == pytest.approx(plain.y[:, -1], rel=1e-11)
 
 
 # --- ends -----------------------------------------------------------------------------------------------------
@@ -273,31 +219,6 @@ def test_coefficients_that_overflow(start: float, after: float, target: str) -> 
 
 
 # --- flows ----------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("target", LLVM_FIRST)
-def test_a_flow_gives_the_same_bits_whatever_it_did_before(target: str) -> None:
-    compiled = model("double pendulum", target)
-    start = np.array(compiled.statement.initial)
-    flow = flow_of(compiled, method="taylor", rtol=1e-12)
-    first = flow(start, 0.0, 1.0)
-    flow(start * 1.1, 5.0, -20.0)
-    flow(start, 0.0, 1e-7)
-    flow(start, 0.0, 1.0, {"g": 1.0})
-    assert (flow(start, 0.0, 1.0) == first).all()
-    assert (flow_of(compiled, method="taylor", rtol=1e-12)(start, 0.0, 1.0) == first).all()
-
-
-@pytest.mark.parametrize(
-    ("name", "target"), [("double pendulum", "numpy"), ("double pendulum", "llvm"), ("friction", "llvm")]
-)
-def test_threads_share_a_flow(name: str, target: str) -> None:
-    compiled = model_of(statement_of(name), model(name, target).machine, laws(name))
-    flow = flow_of(compiled, method="taylor")
-    starts = [np.array(compiled.statement.initial) * (1 + 0.01 * i) for i in range(8)]
-    with ThreadPoolExecutor(4) as pool:  # the first calls compile
-        found = list(pool.map(lambda start: flow(start, 0.0, 1.0), starts))
-    assert all((flow(start, 0.0, 1.0) == end).all() for start, end in zip(starts, found, strict=True))
 
 
 @pytest.mark.parametrize("target", TARGETS)
