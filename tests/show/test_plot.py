@@ -194,6 +194,7 @@ def test_a_coordinate_at_rest_is_a_level_line() -> None:
     assert low < 0.6 and high > 1.4
 
 
+@pytest.mark.slow
 def test_matplotlib_comes_with_the_first_picture_only_and_none_of_its_global_state_is_touched() -> None:
     code = (
         "import lagrange.trajectory.solution, sys\n"

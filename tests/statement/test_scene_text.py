@@ -95,6 +95,7 @@ def test_a_system_of_python_reads_back_symbol_for_symbol(name: str, tmp_path: Pa
     assert_same(pickle.loads(pickle.dumps(stated)).statement, stated.statement)
 
 
+@pytest.mark.slow
 def test_a_stored_system_runs_bit_for_bit(tmp_path: Path) -> None:
     run = rich().run(1.0)
     again = lg.load(run.to_npz(tmp_path / "run.npz"))

@@ -171,6 +171,7 @@ def test_a_constant_holds_no_names(name: str) -> None:
 # --- size ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_long_sums_and_products_read_fast() -> None:
     sums = " + ".join(f"{i}*x**{i % 7}" for i in range(700))
     start = time.process_time()

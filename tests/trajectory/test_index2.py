@@ -40,7 +40,8 @@ class Newton:
         return self.kept[-1]
 
 
-@pytest.mark.parametrize("name", ["pumped", pytest.param("sleigh", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["pumped", "sleigh"])
 def test_the_multipliers_of_radaus_step_are_of_order_3(name: str) -> None:
     compiled = system(name)
     law, values, count = compiled.law("constrained"), compiled.parameter_array(), len(compiled.equations.constraints)

@@ -147,6 +147,7 @@ def press_until(heard: threading.Event) -> None:
         os.kill(os.getpid(), signal.SIGINT)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="signals are sent the POSIX way")
 def test_ctrl_c_while_compiling() -> None:
     """The signal is heard between two pieces that LLVM compiles, here of a second at most."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,7 @@ EXPLICIT = tuple(name for name in STEPPED if find(name).claims.explicit)
 # --- formulas, written out again ------------------------------------------------------------------------------
 
 
-def by_tableau(rows: Sequence[Sequence[Any]], weights: Sequence[Any]) -> Step:
+def by_tableau(rows: Any, weights: Any) -> Step:
     """Return the step of an explicit Runge-Kutta method."""
 
     def step(f: Rhs, t: float, y: Any, h: float) -> Any:
