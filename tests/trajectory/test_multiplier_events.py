@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import cos, sign, sin
+from sympy import cos, sign
 
 import lagrange as lg
 from lagrange.trajectory.trajectory import Status
@@ -27,17 +27,6 @@ def on_sphere() -> lg.System:
         parameters={m: 1.3, g: 9.81, l: 1},
         initial={x: 0.6, y: 0.8},
         name="on the sphere",
-    )
-
-
-def ladder() -> lg.System:
-    """Hold a uniform ladder that slides down a smooth wall, its middle at (x, y) and its angle to the floor theta."""
-    return lg.System(
-        kinetic=m * (x.dot**2 + y.dot**2) / 2 + m * l**2 * theta.dot**2 / 24,
-        potential=m * g * y,
-        constraints={"wall": x - l * cos(theta) / 2, "floor": y - l * sin(theta) / 2},
-        parameters={m: 2.0, g: 9.81, l: 3.0},
-        initial={theta: 1.1, x: 1.5 * math.cos(1.1), y: 1.5 * math.sin(1.1)},
     )
 
 
@@ -63,12 +52,6 @@ def test_a_particle_leaves_the_sphere_at_two_thirds_of_its_height(method: str, t
     assert solution.status is Status.EVENT
     # Radau's tolerance bounds what a step may err by; the others err by less than it.
     assert solution[y][-1] == pytest.approx(2 / 3 * 0.8, abs=1e-10)
-
-
-def test_a_ladder_leaves_the_wall_at_two_thirds_of_its_height() -> None:
-    solution = until(ladder(), "wall")
-    assert math.sin(solution[theta][-1]) == pytest.approx(2 / 3 * math.sin(1.1), abs=1e-10)
-    assert solution.evaluate(lg.multiplier("floor"))[-1] > 0
 
 
 def test_a_string_goes_slack_where_gravity_bends_the_path_as_much() -> None:
