@@ -22,7 +22,7 @@ from lagrange.machine.kernel.llvm_module import KernelCode
 from lagrange.machine.llvm import engine
 from lagrange.machine.model import Model
 from lagrange.program.catalogue import QUANTITIES, program_of
-from tests.models import SYSTEMS, TARGETS, VALUES, M, build, k, l, m, model, phi, stated, theta, x, y
+from tests.models import SYSTEMS, TARGETS, VALUES, M, build, k, l, m, model, phi, theta, x, y
 
 WIDTHS = (1, 2, 7, 8, 9, 64)
 KEPT: list[Any] = []
@@ -296,13 +296,6 @@ def test_any_expression_along_states(target: str) -> None:
     assert (compiled.evaluate_expression(sp.Integer(3), 0.0, y) == np.full(5, 3.0)).all()
 
 
-def test_parameters_are_read_anew_for_every_call() -> None:
-    statement = stated(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2)
-    compiled = model_of(statement, machine("llvm"))
-    found = [compiled.accelerations([1.0], [0.0], parameters={"k": value})[0] for value in (1.0, 2.0, 1.0)]
-    assert found == pytest.approx([-1 / VALUES[m], -2 / VALUES[m], -1 / VALUES[m]])
-
-
 def test_a_kernel_says_what_it_is() -> None:
     compiled = model("pendulum")
     kernel: Any = compiled.kernel("rhs")
@@ -313,12 +306,6 @@ def test_a_kernel_says_what_it_is() -> None:
     chain = lg.System(sum((q.dot**2 for q in many), sp.S.Zero), name="chain")
     assert repr(chain) == "<System chain: u0, u1, u2, u3, u4, u5, u6, u7 and 42 others>"
     assert isinstance(SingularMassMatrix(3), RunError)
-
-
-def test_y_is_q_then_v() -> None:
-    compiled = model("oscillator")
-    assert compiled.rhs(0.0, [0.25, 0.5])[0] == 0.5
-    assert y is not compiled.statement.coordinates
 
 
 @pytest.mark.parametrize("target", TARGETS)

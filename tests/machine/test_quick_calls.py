@@ -11,7 +11,7 @@ import pytest
 import sympy
 
 import lagrange as lg
-from lagrange.errors import RunError, StatementError
+from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from tests.models import shared_scene
 
@@ -100,16 +100,6 @@ def test_results_without_a_value_come_as_they_are(model: Model) -> None:
     assert np.isnan(model.rhs(0.0, state)[2:]).any()
 
 
-@pytest.mark.parametrize("target", TARGETS)
-def test_a_singular_mass_matrix_is_named(target: str) -> None:
-    polar = lg.System(
-        kinetic=(x.dot**2 + x**2 * y.dot**2) / 2, coordinates=[x, y], initial={x: 1.0}, potential=x
-    ).compile(target=target)
-    assert np.isfinite(polar.rhs(0.0, np.array([1.0, 0.0, 0.0, 1.0]))).all()
-    with pytest.raises(RunError, match="the mass matrix is singular at t = 0, x = 0, y = 0"):
-        polar.rhs(0.0, np.zeros(4))
-
-
 def test_other_parameters_do_not_disturb(model: Model) -> None:
     expected = model.rhs(0.0, STATE)
     other = model.rhs(0.0, STATE, {"k": 99.0})
@@ -140,14 +130,6 @@ def test_quick_calls_are_made_once_for_the_same_parameters(model: Model) -> None
 def test_other_numbers_are_times_too(model: Model, t: Any) -> None:
     assert np.array_equal(model.rhs(t, STATE), slow(model, "rhs"))
     assert model.energy(STATE[:2], STATE[2:], t) == slow(model, "energy")
-
-
-@pytest.mark.parametrize("t", [True, None, "0", 1j])
-def test_what_is_no_time_is_told(model: Model, t: Any) -> None:
-    with pytest.raises(StatementError, match="the time t"):
-        model.rhs(t, STATE)
-    with pytest.raises(StatementError, match="the time t"):
-        model.accelerations(STATE[:2], STATE[2:], t)
 
 
 @pytest.mark.parametrize("given", [STATE.astype(np.float32), np.array([1, 0, 0, 1]), np.zeros(4, dtype=complex), None])

@@ -50,3 +50,30 @@ def test_a_run_looks_at_its_ends_by_quick_calls(
         monkeypatch.setattr(slow, "columns", None)
     found = lg.integrate(model, (0.0, 0.1), initial, method=method, **step)
     assert found.status is lg.Status.SUCCESS and np.array_equal(found.y, expected.y)
+
+
+# --- first steps, which begin where their error estimate means something ---------------------------------------
+
+METHODS = ("bs3", "dopri5", "tsit5", "dop853", "verner9")
+SCENES = (
+    *("bead-on-hoop", "chain-of-springs", "charge-in-field", "double-pendulum", "elastic-pendulum", "henon-heiles"),
+    *("kepler", "mass-on-spring", "pendulum", "pleiades", "spherical-pendulum", "sun-earth-moon"),
+)
+"""Scenes that are at no equilibrium, and whose motion is not a polynomial in time that a method follows exactly."""
+
+MOST_GROWTH = 10.0
+"""Step control lets a step grow by this factor at most, whatever its error."""
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-8, 1e-11])
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", SCENES)
+def test_the_first_step_is_less_than_two_growths_away(name: str, method: str, rtol: float) -> None:
+    """An error far below the tolerance is round-off: a step then grows by the most that it may, again and again."""
+    model = shared_scene(name).compile()
+    span = shared_scene(name).statement.run.t_end or 10.0
+    for absolute in (None, rtol):
+        found = lg.integrate(model, (0.0, span), method=method, rtol=rtol, atol=absolute, max_steps=6)
+        steps = np.diff(found.t)
+        assert len(steps) >= 3
+        assert steps[2] < 0.9 * MOST_GROWTH**2 * steps[0]
