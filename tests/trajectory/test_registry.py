@@ -139,7 +139,7 @@ def test_a_method_is_entered_where_it_is_defined_and_listed_nowhere_else() -> No
 
 def test_the_row_of_taylor_says_what_its_order_means() -> None:
     row = next(row for row in table() if row.name == "taylor")
-    assert f"order by cost, {LOWEST_ORDER} to {HIGHEST_ORDER} ({row.claims.order} stands for it)" in row.about
+    assert f"order by cost, {LOWEST_ORDER} to {HIGHEST_ORDER} (listed as {row.claims.order})" in row.about
 
 
 @pytest.mark.parametrize(
