@@ -188,8 +188,8 @@ def _events(plan: TaylorPlan, watched: Watched, values: Procedure) -> Events:
 def _jet(series: TaylorProcedures, order: int) -> WrittenJet | ByOrderJet:
     """Return the builder of the series: written out, or as a loop over orders if there are many operations."""
     if single_operations(series.packing, order) > MOST_WRITTEN_OUT:
-        return ByOrderJet(pack(series.program, 1), series.numbers)
-    return WrittenJet(series.packing, series.numbers, order)
+        return ByOrderJet(series.single, series.numbers)
+    return WrittenJet(series.single, series.numbers, order)
 
 
 def _observed(kernels: Mapping[str, Procedure], dimension: int) -> Observed:

@@ -11,7 +11,7 @@ norm = p.finish(REAL)
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -38,6 +38,7 @@ from lagrange.procedure.form import (
     Part,
     Procedure,
     Record,
+    Reduce,
     Repeat,
     Reserve,
     ReserveRecord,
@@ -139,7 +140,9 @@ class Builder:
     # --- values
 
     def operation(self, op: str, *args: Any) -> Any:
-        """Return an operation on values and Python numbers; the numbers are converted to the kind of the values."""
+        """Return an operation on values and Python numbers, which take the kind of the values; entrywise on vectors."""
+        if any(isinstance(arg, Entries) for arg in args):
+            return self.entrywise(op, *args)
         kinds = [arg.kind for arg in args if isinstance(arg, Value)]
         kind = next((k for k in kinds if k is not FLAG), REAL)
         found = [arg if isinstance(arg, Value) else self.constant(arg, kind) for arg in args]
@@ -150,23 +153,27 @@ class Builder:
         refs = tuple(arg.ref for arg in found)
         return self.made(result, lambda ref: Let(ref, result, op, refs))
 
-    def sine_cosine(self, angle: Real) -> tuple[Real, Real]:
-        """Return the sine and the cosine of an angle."""
+    def sine_cosine(self, angle: Any) -> tuple[Any, Any]:
+        """Return the sine and the cosine of an angle, or of each of a vector."""
         sine, cosine = self.unused(), self.unused()
-        self.add(SineCosine(sine, cosine, self.operand(angle, REAL)))
-        return Real(self, sine), Real(self, cosine)
-
-    def vector(self, vector: Vector, make: Callable[[int], Statement]) -> Entries:
-        """Return the vector of a new statement."""
-        ref = self.unused()
-        self.add(make(ref))
-        return Entries(self, ref, vector)
+        self.add(SineCosine(sine, cosine, angle.ref))
+        return self.value_of(sine, _kind_of(angle)), self.value_of(cosine, _kind_of(angle))
 
     def broadcast(self, value: Any, width: int, kind: Kind = REAL) -> Entries:
         """Return a vector with the same value in every entry; a Python number is of the given kind."""
         first = value if isinstance(value, Value) else self.constant(value, kind)
-        vector = Vector(first.kind, width)
-        return self.vector(vector, lambda ref: VectorLet(ref, vector, "broadcast", (first.ref,)))
+        found: Entries = self.permuted([first], (0,) * width)
+        return found
+
+    def permuted(self, parts: Sequence[Any], places: Sequence[int]) -> Any:
+        """Return entries of vectors and single values, counted one behind the other; one place gives one value."""
+        kind = parts[0].kind
+        if len(places) > 1:
+            vector, refs = Vector(kind, len(places)), tuple(one.ref for one in parts)
+            return self.made(vector, lambda ref: VectorLet(ref, vector, "permute", refs, tuple(places)))
+        known = [(one, k) for one in parts for k in range(one.width if isinstance(one, Entries) else 1)]
+        one, k = known[places[0]]
+        return self.made(kind, lambda ref: Reduce(ref, kind, "entry", one.ref, k)) if isinstance(one, Entries) else one
 
     def entrywise(self, op: str, *args: Any) -> Entries:
         """Return an operation on vectors; numbers and flags among the operands are broadcast."""
@@ -178,7 +185,8 @@ class Builder:
         if result is None:
             raise LagrangeError(f"procedure {self.name}: {op} takes no {', '.join(arg.vector.kind for arg in wide)}.")
         vector, refs = Vector(result, width), tuple(arg.ref for arg in wide)
-        return self.vector(vector, lambda ref: VectorLet(ref, vector, op, refs))
+        made: Entries = self.made(vector, lambda ref: VectorLet(ref, vector, op, refs))
+        return made
 
     def constant(self, value: Any, kind: Kind) -> Any:
         """Return a Python number as a value."""
@@ -202,18 +210,24 @@ class Builder:
         """The flag that is false."""
         return Flag.of(self.constant(value=False, kind=FLAG))
 
-    def operand(self, value: Any, kind: Kind) -> int:
-        """Return the number of a value. Raises LagrangeError for a value of another kind."""
-        found: Value = value if isinstance(value, Value) else self.constant(value, kind)
-        if found.kind is not kind:
-            raise LagrangeError(f"procedure {self.name}: a {found.kind} stands where a {kind} belongs.")
-        return found.ref
+    def operand(self, value: Any, kind: Kind | Vector) -> int:
+        """Return the number of a value; refuse another kind."""
+        if not isinstance(value, (Value, Entries)) and isinstance(kind, Kind):
+            value = self.constant(value, kind)
+        if _kind_of(value) != kind:
+            raise LagrangeError(f"procedure {self.name}: a {_kind_of(value)} stands where a {kind} belongs.")
+        ref: int = value.ref
+        return ref
 
-    def made(self, kind: Kind, make: Callable[[int], Statement]) -> Any:
+    def made(self, kind: Kind | Vector, make: Callable[[int], Statement]) -> Any:
         """Return the value of a new statement."""
         ref = self.unused()
         self.add(make(ref))
-        return VALUES[kind](self, ref)
+        return self.value_of(ref, kind)
+
+    def value_of(self, ref: int, kind: Kind | Vector) -> Any:
+        """Return the value of a number."""
+        return Entries(self, ref, kind) if isinstance(kind, Vector) else VALUES[kind](self, ref)
 
     def real(self, value: Any) -> Real:
         """Return a number, whole or flag as a real."""
@@ -430,8 +444,10 @@ class Builder:
         return self._count - 1
 
 
-def _kind_of(value: Any) -> Kind:
-    """Return the kind of a value, or of a Python number."""
+def _kind_of(value: Any) -> Any:
+    """Return the type of a value, or the kind of a number of Python."""
+    if isinstance(value, Entries):
+        return value.vector
     if isinstance(value, Value):
         return value.kind
     return FLAG if isinstance(value, bool) else WHOLE if isinstance(value, int) else REAL

@@ -123,7 +123,7 @@ class Let(NamedTuple):
 
 
 class SineCosine(NamedTuple):
-    """The sine and the cosine of one angle, which cost little more together than one of them."""
+    """The sine and the cosine of one angle or of each of a vector, which cost little more together than one of them."""
 
     sine: int
     cosine: int
@@ -131,9 +131,9 @@ class SineCosine(NamedTuple):
 
 
 class VectorLet(NamedTuple):
-    """A vector: an operation on vectors of one width entry by entry, or one of two others.
+    """A vector: an operation on vectors of one width entry by entry, or `permute`.
 
-    `broadcast` has one number or flag in every entry, `permute` the entries of a vector at `places`.
+    `permute` has the entries at `places` of its operands one behind the other, which are vectors and single values.
     """
 
     ref: int
@@ -144,7 +144,7 @@ class VectorLet(NamedTuple):
 
 
 class Reduce(NamedTuple):
-    """One value of a vector: the `sum` of its numbers, or whether `any` of its flags holds.
+    """One value of a vector: the `sum` of its numbers, whether `any` of its flags holds, or the `entry` at a place.
 
     A sum adds entries k and k + width/2 for all k of the first half, and goes on with these sums until one is left.
     """
@@ -153,6 +153,7 @@ class Reduce(NamedTuple):
     kind: Kind
     op: str
     vector: int
+    place: int = 0
 
 
 class VectorLoad(NamedTuple):
@@ -243,10 +244,10 @@ class Write(NamedTuple):
 
 
 class Declare(NamedTuple):
-    """Declare a variable with its first value."""
+    """Declare a variable with its first value, a number or a vector."""
 
     ref: int
-    kind: Kind
+    kind: Kind | Vector
     value: int
 
 
@@ -254,7 +255,7 @@ class Get(NamedTuple):
     """Read a variable."""
 
     ref: int
-    kind: Kind
+    kind: Kind | Vector
     variable: int
 
 

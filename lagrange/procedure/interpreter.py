@@ -96,22 +96,25 @@ def _let(let: Let, known: Environment) -> None:
 
 
 def _sine_cosine(pair: SineCosine, known: Environment) -> None:
-    angle = known[pair.angle]
-    known[pair.sine], known[pair.cosine] = OPERATIONS["sin"](angle), OPERATIONS["cos"](angle)
+    for op, ref in (("sin", pair.sine), ("cos", pair.cosine)):
+        angle, take = known[pair.angle], OPERATIONS[op]
+        known[ref] = tuple(map(take, angle)) if isinstance(angle, tuple) else take(angle)
 
 
 def _vector_let(let: VectorLet, known: Environment) -> None:
-    first, *_ = args = [known[arg] for arg in let.args]
-    if let.op == "broadcast":
-        known[let.ref] = (first,) * let.vector.width
-    elif let.op == "permute":
-        known[let.ref] = tuple(first[place] for place in let.places)
+    args = [known[arg] for arg in let.args]
+    if let.op == "permute":
+        entries = [entry for arg in args for entry in (arg if isinstance(arg, tuple) else (arg,))]
+        known[let.ref] = tuple(entries[place] for place in let.places)
     else:
         known[let.ref] = tuple(OPERATIONS[let.op](*entries) for entries in zip(*args, strict=True))
 
 
 def _reduce(reduce: Reduce, known: Environment) -> None:
     entries = known[reduce.vector]
+    if reduce.op == "entry":
+        known[reduce.ref] = entries[reduce.place]
+        return
     if reduce.op == "any":
         known[reduce.ref] = any(entries)
         return

@@ -8,25 +8,29 @@ from lagrange.procedure.form import (
     Block,
     Call,
     Declare,
+    Gather,
     Get,
     Let,
     Load,
     Part,
     Procedure,
     Read,
+    Reduce,
     Reserve,
     ReserveRecord,
     Set,
     SineCosine,
     Statement,
+    VectorLet,
+    VectorLoad,
     When,
     rebuilt,
     walk,
 )
 from lagrange.procedure.visit import defined, operands
 
-MADE = (Let, SineCosine, Load, Read, Part, Reserve, ReserveRecord, Get)
-"""Statements that define a value or memory, without other effects."""
+MADE = (Let, SineCosine, VectorLet, Reduce, VectorLoad, Gather, Load, Read, Part, Reserve, ReserveRecord, Get)
+"""Statements that make a value or memory, and do nothing else."""
 
 
 class Pruner:

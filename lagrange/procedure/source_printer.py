@@ -201,12 +201,12 @@ class SourcePrinter(Visitor, Syntax):
     def variable(self, statement: Declare | Get | Set) -> None:
         """Print the declaration, reading or setting of a variable."""
         match statement:
-            case Declare(ref=ref, kind=kind, value=value):
+            case Declare(ref=ref, kind=Kind() as kind, value=value):
                 self.types[ref] = kind
                 text = self.text(value)
                 self.settle()
                 self.put(self.declare(self.name(ref), kind, text))
-            case Get(ref=ref, kind=kind, variable=variable):
+            case Get(ref=ref, kind=Kind() as kind, variable=variable):
                 self.made(ref, kind, ATOM, self.text(variable))
             case Set(variable=variable, value=value):
                 self.write(self.assign(self.text(variable), self.text(value)))

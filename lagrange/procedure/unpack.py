@@ -20,8 +20,10 @@ from lagrange.procedure.form import (
     Procedure,
     Reduce,
     Set,
+    SineCosine,
     Statement,
     Store,
+    Vector,
     VectorLet,
     VectorLoad,
     VectorStore,
@@ -29,7 +31,7 @@ from lagrange.procedure.form import (
     rebuilt,
     walk,
 )
-from lagrange.procedure.visit import defined
+from lagrange.procedure.visit import defined, renamed
 
 
 def unpacked(procedure: Procedure) -> Procedure:
@@ -51,15 +53,35 @@ class _Unpacker:
     def __init__(self, first: int) -> None:
         self.unused = count(first)
         self.entries: dict[int, tuple[int, ...]] = {}
+        self.same: dict[int, int] = {}
+        """The entries that are read as single values, by the number of that."""
         self.out: list[Statement] = []
 
     def block(self, block: Block) -> Block:
         """Return a block without vectors."""
         outside, self.out = self.out, []
         for statement in block:
+            statement = renamed(statement, self.same)
             match statement:
+                case SineCosine(angle=angle) if angle in self.entries:
+                    pairs = [SineCosine(next(self.unused), next(self.unused), one) for one in self.entries[angle]]
+                    self.out += pairs
+                    self.entries[statement.sine] = tuple(pair.sine for pair in pairs)
+                    self.entries[statement.cosine] = tuple(pair.cosine for pair in pairs)
+                case Declare(ref=ref, kind=Vector(kind=kind)):
+                    first, self.entries[ref] = self.entries[statement.value], self.numbers(statement.kind)
+                    self.out += [Declare(one, kind, x) for one, x in zip(self.entries[ref], first, strict=True)]
+                case Get(ref=ref, kind=Vector(kind=kind)):
+                    self.entries[ref] = self.numbers(statement.kind)
+                    pairs_of = zip(self.entries[ref], self.entries[statement.variable], strict=True)
+                    self.out += [Get(one, kind, variable) for one, variable in pairs_of]
+                case Set(variable=variable, value=value) if value in self.entries:
+                    pairs_of = zip(self.entries[variable], self.entries[value], strict=True)
+                    self.out += [Set(one, x) for one, x in pairs_of]
                 case VectorLet():
                     self.entries[statement.ref] = self.vector(statement)
+                case Reduce(op="entry"):
+                    self.same[statement.ref] = self.entries[statement.vector][statement.place]
                 case Reduce():
                     self.reduce(statement)
                 case VectorLoad(vector=vector, place=place, mask=mask):
@@ -81,13 +103,16 @@ class _Unpacker:
         self.out.append(Let(ref, kind, op, args, data))
         return ref
 
+    def numbers(self, vector: Kind | Vector) -> tuple[int, ...]:
+        """Return new numbers for the entries of a vector."""
+        return tuple(next(self.unused) for _ in range(vector.width if isinstance(vector, Vector) else 1))
+
     def vector(self, let: VectorLet) -> tuple[int, ...]:
         """Return the entries of an operation."""
         args = [self.entries.get(arg, (arg,)) for arg in let.args]
-        if let.op == "broadcast":
-            return args[0] * let.vector.width
         if let.op == "permute":
-            return tuple(args[0][place] for place in let.places)
+            entries = [entry for arg in args for entry in arg]
+            return tuple(entries[place] for place in let.places)
         return tuple(self.let(let.vector.kind, let.op, operands) for operands in zip(*args, strict=True))
 
     def reduce(self, reduce: Reduce) -> None:

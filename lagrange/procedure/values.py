@@ -22,7 +22,6 @@ from lagrange.procedure.form import (
     Set,
     Store,
     Vector,
-    VectorLet,
     VectorLoad,
     VectorStore,
     Write,
@@ -151,9 +150,13 @@ class Entries:
 
     def __init__(self, builder: Builder, ref: int, vector: Vector) -> None:
         self.builder, self.ref, self.vector = builder, ref, vector
+        self.kind, self.width = vector
 
     def __add__(self, other: Any) -> Entries:
         return self.builder.entrywise("add", self, other)
+
+    def __rtruediv__(self, other: Number) -> Entries:
+        return self.builder.entrywise("div", other, self)
 
     def __sub__(self, other: Any) -> Entries:
         return self.builder.entrywise("sub", self, other)
@@ -182,10 +185,13 @@ class Entries:
     def __invert__(self) -> Entries:
         return self.builder.entrywise("not", self)
 
-    def permuted(self, *places: int) -> Entries:
-        """Return the vector of the entries at some places."""
-        vector = Vector(self.vector.kind, len(places))
-        return self.builder.vector(vector, lambda ref: VectorLet(ref, vector, "permute", (self.ref,), places))
+    def equals(self, other: Any) -> Entries:
+        """Whether entries are the same; False where one is NaN."""
+        return self.builder.entrywise("equal", self, other)
+
+    def permuted(self, *places: int) -> Any:
+        """Return the vector of the entries at some places, or the entry at one."""
+        return self.builder.permuted([self], places)
 
     @property
     def sum(self) -> Any:
@@ -199,10 +205,11 @@ class Entries:
 
 
 class Variable:
-    """A number that changes: read and set as `value`."""
+    """A number or a vector that changes: read and set as `value`."""
 
-    def __init__(self, builder: Builder, ref: int, kind: Kind) -> None:
-        self.builder, self.ref, self.kind = builder, ref, kind
+    def __init__(self, builder: Builder, ref: int, kind: Kind | Vector) -> None:
+        self.builder, self.ref = builder, ref
+        self.kind: Any = kind
 
     @property
     def value(self) -> Any:
@@ -232,12 +239,14 @@ class Memory:
         """Return adjacent entries as a vector, with zeros where a mask is false."""
         vector, start = Vector(self.array.kind, width), self.builder.operand(place, WHOLE)
         held = None if mask is None else mask.ref
-        return self.builder.vector(vector, lambda ref: VectorLoad(ref, vector, self.ref, start, held))
+        made: Entries = self.builder.made(vector, lambda ref: VectorLoad(ref, vector, self.ref, start, held))
+        return made
 
     def gathered(self, places: Entries) -> Entries:
         """Return the entries at the indices in a vector."""
         vector = Vector(self.array.kind, places.vector.width)
-        return self.builder.vector(vector, lambda ref: Gather(ref, vector, self.ref, places.ref))
+        made: Entries = self.builder.made(vector, lambda ref: Gather(ref, vector, self.ref, places.ref))
+        return made
 
     def put(self, place: Any, value: Entries, mask: Entries | None = None) -> None:
         """Write a vector to adjacent entries, where a mask is true."""

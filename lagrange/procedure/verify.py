@@ -66,7 +66,7 @@ class _Check(Visitor):
     def __init__(self, procedure: Procedure) -> None:
         self.procedure = procedure
         self.known: dict[int, Type] = {}
-        self.variables: dict[int, Kind] = {}
+        self.variables: dict[int, Kind | Vector] = {}
         self.numbers: set[int] = set()
         self.each: int | None = None
         self.constants: set[int] = set()
@@ -101,9 +101,9 @@ class _Check(Visitor):
             raise self.error(f"%{ref} is read where it is not known")
         return self.known[ref]
 
-    def kind(self, ref: int, wanted: Kind) -> None:
-        if self.type(ref) is not wanted:
-            raise self.error(f"%{ref} is not a {wanted}")
+    def kind(self, ref: int, wanted: Kind | Vector) -> None:
+        if self.type(ref) != wanted:
+            raise self.error(f"%{ref} is no {wanted}")
 
     def array(self, ref: int) -> Array:
         found = self.type(ref)
@@ -145,9 +145,11 @@ class _Check(Visitor):
 
     @visits(SineCosine)
     def pair(self, pair: SineCosine) -> None:
-        self.kind(pair.angle, REAL)
-        self.define(pair.sine, REAL)
-        self.define(pair.cosine, REAL)
+        angle = self.type(pair.angle)
+        if _entry_kind(angle) is not REAL:
+            raise self.error(f"%{pair.angle} is no angle")
+        self.define(pair.sine, angle)
+        self.define(pair.cosine, angle)
 
     @visits(Reserve, ReserveRecord, Part)
     def local(self, one: Reserve | ReserveRecord | Part) -> None:
@@ -192,10 +194,11 @@ class _Check(Visitor):
         if width not in WIDTHS[1:]:
             raise self.error(f"%{let.ref} is a vector of {width} entries, which are one of {WIDTHS[1:]}")
         match let.op, types:
-            case "broadcast", [Kind() as single]:
-                found = single
-            case "permute", [Vector() as given] if len(let.places) == width:
-                found = given.kind if all(0 <= place < given.width for place in let.places) else None
+            case "permute", [first, *_] if len(let.places) == width:
+                known = [one for one in types if _entry_kind(one) is _entry_kind(first)]
+                count = sum(one.width if isinstance(one, Vector) else 1 for one in known)
+                inside = all(0 <= place < count for place in let.places)
+                found = _entry_kind(first) if inside and len(known) == len(types) else None
             case op, _ if op in ENTRYWISE:
                 kinds = tuple(one.kind for one in types if isinstance(one, Vector) and one.width == width)
                 found = result_kind(op, kinds) if len(kinds) == len(types) else None
@@ -208,8 +211,9 @@ class _Check(Visitor):
     @visits(Reduce)
     def reduce(self, reduce: Reduce) -> None:
         found = self.type(reduce.vector)
-        kinds = (FLAG,) if reduce.op == "any" else (REAL, WHOLE) if reduce.op == "sum" else ()
-        if not isinstance(found, Vector) or found.kind not in kinds or found.kind is not reduce.kind:
+        kinds = {"any": (FLAG,), "sum": (REAL, WHOLE), "entry": (REAL, WHOLE, FLAG)}.get(reduce.op, ())
+        inside = isinstance(found, Vector) and 0 <= reduce.place < found.width
+        if not isinstance(found, Vector) or not inside or found.kind not in kinds or found.kind is not reduce.kind:
             raise self.error(f"%{reduce.ref} = {reduce.op} gives no {reduce.kind}")
         self.define(reduce.ref, reduce.kind)
 
@@ -277,8 +281,8 @@ class _Check(Visitor):
                 self.held(variable, found)
 
     def held(self, variable: int, kind: Type) -> None:
-        if variable not in self.variables or self.variables[variable] is not kind:
-            raise self.error(f"%{variable} is not a variable that holds a {kind}")
+        if variable not in self.variables or self.variables[variable] != kind:
+            raise self.error(f"%{variable} is no variable that holds a {kind}")
 
     @visits(Call)
     def call(self, call: Call) -> None:
@@ -356,6 +360,11 @@ class _Check(Visitor):
         with self.scope():
             self.define(index, WHOLE)
             self.statements(body)
+
+
+def _entry_kind(found: Type) -> Kind | None:
+    """Return the kind of a number or flag, or of the entries of a vector."""
+    return found if isinstance(found, Kind) else found.kind if isinstance(found, Vector) else None
 
 
 def _fits(found: Type, wanted: Type) -> bool:

@@ -114,6 +114,25 @@ def _numbers(value: Any) -> Iterator[int]:
             return
 
 
+def renamed(statement: Statement, names: Mapping[int, int]) -> Statement:
+    """Return a statement that reads other numbers in the place of some."""
+    if names.keys().isdisjoint(operands(statement)):
+        return statement
+    read = {name: _renamed(getattr(statement, name), names) for name in FIELDS[type(statement)].read}
+    return statement._replace(**read)
+
+
+def _renamed(value: Any, names: Mapping[int, int]) -> Any:
+    match value:
+        case int():
+            return names.get(value, value)
+        case Fold(value=first, factor=second):
+            return value._replace(value=names.get(first, first), factor=_renamed(second, names))
+        case tuple():
+            return tuple(_renamed(part, names) for part in value)
+    return value
+
+
 def reads(block: Block) -> frozenset[int]:
     """Return the numbers that the statements of a block read."""
     return frozenset(ref for statement in walk(block) for ref in operands(statement))

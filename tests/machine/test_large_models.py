@@ -16,10 +16,10 @@ from lagrange.graph import rebuild as rebuilding
 from lagrange.graph.node import Node
 from lagrange.machine.llvm.emitter import MOST_ACCESSES, Emitter
 from lagrange.machine.llvm.engine import lanes
+from lagrange.machine.llvm.procedures import INLINE_ANGLES
 from lagrange.machine.model import Model
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet
-from lagrange.machine.series.llvm_jet import INLINE_ANGLES
 from lagrange.procedure.series.packing import pack
 from lagrange.program.taylor import series_program
 
@@ -148,11 +148,12 @@ def test_a_deep_and_a_wide_system_run() -> None:
 @pytest.mark.slow
 def test_many_angles_share_a_function() -> None:
     """Written out at each place, 20,000 cosines were 76 million characters, which took two minutes to compile."""
-    few, many = (series_program(euler_lagrange(many_angles(count).statement))[0] for count in (40, INLINE_ANGLES + 44))
+    most = 8 * INLINE_ANGLES + 44
+    few, many = (series_program(euler_lagrange(many_angles(count).statement))[0] for count in (40, most))
     jets = [CompiledJet(pack(program, lanes()), 0) for program in (few, many)]
     assert "@sine_and_cosine_8" not in jets[0].ir
-    assert jets[1].ir.count("call { <8 x double>, <8 x double> } @sine_and_cosine_8") == (INLINE_ANGLES + 44) // 8
+    assert jets[1].ir.count("call { <8 x double>, <8 x double> } @sine_and_cosine_8") == most // 8
     y, none = np.array([0.3, 0.1]), np.empty(0)
     expected = NumpySeries(many).rows(6, 0.0, y, 0.01, none)
-    # Sums of 300 terms of either sign, in another order: a few hundred rounding errors of the largest.
+    # Sums of 108 terms of either sign, in another order: a few hundred rounding errors of the largest.
     np.testing.assert_allclose(jets[1].rows(6, 0.0, y, 0.01, none), expected, rtol=1e-10, atol=1e-10)

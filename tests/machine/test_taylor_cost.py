@@ -26,7 +26,7 @@ def packing(name: str, lanes: int = 8) -> Packing:
 def written(name: str, order: int) -> int:
     """Return how many operations on doubles the code of the series has that is written out."""
     ir = CompiledJet(packing(name), order).ir
-    jet = ir[ir.index("@jet(") :]
+    jet = ir[ir.index("@taylor_jet(") :]
     jet = jet[: jet.index("\n}")]
     return len(re.findall(r" f(?:add|sub|mul|div) |@llvm\.fma", jet))
 

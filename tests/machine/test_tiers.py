@@ -97,7 +97,7 @@ def test_another_tolerance_compiles_its_series_once_and_no_loop_over_steps(watch
     made.clear()
     for rtol in TOLERANCES:
         lg.integrate(model, (0.0, 3.0), rtol=rtol, events=events)
-    series = [text for text in made if "@jet(" in text]
+    series = [text for text in made if "@taylor_jet(" in text]
     assert 8 < len(series) == len(dict.fromkeys(series))
     assert not any("@taylor_steps(" in text for text in made)
 

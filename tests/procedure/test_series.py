@@ -66,7 +66,7 @@ def jet(program: SeriesProgram, form: str) -> tuple[Any, SeriesNumbers, Any]:
     elif form == "by order":
         made = ByOrderJet(pack(program, 1), numbers)
     else:
-        made = WrittenJet(pack(program, 8), numbers, HIGHEST)
+        made = WrittenJet(pack(program, 1), numbers, HIGHEST)
     return loaded(made.build()), numbers, made.layout
 
 

@@ -57,10 +57,14 @@ class RandomVectors:
     def step(self) -> None:
         """Add one vector or a store."""
         draw, some = self.draw, self.draw.choice(self.made)
-        match draw.randrange(9):
+        match draw.randrange(11):
             case 0:
-                width = draw.choice(WIDTHS[1:])
-                self.made.append(some.permuted(*(draw.randrange(some.vector.width) for _ in range(width))))
+                alike = [one for one in self.made if one.kind is some.kind]
+                parts = [some, *(draw.choice(alike) for _ in range(draw.randrange(3)))]
+                parts = [one if draw.random() < 0.7 else one.permuted(draw.randrange(one.width)) for one in parts]
+                parts += [self.p.constant(0.5, REAL), self.x] if some.kind is REAL and draw.random() < 0.5 else []
+                known = range(sum(one.width if isinstance(one, Entries) else 1 for one in parts))
+                self.made.append(self.p.permuted(parts, draw.choices(known, k=draw.choice(WIDTHS[1:]))))
             case 1:
                 places = self.pick(WHOLE, some.vector.width)
                 inside = self.p.entrywise("max", self.p.entrywise("min", places, SIZE - 1), 0)
@@ -72,11 +76,22 @@ class RandomVectors:
                 self.data.put(self.n, some, self.pick(FLAG, some.vector.width))
             case 4 if some.vector.kind is not FLAG:
                 self.made.append(self.p.broadcast(some.sum, draw.choice(WIDTHS[1:]), some.vector.kind))
+            case 6 if some.vector.kind is REAL:
+                self.made += self.p.sine_cosine(some * 0.0)
+            case 7:
+                self.keep(some)
             case 5 if some.vector.kind is FLAG:
                 self.made.append(self.p.broadcast(some.any, draw.choice(WIDTHS[1:])))
             case _:
                 kinds, _ = draw.choice(OPERATIONS[op := draw.choice(self.ops)])
                 self.made.append(self.p.entrywise(op, *(self.pick(kind, some.vector.width) for kind in kinds)))
+
+    def keep(self, some: Entries) -> None:
+        """Add what a variable holds at the end of a loop with a branch."""
+        variable = self.p.variable(some)
+        with self.p.loop(0, self.n), self.p.when(self.x < 1.0):
+            variable.value = variable.value.permuted(*range(1, some.width), 0)
+        self.made.append(variable.value)
 
     def pick(self, kind: Kind, width: int) -> Entries:
         """Return one of the vectors of a type."""
@@ -169,8 +184,8 @@ def test_memory_behind_a_mask_is_not_read() -> None:
 @pytest.mark.parametrize(
     ("vector", "op", "places", "sentence"),
     [
-        (Vector(REAL, 3), "broadcast", (), "a vector of 3 entries"),
-        (Vector(WHOLE, 2), "broadcast", (), "broadcast gives no vector of 2 wholes"),
+        (Vector(REAL, 3), "permute", (0, 0, 0), "a vector of 3 entries"),
+        (Vector(WHOLE, 2), "permute", (0, 0), "permute gives no vector of 2 wholes"),
         (Vector(REAL, 2), "sin", (), "sin gives no vector of 2 reals"),
         (Vector(REAL, 2), "permute", (0, 1), "permute gives no vector of 2 reals"),
         (Vector(REAL, 2), "neg", (), "neg gives no vector of 2 reals"),
@@ -179,7 +194,7 @@ def test_memory_behind_a_mask_is_not_read() -> None:
 def test_malformed_vectors_are_refused(vector: Vector, op: str, places: tuple[int, ...], sentence: str) -> None:
     p = Builder("wrong", "A vector of a number.")
     x = p.given("x", REAL)
-    p.vector(vector, lambda ref: VectorLet(ref, vector, op, (x.ref,), places))
+    p.made(vector, lambda ref: VectorLet(ref, vector, op, (x.ref,), places))
     p.leave()
     with pytest.raises(LagrangeError, match=sentence):
         p.finish()

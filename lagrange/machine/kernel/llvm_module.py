@@ -22,7 +22,6 @@ from functools import cached_property
 
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.procedures import declaration, function, joined
-from lagrange.machine.llvm.sine_cosine import angle_function
 from lagrange.machine.members.operations import declarations
 from lagrange.machine.members.printer import MemberProgram
 from lagrange.machine.members.spliced import Spliced
@@ -110,7 +109,7 @@ class KernelCode:
         alone = [function(one, hidden=True, outside=self.scalar, quickly=quickly) for one in self.scalar]
         program = MemberProgram(lanes)
         made = [*alone, self._alone(), self._columns(program), *program.functions()]
-        lines = [declarations(lanes), angle_function(lanes)] if lanes > 1 else []
+        lines = [declarations(lanes)] if lanes > 1 else []
         return joined(made, [*lines, *(declaration(one) for one in self.called)])
 
     @property

@@ -30,9 +30,9 @@ from lagrange.machine.llvm.operations import (
     type_of,
 )
 from lagrange.machine.llvm.sine_cosine import (
-    CALLED_FOR_ANGLES,
     angle_function,
     call_sine_and_cosine,
+    called_for_angles,
     sine_and_cosine,
 )
 from lagrange.machine.llvm.vectors import Vectors, printed, store
@@ -44,6 +44,7 @@ from lagrange.procedure.form import (
     SUMS,
     VECTOR_STATEMENTS,
     WHOLE,
+    WIDTHS,
     Array,
     Block,
     Call,
@@ -71,6 +72,7 @@ from lagrange.procedure.form import (
     Statement,
     Store,
     Type,
+    Vector,
     VectorLet,
     VectorLoad,
     VectorStore,
@@ -130,7 +132,7 @@ def module(procedures: Sequence[Procedure], *, elsewhere: Sequence[Procedure] = 
 
 def joined(functions: Sequence[str], declared: Sequence[str] = ()) -> str:
     """Return the IR of a module of functions, with declarations and attributes."""
-    angles = [angle_function(1)] if any(CALLED_FOR_ANGLES in text for text in functions) else []
+    angles = [angle_function(width) for width in WIDTHS if any(called_for_angles(width) in one for one in functions)]
     return "\n".join([declarations(), *declared, *angles, *functions, METADATA, ATTRIBUTES])
 
 
@@ -257,6 +259,11 @@ class Printer(Visitor):
         """Return the number of entries of a value or a variable: the lanes of the block, or 1."""
         return self.current.lanes if self.current is not None and ref in self.wide else 1
 
+    def llvm_type(self, ref: int) -> str:
+        """Return LLVM's type of a value or a variable."""
+        kind = self.types[ref]
+        return type_of(*kind) if isinstance(kind, Vector) else type_of(self.kinds[ref], self.lanes(ref))
+
     def operand(self, ref: int, lanes: int) -> str:
         """Return the operand of a value with `lanes` entries; a single number is broadcast."""
         if self.current is not None and ref == self.current.each.place:
@@ -337,7 +344,7 @@ class Printer(Visitor):
     def pair(self, pair: SineCosine) -> None:
         """Print a sine and a cosine of the same angle."""
         for ref, value in zip((pair.sine, pair.cosine), self.angle(pair.angle), strict=True):
-            self.define(ref, value, REAL, wide=self.lanes(pair.angle) > 1)
+            self.define(ref, value, self.types[pair.angle], wide=self.lanes(pair.angle) > 1)
 
     @visits(ReserveRecord, Part)
     def place(self, one: ReserveRecord | Part) -> None:
@@ -379,7 +386,8 @@ class Printer(Visitor):
         if self.angles is None:
             self.angles = number_of_angles(self.procedure.body)
         make = sine_and_cosine if self.angles <= INLINE_ANGLES else call_sine_and_cosine
-        return make(self.e, self.values[ref], self.lanes(ref))
+        kind = self.types[ref]
+        return make(self.e, self.values[ref], kind.width if isinstance(kind, Vector) else self.lanes(ref))
 
     @visits(Load, Store, Read, Write)
     def memory(self, statement: Load | Store | Read | Write) -> None:
@@ -520,10 +528,7 @@ class Printer(Visitor):
         if not ways:
             return
         e.label(f"{name}.end")
-        self.held = {
-            ref: phi(e, type_of(self.kinds[ref], self.lanes(ref)), [(block, held[ref]) for block, held in ways])
-            for ref in before
-        }
+        self.held = {ref: phi(e, self.llvm_type(ref), [(block, held[ref]) for block, held in ways]) for ref in before}
 
     @contextmanager
     def repeated(
@@ -554,7 +559,7 @@ class Printer(Visitor):
             e.lines[hole] = f"  %{name}.i = phi i64 [ {start}, %{before} ]{again}"
         for k, variable in enumerate(carried):
             again = f", [ {self.held[variable]}, %{end} ]" if back else ""
-            kind = type_of(self.kinds[variable], self.lanes(variable))
+            kind = self.llvm_type(variable)
             e.lines[hole + 1 + k] = f"  %{name}.v{k} = phi {kind} [ {initial[variable]}, %{before} ]{again}"
         self.held, self.open = entered, True
         e.label(f"{name}.end")

@@ -80,8 +80,9 @@ def angle_function(lanes: int) -> str:
     return e.function(f"define internal {{ {kind}, {kind} }} @{_name(lanes)}({kind} %x) #0")
 
 
-CALLED_FOR_ANGLES = "@sine_and_cosine("
-"""Text that marks a module of one lane as a caller of the function."""
+def called_for_angles(lanes: int) -> str:
+    """Return the text by which a module shows that it calls the function."""
+    return f"@{_name(lanes)}("
 
 
 def _name(lanes: int) -> str:

@@ -40,20 +40,70 @@ def _vector(known: Vectors, ref: int) -> Vector:
 
 
 def _operation(known: Vectors, let: VectorLet) -> str:
-    """Print an operation on vectors and return its operand."""
-    e, (kind, width), first = known.e, let.vector, known.values[let.args[0]]
-    if let.op == "broadcast":
-        return splat(e, first, kind, width)
+    """Return the result of an operation."""
+    e, (_, width) = known.e, let.vector
     if let.op == "permute":
-        given = type_of(kind, _vector(known, let.args[0]).width)
-        return e.value(f"shufflevector {given} {first}, {given} poison, {_listed(let.places)}")
+        return _permuted(known, let)
     kinds = tuple(_vector(known, arg).kind for arg in let.args)
     return spell(e, let.op, kinds, [known.values[arg] for arg in let.args], width)
+
+
+def _permuted(known: Vectors, let: VectorLet) -> str:
+    """Return entries of vectors and single values: those of each vector are moved and merged, the others inserted."""
+    e, (kind, width), begin = known.e, let.vector, 0
+    single: dict[int, str] = {}
+    made, filled = "", frozenset[int]()
+    for arg in let.args:
+        held = known.types[arg]
+        count = held.width if isinstance(held, Vector) else 1
+        here = {k: place - begin for k, place in enumerate(let.places) if begin <= place < begin + count}
+        begin += count
+        if not here or not isinstance(held, Vector):
+            single |= dict.fromkeys(here, known.values[arg])
+            continue
+        part = _moved(e, kind, known.values[arg], count, here, width)
+        made = _merged(e, kind, made, part, frozenset(here), width) if made else part
+        filled |= frozenset(here)
+    return _inserted(e, kind, made, filled, single, width) if single else made
+
+
+def _moved(e: Emitter, kind: Kind, vector: str, count: int, here: Mapping[int, int], width: int) -> str:
+    """Return a vector with entries of another where they are wanted, and undefined ones elsewhere."""
+    if width == count and all(k == place for k, place in here.items()):
+        return vector
+    mask = ", ".join(f"i32 {here[k]}" if k in here else "i32 poison" for k in range(width))
+    given = type_of(kind, count)
+    return e.value(f"shufflevector {given} {vector}, {given} poison, <{width} x i32> <{mask}>")
+
+
+def _merged(e: Emitter, kind: Kind, a: str, b: str, chosen: frozenset[int], width: int) -> str:
+    """Return a with some entries of b."""
+    given = type_of(kind, width)
+    places = [width + k if k in chosen else k for k in range(width)]
+    return e.value(f"shufflevector {given} {a}, {given} {b}, {_listed(places)}")
+
+
+def _inserted(e: Emitter, kind: Kind, made: str, filled: frozenset[int], single: Mapping[int, str], width: int) -> str:
+    """Return a vector with single values in some entries; those that are known are part of a constant."""
+    values, name = list(dict.fromkeys(single.values())), KINDS[kind]
+    if len(values) == 1 and not filled:
+        return splat(e, values[0], kind, width)
+    constants = {k: value for k, value in single.items() if not value.startswith("%")}
+    if constants:
+        entries = ", ".join(f"{name} {constants.get(k, 'poison')}" for k in range(width))
+        made = _merged(e, kind, made, f"<{entries}>", frozenset(constants), width) if made else f"<{entries}>"
+    vector = type_of(kind, width)
+    for k, value in single.items():
+        if k not in constants:
+            made = e.value(f"insertelement {vector} {made or 'poison'}, {name} {value}, i64 {k}")
+    return made
 
 
 def _reduced(known: Vectors, reduce: Reduce) -> str:
     """Return the sum of a vector, or the flag whether any of its entries is true."""
     e, value, (kind, width) = known.e, known.values[reduce.vector], _vector(known, reduce.vector)
+    if reduce.op == "entry":
+        return e.value(f"extractelement {type_of(kind, width)} {value}, i64 {reduce.place}")
     if reduce.op == "any":
         mask = e.value(f"bitcast <{width} x i1> {value} to i{width}")
         return e.value(f"icmp ne i{width} {mask}, 0")

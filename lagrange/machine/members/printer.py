@@ -239,10 +239,10 @@ class MemberPrinter(Visitor):
     def variable(self, statement: Declare | Get | Set) -> None:
         """Print the declaration, read or assignment of a variable."""
         match statement:
-            case Declare(ref=ref, kind=kind, value=value):
+            case Declare(ref=ref, kind=Kind() as kind, value=value):
                 self.kinds[ref], self.levels[ref] = kind, self.level
                 self.held[ref] = self.operand(value, self.width(ref))
-            case Get(ref=ref, kind=kind, variable=variable):
+            case Get(ref=ref, kind=Kind() as kind, variable=variable):
                 self.define(ref, self.held[variable], kind)
             case Set(variable=variable, value=value):
                 self.assign(variable, self.operand(value, self.width(variable)))

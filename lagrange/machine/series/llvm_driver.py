@@ -7,7 +7,7 @@ vectors, each where the code reads it.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -21,26 +21,25 @@ from lagrange.machine.copies import Shared
 from lagrange.machine.dense.llvm_dense import LlvmDense, of_series
 from lagrange.machine.event_memory import EventMemory, idle
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
-from lagrange.machine.kernel.llvm_module import KernelCode, solves
 from lagrange.machine.llvm.address import address, workspace
-from lagrange.machine.llvm.engine import Module, dense_solver, inversion, lanes, linear_solver
-from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, declaration
+from lagrange.machine.llvm.engine import Module, inversion, lanes, linear_solver
+from lagrange.machine.llvm.procedures import declaration
 from lagrange.machine.llvm.procedures import function as procedure_ir
-from lagrange.machine.llvm.sine_cosine import angle_function
-from lagrange.machine.llvm.spelling import intrinsics, library_functions
+from lagrange.machine.llvm.procedures import joined as module_ir
 from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.machine.series.constants import constants
-from lagrange.machine.series.llvm_jet import ANGLES_AT_ONCE, VectorConstants, shares_wide_angles
-from lagrange.machine.series.llvm_layout import Slots, looped_layout, unrolled_layout
-from lagrange.machine.series.llvm_looped import LoopedJet
-from lagrange.machine.series.llvm_start import shares_angle_function
 from lagrange.machine.series.llvm_steps import compiled_steps
-from lagrange.machine.series.llvm_unrolled import UnrolledJet
-from lagrange.machine.state import OUTCOMES, DriverState, Outcome
+from lagrange.machine.state import MOST_LANES, OUTCOMES, DriverState, Outcome
+from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.form import Procedure
+from lagrange.procedure.linear.inverse import invert
+from lagrange.procedure.series.by_order import ByOrderJet, Row, by_order_scratch
 from lagrange.procedure.series.cost import cheapest_order, is_large
+from lagrange.procedure.series.jet import NAME as JET_NAME
+from lagrange.procedure.series.numbers import SeriesNumbers
 from lagrange.procedure.series.packing import Packing, pack
-from lagrange.procedure.taylor.memory import HELD
+from lagrange.procedure.series.written_out import WrittenJet
+from lagrange.procedure.taylor.memory import HELD, TaylorLayout
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 
@@ -156,29 +155,18 @@ class CompiledJet:
 
     def __init__(self, packing: Packing, order: int) -> None:
         self.program = packing.program
-        self._table = VectorConstants(self.program.numbers, inverse_size(self.program))
-        jet: UnrolledJet | LoopedJet
+        self._numbers = SeriesNumbers(self.program, self.program.constants.parameters, packing)
+        self.layout = layout_of(packing, order)
+        jet: WrittenJet | ByOrderJet
         if order:
-            self.layout = unrolled_layout(self.program)
-            jet = UnrolledJet(packing, self._table, self.layout, order)
+            jet = WrittenJet(packing, self._numbers, order, lowest=order, layout=self.layout)
         else:
-            slots = Slots(packing, looped_layout(self.program, 0).width)
-            self.layout = looped_layout(self.program, slots.size)
-            jet = LoopedJet(packing, self._table, self.layout, slots)
-        text = jet.function()
-        # The accelerations and multipliers that are watched are solved for at order 0 as well.
-        solver = dense_solver() if solves(self.program.start) else ()
-        called = dict.fromkeys((*jet.origin.body.called, *solver))
-        if called and order:
-            linear_solver(often=False)
-        elif called:
-            inversion()
-        self._start = KernelCode(self.program.start)
-        ir, prepare = series_ir(self._start, text, called), self._start.prepare.name
+            jet = ByOrderJet(packing, self._numbers, self.layout)
+        ir = series_ir(jet.build(), self._numbers.prepare_start("prepare_start"))
         # Loops run more slowly where they are compiled quickly, and serve all orders.
-        self.tiers = TieredModule(ir, "jet") if order else None
+        self.tiers = TieredModule(ir, JET_NAME) if order else None
         self._module = self.tiers.quick if self.tiers else Module(ir)
-        self._prepare = _PREPARE(self._module.address(prepare))
+        self._prepare = _PREPARE(self._module.address("prepare_start"))
         self._prepared: tuple[bytes, tuple[FloatArray, FloatArray]] | None = None
         self._joined: tuple[tuple[bytes, LlvmKernel | None], tuple[FloatArray, list[int]]] | None = None
 
@@ -190,7 +178,7 @@ class CompiledJet:
     @property
     def address(self) -> int:
         """Address of the jet, which may change when it has taken many steps."""
-        return self.tiers.address if self.tiers else self._module.address("jet")
+        return self.tiers.address if self.tiers else self._module.address(JET_NAME)
 
     @property
     def _series(self) -> Any:
@@ -201,14 +189,9 @@ class CompiledJet:
         key, known = parameters.tobytes(), self._prepared
         if known is not None and known[0] == key:
             return known[1]
-        prepared = np.zeros(self._start.prepared.size + 1)
-        table, inverses = constants(self.program, parameters)
-        given = np.concatenate([parameters, table])
-        prepared[: len(given)] = given
+        prepared = self._numbers.array(parameters, *constants(self.program, parameters))
         self._prepare(address(prepared))
-        plans = [stage.plan for stage in self.program.stages if not stage.plan.moving]
-        parts = [np.diag(a) if plan.diagonal else a.T.ravel() for a, plan in zip(inverses, plans, strict=True)]
-        found = prepared, np.concatenate([*parts, table[self._table.order], [0.0]])
+        found = prepared, np.zeros(1)
         self._prepared = (key, found)
         return found
 
@@ -231,20 +214,28 @@ class CompiledJet:
         return layout.coefficients(work, order)
 
 
-def inverse_size(program: SeriesProgram) -> int:
-    """Return how many numbers the inverses of constant matrices take."""
-    plans = [stage.plan for stage in program.stages if not stage.plan.moving]
-    return sum(plan.size if plan.diagonal else plan.size**2 for plan in plans)
+def layout_of(packing: Packing, order: int) -> TaylorLayout:
+    """Return where things stand for a series at one order, or with an order of 0 at any."""
+    program = packing.program
+    dimension, watched = 2 * program.dimension, len(program.watched)
+    block = 2 if dimension <= 2 else 4 if dimension <= 4 else 8
+    end = whole_blocks(dimension, block)
+    ways = {"projected": program.projection is not None, "crossing": program.may_cross}
+    if order:
+        return TaylorLayout(dimension, end + watched, watched, end, block, chains=True, **ways)
+    width = whole_blocks(Row(packing, end).size, MOST_LANES)
+    return TaylorLayout(dimension, width, watched, end, block, by_order_scratch(packing), **ways)
 
 
-def series_ir(start: KernelCode, jet: str, called: Iterable[Procedure]) -> str:
-    """Return the IR of a whole module around a jet, which calls procedures of other modules."""
-    lines = [line for width in (1, 2, 4, 8) for line in intrinsics(width)]
-    lines += [*library_functions(), *map(declaration, called), ""]
-    functions = [angle_function(1)] if shares_angle_function(start.program) else []
-    functions += [angle_function(ANGLES_AT_ONCE)] if shares_wide_angles(start.program) else []
-    functions += [procedure_ir(start.prepare, outside=(start.prepare,), quickly=True), jet]
-    return "\n".join([*lines, *functions, METADATA, ATTRIBUTES])
+def series_ir(jet: Procedure, prepare: Procedure) -> str:
+    """Return the IR of a whole module around a series; the procedures of other modules that it calls are compiled."""
+    called = dict.fromkeys((*prepare.callees, *jet.callees))
+    if invert.form() in called:
+        inversion()
+    elif called:
+        linear_solver(often=False)
+    functions = [procedure_ir(prepare, outside=(prepare,), quickly=True), procedure_ir(jet, outside=(jet,))]
+    return module_ir(functions, [declaration(one) for one in called])
 
 
 class LlvmTaylorDriver:

@@ -73,8 +73,13 @@ class TaylorProcedures:
 
     @cached_property
     def packing(self) -> Packing:
-        """The values of the series side by side."""
+        """The values of the series side by side, for the choice of orders."""
         return pack(self.program, LANES)
+
+    @cached_property
+    def single(self) -> Packing:
+        """The values one by one, for a series that is written out or has lanes."""
+        return pack(self.program, 1)
 
     @cached_property
     def aligned(self) -> Packing:
@@ -120,7 +125,7 @@ class TaylorProcedures:
         if self.looped:
             jet = LoopedJet(self.aligned, self.numbers)
         else:
-            jet = WrittenJet(self.packing, self.numbers, self.highest)
+            jet = WrittenJet(self.single, self.numbers, self.highest)
         return jet.build(), jet.layout
 
     def prepare(self, others: Procedure) -> Procedure:

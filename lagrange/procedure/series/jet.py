@@ -16,14 +16,22 @@ from typing import Any
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE
-from lagrange.procedure.series.numbers import SeriesNumbers, Start
-from lagrange.procedure.series.packing import Packing
+from lagrange.procedure.kernel.body import SOURCE
+from lagrange.procedure.series.numbers import ALONE, SeriesNumbers, Start
+from lagrange.procedure.series.packing import ZERO_LANE, Operand, Packing
 from lagrange.procedure.series.rules import Term
 from lagrange.procedure.series.systems import System, moving_system, system_size
+from lagrange.procedure.series.vectors import joined
 from lagrange.procedure.taylor.memory import BLOCK, TaylorLayout
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 from lagrange.program.elimination import WRITTEN_OUT
 from lagrange.program.series import SeriesProgram
+
+NAME = "taylor_jet"
+"""The name of the procedure."""
+
+ANGLES_AT_ONCE = 8
+"""Number of angles whose sines and cosines are computed at once, where there are vectors."""
 
 
 class Jet:
@@ -37,9 +45,7 @@ class Jet:
     ) -> None:
         self.packing, self.numbers, self.layout, self.largest = packing, numbers, layout, largest
         self.program: SeriesProgram = packing.program
-        self.p = p = Builder(
-            "taylor_jet", "Write the coefficients of the series, and say whether a matrix is singular."
-        )
+        self.p = p = Builder(NAME, "Write the coefficients of the series, and say whether a matrix is singular.")
         self.t, self.scale = p.given("t", REAL), p.given("scale", REAL)
         self.y, self.prepared = p.array("y", read=True), p.array("prepared", read=True)
         p.array("constants", read=True)
@@ -54,13 +60,19 @@ class Jet:
         """Build order 0, the constants and the matrices."""
         program, p = self.program, self.p
         self.constants = [self.numbers.constant(self.prepared, place) for place in range(len(program.numbers))]
-        start = Start(p, self.numbers, self.prepared, self.constants, self.t, self.y)
-        start.run(range(program.start.hoisted, len(program.start.instructions)))
+        self.joined: dict[tuple[int, ...], Term] = {}
+        """Coefficients side by side, by their places in the table."""
+        self.reciprocals: dict[Operand, Term] = {}
+        """One over what is divided by at order 0."""
+        style = ALONE if self.packing.lanes > 1 else SOURCE
+        start = Start(p, self.numbers, self.prepared, self.constants, self.t, self.y, self.layout.padded, style)
+        start.run_moving(ANGLES_AT_ONCE if self.packing.lanes > 1 else 1)
         values = [start.value(ref) for ref in program.start.outputs]
         self.origin = dict(zip(program.started, values, strict=False))
         for i in range(2 * program.dimension):
             self.origin.setdefault(i, self.y[i])
-        triangles, memory, flags = iter(values[len(program.started) :]), self.matrices(), [p.false]
+        triangles, memory = iter(values[len(program.started) :]), self.matrices()
+        flags = [p.false if start.singular is None else Flag.of(start.singular.value)]
         for stage, known in zip(program.stages, self.numbers.systems(p, self.prepared), strict=True):
             if known is None:
                 known, found = moving_system(p, stage.plan, triangles, memory, self.largest)
@@ -68,6 +80,17 @@ class Jet:
                 flags += found
             self.systems.append(known)
         self.singular = reduce(lambda a, b: a | b, flags)
+
+    def constant(self, places: tuple[int, ...]) -> Term:
+        """Return coefficients by their places in the table."""
+        if places not in self.joined:
+            self.joined[places] = self.numbers.vector(self.prepared, places, self.constants)
+        return self.joined[places]
+
+    def at_zero(self, operand: Operand) -> Term:
+        """Return an operand at order 0."""
+        zero = (None, 0)
+        return joined(self.p, [zero if value == ZERO_LANE else (self.origin.get(value), 0) for value in operand.values])
 
     def matrices(self) -> Memory:
         """Return memory for matrices, behind the rows."""
@@ -114,7 +137,7 @@ class LoopJet(Jet):
         return divided(self, x, self.high, self.low)
 
 
-def divided(jet: Jet, x: Term, high: Real, low: Real | None) -> Term:
+def divided(jet: Jet, x: Term, high: Term, low: Term) -> Term:
     """Return x (high + low), rounded once.
 
     The rounded reciprocal of an order has an error of the same sign at every step, so errors would grow with time.

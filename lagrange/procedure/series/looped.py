@@ -307,7 +307,7 @@ class LoopedJet(LoopJet):
         elif isinstance(system, InverseInMemory):
             system.multiply(right, solution)
         else:
-            for place_of, x in enumerate(system.solve([right[k] for k in range(n)])):
+            for place_of, x in enumerate(system.solve([(k,) for k in range(n)], [right[k] for k in range(n)])):
                 solution[place_of] = p.real(0.0) if x is None else x
         if guess is not None:
             with p.each(n, width=1) as i:

@@ -75,12 +75,23 @@ class PackedStage:
     right: tuple[Operand | None, ...]
     plan: SolvePlan
 
+    @cached_property
+    def rows(self) -> tuple[tuple[int, ...], ...]:
+        """The place of each unknown among those of the stage, by chunk and lane."""
+        values = [value for chunk in self.unknowns for value in chunk.values[: chunk.count]]
+        places = {value: i for i, value in enumerate(values)}
+        return tuple(tuple(places[value] for value in chunk.values) for chunk in self.unknowns)
+
 
 @dataclass(frozen=True)
 class Packing:
-    """A series program as chunks, in the order of their evaluation within each part; `rates` are those of q."""
+    """A series program as chunks, in the order of their evaluation within each part; `rates` are those of q.
+
+    Chunks are vectors of up to `lanes` values; with one lane they are of any length, and computed value by value.
+    """
 
     program: SeriesProgram
+    lanes: int
     coordinates: tuple[Chunk, ...]
     rates: tuple[Operand, ...]
     before: tuple[Chunk, ...]
@@ -164,7 +175,7 @@ def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packin
         for place, (stage, chunks) in enumerate(zip(program.stages, unknowns, strict=True), 1)
     )
     rates = tuple(Operand(tuple(program.rates[value] for value in chunk.values)) for chunk in coordinates)
-    return Packing(program, coordinates, rates, part(0), stages)
+    return Packing(program, 1 if aligned else lanes, coordinates, rates, part(0), stages)
 
 
 def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_Group, list[int]]:

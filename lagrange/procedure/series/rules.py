@@ -10,10 +10,9 @@ from typing import Any, Protocol
 
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.series.packing import Chunk
-from lagrange.procedure.values import Real
 
 Term = Any
-"""A real, or None for zero."""
+"""A real or several as a vector, or None for zero."""
 
 OWN = -1
 """In the place of an argument's number: the value itself."""
@@ -31,19 +30,19 @@ class At(Protocol):
     def before(self, which: int) -> Term:
         """Return the coefficient of an argument at the order before."""
 
-    def first(self, which: int) -> Real:
+    def first(self, which: int) -> Term:
         """Return an argument, or the value itself, at order 0."""
 
     def total(self, which: int) -> Term:
         """Return the sum over 0 < j < k of the pair of that number; see `Chunk.sums`."""
 
-    def over(self, which: int) -> Real:
+    def over(self, which: int) -> Term:
         """Return one over an argument, or over the value itself, at order 0."""
 
     def known(self, which: int) -> float | None:
         """Return a coefficient of the rule if it is known now."""
 
-    def constant(self, which: int) -> Real:
+    def constant(self, which: int) -> Term:
         """Return a coefficient of the rule."""
 
     def share(self, x: Term) -> Term:
@@ -143,7 +142,7 @@ def _sqrt(at: At) -> Term:
     return _flat(at, at.first(OWN), found)
 
 
-def _flat(at: At, zeroed: Real, found: Term) -> Term:
+def _flat(at: At, zeroed: Term, found: Term) -> Term:
     """Return what was found for a root, or where it begins at zero: zero while its argument stays zero, else NaN."""
     p, now = at.p, at.now(0)
     still = p.true if now is None else now.equals(0.0)
@@ -181,6 +180,11 @@ def _against(at: At) -> Term:
     return None if left is None else left * at.over(1)
 
 
+def _choose(at: At) -> Term:
+    first, second = (at.p.real(0.0) if (x := at.now(which)) is None else x for which in range(2))
+    return at.p.choose(~at.constant(0).equals(0.0), first, second)
+
+
 _RULES: Mapping[str, Callable[[At], Term]] = {
     "time": lambda at: at.start(),
     "constant": lambda at: None,
@@ -194,4 +198,5 @@ _RULES: Mapping[str, Callable[[At], Term]] = {
     "integral": _integral,
     "along": _along,
     "against": _against,
+    "choose": _choose,
 }

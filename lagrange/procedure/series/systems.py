@@ -15,23 +15,38 @@ from lagrange.procedure.kernel.elimination import factored, solved, write_band
 from lagrange.procedure.linear.inverse import invert, padded, work_size
 from lagrange.procedure.linear.ldl import factor_size, invert_dense
 from lagrange.procedure.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
-from lagrange.procedure.series.rules import Term, fma
+from lagrange.procedure.series.rules import Term, fma, plus
+from lagrange.procedure.series.vectors import entries, joined, put, wide
 from lagrange.procedure.values import Flag, Memory, Real
 from lagrange.program.elimination import WRITTEN_OUT, Elimination, block_eliminations, elimination, is_factored
 
 Triangle = dict[tuple[int, int], Real]
 
 
-class System(Protocol):
-    """A matrix that is known: it solves for one right-hand side after another, in the order of the unknowns."""
+Rows = Sequence[Sequence[int]]
+"""The unknowns of a system as vectors: the rows in the entries of each. A last row may be there several times."""
 
-    def solve(self, right: Sequence[Term]) -> list[Term]:
-        """Return the solution."""
+
+class System(Protocol):
+    """A matrix that is known: it solves for one right-hand side after another."""
+
+    def read(self, rows: Rows) -> None:
+        """Bring numbers side by side as the solves read them, in front of the loop that these are in."""
+
+    def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
+        """Return the solution by rows, for a right-hand side by rows."""
+
+
+MOST_COLUMNS = 32
+"""Up to this size the product with an inverse in memory is written out."""
+
+ALL = 1_000_000
+"""The largest inverse that is written out, where all are: sparse ones too."""
 
 
 def system_size(plan: SolvePlan, largest: int = WRITTEN_OUT) -> int:
     """Return how many reals a moving matrix takes in memory; inverses are written out up to the largest size."""
-    if not plan.inverted:
+    if not plan.inverted or largest == ALL:
         return 0
     if is_factored(plan):
         return sum(_factored_size(block) for block in block_eliminations(plan))
@@ -46,8 +61,8 @@ def moving_system(
     blocks = _triangles(plan, entries)
     if plan.diagonal:
         pairs = [(block[0], lower[0, 0]) for block, lower in blocks]
-        return Diagonal({i: 1.0 / entry for i, entry in pairs}), [entry.equals(0.0) for _, entry in pairs]
-    if is_factored(plan):
+        return Diagonal(p, {i: 1.0 / entry for i, entry in pairs}), [entry.equals(0.0) for _, entry in pairs]
+    if is_factored(plan) and largest < ALL:
         return _factored(p, plan, blocks, memory)
     if _is_small(plan, largest):
         found: Triangle = {}
@@ -86,21 +101,50 @@ def constant_system(p: Builder, plan: SolvePlan, memory: Memory) -> System:
     """Return a constant matrix whose inverse stands in memory."""
     n = plan.size
     if plan.diagonal:
-        return Diagonal({i: memory[i] for i in range(n)})
+        return Diagonal(p, {i: memory[i] for i in range(n)})
     if max(map(len, plan.blocks)) > WRITTEN_OUT:
         return InverseInMemory(p, n, memory, n)
     return Inverse(p, n, {(i, j): memory[j * n + i] for block in plan.blocks for i in block for j in block})
 
 
+def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
+    """Return the entries of vectors as single values, by row."""
+    found = {}
+    for chunk, x in zip(rows, right, strict=True):
+        for lane, row in enumerate(chunk):
+            if row not in found:
+                found[row] = joined(p, [(x, lane)])
+    return [found[row] for row in sorted(found)]
+
+
+def _repeating(p: Builder, chunk: Sequence[int], x: Term) -> Term:
+    """Return a vector that was read from memory with its last row in all entries behind it."""
+    last = len(dict.fromkeys(chunk)) - 1
+    return x if last == len(chunk) - 1 else p.permuted([x], [min(lane, last) for lane in range(len(chunk))])
+
+
+def _together(p: Builder, rows: Rows, x: Sequence[Term]) -> list[Term]:
+    """Return single values as vectors."""
+    return [joined(p, [(x[row], 0) for row in chunk]) for chunk in rows]
+
+
 class Diagonal:
     """One over each entry of a diagonal matrix."""
 
-    def __init__(self, reciprocals: Mapping[int, Real]) -> None:
-        self.reciprocals = reciprocals
+    def __init__(self, p: Builder, reciprocals: Mapping[int, Real]) -> None:
+        self.p, self.reciprocals = p, reciprocals
+        self.vectors: dict[Sequence[int], Term] = {}
 
-    def solve(self, right: Sequence[Term]) -> list[Term]:
+    def read(self, rows: Rows) -> None:
+        """Bring the numbers side by side; see `System`."""
+        for chunk in rows:
+            if chunk not in self.vectors:
+                self.vectors[chunk] = joined(self.p, [(self.reciprocals[row], 0) for row in chunk])
+
+    def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
         """Return the solution; see `System`."""
-        return [None if x is None else x * self.reciprocals[i] for i, x in enumerate(right)]
+        self.read(rows)
+        return [None if x is None else x * self.vectors[chunk] for chunk, x in zip(rows, right, strict=True)]
 
 
 class Inverse:
@@ -108,14 +152,24 @@ class Inverse:
 
     def __init__(self, p: Builder, size: int, entries: Triangle) -> None:
         self.p, self.size, self.entries = p, size, entries
+        self.columns: dict[tuple[Sequence[int], int], Term] = {}
+        """Some rows of a column."""
 
-    def solve(self, right: Sequence[Term]) -> list[Term]:
+    def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
         """Return the solution; see `System`."""
-        found: list[Term] = [None] * self.size
-        for j, x in enumerate(right):
-            for i in range(self.size):
-                found[i] = fma(self.p, self.entries.get((i, j)), x, found[i])
+        self.read(rows)
+        found: list[Term] = [None] * len(rows)
+        for j, x in enumerate(_apart(self.p, rows, right)):
+            for i, chunk in enumerate(rows):
+                found[i] = fma(self.p, self.columns[chunk, j], x, found[i])
         return found
+
+    def read(self, rows: Rows) -> None:
+        """Bring the numbers side by side; see `System`."""
+        for chunk in rows:
+            for j in range(self.size):
+                if (chunk, j) not in self.columns:
+                    self.columns[chunk, j] = joined(self.p, [(self.entries.get((i, j)), 0) for i in chunk])
 
 
 class InverseInMemory:
@@ -124,13 +178,42 @@ class InverseInMemory:
     def __init__(self, p: Builder, size: int, memory: Memory, stride: int) -> None:
         self.p, self.size, self.memory, self.stride = p, size, memory, stride
 
-    def solve(self, right: Sequence[Term]) -> list[Term]:
+    def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
         """Return the solution; see `System`."""
-        given, found = self.p.reserve(self.size, name="right"), self.p.reserve(self.size, name="solution")
-        for i, x in enumerate(right):
-            given[i] = 0.0 if x is None else x
-        self.multiply(given, found)
-        return [found[i] for i in range(self.size)]
+        p, n = self.p, self.size
+        given = p.reserve(n, name="right")
+        if all(len(chunk) == 1 for chunk in rows):
+            found = p.reserve(n, name="solution")
+            for i, x in enumerate(_apart(p, rows, right)):
+                given[i] = 0.0 if x is None else x
+            self.multiply(given, found)
+            return [found[i] for i in range(n)]
+        for chunk, x in zip(rows, right, strict=True):
+            put(p, given, chunk[0], x, len(chunk), len(dict.fromkeys(chunk)))
+        products = self.in_loop(rows, given) if n > MOST_COLUMNS else self.in_line(rows, given)
+        return [_repeating(p, chunk, x) for chunk, x in zip(rows, products, strict=True)]
+
+    def in_line(self, rows: Rows, right: Memory) -> list[Term]:
+        """Return the products with vectors of the columns, each the sum of two chains."""
+        sums: list[list[Term]] = [[None, None] for _ in rows]
+        for j in range(self.size):
+            x = right[j]
+            for chunk, two in zip(rows, sums, strict=True):
+                two[j % 2] = fma(self.p, entries(self.memory, j * self.stride + chunk[0], len(chunk)), x, two[j % 2])
+        return [plus(*two) for two in sums]
+
+    def in_loop(self, rows: Rows, right: Memory) -> list[Term]:
+        """Return the products with vectors of the columns, in a loop."""
+        p = self.p
+        sums = [p.variable(wide(p, None, len(chunk))) for chunk in rows]
+        with p.loop(0, self.size) as j:
+            column, x = self.memory.at(j * self.stride), right[j]
+            for chunk, total in zip(rows, sums, strict=True):
+                total.value = fma(p, entries(column, chunk[0], len(chunk)), x, total.value)
+        return [total.value for total in sums]
+
+    def read(self, rows: Rows) -> None:
+        """Read nothing: columns are read where they are used."""
 
     def multiply(self, right: Memory, found: Memory) -> None:
         """Write the solution of a right-hand side in memory."""
@@ -149,14 +232,17 @@ class Factored:
     def __init__(self, p: Builder, blocks: Sequence[_FactoredBlock], size: int) -> None:
         self.p, self.blocks, self.size = p, blocks, size
 
-    def solve(self, right: Sequence[Term]) -> list[Term]:
+    def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
         """Return the solution; see `System`."""
-        found: list[Term] = [None] * self.size
+        single, found = _apart(self.p, rows, right), [None] * self.size
         for block in self.blocks:
-            solution = block.solve([right[i] for i in block.unknowns])
+            solution = block.solve([single[i] for i in block.unknowns])
             for i, x in zip(block.unknowns, solution, strict=True):
                 found[i] = x
-        return found
+        return _together(self.p, rows, found)
+
+    def read(self, rows: Rows) -> None:
+        """Read nothing: factors are read where they are used."""
 
 
 def _is_small(plan: SolvePlan, largest: int) -> bool:

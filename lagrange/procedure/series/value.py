@@ -1,33 +1,38 @@
-"""One value of a series at an order, of which later code reads every coefficient as a value of its own; see `At`."""
+"""The values of one chunk of a series at an order: a number, or several like values as a short vector; see `At`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Protocol
 
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.series.packing import Chunk, Operand
+from lagrange.procedure.series.packing import Chunk, Operand, PackedStage
 from lagrange.procedure.series.rules import OWN, Term, less, plus
 from lagrange.procedure.series.systems import System
-from lagrange.procedure.values import Real
 from lagrange.program.series import SeriesProgram
 
 
 class Coefficients(Protocol):
-    """What values read of a series at an order; `x` has the coefficients of the order at hand."""
+    """What chunks read of a series at an order: operands at the order at hand, the one before, and order 0."""
 
     p: Builder
     program: SeriesProgram
-    constants: list[Real]
-    origin: dict[int, Any]
     systems: list[System]
-    x: dict[int, Term]
 
-    def before(self, number: int) -> Term:
-        """Return a coefficient of the order before."""
+    def now(self, operand: Operand) -> Term:
+        """Return an operand at the order at hand."""
 
-    def over(self, number: int) -> Real:
-        """Return one over a value at order 0."""
+    def before(self, operand: Operand) -> Term:
+        """Return an operand at the order before."""
+
+    def first(self, operand: Operand) -> Term:
+        """Return an operand at order 0."""
+
+    def over(self, operand: Operand) -> Term:
+        """Return one over an operand at order 0."""
+
+    def constant(self, places: tuple[int, ...]) -> Term:
+        """Return coefficients by their places in the table."""
 
     def share(self, x: Term) -> Term:
         """Return x scale / k."""
@@ -39,44 +44,41 @@ class Coefficients(Protocol):
         """Return the coefficient of time: the scale at k = 1, else 0."""
 
 
-class ValueAt:
-    """The lane of a chunk at an order, without its sums; see `At`."""
+class ChunkAt:
+    """A chunk at an order, without its sums; see `At`."""
 
-    def __init__(self, jet: Coefficients, chunk: Chunk, lane: int) -> None:
-        self.series, self.chunk, self.lane, self.p = jet, chunk, lane, jet.p
+    def __init__(self, series: Coefficients, chunk: Chunk) -> None:
+        self.series, self.chunk, self.p = series, chunk, series.p
 
-    def number(self, which: int) -> int:
-        """Return the number of an argument, or of the value itself."""
-        return (self.chunk.whole if which == OWN else self.chunk.args[which]).values[self.lane]
+    def operand(self, which: int) -> Operand:
+        """Return an argument, or the chunk itself."""
+        return self.chunk.whole if which == OWN else self.chunk.args[which]
 
     def now(self, which: int) -> Term:
         """Return the coefficient of an argument at the order at hand."""
-        return self.series.x[self.number(which)]
+        return self.series.now(self.operand(which))
 
     def before(self, which: int) -> Term:
         """Return the coefficient of an argument at the order before."""
-        return self.series.before(self.number(which))
+        return self.series.before(self.operand(which))
 
-    def first(self, which: int) -> Real:
-        """Return an argument, or the value itself, at order 0."""
-        found: Real = self.series.origin[self.number(which)]
-        return found
+    def first(self, which: int) -> Term:
+        """Return an argument, or the chunk itself, at order 0."""
+        found = self.series.first(self.operand(which))
+        return self.p.real(0.0) if found is None else found
 
-    def over(self, which: int) -> Real:
-        """Return one over an argument, or over the value itself, at order 0."""
-        return self.series.over(self.number(which))
+    def over(self, which: int) -> Term:
+        """Return one over an argument, or over the chunk itself, at order 0."""
+        return self.series.over(self.operand(which))
 
     def known(self, which: int) -> float | None:
-        """Return a coefficient of the rule if it is known now."""
-        return self.series.program.numbers[self.place(which)]
+        """Return a coefficient of the rule if it is known now, and the same in all entries."""
+        found = dict.fromkeys(self.series.program.numbers[place] for place in self.chunk.coefficients[which])
+        return next(iter(found)) if len(found) == 1 else None
 
-    def constant(self, which: int) -> Real:
+    def constant(self, which: int) -> Term:
         """Return a coefficient of the rule."""
-        return self.series.constants[self.place(which)]
-
-    def place(self, which: int) -> int:
-        """Return where a coefficient of the rule stands in the table."""
-        return self.chunk.coefficients[which][self.lane]
+        return self.series.constant(self.chunk.coefficients[which])
 
     def share(self, x: Term) -> Term:
         """Return x scale / k."""
@@ -91,13 +93,14 @@ class ValueAt:
         return self.series.start()
 
 
-def solved(series: Coefficients, place: int, guesses: Sequence[Term]) -> list[Term]:
-    """Return the unknowns of a stage, corrected from guesses."""
-    stage, right = series.program.stages[place], []
-    for force, momentum in zip(stage.right, stage.left, strict=True):
+def solved(series: Coefficients, place: int, packed: PackedStage, guesses: Sequence[Term]) -> list[Term]:
+    """Return the unknowns of a stage by chunk, corrected from guesses: M0^-1 (f[k-1] scale / k - p^[k])."""
+    right = []
+    for force, momentum in zip(packed.right, packed.left, strict=True):
         rate = None if force is None else series.share(series.before(force))
-        right.append(less(rate, None if momentum is None else series.x[momentum]))
-    return [plus(x, guess) for x, guess in zip(series.systems[place].solve(right), guesses, strict=True)]
+        right.append(less(rate, None if momentum is None else series.now(momentum)))
+    found = series.systems[place].solve(packed.rows, right)
+    return [plus(x, guess) for x, guess in zip(found, guesses, strict=True)]
 
 
 def divisor(chunk: Chunk) -> Operand | None:

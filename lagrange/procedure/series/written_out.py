@@ -9,13 +9,14 @@ from functools import reduce
 from lagrange.procedure.form import FLAG, Procedure
 from lagrange.procedure.series.jet import Jet, divided
 from lagrange.procedure.series.numbers import SeriesNumbers
-from lagrange.procedure.series.packing import Chunk, Operand, Packing
+from lagrange.procedure.series.packing import ZERO_LANE, Chunk, Operand, Packing
 from lagrange.procedure.series.rules import Term, coefficient, fma, plus
-from lagrange.procedure.series.systems import system_size
-from lagrange.procedure.series.value import ValueAt, solved
+from lagrange.procedure.series.systems import ALL, system_size
+from lagrange.procedure.series.value import ChunkAt, solved
+from lagrange.procedure.series.vectors import gathered, of_width, put, width
 from lagrange.procedure.taylor.constants import LOWEST_ORDER
 from lagrange.procedure.taylor.memory import TaylorLayout
-from lagrange.procedure.values import Real
+from lagrange.program.elimination import WRITTEN_OUT
 
 EXACT = 10
 """Up to this order a division by the order is rounded once.
@@ -42,96 +43,139 @@ def written_layout(packing: Packing) -> TaylorLayout:
 
 
 class WrittenJet(Jet):
-    """Builds the procedure for orders up to `highest`; `orders` has the coefficients of each value."""
+    """Builds the procedure for orders from `lowest` up to `highest`. `x` has each chunk by order; k is that at hand."""
 
-    def __init__(self, packing: Packing, numbers: SeriesNumbers, highest: int) -> None:
-        super().__init__(packing, numbers, written_layout(packing))
-        self.highest, self.k = highest, 0
-        self.orders: list[dict[int, Term]] = []
-        self.ranked: dict[tuple[int, int], Real] = {}
-        """Coefficients times their orders."""
-        self.x: dict[int, Term] = {}
-        self.reciprocals: dict[int, Real] = {}
-        """One over what is divided by at order 0: found at order 1, which every series has."""
+    def __init__(
+        self,
+        packing: Packing,
+        numbers: SeriesNumbers,
+        highest: int,
+        *,
+        lowest: int = LOWEST_ORDER,
+        layout: TaylorLayout | None = None,
+    ) -> None:
+        largest = ALL if packing.lanes > 1 else WRITTEN_OUT
+        super().__init__(packing, numbers, layout or written_layout(packing), largest)
+        self.lowest, self.highest, self.k = lowest, highest, 0
+        self.x: dict[tuple[Chunk, int], Term] = {}
+        self.operands: dict[tuple[Operand, int], Term] = {}
+        self.totals: dict[tuple[Chunk, int, int], Term] = {}
+        self.shares: dict[tuple[float, int], Term] = {}
 
     def build(self) -> Procedure:
         """Return the procedure."""
-        p = self.p
         self.begin()
-        self.x = self.origin
-        self.orders.append(self.x)
         self.write()
         for k in range(1, self.highest + 1):
             self.add_order(k)
-        p.leave(self.singular)
-        return p.finish(FLAG)
+        self.p.leave(self.singular)
+        return self.p.finish(FLAG)
 
     def add_order(self, k: int) -> None:
         """Build the coefficients of an order; the highest one ends with its row."""
         packing, self.k = self.packing, k
-        self.x = {i: self.share(self.before(rate)) for i, rate in enumerate(self.program.rates)}
-        self.orders.append(self.x)
+        for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
+            self.x[chunk, k] = self.share(self.before(rate))
         self.fill(packing.before)
-        for place, (stage, packed) in enumerate(zip(self.program.stages, packing.stages, strict=True)):
+        for place, stage in enumerate(packing.stages):
             guesses: list[Term] = [None] * len(stage.unknowns)
+            # The unknowns of order 1 are corrected by the residual of dp/dt = f: they carry most of a step's rounding.
             for _ in range(2 if k == 1 and stage.plan.moving else 1):
-                self.x |= zip(stage.unknowns, guesses, strict=True)
-                self.fill(packed.trial)
-                guesses = solved(self, place, guesses)
-            self.x |= zip(stage.unknowns, guesses, strict=True)
-            last = packed is packing.stages[-1]
+                self.know(place, guesses)
+                self.fill(stage.trial)
+                guesses = solved(self, place, stage, guesses)
+            self.know(place, guesses)
+            last = stage is packing.stages[-1]
             if last and not self.program.watched:
                 self.end_order()
             if k < self.highest or self.program.watched or not last:
-                self.fill(packed.found)
+                self.fill(stage.found)
         if self.program.watched:
             self.end_order()
 
     def end_order(self) -> None:
         """Write the row of an order, and return behind it if no more is wanted; the highest one is the last."""
         self.write()
-        if LOWEST_ORDER <= self.k < self.highest:
+        if self.lowest <= self.k < self.highest:
             self.p.leave_if(self.order.equals(self.k), self.singular)
+
+    def know(self, place: int, found: Sequence[Term]) -> None:
+        """Set the unknowns of a stage, and forget operands that have others in their place."""
+        depth = self.program.depth
+        for key in [key for key in self.operands if key[1] == self.k]:
+            if any(value != ZERO_LANE and depth[value] > place for value in key[0].values):
+                del self.operands[key]
+        for chunk, value in zip(self.packing.stages[place].unknowns, found, strict=True):
+            self.x[chunk, self.k] = value
 
     def fill(self, chunks: Sequence[Chunk]) -> None:
         """Build the coefficients of some chunks."""
         for chunk in chunks:
-            for lane in range(chunk.count):
-                self.x[chunk.values[lane]] = coefficient(_WrittenAt(self, chunk, lane))
+            self.x[chunk, self.k] = of_width(self.p, coefficient(_WrittenAt(self, chunk)), len(chunk.values))
 
     def write(self) -> None:
-        """Write the row."""
-        row, zero = self.rows.at(self.k * self.layout.width), self.p.real(0.0)
-        for i, number in enumerate((*range(2 * self.program.dimension), *self.program.watched)):
-            value = None if number is None else self.x[number]
-            row[i] = zero if value is None else value
+        """Write the row; zeros too, for the memory serves many runs."""
+        place = self.k * self.layout.width
+        watched_at = place + self.layout.watched_at
+        for chunk in self.packing.state:
+            put(self.p, self.rows, place, self.now(chunk.whole), len(chunk.values), chunk.count)
+            place += chunk.count
+        for i, watched in enumerate(self.program.watched, watched_at):
+            put(self.p, self.rows, i, None if watched is None else self.now(Operand((watched,))), 1, 1)
 
-    def before(self, number: int) -> Term:
-        """Return a coefficient of the order before."""
-        return self.orders[self.k - 1][number]
+    def now(self, operand: Operand) -> Term:
+        """Return an operand at the order at hand."""
+        return self.at(operand, self.k)
+
+    def before(self, operand: Operand) -> Term:
+        """Return an operand at the order before."""
+        return self.at(operand, self.k - 1)
+
+    def first(self, operand: Operand) -> Term:
+        """Return an operand at order 0."""
+        return self.at(operand, 0)
+
+    def at(self, operand: Operand, k: int) -> Term:
+        """Return an operand at an order."""
+        key = operand, k
+        if key in self.operands:
+            return self.operands[key]
+        if k == 0:
+            found = self.at_zero(operand)
+        else:
+            found = gathered(self.p, self.packing, operand, lambda chunk: self.x[chunk, k])
+            if operand.ranked and found is not None and k > 1:
+                found = found * float(k)
+        self.operands[key] = found
+        return found
+
+    def over(self, operand: Operand) -> Term:
+        """Return one over an operand at order 0."""
+        if operand not in self.reciprocals:
+            first = self.first(operand)
+            self.reciprocals[operand] = 1.0 / (self.p.real(0.0) if first is None else first)
+        return self.reciprocals[operand]
 
     def share(self, x: Term) -> Term:
         """Return x scale / k; see `At`."""
+        if x is None:
+            return None
         high, low = reciprocal(self.k)
-        scale = self.scale
-        small = scale * low if low and self.k <= EXACT else None
-        return divided(self, x, scale if high == 1.0 else scale * high, small)
+        small = self.scaled(low, width(x)) if low and self.k <= EXACT else None
+        return divided(self, x, self.scaled(high, width(x)), small)
+
+    def scaled(self, factor: float, lanes: int) -> Term:
+        """Return the scale times a number, in every entry; the scale is a power of two, so that this is exact."""
+        if (factor, lanes) not in self.shares:
+            single = self.scale if factor == 1.0 else self.scale * factor
+            if lanes > 1:
+                single = self.p.broadcast(self.scaled(factor, 1), lanes)
+            self.shares[factor, lanes] = single
+        return self.shares[factor, lanes]
 
     def start(self) -> Term:
         """Return the coefficient of time: the scale at k = 1, else 0."""
         return self.scale if self.k == 1 else None
-
-    def over(self, number: int) -> Real:
-        """Return one over a value at order 0."""
-        if number not in self.reciprocals:
-            self.reciprocals[number] = 1.0 / self.origin[number]
-        return self.reciprocals[number]
-
-    def times_order(self, number: int, k: int) -> Term:
-        """Return a coefficient times its order: of a state it is that of the rate before, in the scale of time."""
-        if number < len(self.program.rates):
-            return self.orders[k - 1][self.program.rates[number]] * self.scale
-        return self.orders[k][number] * float(k)
 
     def part(self, x: Term) -> Term:
         """Return x / k; see `At`."""
@@ -139,21 +183,27 @@ class WrittenJet(Jet):
         return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= EXACT else None)
 
 
-class _WrittenAt(ValueAt):
-    """A value at an order that is written out; see `At`."""
+class _WrittenAt(ChunkAt):
+    """A chunk at an order that is written out; see `At`."""
 
     series: WrittenJet
 
     def total(self, which: int) -> Term:
-        """Return the sum over 0 < j < k, the oldest coefficients first."""
+        """Return the sum over 0 < j < k, once for each order, the oldest coefficients first."""
+        key = self.chunk, which, self.series.k
+        if key not in self.series.totals:
+            self.series.totals[key] = self.summed(*self.chunk.sums[which])
+        return self.series.totals[key]
+
+    def summed(self, a: Operand, b: Operand) -> Term:
+        """Return the sum of a[j] b[k-j] over 0 < j < k."""
         k, p = self.series.k, self.p
-        a, b = self.chunk.sums[which]
         pairs = sorted(range(1, k), key=lambda j: (max(j, k - j), j))
         if a != b:
             return self.products(a, b, pairs)
         total = self.products(a, b, [j for j in pairs if 2 * j < k])
         total = plus(total, total)
-        middle = self.factor(a, k // 2)
+        middle = self.series.at(a, k // 2)
         return fma(p, middle, middle, total) if k % 2 == 0 else total
 
     def products(self, a: Operand, b: Operand, pairs: Sequence[int]) -> Term:
@@ -165,18 +215,8 @@ class _WrittenAt(ValueAt):
             if place == early:
                 parts = [reduce(plus, parts)]
             which = place % len(parts)
-            parts[which] = fma(p, self.factor(a, j), self.factor(b, k - j), parts[which])
+            parts[which] = fma(p, self.series.at(a, j), self.series.at(b, k - j), parts[which])
         return reduce(plus, parts)
-
-    def factor(self, operand: Operand, k: int) -> Term:
-        """Return a factor of a sum at an order."""
-        number, jet = operand.values[self.lane], self.series
-        x = jet.orders[k][number]
-        if not operand.ranked or x is None or k == 1:
-            return x
-        if (number, k) not in jet.ranked:
-            jet.ranked[number, k] = jet.times_order(number, k)
-        return jet.ranked[number, k]
 
 
 def reciprocal(k: int) -> tuple[float, float]:
