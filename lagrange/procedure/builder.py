@@ -211,7 +211,7 @@ class Builder:
         return Flag.of(self.constant(value=False, kind=FLAG))
 
     def operand(self, value: Any, kind: Kind | Vector) -> int:
-        """Return the number of a value; refuse another kind."""
+        """Return the number of a value. Raises LagrangeError for a value of another kind."""
         if not isinstance(value, (Value, Entries)) and isinstance(kind, Kind):
             value = self.constant(value, kind)
         if _kind_of(value) != kind:
@@ -445,7 +445,7 @@ class Builder:
 
 
 def _kind_of(value: Any) -> Any:
-    """Return the type of a value, or the kind of a number of Python."""
+    """Return the type of a value, or the kind of a Python number."""
     if isinstance(value, Entries):
         return value.vector
     if isinstance(value, Value):

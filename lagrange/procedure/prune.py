@@ -30,7 +30,7 @@ from lagrange.procedure.form import (
 from lagrange.procedure.visit import defined, operands
 
 MADE = (Let, SineCosine, VectorLet, Reduce, VectorLoad, Gather, Load, Read, Part, Reserve, ReserveRecord, Get)
-"""Statements that make a value or memory, and do nothing else."""
+"""Statements that define a value or memory, without other effects."""
 
 
 class Pruner:

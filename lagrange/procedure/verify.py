@@ -103,7 +103,7 @@ class _Check(Visitor):
 
     def kind(self, ref: int, wanted: Kind | Vector) -> None:
         if self.type(ref) != wanted:
-            raise self.error(f"%{ref} is no {wanted}")
+            raise self.error(f"%{ref} is not a {wanted}")
 
     def array(self, ref: int) -> Array:
         found = self.type(ref)
@@ -147,7 +147,7 @@ class _Check(Visitor):
     def pair(self, pair: SineCosine) -> None:
         angle = self.type(pair.angle)
         if _entry_kind(angle) is not REAL:
-            raise self.error(f"%{pair.angle} is no angle")
+            raise self.error(f"%{pair.angle} is not an angle")
         self.define(pair.sine, angle)
         self.define(pair.cosine, angle)
 
@@ -282,7 +282,7 @@ class _Check(Visitor):
 
     def held(self, variable: int, kind: Type) -> None:
         if variable not in self.variables or self.variables[variable] != kind:
-            raise self.error(f"%{variable} is no variable that holds a {kind}")
+            raise self.error(f"%{variable} is not a variable that holds a {kind}")
 
     @visits(Call)
     def call(self, call: Call) -> None:

@@ -81,7 +81,7 @@ def angle_function(lanes: int) -> str:
 
 
 def called_for_angles(lanes: int) -> str:
-    """Return the text by which a module shows that it calls the function."""
+    """Return the text that marks a module as a caller of the function."""
     return f"@{_name(lanes)}("
 
 

@@ -40,7 +40,7 @@ def _vector(known: Vectors, ref: int) -> Vector:
 
 
 def _operation(known: Vectors, let: VectorLet) -> str:
-    """Return the result of an operation."""
+    """Print an operation on vectors and return its operand."""
     e, (_, width) = known.e, let.vector
     if let.op == "permute":
         return _permuted(known, let)
