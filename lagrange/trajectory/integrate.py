@@ -88,6 +88,8 @@ def integrate(
         trajectory = run_in_segments(problem, partial(_run, integrator))
     else:
         trajectory = _run(integrator, problem)
+    # Once for the whole run: over a short segment all coordinates stay within round-off.
+    trajectory = with_resolution(problem, trajectory)
     if start is not given:
         trajectory = replace(trajectory, message=f"{trajectory.message}{moved_sentence(model, given, start)}")
     return trajectory, values
@@ -106,7 +108,6 @@ def _run(integrator: Integrator, problem: Problem) -> Trajectory:
         trajectory = _on_constraints(problem, trajectory)
     if len(problem.events) > 1:
         trajectory = with_touching_bodies(problem, trajectory)
-    trajectory = with_resolution(problem, trajectory)
     return verified(problem, trajectory, before, adaptive=integrator.claims.adaptive)
 
 

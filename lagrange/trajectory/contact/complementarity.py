@@ -26,6 +26,9 @@ NOISE = 1e-10
 """Forces and rates count as zero below this fraction of the terms that make them: round-off of some ten terms, with a
 condition of the mass matrix up to 1e5."""
 
+DEPENDENT = 1e-12
+"""Equations follow from others if their singular value is below this part of the largest."""
+
 MOST_CASES = 1024
 """Most combinations of states that are all tried. With more, one solution is found by pivoting."""
 
@@ -187,14 +190,19 @@ def _forces(
         return np.zeros(len(bias)), bias.copy()
     pushes = np.column_stack(columns)
     square, right = (matrix @ pushes)[zero], -bias[zero]
-    sizes = np.linalg.lstsq(square, right, rcond=1e-12)[0]
-    sizes += np.linalg.lstsq(square, right - square @ sizes, rcond=1e-12)[0]
+    sizes = least_solution(square, right)
+    sizes += least_solution(square, right - square @ sizes)
     forces = pushes @ sizes
     rates = matrix @ forces + bias
     if (np.abs(rates[zero]) > _noise(matrix, bias, forces)[zero]).any():
         return None
     rates[zero] = 0.0
     return forces, rates
+
+
+def least_solution(square: FloatArray, right: FloatArray) -> FloatArray:
+    """Return the shortest solution (k,) of equations of which some may follow from others."""
+    return np.asarray(np.linalg.lstsq(square, right, rcond=DEPENDENT)[0])
 
 
 def _obeys(balance: Balance, contacts: Sequence[Friction], noise: FloatArray) -> bool:

@@ -13,10 +13,10 @@ from lagrange.equations.constraints import constraint_equations
 from lagrange.errors import StatementError, formula
 from lagrange.machine.model import Model
 from lagrange.statement.contact import impact_speed
-from lagrange.trajectory.contact.complementarity import Friction
+from lagrange.trajectory.contact.complementarity import Friction, least_solution
 from lagrange.trajectory.trajectory import FloatArray
 
-TOUCHING = 1e-10
+TOUCHING = 1e-13
 """A gap counts as zero below this fraction of its largest terms so far. Round-off is far below."""
 
 STILL = 1e-11
@@ -32,15 +32,22 @@ class Touch:
 
     `gaps` (k,) are their gaps. The rows of the other fields are, for each contact, dgap/dt, then its slips: the
     `rates` (rows,), their `directions` (rows, n) by the velocities, the `bias` (rows,) of their derivatives by time at
-    zero acceleration. Gaps count as zero up to `near` (k,), and rates up to `noise` (rows,).
+    zero acceleration. A unit force along each row causes the accelerations `responses` (n, rows) under stated
+    constraints. Gaps count as zero up to `near` (k,), and rates up to `noise` (rows,).
     """
 
     gaps: FloatArray
     rates: FloatArray
     directions: FloatArray
     bias: FloatArray
+    responses: FloatArray
     near: FloatArray
     noise: FloatArray
+
+    @property
+    def compliance(self) -> FloatArray:
+        """The change of the rates (rows, rows) that unit forces along each row cause."""
+        return self.directions @ self.responses
 
 
 class Kinematics:
@@ -94,8 +101,8 @@ class Kinematics:
         found = np.asarray(self._kernel(times, states, self.parameters))[: len(self.normals)]
         return found.copy(), TOUCHING * np.maximum(self._places, np.abs(found).max(axis=1))
 
-    def at(self, t: float, y: FloatArray) -> Touch:
-        """Return the contacts at a state (2n,)."""
+    def at(self, t: float, y: FloatArray, before: Touch | None = None) -> Touch:
+        """Return the contacts at a state (2n,), with the responses `before` if only velocities or round-off differ."""
         n, k, rows = self.model.dimension, len(self.normals), len(self._speeds)
         values = np.asarray(self._kernel(t, y, self.parameters))
         gaps, rates, bias, gradient = np.split(values, [k, k + rows, k + 2 * rows])
@@ -106,33 +113,34 @@ class Kinematics:
         self._places, self._speeds = np.maximum(self._places, places), np.maximum(self._speeds, speeds)
         fastest = np.concatenate([np.full(len(mine), self._speeds[mine].max()) for mine in self.rows])
         noise = STILL * np.maximum(fastest, SLOW_SHARE * self._speeds.max())
-        return Touch(gaps, rates, directions, bias, TOUCHING * self._places, noise)
+        responses = self._responses(t, y, directions) if before is None else before.responses
+        return Touch(gaps, rates, directions, bias, responses, TOUCHING * self._places, noise)
 
-    def responses(self, t: float, y: FloatArray, touch: Touch) -> FloatArray:
-        """Return the accelerations (n, rows) that a unit force along each row causes, under stated constraints."""
+    def _responses(self, t: float, y: FloatArray, directions: FloatArray) -> FloatArray:
         model, parameters = self.model, self.parameters
         n = model.dimension
         mass = np.asarray(model.kernel("mass_matrix")(t, y, parameters)).reshape(n, n)
         held = self.stated_directions(t, y)
         m = len(held)
         if not m:
-            return np.asarray(np.linalg.solve(mass, touch.directions.T))
+            return np.asarray(np.linalg.solve(mass, directions.T))
         whole = np.block([[mass, -held.T], [held, np.zeros((m, m))]])
-        right = np.vstack([touch.directions.T, np.zeros((m, len(touch.directions)))])
+        right = np.vstack([directions.T, np.zeros((m, len(directions)))])
         return np.asarray(np.linalg.lstsq(whole, right, rcond=1e-13)[0][:n])
 
-    def closed(self, t: float, y: FloatArray, contacts: Sequence[int], steps: int) -> FloatArray:
-        """Return a state whose gaps of some contacts are closed by steps of Newton's method, by the least change.
+    def closed(self, y: FloatArray, touch: Touch, contacts: Sequence[int], kept: Sequence[int] = ()) -> FloatArray:
+        """Return a state whose gaps of some contacts are closed by a step of Newton's method, by the least change.
 
-        The kinetic energy measures the change.
+        The kinetic energy measures the change. The gaps of the contacts `kept` stay as they are.
         """
-        y, normals = y.copy(), [self.normals[i] for i in contacts]
-        for _ in range(steps if normals else 0):
-            touch = self.at(t, y)
-            responses = self.responses(t, y, touch)
-            square = (touch.directions @ responses)[np.ix_(normals, normals)]
-            change = responses[:, normals] @ np.linalg.lstsq(square, touch.gaps[contacts], rcond=1e-12)[0]
-            y[self.model.layout.q] -= change
+        if not contacts:
+            return y
+        both = [*contacts, *(i for i in kept if i not in contacts)]
+        y, normals = y.copy(), [self.normals[i] for i in both]
+        wanted = np.array([*touch.gaps[contacts], *np.zeros(len(both) - len(contacts))])
+        y[self.model.layout.q] -= touch.responses[:, normals] @ least_solution(
+            touch.compliance[np.ix_(normals, normals)], wanted
+        )
         return y
 
     def stated_directions(self, t: float, y: FloatArray) -> FloatArray:

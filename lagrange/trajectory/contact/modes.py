@@ -9,6 +9,8 @@ from typing import Any
 
 import sympy
 
+from lagrange.equations.euler_lagrange import node_of
+from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
 from lagrange.statement.contact import Contact
 from lagrange.statement.coordinate import multiplier, velocity_of
@@ -30,7 +32,7 @@ MODELS_KEPT = 16
 """Number of models whose modes are kept."""
 
 EVENTS_KEPT = 8
-"""Number of lists of events that are kept for a mode, so that its runs use the same drivers."""
+"""Number of lists of events with which a mode is kept, so that its runs use the same drivers."""
 
 Way = int | None
 """Direction of sliding along a single slip component, 1 or -1; None in a plane and for contacts that do not slide."""
@@ -64,11 +66,22 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class PreparedMode:
-    """A mode compiled: its model, its events behind those of the user, and the contact and the kind of each."""
+    """A mode compiled: its model, its events behind those of the user, and the contact and the kind of each.
+
+    `zeros` returns what is zero at the events of the mode, by a time and a state.
+    """
 
     model: Model
     events: tuple[Event, ...]
     ends: tuple[tuple[int, str], ...]
+
+    @cached_property
+    def zeros(self) -> Kernel:
+        """The expressions of the events of the mode, compiled."""
+        own = self.events[len(self.events) - len(self.ends) :]
+        return self.model.function(
+            "ends", tuple(node_of(event.expression, self.model.statement, self.model.equations) for event in own)
+        )
 
 
 class Modes:
@@ -77,8 +90,7 @@ class Modes:
     def __init__(self, model: Model) -> None:
         self.model, self.contacts = model, model.statement.contacts
         self._models: dict[Mode, Model] = {}
-        self._ends: dict[Mode, tuple[tuple[Event, ...], tuple[tuple[int, str], ...]]] = {}
-        self._events: dict[tuple[Mode, tuple[Event, ...], int], tuple[Event, ...]] = {}
+        self._prepared: dict[tuple[Mode, tuple[Event, ...], int], PreparedMode] = {}
 
     @cached_property
     def written(self) -> WrittenImpacts | None:
@@ -91,22 +103,21 @@ class Modes:
         Impacts that are `written` out are resets inside the loop over steps, up to the number `most` of a contact.
         """
         events, plain = problem.events, replace(mode, bouncing=())
-        model = self.model_of(mode)
-        if plain not in self._ends:
-            self._ends[plain] = _ends(self.contacts, mode)
-        own, ends = self._ends[plain]
         key = plain, events, 0 if written is None else most
-        if key not in self._events:
-            if len(self._events) > EVENTS_KEPT * len(self._models):
-                self._events.clear()
+        if key not in self._prepared:
+            model = self.model_of(mode)
+            if len(self._prepared) > EVENTS_KEPT * len(self._models):
+                self._prepared.clear()
+            own, ends = _ends(self.contacts, mode)
             absent = {each.normal: sympy.S.Zero for i, each in enumerate(self.contacts) if mode.states[i] == OPEN}
             if written is not None:
                 own = tuple(
                     event if reset is None else replace(event, terminal=most, reset=reset)
                     for event, reset in zip(own, written.resets, strict=True)
                 )
-            self._events[key] = (*(_present(event, absent) for event in events), *own)
-        return PreparedMode(model, self._events[key], ends)
+            stated = tuple(_present(event, absent) for event in events)
+            self._prepared[key] = PreparedMode(model, (*stated, *own), ends)
+        return self._prepared[key]
 
     def model_of(self, mode: Mode) -> Model:
         """Return the compiled model of a mode."""

@@ -30,6 +30,9 @@ SAMPLES, OVERLAP = 4, 1e-8
 """Number of times in a segment at which gaps are looked at, and the overlap that is more than errors, as a part of the
 terms of the gap."""
 
+NEARBY = 2.0**-16
+"""Part of a segment, before its end, over which the derivative of an event is a difference; zeros are nearer."""
+
 STEPS_OUTSIDE = 30
 """Steps of Newton's method from a start inside a body to one outside."""
 
@@ -87,7 +90,7 @@ class _ContactRun:
         while True:
             mode = self._segment(segment, behind.mode)
             part, last = self.parts[-1], status_at_end(problem, self.parts)
-            end, fired = part.span[1], self._fired()
+            end, fired = part.span[1], self.fired
             goes_on = bool(fired)
             if mode.bouncing and self.rest_time <= end:
                 mode, self.rest_time = replace(mode, bouncing=()), math.inf
@@ -102,7 +105,7 @@ class _ContactRun:
             if (limit := self._limit(end, mode, behind.mode)) is not None:
                 self._stop(*limit)
                 break
-            self.parts[-1] = before_outputs_at_end(problem, self.parts[-1])
+            self.parts[-1] = _ended(before_outputs_at_end(problem, self.parts[-1]), behind.before)
             if last is not None:
                 self._keep(end, behind.mode, point_of(problem, self.parts[-1], behind.y, last))
                 break
@@ -157,7 +160,7 @@ class _ContactRun:
                 t1=until,
                 t_eval=None if segment.t_eval is None else segment.t_eval[segment.t_eval <= until],
             )
-            self.found = self.run(chosen)
+            self.found, self.fired = self.run(chosen), []
             if written is not None and not self._passed_impacts(written):
                 written = self.written = None
                 continue
@@ -165,7 +168,7 @@ class _ContactRun:
                 tries += 1
                 segment = replace(segment, y0=last_state(self.found))
                 continue
-            self.found = self._before_resets() if written else self.found
+            self._locate_end(chosen)
             part = replace(self.found, t_events=self.found.t_events[:users], y_events=self.found.y_events[:users])
         self._keep(segment.t0, mode, self._verified(part))
         return mode
@@ -234,12 +237,24 @@ class _ContactRun:
         rates = self.kinematics.at(end, last_state(self.found)).rates[self.kinematics.normals]
         return all((kind == GAP and rates[i] >= 0) or (kind == SLIP and i in self.freed) for i, kind in fired)
 
-    def _before_resets(self) -> Trajectory:
-        """Return the last segment with the state before the reset of an event that ended it."""
-        found = self.found
-        if not len(found.t) or found.t[-1] != found.span[1]:
-            return found
-        return replace(found, y=np.column_stack([found.y[:, :-1], self._end_state()]))
+    def _locate_end(self, segment: Problem) -> None:
+        """Set the contacts that end the last segment, and its end, before any reset, to where an event is zero.
+
+        A series has the zero to the tolerance of the run. From there the motion is followed for the time that is left.
+        """
+        found, (begin, end), y = self.found, self.found.span, self._end_state()
+        self.fired = self._fired()
+        if self.fired:
+            event, parameters = self.prepared.ends.index(self.fired[0]), self.kinematics.parameters
+            rates, h = np.asarray(segment.model.kernel("rhs")(end, y, parameters)), NEARBY * (end - begin)
+            value, before = (
+                self.prepared.zeros(t, state, parameters)[event] for t, state in ((end, y), (end - h, y - h * rates))
+            )
+            late = h * value / (value - before) if value != before else 0.0
+            if CLOSEST * abs(end) < abs(late) < h and end - late < self.problem.t1:
+                y, end = y - late * rates, end - late
+                found = replace(found, t=np.where(found.t == found.span[1], end, found.t), span=(begin, end))
+        self.end_state, self.found = y, _ended(found, y)
 
     def _end_state(self) -> FloatArray:
         """Return the state (2n,) at the events that ended the last segment, before any reset."""
@@ -251,7 +266,7 @@ class _ContactRun:
 
     def _after(self, mode: Mode, fired: Sequence[tuple[int, str]]) -> Behind:
         """Return the state and the mode after the last segment, with the impacts between."""
-        t, y = self.found.span[1], self._end_state()
+        t, y = self.found.span[1], self.end_state
         by_kind = {kind: [i for i, other in fired if other == kind] for kind in (RELEASE, GAP, SLIP, CONE)}
         ends = {"met": by_kind[GAP], "released": by_kind[RELEASE], "stopped": by_kind[SLIP], "freed": by_kind[CONE]}
         behind = self.transitions.behind(t, y, mode, **ends)
@@ -295,7 +310,9 @@ class _ContactRun:
     def _nearest(self, contact: int) -> str:
         """Return a sentence with the nearest start at which a gap is closed, by Newton's method."""
         problem, kin, layout = self.problem, self.kinematics, self.problem.model.layout
-        y = kin.closed(problem.t0, problem.y0, [contact], STEPS_OUTSIDE)
+        y = problem.y0
+        for _ in range(STEPS_OUTSIDE):
+            y = kin.closed(y, kin.at(problem.t0, y), [contact])
         if not np.isfinite(y).all() or abs(kin.at(problem.t0, y).gaps[contact]) > 1e-6:
             return "Give a start at which the bodies do not overlap."
         moved = [
@@ -323,3 +340,10 @@ class _ContactRun:
             tuple(map(tuple, self.impacts)),
             tuple(map(tuple, self.rests)),
         )
+
+
+def _ended(part: Trajectory, y: FloatArray) -> Trajectory:
+    """Return a segment whose state at its end, if that is an output, is y (2n,)."""
+    if not len(part.t) or part.t[-1] != part.span[1]:
+        return part
+    return replace(part, y=np.column_stack([part.y[:, :-1], y]))

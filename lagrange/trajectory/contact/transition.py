@@ -10,7 +10,7 @@ import numpy as np
 from lagrange.equations.regularity import independent_rows
 from lagrange.errors import RunError, listing
 from lagrange.statement.contact import SEQUENCE
-from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING, Balance, solutions
+from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING, Balance, least_solution, solutions
 from lagrange.trajectory.contact.kinematics import STILL, TOUCHING, Kinematics, Touch
 from lagrange.trajectory.contact.modes import SLOWEST, Mode, Modes
 from lagrange.trajectory.trajectory import FloatArray
@@ -36,9 +36,6 @@ ROUND_OFF = 2.0**-50
 
 Tolerances relative to it would be far too small."""
 
-NEWTON_STEPS = 2
-"""Steps of Newton's method from a gap of round-off to a closed one."""
-
 
 class Undetermined(RunError):
     """The laws of contact have no consistent next motion, or several."""
@@ -58,10 +55,12 @@ class Impact:
 class Behind:
     """What follows a transition: the state (2n,), the mode, and the impacts by contact; `speeds` are their speeds.
 
-    `unseen` are contacts that open and would close again before round-off shows a gap.
+    `before` (2n,) is the state before impacts, without overlap. `unseen` are contacts that open and would close again
+    before round-off shows a gap.
     """
 
     y: FloatArray
+    before: FloatArray
     mode: Mode
     impacts: tuple[tuple[int, Impact], ...] = ()
     speeds: tuple[float, ...] = ()
@@ -98,6 +97,10 @@ class Transitions:
         touch = kin.at(t, y)
         normals = kin.normals
         near = [i for i in range(len(normals)) if i in met or touch.gaps[i] <= touch.near[i]]
+        if overlapping := [i for i in near if touch.gaps[i] < 0]:
+            y = kin.closed(y, touch, overlapping, near)
+            touch = kin.at(t, y, touch)
+        before = y
         lasting = [i for i in mode.closed if i not in released]
         touching = sorted({*near, *lasting} - set(released))
         closing = [i for i in touching if touch.rates[normals[i]] < -touch.noise[normals[i]] and i not in lasting]
@@ -106,18 +109,17 @@ class Transitions:
         ways = self._freed_ways(t, y, mode, freed) if freed else {}
         if closing:
             y, impacts, speeds = self._impact(t, y, touch, touching, closing, plastic)
-            touch = kin.at(t, y)
+            touch = kin.at(t, y, touch)
         still = touch.noise + IMPACT_NOISE * max(speeds, default=0.0)
         resting = [i for i in touching if touch.rates[normals[i]] <= still[normals[i]] or i in plastic]
-        y, following, pulls = self._next(t, y, touch, resting, stopped, ways, released)
-        bounced = [i for i in closing if i not in following.closed]
+        y, following, pulls = self._next(t, y, touch, resting, stopped, ways, released, near)
         unseen = frozenset(
             i
             for i in touching
             if i not in following.closed
             and 0 < touch.rates[normals[i]] ** 2 < -2 * pulls[normals[i]] * SMALLEST_GAP / TOUCHING * touch.near[i]
         )
-        return Behind(kin.closed(t, y, bounced, NEWTON_STEPS), following, impacts, speeds, unseen)
+        return Behind(y, before, following, impacts, speeds, unseen)
 
     def _freed_ways(self, t: float, y: FloatArray, mode: Mode, freed: Collection[int]) -> dict[int, FloatArray]:
         """Return the directions, against the friction force, in which contacts at their cone begin to slide."""
@@ -146,8 +148,7 @@ class Transitions:
     ) -> tuple[FloatArray, tuple[tuple[int, Impact], ...], tuple[float, ...]]:
         """Return the state behind an impact, the impact of each contact, and the speeds of the closing ones."""
         kin, v = self.kinematics, self._layout.v
-        responses = kin.responses(t, y, touch)
-        matrix, law = touch.directions @ responses, self.modes.model.statement.simultaneous
+        matrix, law = touch.compliance, self.modes.model.statement.simultaneous
         if not law and self._coupled(matrix, touching):
             names = listing(kin.contacts[i].name for i in touching)
             raise Undetermined(
@@ -163,10 +164,10 @@ class Transitions:
             last = law != SEQUENCE or rounds == MOST_IN_SEQUENCE
             chosen = list(touching) if last else [min(approaching, key=lambda i: rates[kin.normals[i]])]
             impulses += self._impulses(matrix, rates, chosen, touching if rounds and last else plastic)
-            rates = touch.rates + touch.directions @ (responses @ impulses)
+            rates = touch.rates + matrix @ impulses
             rounds += 1
         after = y.copy()
-        after[v] += responses @ impulses
+        after[v] += touch.responses @ impulses
         middle = (touch.rates + rates) / 2
         impacts = []
         for i in touching:
@@ -237,6 +238,7 @@ class Transitions:
         stopped: Collection[int],
         ways: dict[int, FloatArray],
         released: Collection[int],
+        near: Sequence[int],
     ) -> tuple[FloatArray, Mode, FloatArray]:
         """Return the state and the mode with which the contacts `resting`, of zero gap and gap rate, go on.
 
@@ -260,10 +262,10 @@ class Transitions:
                     law = replace(law, way=ways[i])
                 laws.append(law)
                 rows += [normal, *along[: law.components]]
-            responses = kin.responses(t, y, touch)
-            matrix = (touch.directions @ responses)[np.ix_(rows, rows)]
+            compliance = touch.compliance
+            matrix = compliance[np.ix_(rows, rows)]
             found = self._only(solutions(matrix, pulls[rows], laws), resting, "motion")
-            pulls = pulls + (touch.directions @ responses)[:, rows] @ found.forces
+            pulls = pulls + compliance[:, rows] @ found.forces
             terms[rows] += np.abs(matrix) @ np.abs(found.forces)
             for i, state, way in zip(resting, found.states, found.ways, strict=True):
                 states[i] = state
@@ -282,7 +284,9 @@ class Transitions:
             if np.linalg.norm(touch.rates[along]) <= touch.noise[along].max():
                 slow = 0.0 if len(way) == 1 else 2 * max(mode.slowest, float(touch.noise[along].max()))
                 begins |= dict(zip(along, (max(slow, slight) * way).tolist(), strict=True))
-        return self._entered(t, kin.closed(t, y, mode.closed, NEWTON_STEPS), mode, begins), mode, pulls
+        if any(touch.gaps[i] for i in mode.closed):
+            y = kin.closed(y, touch, mode.closed, near)
+        return self._entered(y, touch, mode, begins), mode, pulls
 
     def _independent(self, t: float, y: FloatArray, touch: Touch, states: Sequence[str]) -> tuple[int, ...] | None:
         """Return the independent ones of the constraints of a mode if some follow from others, else None."""
@@ -303,7 +307,7 @@ class Transitions:
                 rows += mine if state == STICKING else mine[:1]
         return rows
 
-    def _entered(self, t: float, y: FloatArray, mode: Mode, begins: dict[int, float]) -> FloatArray:
+    def _entered(self, y: FloatArray, touch: Touch, mode: Mode, begins: dict[int, float]) -> FloatArray:
         """Return a state whose velocities are those of a mode.
 
         Velocities of round-off become zero by the least change that the kinetic energy measures. Rows of `begins`, a
@@ -312,11 +316,10 @@ class Transitions:
         held = self._held_rows(mode.states)
         if not held and not begins:
             return y
-        y, touch = y.copy(), self.kinematics.at(t, y)
-        responses = self.kinematics.responses(t, y, touch)
-        rows, wanted = [*held, *begins], np.array([*np.zeros(len(held)), *begins.values()])
-        square = (touch.directions @ responses)[np.ix_(rows, rows)]
-        v = y[self._layout.v] + responses[:, rows] @ np.linalg.lstsq(square, wanted - touch.rates[rows], rcond=1e-12)[0]
+        y, rows = y.copy(), [*held, *begins]
+        changes = np.array([*np.zeros(len(held)), *begins.values()]) - touch.rates[rows]
+        v = y[self._layout.v].copy()
+        v += touch.responses[:, rows] @ least_solution(touch.compliance[np.ix_(rows, rows)], changes)
         parts = np.abs(touch.directions[held] * v)
         fastest = touch.noise[held] / STILL
         v[((parts > 0) & (parts <= ROUND_OFF * fastest[:, None])).any(axis=0)] = 0.0
