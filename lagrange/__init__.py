@@ -1,8 +1,8 @@
 """lagrange: state kinetic and potential energy, get checked, compiled equations of motion and trajectories.
 
 State a system: `coordinate`, `parameters`, `given`, `table`, `event`, `multiplier`, `t`, the energies `kinetic_energy`,
-`rotational_energy`, `gravity` and `spring`, `contact` with `gap` and `impact_speed`, and `System`; or `scene`, one of
-`scenes()`.
+`rotational_energy`, `gravity` and `spring`, `contact` with `gap` and `impact_speed`,
+`contacts_between`, and `System`; or `scene`, one of `scenes()`.
 Run it: `system.run()`, or `integrate` and `flow` with a compiled `Model`; `load` reads a run from a file.
 Run many: `ensemble`, with `grid` or `sample`.
 See dynamics: `phase_portrait`, `poincare`, `bifurcation`.

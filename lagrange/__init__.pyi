@@ -23,6 +23,7 @@ from lagrange.show.notebook.shown_lists import scenes as scenes
 from lagrange.show.race import Race as Race
 from lagrange.show.race import race as race
 from lagrange.statement.contact import contact as contact
+from lagrange.statement.contact import contacts_between as contacts_between
 from lagrange.statement.contact import gap as gap
 from lagrange.statement.contact import impact_speed as impact_speed
 from lagrange.statement.coordinate import coordinate as coordinate

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import combinations
 from typing import Any
 
 import sympy
@@ -92,6 +93,37 @@ def contact(gap: Any, slip: Any = None, restitution: Any = 0, friction: Any = 0)
     for coefficient in stated.friction:
         _check_number(coefficient, 0, sympy.oo, "friction", "zero or positive")
     return stated
+
+
+def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str, Contact]:
+    """Return a contact without friction for each pair of balls, by names such as "a_b", for `contacts=` of a System.
+
+    `balls` maps the names of the balls to their centres: (x, y) or (x, y, z), or one coordinate for balls in a row, in
+    their order. `radius` is that of all balls, or a dict by name.
+
+    Raises StatementError for fewer than two balls, and for centres of different dimensions.
+    """
+    centres = {
+        name: tuple(at) if isinstance(at, (tuple, list, sympy.MatrixBase)) else (at,)
+        for name, at in table_of(balls, "balls", "name to centre").items()
+    }
+    if len(centres) < 2 or len({len(at) for at in centres.values()}) != 1:
+        raise StatementError(
+            f"balls has the centres {shown(balls)}: give two or more, of the same dimension, such as "
+            "{'a': (x1, y1), 'b': (x2, y2)}."
+        )
+    radii = radius if isinstance(radius, Mapping) else dict.fromkeys(centres, radius)
+    if missing := [name for name in centres if name not in radii]:
+        raise StatementError(f"radius has no entry for {listing(map(repr, missing))}: give each ball a radius.")
+    contacts = {}
+    for (a, at), (b, to) in combinations(centres.items(), 2):
+        across = [
+            expression(y, f"the centre of {b!r}") - expression(x, f"the centre of {a!r}")
+            for x, y in zip(at, to, strict=True)
+        ]
+        distance = across[0] if len(across) == 1 else sympy.sqrt(sympy.Add(*(part**2 for part in across)))
+        contacts[f"{a}_{b}"] = contact(distance - radii[a] - radii[b], restitution=restitution)
+    return contacts
 
 
 def _check_number(value: Any, low: Any, high: Any, what: str, bounds: str) -> None:

@@ -305,8 +305,9 @@ class Solution:
 
         For runs of few steps, t_between (K,) and y_between (2n, K) are states between the outputs, for animations.
         With m constraints there are also constraint_error (N,), multipliers (m, N), and constraints (m,), their names;
-        with events t_event_0 (k,), y_event_0 (k, 2n), and so on. `lagrange.load` reads the file. Raises the errors of
-        `to_csv`.
+        with events t_event_0 (k,), y_event_0 (k, 2n), and so on; with contacts contact_begins (s,), contact_modes
+        (JSON), and contact_impacts_0 (k, 3 + slips): t, impulse, energy lost, friction. `lagrange.load` reads the file.
+        Raises the errors of `to_csv`.
         """
         from lagrange.show.files.run_files import write_npz
 

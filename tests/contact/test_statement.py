@@ -33,6 +33,9 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "gap with a velocity": (lambda: system({"c": lg.contact(Y.dot)}), "contains a velocity"),
     "slip without a velocity": (lambda: system({"c": lg.contact(Y, slip=X)}), "contains no velocity"),
     "slip that is not linear": (lambda: system({"c": lg.contact(Y, slip=X.dot**2)}), "not linear"),
+    "one ball": (lambda: lg.contacts_between({"a": X}, 1), "give two or more"),
+    "balls of other dimensions": (lambda: lg.contacts_between({"a": X, "b": (X, Y)}, 1), "of the same dimension"),
+    "ball without a radius": (lambda: lg.contacts_between({"a": X, "b": Y}, {"a": 1}), "no entry for 'b'"),
     "no contact": (lambda: system({"c": Y}), r"give lg.contact\(gap, ...\)"),
     "restitution of a coordinate": (lambda: system({"c": lg.contact(Y, restitution=X)}), "in parameters"),
     "law": (lambda: system(simultaneous="both"), "newton"),
@@ -131,3 +134,37 @@ def test_results_name_gaps_and_forces() -> None:
         run.contacts["wall"]
     met = system().run(6.0, events=[lg.event(lg.gap("floor") - 0.5, terminal=1)])
     assert met.status is lg.Status.EVENT and met["y"][-1] == pytest.approx(0.5)
+
+
+def test_a_file_keeps_the_contacts_of_a_run(tmp_path: Any) -> None:
+    run = system().run(6.0)
+    kept = lg.load(run.to_npz(tmp_path / "run.npz"))
+    assert (kept.energy_lost == run.energy_lost).all()
+    floor, other = run.contacts["floor"], kept.contacts["floor"]
+    assert other.impacts == floor.impacts and other.rests == floor.rests and (other.mode == floor.mode).all()
+    assert (other.force == floor.force).all() and (other.friction == floor.friction).all()
+
+
+def test_a_file_with_modes_of_another_system_is_refused(tmp_path: Any) -> None:
+    arrays = dict(np.load(system().run(1.0).to_npz(tmp_path / "run.npz")))
+    for modes in (
+        "[]",
+        '[[["open", "open"], [null, null], null, [], 0.0]]',
+        '[[["shut"], [null], null, [], 0.0]]',
+        "[1]",
+    ):
+        np.savez(tmp_path / "other.npz", allow_pickle=False, **(arrays | {"contact_modes": np.array(modes)}))
+        with pytest.raises(lg.StatementError, match="modes|not a run that to_npz wrote"):
+            lg.load(tmp_path / "other.npz")
+
+
+def test_balls_touch_in_pairs() -> None:
+    a, b, c = lg.coordinates("a b c")
+    contacts = lg.contacts_between({"a": a, "b": b, "c": c}, {"a": 1, "b": 2, "c": 3}, restitution=1)
+    assert [str(each.gap) for each in contacts.values()] == ["-a(t) + b(t) - 3", "-a(t) + c(t) - 4", "-b(t) + c(t) - 5"]
+    plane = lg.contacts_between({"a": (a, 0), "b": (b, c)}, 0.5)
+    assert plane["a_b"].gap.subs({a: 1, b: 4, c: 4}) == 4
+    kinetic, start = (a.dot**2 + b.dot**2) / 2, {b: 4, a.dot: 1}
+    # Equal masses exchange their velocities; the radii 1 and 2 leave a gap of 1.
+    run = lg.System(kinetic, contacts={"a_b": contacts["a_b"]}, initial=start).run(3.0).require()
+    assert run.y[:, -1] == pytest.approx([1, 6, 0, 1]) and run.contacts["a_b"].impacts[0].t == pytest.approx(1)

@@ -15,6 +15,7 @@ from lagrange.show.files.archive import UNREADABLE, arrays_of
 from lagrange.statement.choice import printable
 from lagrange.statement.scene.scene_reader import stored_statement
 from lagrange.statement.statement import Statement
+from lagrange.trajectory.contact.history import stored_history
 from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.solution import Solution
@@ -76,6 +77,7 @@ def _trajectory(arrays: Mapping[str, Any], card: Mapping[str, Any], model: Model
         rtol=card["rtol"],
         atol=card["atol"],
         history=_history(arrays, model),
+        contacts=stored_history(_contacts(arrays), model.statement.contacts) if model.statement.contacts else None,
     )
 
 
@@ -90,6 +92,12 @@ def _history(arrays: Mapping[str, Any], model: Model) -> ParameterHistory | None
     if history.values.shape[1:] != (len(model.statement.parameters),):
         raise StatementError(f"it has {history.values.shape[1:]} parameters after events, not those of its system.")
     return history
+
+
+def _contacts(arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the arrays of contacts by their names without the prefix."""
+    prefix = "contact_"
+    return {name.removeprefix(prefix): array for name, array in arrays.items() if name.startswith(prefix)}
 
 
 def _known(arrays: Mapping[str, Any], t: FloatArray, y: FloatArray) -> OutputPath:

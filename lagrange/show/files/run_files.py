@@ -21,6 +21,7 @@ from lagrange.show.files.picture import picture
 from lagrange.show.states_between_outputs import stored_between
 from lagrange.statement.coordinate import multiplier
 from lagrange.statement.scene.writer import scene_text
+from lagrange.trajectory.contact.history import ContactRun
 from lagrange.trajectory.measures.sampling import times_at
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray
@@ -83,11 +84,6 @@ def write_csv(solution: Solution, path: str | os.PathLike[str], rate: float | No
 
 def write_npz(solution: Solution, path: str | os.PathLike[str]) -> Path:
     """Write the run as NumPy arrays; see `Solution.to_npz`."""
-    if solution.contacts:
-        raise StatementError(
-            "the run has contacts, whose modes and impacts an .npz file does not hold: write to_csv(path), or keep the "
-            "scene of the system, system.to_scene(path), and run it again."
-        )
     return write_atomically(path, lambda file: np.savez(file, allow_pickle=False, **arrays_of_run(solution)))
 
 
@@ -137,6 +133,9 @@ def arrays_of_run(solution: Solution) -> dict[str, Any]:
     arrays |= event_arrays(run.t_events, run.y_events) | stored_between(run)
     if run.history is not None:
         arrays |= {f"history_{name}": array for name, array in vars(run.history).items()}
+    if run.contacts is not None:
+        contacts = ContactRun(model, run, run.contacts, model.parameter_array(solution.parameters))
+        arrays |= {f"contact_{name}": array for name, array in contacts.arrays().items()}
     if solution.multipliers:
         arrays |= {
             "multipliers": np.stack([*solution.multipliers.values()]),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import astuple, dataclass
 from functools import cached_property
 from typing import Any
 
@@ -11,12 +12,13 @@ import numpy as np
 import sympy
 from numpy.typing import NDArray
 
+from lagrange.errors import StatementError
 from lagrange.machine.model import Model
 from lagrange.statement.choice import ByName
 from lagrange.statement.contact import Contact
 from lagrange.statement.coordinate import multiplier
 from lagrange.statement.expression import expression as expression_of
-from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING
+from lagrange.trajectory.contact.complementarity import CLOSED, OPEN, SLIDING, STICKING
 from lagrange.trajectory.contact.modes import Mode, modes_of, sliding_friction
 from lagrange.trajectory.contact.transition import Impact
 from lagrange.trajectory.trajectory import FloatArray, Trajectory, segment_numbers
@@ -33,7 +35,8 @@ class ContactHistory:
     """The segments of a run with contacts: their `begins` (s,) and modes.
 
     Impacts take energy at `lost_times` (k,); `lost` (k + 1,) is the energy before each, and in all. `impacts` has
-    those of each contact in order, and `rests` the times at which impacts of a contact accumulate.
+    those of each contact in order, and `rests` the times at which impacts of a contact accumulate. A run from a file
+    has the energy `rubbed` (N,) that sliding has taken at its outputs; others compute it.
     """
 
     begins: FloatArray
@@ -42,6 +45,43 @@ class ContactHistory:
     lost: FloatArray
     impacts: tuple[tuple[Impact, ...], ...]
     rests: tuple[tuple[float, ...], ...]
+    rubbed: FloatArray | None = None
+
+    def arrays(self) -> dict[str, Any]:
+        """Return what a file keeps of the history, arrays by name; `stored_history` reads them."""
+        arrays: dict[str, Any] = {name: getattr(self, name) for name in ("begins", "lost_times", "lost")}
+        arrays["modes"] = np.array(json.dumps([astuple(mode) for mode in self.modes]))
+        for i, (impacts, rests) in enumerate(zip(self.impacts, self.rests, strict=True)):
+            arrays[f"rests_{i}"] = np.array(rests)
+            arrays[f"impacts_{i}"] = np.array(
+                [(each.t, each.impulse, each.energy_lost, *each.friction_impulse) for each in impacts]
+            )
+        return arrays
+
+
+def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> ContactHistory:
+    """Return the history of some contacts from the arrays of a file. Raises StatementError where it is not theirs."""
+    modes = tuple(_stored_mode(*fields) for fields in json.loads(str(arrays["modes"])))
+    known = {len(mode.states) == len(contacts) == len(mode.ways) for mode in modes}
+    if known != {True} or len(arrays["begins"]) != len(modes) or len(arrays["lost"]) != len(arrays["lost_times"]) + 1:
+        raise StatementError("its modes are not those of the contacts of its system.")
+    count = range(len(contacts))
+    impacts = tuple(
+        tuple(
+            Impact(t, impulse, tuple(friction), lost) for t, impulse, lost, *friction in arrays[f"impacts_{i}"].tolist()
+        )
+        for i in count
+    )
+    rests = tuple(tuple(arrays[f"rests_{i}"].tolist()) for i in count)
+    return ContactHistory(
+        arrays["begins"], modes, arrays["lost_times"], arrays["lost"], impacts, rests, arrays["rubbed"]
+    )
+
+
+def _stored_mode(states: Any, ways: Any, kept: Any, bouncing: Any, slowest: float) -> Mode:
+    if not set(states) <= {OPEN, CLOSED, SLIDING, STICKING}:
+        raise StatementError("its modes have states that contacts do not have.")
+    return Mode(tuple(states), tuple(ways), None if kept is None else tuple(kept), tuple(bouncing), slowest)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +155,10 @@ class ContactRun:
         """The energy that impacts and friction have taken, (N,) at the output times."""
         return self.lost_at(self.t)
 
+    def arrays(self) -> dict[str, Any]:
+        """Return what a file keeps of the contacts, arrays by name."""
+        return self.history.arrays() | {"rubbed": self._rubbed(self.t)}
+
     def lost_at(self, times: FloatArray) -> FloatArray:
         """Return the energy that impacts and friction have taken up to some times (K,)."""
         begins = np.concatenate([self.history.begins[:1], self.history.lost_times])
@@ -123,6 +167,8 @@ class ContactRun:
     def _rubbed(self, times: FloatArray) -> FloatArray:
         """Return the energy (K,) that sliding friction takes up to some times: the integral of its power."""
         begins, modes = self.history.begins, self.history.modes
+        if self.history.rubbed is not None:
+            return np.asarray(np.interp(times, self.t, self.history.rubbed))
         if not len(times) or not any(SLIDING in mode.states for mode in modes):
             return np.zeros(len(times))
         ends = np.unique(np.concatenate([begins, times, [self.trajectory.span[0]]]))

@@ -75,6 +75,7 @@ class _ContactRun:
         self.written = self._written_impacts()
         self.rest_time = math.inf
         self.freed: list[int] = []
+        self.fired: list[tuple[int, str]] = []
 
     def trajectory(self) -> Trajectory:
         """Return the whole run."""
