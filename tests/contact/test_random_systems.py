@@ -9,6 +9,7 @@ import pytest
 from sympy import cos, sin, sqrt
 
 import lagrange as lg
+from lagrange.statement.contact import Contact
 
 LAWS = ("newton", "sequence")
 
@@ -18,12 +19,14 @@ def random_discs(seed: int) -> lg.System:
     rng = np.random.default_rng(seed)
     kinetic: Any = 0
     potential: Any = 0
-    contacts, start, discs = {}, {}, []
+    contacts: dict[str, Contact] = {}
+    start: dict[Any, float] = {}
+    discs: list[tuple[Any, Any, Any, float]] = []
 
     def law() -> dict[str, float]:
         return {"friction": float(rng.choice([0, 0.1, 0.3, 0.8])), "restitution": float(rng.choice([0, 0.3, 0.7, 1.0]))}
 
-    def touching(gap: Any, slip: Any) -> lg.Contact:
+    def touching(gap: Any, slip: Any) -> Contact:
         laws = law()
         return lg.contact(gap, slip if laws["friction"] else None, **laws)
 

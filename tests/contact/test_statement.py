@@ -154,7 +154,7 @@ def test_a_file_with_modes_of_another_system_is_refused(tmp_path: Any) -> None:
         "[1]",
     ):
         np.savez(tmp_path / "other.npz", allow_pickle=False, **(arrays | {"contact_modes": np.array(modes)}))
-        with pytest.raises(lg.StatementError, match="modes|not a run that to_npz wrote"):
+        with pytest.raises(lg.StatementError, match=r"modes|not a run that to_npz wrote"):
             lg.load(tmp_path / "other.npz")
 
 

@@ -62,7 +62,7 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
     for each in statement.contacts:
         written, impulse, lost, speed = _impact(each, statement.coordinates, rates, mass)
         # A series has the zero of another gap to the tolerance of the run alone, which is not enough.
-        exact = each.gap.is_polynomial(*statement.coordinates)
+        exact = each.gap.is_polynomial(*statement.coordinates, time)
         long = sum(int(value.count_ops()) for value in written.values()) > LONGEST
         resets.append(None if each.restitution.is_zero or long or not exact else written)
         results += [impulse, lost, speed]

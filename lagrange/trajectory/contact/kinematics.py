@@ -17,7 +17,9 @@ from lagrange.trajectory.contact.complementarity import Friction, least_solution
 from lagrange.trajectory.trajectory import FloatArray
 
 TOUCHING = 1e-13
-"""A gap counts as zero below this fraction of its largest terms so far. Round-off is far below."""
+"""A gap counts as zero below this fraction of the largest terms of any gap so far. Round-off is far below.
+
+Balls that rest where their coordinates are zero have no terms of their own."""
 
 STILL = 1e-11
 """A gap rate or slip counts as zero below this fraction of the largest terms of the contact's rates so far."""
@@ -99,7 +101,7 @@ class Kinematics:
     def gaps(self, times: FloatArray, states: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the gaps (k, N) at times (N,) and states (2n, N), and the gap (k,) up to which each counts as zero."""
         found = np.asarray(self._kernel(times, states, self.parameters))[: len(self.normals)]
-        return found.copy(), TOUCHING * np.maximum(self._places, np.abs(found).max(axis=1))
+        return found.copy(), np.full(len(found), TOUCHING * max(self._places.max(), np.abs(found).max()))
 
     def at(self, t: float, y: FloatArray, before: Touch | None = None) -> Touch:
         """Return the contacts at a state (2n,), with the responses `before` if only velocities or round-off differ."""
@@ -114,7 +116,7 @@ class Kinematics:
         fastest = np.concatenate([np.full(len(mine), self._speeds[mine].max()) for mine in self.rows])
         noise = STILL * np.maximum(fastest, SLOW_SHARE * self._speeds.max())
         responses = self._responses(t, y, directions) if before is None else before.responses
-        return Touch(gaps, rates, directions, bias, responses, TOUCHING * self._places, noise)
+        return Touch(gaps, rates, directions, bias, responses, np.full(k, TOUCHING * self._places.max()), noise)
 
     def _responses(self, t: float, y: FloatArray, directions: FloatArray) -> FloatArray:
         model, parameters = self.model, self.parameters

@@ -155,7 +155,7 @@ class Transitions:
                 f"{names} meet at one instant, and the result depends on the law of simultaneous impacts: state "
                 "simultaneous='newton', all at once, or 'sequence', one after the other, on the system."
             )
-        rates, impulses = touch.rates.copy(), np.zeros(len(touch.rates))
+        rates, impulses, lost = touch.rates, np.zeros(len(touch.rates)), np.zeros(len(touch.rates))
         rounds = 0
         while True:
             approaching = [i for i in touching if rates[kin.normals[i]] < -touch.noise[kin.normals[i]]]
@@ -163,20 +163,20 @@ class Transitions:
                 break
             last = law != SEQUENCE or rounds == MOST_IN_SEQUENCE
             chosen = list(touching) if last else [min(approaching, key=lambda i: rates[kin.normals[i]])]
-            impulses += self._impulses(matrix, rates, chosen, touching if rounds and last else plastic)
+            added = self._impulses(matrix, rates, chosen, touching if rounds and last else plastic)
+            impulses, before = impulses + added, rates
             rates = touch.rates + matrix @ impulses
+            lost -= added * (before + rates) / 2
             rounds += 1
         after = y.copy()
         after[v] += touch.responses @ impulses
-        middle = (touch.rates + rates) / 2
         impacts = []
         for i in touching:
             rows = kin.rows[i]
             if not impulses[rows[0]]:
                 continue
-            lost = -float(impulses[rows] @ middle[rows])
             friction = tuple(impulses[rows[1:]].tolist())
-            impacts.append((i, Impact(t, float(impulses[rows[0]]), friction, lost)))
+            impacts.append((i, Impact(t, float(impulses[rows[0]]), friction, float(lost[rows].sum()))))
         return after, tuple(impacts), tuple(float(-touch.rates[kin.normals[i]]) for i in closing)
 
     def _coupled(self, matrix: FloatArray, touching: Sequence[int]) -> bool:

@@ -1,0 +1,143 @@
+"""The scene files of `examples/contact`, against closed forms and published figures."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import lagrange as lg
+
+FOLDER = Path(__file__).parents[2] / "examples" / "contact"
+NAMES = sorted(path.stem for path in FOLDER.glob("*.toml"))
+DRIVEN = ("ball-on-table", "belt")
+"""Scenes in which a moving surface does work."""
+
+
+@cache
+def scene(name: str) -> lg.System:
+    return lg.System.from_scene(FOLDER / f"{name}.toml")
+
+
+@cache
+def run_of(name: str) -> lg.Solution:
+    return scene(name).run(rtol=1e-12).require()
+
+
+def changes(run: lg.Solution, contact: str) -> list[float]:
+    """Return the times at which the mode of a contact changes."""
+    modes = run.contacts[contact].mode
+    return [float(run.t[i + 1]) for i in np.flatnonzero(modes[1:] != modes[:-1])]
+
+
+def test_there_are_twelve_scenes_with_sources() -> None:
+    assert len(NAMES) == 12
+    for name in NAMES:
+        statement = scene(name).statement
+        assert statement.name == name and len(statement.about) > 20 and statement.positions and statement.run.t_end > 0
+        assert any(part.strip("(),;").isdigit() for part in statement.source.split()), "a source has a year"
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_no_body_enters_another_and_energy_is_booked(name: str) -> None:
+    run = run_of(name)
+    for stated, contact in zip(scene(name).statement.contacts, run.contacts.values(), strict=True):
+        # The scale of all scenes is near 1. Forces of friction are compared with the largest force.
+        assert contact.gap.min() > -1e-12 and contact.force.min() >= -1e-12 * max(1.0, contact.force.max())
+        if stated.slip:
+            mu = float(stated.friction[0].subs(scene(name).parameters))
+            size = np.linalg.norm(np.atleast_2d(contact.friction), axis=0)
+            assert (size <= mu * contact.force + 1e-12 * contact.force.max()).all()
+    if name not in DRIVEN:
+        assert np.ptp(run.energy + run.energy_lost) < 1e-11 * np.abs(run.energy).max()
+
+
+def test_the_ball_bounces_to_rest() -> None:
+    assert run_of("bouncing-ball").contacts["floor"].rests == pytest.approx([9 * np.sqrt(2 / 9.81)], abs=1e-12)
+
+
+def test_the_ball_meets_the_table_once_in_a_period() -> None:
+    impacts = run_of("ball-on-table").contacts["table"].impacts
+    assert [impact.t for impact in impacts] == pytest.approx([1, 2, 3, 4, 5], abs=1e-9)
+    # It leaves with the speed g T/2 with which it came.
+    assert [impact.impulse for impact in impacts] == pytest.approx([1] * 5, abs=1e-8)
+
+
+def test_the_block_stops_on_the_incline() -> None:
+    stop = 3 / (9.81 * (np.sin(0.3) + 0.5 * np.cos(0.3)))
+    assert changes(run_of("block-on-incline"), "incline") == pytest.approx([stop], abs=1e-12)
+
+
+def test_the_block_on_the_belt_sticks_and_slips_in_a_cycle() -> None:
+    """It slips about x = 0.3, where the spring has the force of kinetic friction, from x = 0.6 back to x = 0."""
+    begin, rate, belt = 3.0, np.sqrt(10), 0.2
+    slips = 2 * (np.pi - np.arctan(0.3 * rate / belt)) / rate
+    cycle = slips + 0.6 / belt
+    times = changes(run_of("belt"), "belt")
+    assert times[:6] == pytest.approx([begin + k * cycle + late for k in range(3) for late in (0, slips)], abs=1e-10)
+
+
+def test_the_spinning_ball_rolls() -> None:
+    run = run_of("spinning-ball")
+    assert changes(run, "floor") == pytest.approx([2 * 2 / (7 * 0.2 * 9.81)], abs=1e-12)
+    assert run["x_dot"][-1] == pytest.approx(4 / 7, abs=1e-12)
+
+
+def test_the_ladder_leaves_the_wall() -> None:
+    run = run_of("ladder-leaves-wall")
+    left = np.argmax(run.contacts["wall"].mode == "open")
+    assert run["y"][left] == pytest.approx(2 / 3 * np.cos(0.1), abs=1e-11)
+    assert [contact.mode[-1] for contact in run.contacts.values()] == ["closed", "open", "closed"]
+
+
+def test_the_block_rocks_as_housner_found() -> None:
+    run = run_of("rocking-block")
+    hits = np.flatnonzero(np.diff(run.t) == 0)
+    ratios = run["theta_dot"][hits + 1] / run["theta_dot"][hits]
+    assert len(hits) > 5 and ratios == pytest.approx(1 - 1.5 * 0.04 / 1.04, abs=1e-12)
+
+
+def test_the_billiard_keeps_its_integral() -> None:
+    px, py, vx, vy = run_of("elliptic-billiard").y
+    product = ((px - np.sqrt(3)) * vy - py * vx) * ((px + np.sqrt(3)) * vy - py * vx)
+    assert np.ptp(product) < 1e-12
+
+
+def test_the_cradle_sends_off_the_last_ball() -> None:
+    run, period = run_of("newtons-cradle"), 2 * np.pi / np.sqrt(9.81)
+    impacts = run.contacts["pair4"].impacts
+    # A quarter of a period, then half a period for each flight.
+    assert [impact.t for impact in impacts] == pytest.approx([period * (0.25 + k / 2) for k in range(4)], abs=1e-10)
+    assert run.at(period / 2)["x5"] == pytest.approx(0.2, abs=1e-10) and abs(run["x3"]).max() < 1e-12
+    assert np.abs([impact.energy_lost for impact in impacts]).max() < 1e-12
+
+
+def test_the_woodpecker_falls_into_the_published_cycle() -> None:
+    """Glocker and Studer start on the cycle, with phiM = -0.1036 where the sleeve touches: three digits are comparable."""
+    passes = [lg.event(lg.coordinate("phiS") + 0.2788, direction=-1)]
+    run = scene("woodpecker").run(1.0, events=passes).require()
+    state = dict(zip(run.names, run.y_events[0][-1], strict=True))
+    assert state["phiM"] == pytest.approx(-0.1036, rel=2e-3)
+    assert state["y_dot"] == pytest.approx(-0.3411, rel=0.01)
+    assert state["phiS_dot"] == pytest.approx(-7.4583, rel=2e-3)
+    strikes = [impact.t for impact in run.contacts["beak"].impacts]
+    assert np.diff(strikes) == pytest.approx([0.146] * (len(strikes) - 1), abs=2e-4)
+
+
+def test_the_tippe_top_turns_over_and_keeps_the_integral_of_jellett() -> None:
+    run = run_of("tippe-top")
+    theta, rates = run["theta"], (run["phi_dot"], run["psi_dot"])
+    spin = rates[1] + rates[0] * np.cos(theta)
+    vertical = rates[0] * np.sin(theta) ** 2 + spin * np.cos(theta)
+    jellett = 0.015 * vertical - 0.003 * spin
+    assert np.ptp(jellett) < 1e-9 * abs(jellett[0])
+    assert theta.max() > 2.5
+
+
+def test_the_box_rests_on_its_side() -> None:
+    run = run_of("box-on-corner")
+    assert [contact.mode[-1] for contact in run.contacts.values()] == ["sticking", "sticking", "open", "open"]
+    assert run["y"][-1] == pytest.approx(0.3, abs=1e-15)
+    assert run.contacts["a"].force[-1] + run.contacts["b"].force[-1] == pytest.approx(9.81)
