@@ -130,7 +130,7 @@ def test_results_name_gaps_and_forces() -> None:
     assert run.evaluate(lg.multiplier("floor")) == pytest.approx(run.multipliers["floor"])
     closed = floor.mode != "open"
     assert floor.force[closed] == pytest.approx(9.81) and not floor.force[~closed].any()
-    with pytest.raises(lg.StatementError, match="no contact"):
+    with pytest.raises(lg.StatementError, match="not a contact"):
         run.contacts["wall"]
     met = system().run(6.0, events=[lg.event(lg.gap("floor") - 0.5, terminal=1)])
     assert met.status is lg.Status.EVENT and met["y"][-1] == pytest.approx(0.5)
@@ -163,7 +163,7 @@ def test_balls_touch_in_pairs() -> None:
     contacts = lg.contacts_between({"a": a, "b": b, "c": c}, {"a": 1, "b": 2, "c": 3}, restitution=1)
     assert [str(each.gap) for each in contacts.values()] == ["-a(t) + b(t) - 3", "-a(t) + c(t) - 4", "-b(t) + c(t) - 5"]
     plane = lg.contacts_between({"a": (a, 0), "b": (b, c)}, 0.5)
-    assert plane["a_b"].gap.subs({a: 1, b: 4, c: 4}) == 4
+    assert float(plane["a_b"].gap.subs({a: 1, b: 4, c: 4})) == 4
     kinetic, start = (a.dot**2 + b.dot**2) / 2, {b: 4, a.dot: 1}
     # Equal masses exchange their velocities; the radii 1 and 2 leave a gap of 1.
     run = lg.System(kinetic, contacts={"a_b": contacts["a_b"]}, initial=start).run(3.0).require()
