@@ -63,3 +63,10 @@ def test_bodies_do_not_overlap_and_energy_goes_where_it_is_booked(seed: int) -> 
         assert contact.gap.min() > -1e-14 and contact.force.min() >= -1e-12 * largest
         if contact.friction.size:
             assert (np.abs(contact.friction) <= mu * contact.force + 1e-12 * largest).all()
+
+
+@pytest.mark.parametrize("steps", [2, 5, 9])
+def test_a_run_that_stops_at_a_limit_keeps_its_energy(steps: int) -> None:
+    run = random_discs(4).run(3.0, max_steps=steps)
+    assert run.status is lg.Status.MAX_STEPS
+    assert np.ptp(run.energy + run.energy_lost) < 1e-11 * np.abs(run.energy).max()

@@ -48,7 +48,7 @@ class ContactHistory:
     rubbed: FloatArray | None = None
 
     def arrays(self) -> dict[str, Any]:
-        """Return what a file keeps of the history, arrays by name; `stored_history` reads them."""
+        """Return the arrays of a file by name; `stored_history` reads them."""
         arrays: dict[str, Any] = {name: getattr(self, name) for name in ("begins", "lost_times", "lost")}
         arrays["modes"] = np.array(json.dumps([astuple(mode) for mode in self.modes]))
         for i, (impacts, rests) in enumerate(zip(self.impacts, self.rests, strict=True)):
@@ -156,7 +156,7 @@ class ContactRun:
         return self.lost_at(self.t)
 
     def arrays(self) -> dict[str, Any]:
-        """Return what a file keeps of the contacts, arrays by name."""
+        """Return the arrays of a file by name."""
         return self.history.arrays() | {"rubbed": self._rubbed(self.t)}
 
     def lost_at(self, times: FloatArray) -> FloatArray:

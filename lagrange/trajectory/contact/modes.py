@@ -68,7 +68,7 @@ class Mode:
 class PreparedMode:
     """A mode compiled: its model, its events behind those of the user, and the contact and the kind of each.
 
-    `zeros` returns what is zero at the events of the mode, by a time and a state.
+    `zeros` returns the values of its own events, (k,), by a time and a state.
     """
 
     model: Model

@@ -103,12 +103,10 @@ class _ContactRun:
             except Undetermined as refusal:
                 self._stop(Status.SINGULAR, str(refusal))
                 break
-            if (limit := self._limit(end, mode, behind.mode)) is not None:
-                self._stop(*limit)
-                break
             self.parts[-1] = _ended(before_outputs_at_end(problem, self.parts[-1]), behind.before)
-            if last is not None:
-                self._keep(end, behind.mode, point_of(problem, self.parts[-1], behind.y, last))
+            stop = (last, "") if last is not None else self._limit(end, mode, behind.mode)
+            if stop is not None:
+                self._keep(end, behind.mode, point_of(problem, self.parts[-1], behind.y, *stop))
                 break
             segment = rest_of(problem, self.parts, end, behind.y, output_at_begin=True)
         found = joined(problem, self.parts, self._note(), both_at_joints=True)
