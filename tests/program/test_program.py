@@ -11,8 +11,8 @@ import pytest
 from lagrange.errors import LagrangeError
 from lagrange.machine.kernel.arithmetic import OPERATIONS
 from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.operations import LIBRARY
-from lagrange.machine.llvm.spelling import spell
+from lagrange.machine.llvm.operations import LIBRARY, spell
+from lagrange.procedure.operations import OPERATIONS as KINDS
 from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
 
 I = Instruction
@@ -147,7 +147,7 @@ def test_every_operation_is_spelled_for_llvm(op: str, lanes: int) -> None:
     """On any number of lanes, but for those of the C library: vector routines have names of their own."""
     e, args = Emitter(), [f"%a{i}" for i in range(ARITY[op] or 0)]
     with pytest.raises(NotImplementedError) if lanes > 1 and op in LIBRARY else nullcontext():
-        last = spell(e, op, args, lanes)
+        last = spell(e, op, KINDS[op][0][0], args, lanes)
         assert e.lines[-1].startswith(f"  {last} = ")
         assert all(arg in "".join(e.lines) for arg in args)
 

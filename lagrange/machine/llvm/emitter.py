@@ -116,36 +116,9 @@ class Emitter:
         """Return a*b + c, rounded once."""
         return self.value(f"call {kind} @llvm.fma.{suffix(kind)}({kind} {a}, {kind} {b}, {kind} {c})")
 
-    def real(self, operation: str, a: str, b: str) -> str:
-        """Return the result of a binary operation on doubles, such as fadd or ``fcmp olt``."""
-        return self.value(f"{operation} double {a}, {b}")
-
-    def larger(self, a: str, b: str) -> str:
-        """Return the larger of two doubles, NaN if either is."""
-        return self.value(f"call double @llvm.maximum.f64(double {a}, double {b})")
-
-    def smaller(self, a: str, b: str) -> str:
-        """Return the smaller of two doubles, NaN if either is."""
-        return self.value(f"call double @llvm.minimum.f64(double {a}, double {b})")
-
-    def choose(self, condition: str, a: str, b: str) -> str:
-        """Return one double or the other."""
-        return self.value(f"select i1 {condition}, double {a}, double {b}")
-
-    def power(self, a: str, exponent: float) -> str:
-        """Return a ** exponent."""
-        return self.value(f"call double @pow(double {a}, double {literal(exponent)})")
-
     def fabs(self, a: str, kind: str = "double") -> str:
         """Return |a|."""
         return self.value(f"call {kind} @llvm.fabs.{suffix(kind)}({kind} {a})")
-
-    def splat(self, scalar: str, kind: str) -> str:
-        """Return a number in every lane of a vector, or the number itself where the type is double."""
-        if kind == "double":
-            return scalar
-        one = self.value(f"insertelement {kind} poison, double {scalar}, i64 0")
-        return self.value(f"shufflevector {kind} {one}, {kind} poison, <{_lanes(kind)} x i32> zeroinitializer")
 
     @contextmanager
     def loop(self, start: str | int, stop: str | int, step: int = 1) -> Iterator[str]:

@@ -14,8 +14,9 @@ Source of the polynomials: FreeBSD msun k_sin.c and k_cos.c (Sun Microsystems, 1
 
 from __future__ import annotations
 
-from lagrange.machine.llvm.emitter import Emitter
-from lagrange.machine.llvm.spelling import element, flag_type, number
+from lagrange.machine.llvm.emitter import Emitter, literal
+from lagrange.machine.llvm.operations import type_of
+from lagrange.procedure.form import FLAG, REAL
 
 RANGE = 2.0**20
 TWO_OVER_PI = 0.6366197723675814
@@ -169,3 +170,20 @@ def _by_library(e: Emitter, x: str, lanes: int) -> tuple[str, str]:
         sine = e.value(f"insertelement {kind} {sine}, double {e.load(pair[0])}, i64 {lane}")
         cosine = e.value(f"insertelement {kind} {cosine}, double {e.load(pair[1])}, i64 {lane}")
     return sine, cosine
+
+
+def number(value: float, lanes: int) -> str:
+    """Return a constant as an operand with `lanes` entries."""
+    if lanes == 1:
+        return literal(value)
+    return "<" + ", ".join([f"double {literal(value)}"] * lanes) + ">"
+
+
+def element(lanes: int) -> str:
+    """Return LLVM's type of a real number, or of a vector of them."""
+    return type_of(REAL, lanes)
+
+
+def flag_type(lanes: int) -> str:
+    """Return LLVM's type of a condition, or of a vector of them."""
+    return type_of(FLAG, lanes)
