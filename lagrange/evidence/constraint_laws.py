@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from lagrange.evidence import laws
-from lagrange.evidence.laws import DifferenceSteps, Nudge, Numbers, StateFunction, along, central, exactly, moved
+from lagrange.evidence.laws import DifferenceSteps, Nudge, Numbers, Row, StateFunction, along, central, exactly, moved
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.statement.statement import Statement
 
@@ -106,10 +106,14 @@ def reactions(gradient: Sequence[Numbers], multipliers: Sequence[Any]) -> list[N
     return [[entry * x for entry in row] for row, x in zip(gradient, multipliers, strict=True)]
 
 
-def bordered(mass: Sequence[Numbers], gradient: Sequence[Numbers]) -> list[Numbers]:
+def bordered(mass: Sequence[Row], gradient: Sequence[Numbers]) -> list[Row]:
     """Return [[M, G^T], [G, 0]], n + m rows. For the right-hand side [h, -gamma] the solution is [a, -lambda]."""
-    upper = [[*row, *(line[i] for line in gradient)] for i, row in enumerate(mass)]
-    return upper + [[*line, *([0] * len(gradient))] for line in gradient]
+    upper = [dict(row) for row in mass]
+    lower = [{i: x for i, x in enumerate(line) if x} for line in gradient]
+    for j, line in enumerate(lower, len(mass)):
+        for i, x in line.items():
+            upper[i][j] = x
+    return upper + lower
 
 
 DIGITS = 60
@@ -169,7 +173,7 @@ class ConstraintSurface:
         for _ in range(MOST_CORRECTIONS):
             residual, rows = at(x)
             square = [[sum(a * b for a, b in zip(row, other, strict=True)) for other in rows] for row in rows]
-            (z,) = laws.solve(square, [residual], self.step)
+            z = laws.solve_dense(square, residual, self.step)
             change = [sum(row[j] * by for row, by in zip(rows, z, strict=True)) for j in range(len(x))]
             x = [a - b for a, b in zip(x, change, strict=True)]
             if all(abs(b) <= self.step * (1 + abs(a)) for a, b in zip(x, change, strict=True)):

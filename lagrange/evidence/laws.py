@@ -25,6 +25,8 @@ from lagrange.evidence.precise import OutsideDomain, Precise, children
 from lagrange.statement.statement import Statement
 
 Numbers = list[Any]
+Row = dict[int, Any]
+"""The nonzero numbers of a vector by index. A sparse matrix is a list of its rows, since those of nets are short."""
 
 
 class Estimate(NamedTuple):
@@ -56,7 +58,11 @@ def extrapolate(rule: Callable[[Any], Sequence[Any]], scale: Any = 1) -> Estimat
     The rule is called with `scale` and with half of it. The argument may scale several steps at once. Then nested
     differences, and results computed from them such as solutions of linear systems, extrapolate together.
     """
-    coarse, fine = rule(scale), rule(scale / 2)
+    return extrapolated(rule(scale), rule(scale / 2))
+
+
+def extrapolated(coarse: Sequence[Any], fine: Sequence[Any]) -> Estimate:
+    """Return the limit at step 0 of results with a step (`coarse`) and with half of it (`fine`)."""
     value = [(4 * f - c) / 3 for f, c in zip(fine, coarse, strict=True)]
     return Estimate(value, [abs(x - f) for x, f in zip(value, fine, strict=True)], list(coarse))
 
@@ -214,10 +220,10 @@ def forces(
     return [a - b for a, b in zip(total, slopes, strict=True)]
 
 
-def mass_matrix(source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> list[Numbers]:
-    """Return M = d2L/dv2, n rows of n numbers."""
+def mass_matrix(source: Sources, q: Numbers, v: Numbers, t: Any, steps: DifferenceSteps) -> list[Row]:
+    """Return the n rows of M = d2L/dv2."""
     n = len(q)
-    rows: list[Numbers] = [[0] * n for _ in range(n)]
+    rows: list[Row] = [{} for _ in range(n)]
     for i in range(n):
         for j in sorted(k - n for k in source.read(i) if n <= k <= n + i):
 
@@ -296,15 +302,17 @@ def residual_slopes(
     return slopes
 
 
-def solve(matrix: Sequence[Numbers], right: Sequence[Numbers], threshold: Any) -> list[Numbers]:
+def solve(matrix: Sequence[Row], right: Sequence[Row], threshold: Any) -> list[Row]:
     """Return the solutions of matrix x = r for each r in `right`, by elimination with partial pivoting.
 
     Raises SingularMass when a pivot is at most `threshold` times the largest entry of its row.
     """
     n = len(matrix)
-    # Rows are sparse: for a net of masses most entries are zero.
-    rows = [{j: x for j, x in enumerate((*row, *(r[i] for r in right))) if x} for i, row in enumerate(matrix)]
-    sizes = [max((abs(x) for x in row if x), default=0) for row in matrix]
+    rows = [{j: x for j, x in row.items() if x} for row in matrix]
+    sizes = [max(map(abs, row.values()), default=0) for row in rows]
+    for column, vector in enumerate(right, n):
+        for i, entry in vector.items():
+            rows[i][column] = entry
     for k in range(n):
         best = max((i for i in range(k, n) if k in rows[i]), key=lambda i: abs(rows[i][k]) / sizes[i], default=k)
         rows[k], rows[best], sizes[k], sizes[best] = rows[best], rows[k], sizes[best], sizes[k]
@@ -320,29 +328,38 @@ def solve(matrix: Sequence[Numbers], right: Sequence[Numbers], threshold: Any) -
     above = [[(j, y) for j, y in row.items() if i < j < n] for i, row in enumerate(rows)]
     solutions = []
     for column in range(n, n + len(right)):
-        x: Numbers = [0] * n
+        x: Row = {}
         for i in reversed(range(n)):
-            x[i] = (rows[i].get(column, 0) - sum(y * x[j] for j, y in above[i])) / rows[i][i]
+            rest = rows[i].get(column, 0) - sum(y * x[j] for j, y in above[i] if j in x)
+            if rest:
+                x[i] = rest / rows[i][i]
         solutions.append(x)
     return solutions
 
 
-def balance(matrix: Sequence[Numbers], n: int) -> Numbers:
+def solve_dense(matrix: Sequence[Numbers], right: Numbers, threshold: Any) -> Numbers:
+    """Return the solution of matrix x = right, with all entries listed. Raises SingularMass as `solve` does."""
+    rows = [dict(enumerate(row)) for row in matrix]
+    (x,) = solve(rows, [dict(enumerate(right))], threshold)
+    return [x.get(i, 0) for i in range(len(rows))]
+
+
+def balance(matrix: Sequence[Row], n: int) -> Numbers:
     """Return factors d, for which the numbers d_i A_ij d_j of [[M, G^T], [G, 0]] do not depend on units.
 
     The diagonal of M becomes 1, and so does the largest entry in each row of G. A coordinate without inertia is scaled
     as the one with the largest.
     """
-    diagonal = [abs(matrix[i][i]) for i in range(n)]
+    diagonal = [abs(matrix[i].get(i, 0)) for i in range(n)]
     largest = max(diagonal) or 1
     scales = [(x or largest) ** -0.5 for x in diagonal]
     for row in matrix[n:]:
-        scales.append(1 / max((abs(x * d) for x, d in zip(row[:n], scales, strict=False) if x), default=1))
+        scales.append(1 / max((abs(x * scales[j]) for j, x in row.items() if x and j < n), default=1))
     return scales
 
 
-def factorization_sizes(matrix: Sequence[Numbers], negative: int = 0) -> list[Numbers]:
-    """Return the magnitudes of the numbers in a factorization of a symmetric matrix, n rows of n.
+def factorization_sizes(matrix: Sequence[Row], negative: int = 0) -> list[Row]:
+    """Return the magnitudes of the numbers in a factorization of a symmetric matrix, as n rows.
 
     For M = L D L^T it is |L| |D| |L^T|; the pivots must be positive, except for the last `negative` ones. Solving with
     the factors in floating point is exact for a matrix within a few roundings of these numbers (N. J. Higham, Accuracy
@@ -350,25 +367,23 @@ def factorization_sizes(matrix: Sequence[Numbers], negative: int = 0) -> list[Nu
     largest entries of the rows are used.
     """
     n = len(matrix)
-    sizes = [[abs(x) for x in row] for row in matrix]
-    rest = [list(row) for row in matrix]
-    for k in range(n):
-        pivot = rest[k][k]
-        if (pivot if k < n - negative else -pivot) <= TRUSTED * sizes[k][k]:
-            largest = [max(map(abs, row)) for row in matrix]
+    sizes = [{j: abs(x) for j, x in row.items()} for row in matrix]
+    below = [{i: x for i, x in row.items() if i >= k and x} for k, row in enumerate(matrix)]
+    for k, column in enumerate(below):
+        pivot = column.pop(k, 0)
+        if (pivot if k < n - negative else -pivot) <= TRUSTED * sizes[k].get(k, 0):
+            largest = [max(map(abs, row.values()), default=0) for row in matrix]
             return [
-                [max(abs(x), (a * b) ** 0.5) for x, b in zip(row, largest, strict=True)]
+                {j: max(abs(row.get(j, 0)), (a * b) ** 0.5) for j, b in enumerate(largest)}
                 for row, a in zip(matrix, largest, strict=True)
             ]
-        for i in range(k + 1, n):
-            if not rest[i][k]:
-                continue
-            factor = rest[i][k] / pivot
-            for j in range(k + 1, i + 1):
-                term = factor * rest[j][k]
-                rest[i][j] -= term
-                sizes[i][j] += abs(term)
-                sizes[j][i] = sizes[i][j]
+        for i, x in column.items():
+            factor = x / pivot
+            for j, y in column.items():
+                if j <= i:
+                    term = factor * y
+                    below[j][i] = below[j].get(i, 0) - term
+                    sizes[i][j] = sizes[j][i] = sizes[i].get(j, 0) + abs(term)
     return sizes
 
 

@@ -24,7 +24,7 @@ from lagrange.evidence.constraint_laws import (
     reactions,
     velocity_level,
 )
-from lagrange.evidence.laws import DifferenceSteps, Numbers, Sources, extrapolate, local_terms
+from lagrange.evidence.laws import DifferenceSteps, Numbers, Row, Sources, local_terms
 from lagrange.evidence.precise import BeyondDoubles, Precise
 from lagrange.evidence.report import ReferenceEntries
 from lagrange.evidence.sample import SamplePoint
@@ -95,29 +95,26 @@ class Reference:
         self.inspect(point)
         steps = self._steps(point)
         plain, held = self._plain(point)
-        lengths: dict[str, int] = {}
-
-        def rule(scale: Any) -> Numbers:
-            found = self._laws(plain, held, point, steps.times(scale), columns)
-            lengths.update((name, len(numbers)) for name, numbers in found.items())
-            return list(chain.from_iterable(found.values()))
-
-        estimate = extrapolate(rule)
-        perturbed = [self._perturbed(k, point, steps, columns) for k in range(SAMPLES)]
+        results = [self._laws(plain, held, point, steps.times(scale), columns) for scale in (1, 0.5)]
+        results += [self._perturbed(k, point, steps, columns) for k in range(SAMPLES)]
         unit = self.number(PERTURBATION)
 
         def size(value: Any, coarse: Any, samples: Sequence[Any]) -> Any:
-            # Most entries of a large mass matrix are zero, in every sample.
             changes = (abs(sample - coarse) / unit for sample in samples if sample or coarse)
             return max(abs(value), *changes, 0) if value or any(samples) else 0
 
-        sizes = list(map(size, estimate.value, estimate.coarse, zip(*perturbed, strict=True)))
-        whole = ReferenceEntries(estimate.value, estimate.error, sizes)
-        entries, start = {}, 0
-        for name, length in lengths.items():
-            entries[name] = whole.part(start, length)
+        n = len(point.q)
+        lengths = {"mass_matrix": n * n, "jacobian": n * len(columns)}
+        entries = {}
+        for name in results[0]:
+            # A perturbed copy may exchange other rows, which fills other entries.
+            places = sorted(set().union(*(result[name] for result in results)))
+            coarse, fine, *samples = ([result[name].get(place, 0) for place in places] for result in results)
+            value, error, _ = laws.extrapolated(coarse, fine)
+            sizes = list(map(size, value, coarse, zip(*samples, strict=True)))
+            length = lengths.get(name, len(places))
+            entries[name] = ReferenceEntries(*(_spread(x, places, length) for x in (value, error, sizes)))
             entries[name].check_smooth()
-            start += length
         entries["jacobian"] = self._with_floor(entries["jacobian"], entries["accelerations"], point)
         return self._with_rates(entries, point, columns)
 
@@ -132,7 +129,8 @@ class Reference:
         """
         extent = max(1.0, *map(abs, (*point.q, *point.v)))
         n = len(accelerations.size)
-        sizes = [max(size, accelerations.size[k % n] / extent) for k, size in enumerate(slopes.size)]
+        floors = [size / extent for size in accelerations.size]
+        sizes = [max(size, floors[k % n]) for k, size in enumerate(slopes.size)]
         return ReferenceEntries(slopes.value, slopes.error, sizes)
 
     def _with_rates(
@@ -144,7 +142,7 @@ class Reference:
         slopes = entries.pop("jacobian")
         jacobian = ReferenceEntries([], [], [])
         for k, j in enumerate(columns):
-            upper = ReferenceEntries.exactly([self.number(j == n + i) for i in range(n)])
+            upper = ReferenceEntries.exactly([int(j == n + i) for i in range(n)])
             jacobian = jacobian + upper + slopes.part(k * n, n)
         return {**entries, "rhs": velocities + entries["accelerations"], "jacobian": jacobian}
 
@@ -166,8 +164,8 @@ class Reference:
             outcomes += found.outcomes
         return outcomes
 
-    def _perturbed(self, k: int, point: SamplePoint, steps: DifferenceSteps, columns: Sequence[int]) -> Numbers:
-        """Return all quantities in one list, with every intermediate number perturbed, from perturbed copy `k`."""
+    def _perturbed(self, k: int, point: SamplePoint, steps: DifferenceSteps, columns: Sequence[int]) -> dict[str, Row]:
+        """Return all quantities with every intermediate number perturbed, from perturbed copy `k`."""
         draw = random.Random(k)
         factors: dict[tuple[str, int], Any] = {}
         parameters = self._parameters(point)
@@ -205,8 +203,7 @@ class Reference:
         sources = self._sources(whole, scalars, sample.loads, drag, parameters, nudge)
         held = [noisy(tape, self.held) for tape in sample.held]
         stated = StatedConstraints(held[0], held[1], self.holonomic, nudge)
-        found = self._laws(sources, stated, point, steps, columns)
-        return list(chain.from_iterable(found.values()))
+        return self._laws(sources, stated, point, steps, columns)
 
     def _plain(self, point: SamplePoint) -> tuple[Sources, StatedConstraints]:
         parameters = self._parameters(point)
@@ -265,36 +262,37 @@ class Reference:
         point: SamplePoint,
         steps: DifferenceSteps,
         columns: Sequence[int],
-    ) -> dict[str, Numbers]:
+    ) -> dict[str, Row]:
+        """Return the numbers of each quantity by place. Zeros of mass_matrix and jacobian may be absent."""
         q, v = [list(map(self.number, x)) for x in (point.q, point.v)]
-        t, n, zero = self.number(point.t), len(point.q), self.number(0)
+        t, n, zero, nudge = self.number(point.t), len(point.q), self.number(0), source.nudge
         still, lagrangian = [zero] * n, source.lagrangian(q, v, t)
         p = laws.momenta(source, q, v, t, steps)
         f = laws.forces(source, q, v, t, steps)
         mass = laws.mass_matrix(source, q, v, t, steps)
         rate = laws.momentum_rate(source, q, v, still, t, steps)
-        nudge = source.nudge
         bias = [nudge("force", i) * x - nudge("rate", i) * y for i, (x, y) in enumerate(zip(f, rate, strict=True))]
         slopes = gradient(held, q, v, t, steps) if self.holonomic else []
         held_bias = acceleration_level(held, q, v, still, t, steps) if self.holonomic else []
         energy = abs(lagrangian) + sum(abs(x * y) for x, y in zip(p, v, strict=True))
-        inertia = self._without_noise(mass, energy, steps)
-        matrix, right = bordered(inertia, slopes), [*bias, *(-x for x in held_bias)]
+        matrix, right = bordered(self._without_noise(mass, energy, steps), slopes), [*bias, *(-x for x in held_bias)]
         relations = self._relations(source, steps)
         if self.first_order:
             rates = acceleration_level(relations, q, v, still, t, steps)
             for i, row, rate in zip(self.first_order, gradient(relations, q, v, t, steps), rates, strict=True):
-                matrix[i], right[i] = [*row, *(zero for _ in slopes)], -rate
+                matrix[i], right[i] = dict(enumerate(row)), -rate
         solve = self._solver(matrix, nudge)
-        solved = solve([right])[0]
-        a, multipliers = solved[:n], [-x for x in solved[n:]]
+        (solved,) = solve([dict(enumerate(right))])
+        a, multipliers = [solved.get(i, zero) for i in range(n)], [-solved.get(i, zero) for i in range(n, len(matrix))]
+
+        def rows(j: int) -> Sequence[int]:
+            return range(len(matrix)) if self.first_order or self.holonomic else source.touched(j)
 
         def residual(q: Numbers, v: Numbers, j: int) -> Numbers:
-            rows = range(n) if self.first_order or self.holonomic else source.touched(j)
-            found = dict(zip(rows, laws.residual(source, q, v, a, t, steps, rows), strict=True))
+            free = laws.residual(source, q, v, a, t, steps, rows(j)[:n])
             rates = acceleration_level(relations, q, v, a, t, steps) if self.first_order else ()
-            found |= dict(zip(self.first_order, rates, strict=True))
-            free = [found.get(i, zero) for i in range(n)]
+            for i, rate in zip(self.first_order, rates, strict=True):
+                free[i] = rate
             if not self.holonomic:
                 return free
             exerted = reactions(gradient(held, q, v, t, steps), multipliers)
@@ -302,27 +300,21 @@ class Reference:
             return [*balance, *acceleration_level(held, q, v, a, t, steps)]
 
         changes = laws.residual_slopes(residual, q, v, steps, columns)
-        jacobian = solve(changes) if changes else []
+        jacobian = solve([dict(zip(rows(j), change, strict=True)) for j, change in zip(columns, changes, strict=True)])
         found = {
             "lagrangian": [lagrangian],
             "momenta": p,
             "forces": f,
-            "mass_matrix": list(chain.from_iterable(mass)),
+            "mass_matrix": {i * n + j: x for i, row in enumerate(mass) for j, x in row.items()},
             "bias": bias,
             "energy": [laws.energy(source, v, p, lagrangian)],
             "accelerations": a,
-            "jacobian": [-x for column in jacobian for x in column[:n]],
+            "jacobian": {k * n + i: -x for k, column in enumerate(jacobian) for i, x in column.items() if i < n},
         }
         if self.holonomic:
-            exerted = reactions(slopes, [x * nudge("exerted", i) for i, x in enumerate(multipliers)])
-            found |= {
-                "constraints": [*position_level(held, q, v, t), *velocity_level(held, q, v, t, steps)],
-                "constraint_gradient": list(chain.from_iterable(slopes)),
-                "constraint_bias": held_bias,
-                "multipliers": multipliers,
-                "constraint_forces": list(chain.from_iterable(exerted)),
-            }
-        return found
+            found |= _of_gradient(slopes, multipliers, nudge) | {"constraint_bias": held_bias}
+            found["constraints"] = [*position_level(held, q, v, t), *velocity_level(held, q, v, t, steps)]
+        return {name: part if isinstance(part, dict) else dict(enumerate(part)) for name, part in found.items()}
 
     def _relations(self, source: Sources, steps: DifferenceSteps) -> StatedConstraints:
         """Return dp/dt - f of the coordinates without inertia as constraints on velocities."""
@@ -334,41 +326,60 @@ class Reference:
 
         return StatedConstraints(values, values, (False,) * len(self.first_order), source.nudge)
 
-    def _solver(self, matrix: Sequence[Numbers], nudge: laws.Nudge) -> Callable[[Sequence[Numbers]], list[Numbers]]:
+    def _solver(self, matrix: Sequence[Row], nudge: laws.Nudge) -> Callable[[Sequence[Row]], list[Row]]:
         """Return a function from right-hand sides to the solutions with the matrix of the motion, in balanced units."""
         scales = laws.balance(matrix, len(matrix) - len(self.holonomic))
-        balanced = [
-            [x * a * b for x, b in zip(row, scales, strict=True)] for row, a in zip(matrix, scales, strict=True)
-        ]
-        factored = balanced if nudge is laws.exactly or self.first_order else self._as_factored(balanced, nudge)
 
-        def solve(right: Sequence[Numbers]) -> list[Numbers]:
-            scaled = [[x * a for x, a in zip(column, scales, strict=True)] for column in right]
-            solutions = laws.solve(factored, scaled, SINGULAR)
-            return [[x * a for x, a in zip(solution, scales, strict=True)] for solution in solutions]
+        def balanced(row: Row, scale: Any) -> Row:
+            return {j: x * scale * scales[j] for j, x in row.items()}
+
+        rows = list(map(balanced, matrix, scales))
+        factored = rows if nudge is laws.exactly or self.first_order else self._as_factored(rows, nudge)
+
+        def solve(right: Sequence[Row]) -> list[Row]:
+            scaled = [{i: x * scales[i] for i, x in column.items()} for column in right]
+            return [{i: x * scales[i] for i, x in row.items()} for row in laws.solve(factored, scaled, SINGULAR)]
 
         return solve
 
-    def _without_noise(self, mass: Sequence[Numbers], energy: Any, steps: DifferenceSteps) -> list[Numbers]:
-        """Return a copy of M with entries that are only rounding of L set to zero.
+    def _without_noise(self, mass: Sequence[Row], energy: Any, steps: DifferenceSteps) -> list[Row]:
+        """Return a copy of M without the entries that are only rounding of L.
 
         Otherwise the pivot of a coordinate without inertia would be accepted although it has no correct digit.
         """
-        noise, zero = self.number(MASS_NOISE) * energy, self.number(0)
+        noise = self.number(MASS_NOISE) * energy
         return [
-            [zero if x and abs(x) * a * b <= noise else x for x, b in zip(row, steps.v, strict=True)]
+            {j: x for j, x in row.items() if abs(x) * a * steps.v[j] > noise}
             for row, a in zip(mass, steps.v, strict=True)
         ]
 
-    def _as_factored(self, matrix: Sequence[Numbers], nudge: laws.Nudge) -> list[Numbers]:
+    def _as_factored(self, matrix: Sequence[Row], nudge: laws.Nudge) -> list[Row]:
         """Return the matrix of the motion, perturbed as the rounding of its factorization perturbs it."""
         sizes = laws.factorization_sizes(matrix, len(self.holonomic))
-        off = [list(row) for row in matrix]
+        off = [dict(row) for row in matrix]
         for i, row in enumerate(sizes):
-            for j in (j for j in range(i + 1) if row[j]):
-                off[i][j] += row[j] * (nudge("factor", i * len(matrix) + j) - 1)
-                off[j][i] = off[i][j]
+            for j in sorted(j for j, size in row.items() if j <= i and size):
+                change = row[j] * (nudge("factor", i * len(matrix) + j) - 1)
+                off[i][j] = off[j][i] = off[i].get(j, 0) + change
         return off
+
+
+def _of_gradient(slopes: Sequence[Numbers], multipliers: Numbers, nudge: laws.Nudge) -> dict[str, Numbers]:
+    """Return the quantities of constraints that follow from the rows of G and the multipliers."""
+    exerted = reactions(slopes, [x * nudge("exerted", i) for i, x in enumerate(multipliers)])
+    return {
+        "constraint_gradient": list(chain.from_iterable(slopes)),
+        "multipliers": multipliers,
+        "constraint_forces": list(chain.from_iterable(exerted)),
+    }
+
+
+def _spread(numbers: Numbers, places: Sequence[int], length: int) -> Numbers:
+    """Return a list of `length` numbers with `numbers` at `places`, and zeros elsewhere."""
+    whole = [0] * length
+    for place, number in zip(places, numbers, strict=True):
+        whole[place] = number
+    return whole
 
 
 @dataclass(frozen=True)

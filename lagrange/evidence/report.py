@@ -173,11 +173,13 @@ class ReferenceEntries:
     def __add__(self, other: ReferenceEntries) -> ReferenceEntries:
         return ReferenceEntries(self.value + other.value, self.error + other.error, self.size + other.size)
 
-    def around(self, values: Sequence[Any]) -> ReferenceEntries:
+    def around(self, values: Sequence[Any] | FloatArray) -> ReferenceEntries:
         """Return entries of the same sizes with other, exact values."""
-        entries = ReferenceEntries(list(values), [0.0] * len(self.size), self.size)
+        entries, zeros = ReferenceEntries(list(values), [0.0] * len(self.size), self.size), np.zeros(len(self.size))
         # Of equal sizes: the conversion of 86,000 entries of a mass matrix takes 0.1 s.
-        entries.__dict__["allowance"] = self.allowance[0], np.zeros(len(self.size))
+        entries.__dict__["allowance"] = self.allowance[0], zeros
+        if isinstance(values, np.ndarray):
+            entries.__dict__["doubles"] = values, zeros
         return entries
 
     def check_smooth(self) -> None:
@@ -231,7 +233,9 @@ class Comparison:
         self._place = point.describe(self.names)
         self._number = number
 
-    def add(self, row: str, labels: Sequence[str], values: Sequence[float], part: ReferenceEntries) -> None:
+    def add(
+        self, row: str, labels: Sequence[str], values: Sequence[float] | FloatArray, part: ReferenceEntries
+    ) -> None:
         """Compare compiled values with the reference entries `part`, and update the largest error of a row."""
         tally = self._tallies[row]
         self._seen[row].add(self._number)
@@ -313,19 +317,19 @@ def entry_labels(name: str, statement: Statement, columns: Sequence[int]) -> lis
     return list(names)
 
 
-def computed(model: Model, name: str, point: SamplePoint, columns: Sequence[int]) -> list[float]:
+def computed(model: Model, name: str, point: SamplePoint, columns: Sequence[int]) -> FloatArray:
     """Return the compiled entries of a quantity, flattened; all NaN if the model raises RunError."""
     q, v = np.array(point.q), np.array(point.v)
     try:
         block = _evaluate(model, name, q, v, point.t, point.parameters, columns)
     except RunError:
-        return [math.nan] * len(entry_labels(name, model.statement, columns))
-    return [float(x) for x in np.ravel(block)]
+        return np.full(len(entry_labels(name, model.statement, columns)), math.nan)
+    return np.ravel(block).astype(float)
 
 
 def computed_batch(
     model: Model, name: str, point: SamplePoint, columns: Sequence[int]
-) -> Iterator[tuple[list[float], list[float]]]:
+) -> Iterator[tuple[FloatArray, FloatArray]]:
     """Yield (entries from a batch, entries from a single evaluation) for each of `LANES` states near the point."""
     near = [_beside(point, 1e-6 * k) for k in range(LANES)]
     singles = [computed(model, name, beside, columns) for beside in near]
@@ -337,7 +341,7 @@ def computed_batch(
         block = np.full((len(singles[0]), LANES), math.nan)
     lanes = block.reshape(-1, LANES)
     for k, single in enumerate(singles):
-        yield [float(x) for x in lanes[:, k]], single
+        yield lanes[:, k], single
 
 
 def _evaluate(

@@ -16,7 +16,7 @@ import sympy
 
 from lagrange.equations.derivation import Derivation
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.laws import solve
+from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.evidence.sample import SamplePoint, Sampler
 from lagrange.mechanics.grading.motion_samples import MotionSample, MotionStates, motion_samples
@@ -131,7 +131,7 @@ def _multiples(rows: Sequence[EquationRow], sample: MotionSample) -> list[Any]:
     multiples: list[Any] = [None] * len(sample.multipliers)
     for row in rows:
         slopes, rest = row.numbers(sample)
-        weights = solve(sample.mass, [slopes[:n]], SINGULAR)[0]
+        weights = solve_dense(sample.mass, slopes[:n], SINGULAR)
         exerted = [sum(w * x for w, x in zip(weights, line, strict=True)) for line in sample.gradient]
         terms = [slope * a for slope, a in zip(slopes, sample.accelerations, strict=False)]
         terms += [-part * multiplier for part, multiplier in zip(exerted, sample.multipliers, strict=True)]

@@ -13,7 +13,7 @@ import sympy
 from lagrange.errors import StatementError
 from lagrange.evidence.agreement import usable
 from lagrange.evidence.constraint_laws import ConstraintSurface
-from lagrange.evidence.laws import solve
+from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.evidence.reference import Reference
 from lagrange.evidence.sample import SAMPLE_KINDS, SamplePoint, Sampler
@@ -61,7 +61,7 @@ class FirstOrderStates:
         parameters = {p: number(x) for p, x in point.parameters.items()}
         found: list[Any] = self._tape(point.q, point.v, point.t, parameters)
         matrix = [found[n + i * n : n + (i + 1) * n] for i in range(n)]
-        steps = solve(matrix, [found[:n]], SINGULAR)[0]
+        steps = solve_dense(matrix, found[:n], SINGULAR)
         v = list(point.v)
         for place, step in zip(self.places, steps, strict=True):
             v[place] = v[place] - step

@@ -15,7 +15,7 @@ from sympy.core.function import AppliedUndef
 from lagrange.equations.derivation import Derivation
 from lagrange.equations.solve_plan import distinct_values
 from lagrange.errors import StatementError, listing
-from lagrange.evidence.laws import solve
+from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.expansion import small
 from lagrange.mechanics.grading.motion_samples import MotionSample, motion_samples
@@ -383,7 +383,7 @@ def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Itera
     for sample in given.samples:
         try:
             slopes, _ = row.numbers(sample)
-            weights.append(solve(sample.mass, [slopes[: len(sample.mass)]], SINGULAR)[0])
+            weights.append(solve_dense(sample.mass, slopes[: len(sample.mass)], SINGULAR))
         except OutsideDomain:
             return
     first = next((i for i, weight in enumerate(weights[0]) if weight != 0), None)
