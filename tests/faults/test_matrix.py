@@ -12,6 +12,7 @@ import pytest
 
 from lagrange.trajectory.methods.registry import names
 from tests.faults.constraints import BEGUN, CONSTRAINTS, MOVED, STATED
+from tests.faults.contacts import CONTACTS
 from tests.faults.fault import Fault
 from tests.faults.matrix import FAULTS, cells
 from tests.faults.motions import MOTIONS
@@ -63,5 +64,10 @@ def test_a_motion_that_constraints_make_hard(fault: Fault, everything: bool) -> 
     every_method_gets_what_is_due(fault, everything)
 
 
+@each(CONTACTS)
+def test_a_contact_that_is_hard_to_meet(fault: Fault, everything: bool) -> None:
+    every_method_gets_what_is_due(fault, everything)
+
+
 def test_every_fault_is_of_one_of_these_kinds() -> None:
-    assert (*MOTIONS, *EVENTS, *REQUESTS, *CONSTRAINTS) == FAULTS
+    assert (*MOTIONS, *EVENTS, *REQUESTS, *CONSTRAINTS, *CONTACTS) == FAULTS

@@ -216,6 +216,8 @@ class _ContactRun:
         numbers = numbers.reshape(len(self.contacts), 3, -1)
         for k, (i, t) in enumerate(zip(which.tolist(), at.tolist(), strict=True)):
             impulse, lost, speed = numbers[i, :, k].tolist()
+            if self.kinematics.restitutions[i] is None:
+                self.kinematics.restitution(i, speed)
             self.impacts[i].append(Impact(t, impulse, (0.0,) * len(self.contacts[i].slip), lost))
             self.lost.append((t, lost))
             self.bounces.add(t, speed, frozenset([i]))

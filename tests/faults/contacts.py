@@ -1,0 +1,71 @@
+"""Faults of contacts: starts inside a body, laws without a meaning, and an impact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+import lagrange as lg
+from lagrange.machine.model import Model
+from lagrange.trajectory.trajectory import FloatArray
+from tests.faults.fault import Fault
+
+y = lg.coordinate("y")
+
+NOT_MADE_FOR = "does not locate events|leave out the forces of the constraints|moves coordinates and velocities in turn"
+"""What methods say that cannot run to an impact, or with a closed gap as a constraint."""
+
+
+def ball(initial: Any = None, **law: Any) -> Callable[[], Model]:
+    """Return what makes the model of a unit mass that falls under unit gravity on a floor."""
+
+    @cache
+    def made() -> Model:
+        floor, start = lg.contact(y, **law), {y: 1.0} if initial is None else initial
+        return lg.System(y.dot**2 / 2, y, contacts={"floor": floor}, initial=start, name="ball").compile()
+
+    return made
+
+
+def rebound(times: FloatArray) -> FloatArray:
+    """Fall from 1 and one impact with restitution 0.5."""
+    hit, g = np.sqrt(2), times - np.sqrt(2)
+    late = times > hit
+    return np.array(
+        [
+            np.where(late, hit / 2 * g - g**2 / 2, 1 - times**2 / 2),
+            np.where(late, hit / 2 - g, -times),
+        ]
+    )
+
+
+CONTACTS = (
+    Fault("start inside a body", "y = -0.5", ball({y: -0.5}), refusal=f"inside a body|{NOT_MADE_FOR}"),
+    Fault(
+        "restitution above one",
+        "e = 2 - u/8 at impacts with the speed u",
+        ball(restitution=2 - lg.impact_speed / 8),
+        end=3.0,
+        refusal=f"restitution|{NOT_MADE_FOR}",
+    ),
+    Fault(
+        "run backwards through contacts",
+        "t from 1 to 0",
+        ball(),
+        start=1.0,
+        end=0.0,
+        refusal=f"run forwards|{NOT_MADE_FOR}",
+    ),
+    Fault(
+        "one impact",
+        "restitution 0.5",
+        ball(restitution=0.5),
+        end=2.5,
+        truth=rebound,
+        options={"t_eval": np.linspace(0, 2.5, 11)},
+        refusal=NOT_MADE_FOR,
+    ),
+)
