@@ -20,6 +20,7 @@ from sympy.core.function import AppliedUndef
 from lagrange.equations.terms import ONE, Algebra, MonomialSum, TooLargeError, printable
 from lagrange.graph.generic import generic_rank
 from lagrange.graph.node import Binding, Node
+from lagrange.statement.preparation import check_time
 
 
 def coupled_blocks(nonzero: Sequence[Sequence[bool]]) -> list[list[int]]:
@@ -277,6 +278,7 @@ class SolvePlan:
         squares = [[[matrix[i][j] for j in block] for i in block] for block in self.blocks]
 
         def solve(right: Sequence[Node]) -> list[Node]:
+            check_time()
             solution: dict[int, Node] = {}
             for block, square, known in zip(self.blocks, squares, earlier, strict=True):
                 rest = [graph.sum([(1, right[i]), *((-1, matrix[i][j] * solution[j]) for j in known)]) for i in block]

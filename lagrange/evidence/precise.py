@@ -16,6 +16,7 @@ from mpmath import MPContext, libmp
 from sympy.core.function import AppliedUndef
 
 from lagrange.statement.coordinate import t as time
+from lagrange.statement.preparation import check_time
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
@@ -337,6 +338,7 @@ class Precise:
         return self(q, v, t, parameters)
 
     def _run(self, q: Inputs, v: Inputs, t: Any, parameters: Mapping[Any, Any]) -> list[Any]:
+        check_time()
         values, changed = self._values, 0
         if values is None:
             values, changed = self._template.copy(), -1

@@ -18,6 +18,7 @@ from typing import Any, TypeAlias
 
 from lagrange.errors import StatementError
 from lagrange.graph.functions import EVEN, EXACT, FOLDS, FUNCTIONS, ODD
+from lagrange.statement.preparation import CHECKED_EVERY, check_time
 
 Exact: TypeAlias = int | Fraction
 Rows: TypeAlias = "Sequence[Sequence[Node]]"
@@ -139,6 +140,8 @@ class Graph:
         key = (kind, data, *map(id, args))
         if key in self._table:
             return self._table[key]
+        if not len(self.nodes) % CHECKED_EVERY:
+            check_time()
         depends, binding = 0, Binding.CONSTANT
         for arg in args:
             depends |= arg.depends
@@ -339,7 +342,7 @@ class Graph:
         """Return x of matrix x = right, for a symmetric matrix given by its lower triangle; see `Kind.FACTOR`."""
         n = len(right)
         if n == 1:
-            return [right[0] / matrix[0][0]]
+            return [self.zero if right[0] is self.zero else right[0] / matrix[0][0]]
         triangle = tuple(matrix[i][j] for i in range(n) for j in range(i + 1))
         factor = self._intern(Kind.FACTOR, triangle, (n, tuple(negative)))
         return self.solve_with(factor, right)

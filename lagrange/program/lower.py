@@ -14,6 +14,7 @@ from typing import Any
 from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
 from lagrange.program.program import Instruction, Program, ProgramBlock
+from lagrange.statement.preparation import CHECKED_EVERY, check_time
 
 Named = Mapping[str, Sequence[Node]]
 """Nodes in blocks, each under a name."""
@@ -94,6 +95,8 @@ class _Lowering:
         """Return the number of an instruction; an equal instruction is reused."""
         instruction = Instruction(op, args, **data)
         if instruction not in self.numbers:
+            if not len(self.instructions) % CHECKED_EVERY:
+                check_time()
             self.numbers[instruction] = len(self.instructions)
             self.instructions.append(instruction)
             self.levels.append(max([level, *(self.levels[arg] for arg in args)]))

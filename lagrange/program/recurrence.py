@@ -17,6 +17,7 @@ from lagrange.errors import StatementError
 from lagrange.graph.node import Binding, Exact, Graph, Kind, Node, reachable
 from lagrange.graph.rebuild import Substitution
 from lagrange.program.series import LARGEST_POWER, SeriesRule
+from lagrange.statement.preparation import CHECKED_EVERY, check_time
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 LONGEST_SHARED = 12
@@ -97,6 +98,8 @@ class RecurrenceBuilder:
         """
         key = rule, constant
         if key not in self.numbers:
+            if not len(self.rules) % CHECKED_EVERY:
+                check_time()
             self.numbers[key] = len(self.rules)
             self.rules.append(rule)
             self.nodes.append(node)

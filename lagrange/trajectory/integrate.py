@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -19,6 +20,7 @@ from lagrange.statement.declare import initial_state
 from lagrange.statement.event import declare_events
 from lagrange.statement.given.function import check_span, require_values
 from lagrange.statement.number import real_array, real_number
+from lagrange.statement.preparation import PreparationTooLongError, preparation
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
@@ -31,6 +33,7 @@ from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
 from lagrange.trajectory.parts import run_in_segments, run_over_crossings
 from lagrange.trajectory.plan import locates_events
+from lagrange.trajectory.run_loop import not_begun
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 SPAN_ROUND_OFF = 1e-12
@@ -60,8 +63,11 @@ def integrate(
     values = model.parameter_values(options.parameters)
     given = np.array(initial_state({} if initial is None else initial, statement.coordinates, statement.initial))
     start, constrained = given, bool(model.equations.constraints)
+    began = time.perf_counter() if began is None else began
     if constrained:
-        start = consistent_start(model, t0, given, ordered(values, statement.parameters))
+        # A start that is not found in time stays as it is: the run then ends before its first step.
+        with suppress(PreparationTooLongError), preparation(began, options.wall_limit):
+            start = consistent_start(model, t0, given, ordered(values, statement.parameters))
     problem = Problem(
         model=model,
         parameters=values,
@@ -77,7 +83,7 @@ def integrate(
         max_memory=options.memory_limit,
         events=declare_events(options.events, statement),
         progress=progress,
-        began=time.perf_counter() if began is None else began,
+        began=began,
     )
     _check_memory(problem)
     integrator = find(DEFAULT_METHOD if options.method is None else options.method)
@@ -98,9 +104,13 @@ def integrate(
 def _run(integrator: Integrator, problem: Problem) -> Trajectory:
     """Run a problem with constant parameters, check its result, and return the trajectory."""
     model, constrained = problem.model, bool(problem.model.equations.constraints)
-    before = _check_start(problem)
-    if constrained:
-        check_independent(model, problem.t0, problem.y0, problem.parameter_array)
+    try:
+        with preparation(problem.began, problem.max_wall):
+            before = _check_start(problem)
+            if constrained:
+                check_independent(model, problem.t0, problem.y0, problem.parameter_array)
+    except PreparationTooLongError as late:
+        return not_begun(problem, integrator.name, str(late))
     trajectory = run_over_crossings(integrator, problem)
     if trajectory.status is Status.SINGULAR and not trajectory.steps and constrained:
         refuse_dependent(model, problem.t0, problem.y0, problem.parameter_array)

@@ -6,10 +6,8 @@ import os
 import time
 from functools import cache
 
+from lagrange.statement.preparation import COMPILE_SECONDS
 from lagrange.trajectory.integrator import Problem
-
-COMPILE_SECONDS = 5.0
-"""Seconds that compilation may take even if `max_wall` is smaller, since it is done once for many runs."""
 
 MEMORY_DIVISOR = 4
 """The default memory limit of a run is the memory of the machine divided by this.

@@ -9,9 +9,11 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from lagrange.errors import RunError
 from lagrange.machine.model import Model, Stated, stated
 from lagrange.statement.given.function import require_values
 from lagrange.statement.number import flag, real_number
+from lagrange.statement.preparation import PreparationTooLongError, preparation
 from lagrange.statement.progress import compiling, progress_bar
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.flow import Flow
@@ -112,7 +114,14 @@ def run_stated(
         elif options.step is None:
             options = replace(options, step=scene.step)
     with compiling(system.statement.name, wanted=flag(progress, "progress")):
-        model = system.compile(target, check=check)
+        try:
+            with preparation(began, options.wall_limit):
+                model = system.compile(target, check=check)
+        except PreparationTooLongError as late:
+            # The run ends before its first step, with a status.
+            if late.model is None:
+                raise RunError(str(late)) from None
+            model = late.model
     return integrate_since(began, model, (t_start, end), initial, options, progress=progress)
 
 

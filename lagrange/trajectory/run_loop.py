@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -11,6 +12,7 @@ import numpy as np
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.calls import quickly
 from lagrange.machine.state import DriverState, Outcome, Outputs
+from lagrange.statement.preparation import PreparationTooLongError, preparation, preparation_ends
 from lagrange.trajectory.endings import (
     dependent_ahead,
     lost_inertia,
@@ -73,12 +75,46 @@ GOES_ON, REACHED = EventResult(), EventResult(Status.SUCCESS)
 
 def drive(problem: Problem, plan: Plan, name: str) -> Trajectory:
     """Run a problem by a plan and return its trajectory; `name` is the method's name in messages."""
-    return _driven(problem, Prepared(plan), name)
+    return _within_time(problem, name, lambda: Prepared(plan))
 
 
 def drive_by(method: Planned, problem: Problem, name: str) -> Trajectory:
     """Run a problem by the plan of a method and return its trajectory; the model keeps the plan for other runs."""
-    return _driven(problem, prepared(method, problem), name)
+    return _within_time(problem, name, lambda: prepared(method, problem))
+
+
+def _within_time(problem: Problem, name: str, prepare: Callable[[], Prepared]) -> Trajectory:
+    """Prepare and run a problem; the limit `max_wall` holds for the preparation, and again for the steps."""
+    # Anything but a problem is refused when the method prepares it.
+    limit = (problem.began, problem.max_wall) if isinstance(problem, Problem) else (0.0, None)
+    try:
+        with preparation(*limit):
+            return _driven(problem, prepare(), name)
+    except PreparationTooLongError as late:
+        return not_begun(problem, name, str(late))
+
+
+def not_begun(problem: Problem, name: str, cause: str) -> Trajectory:
+    """Return the trajectory of a run that reached `max_wall` before its first step, with its cause."""
+    times = np.array([problem.t0])
+    if problem.t_eval is not None:
+        times = problem.t_eval[problem.t_eval == problem.t0]
+    states = np.repeat(problem.y0[:, np.newaxis], len(times), axis=1)
+    return Trajectory(
+        t=times,
+        y=states,
+        status=Status.MAX_WALL,
+        message=message(Status.MAX_WALL, problem, problem.t0, problem.y0, name, cause=cause),
+        method=name,
+        steps=0,
+        rejected=0,
+        evaluations=0,
+        wall=0.0,
+        span=(problem.t0, problem.t0),
+        dense=OutputPath(np.array([problem.t0]), problem.y0[:, np.newaxis], None, "the run has no step."),
+        t_events=(NOTHING,) * len(problem.events),
+        y_events=(np.empty((0, len(problem.y0))),) * len(problem.events),
+    )
 
 
 def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
@@ -106,6 +142,7 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
                 rows.followed = plan.followed(problem, problem.t_eval, watch)
             late = compiled_late(problem)
             # Compilation is done once for many runs and is not counted.
+            preparation_ends()
             began = time.perf_counter()
             per_call = max(FIRST_STEPS_PER_CALL, kept.steps if idle is None else idle.steps)
             status, detail = (

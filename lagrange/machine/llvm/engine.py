@@ -22,6 +22,7 @@ from lagrange.procedure.linear.inverse import invert
 from lagrange.procedure.linear.ldl import factor_dense, invert_dense, solve_columns, solve_factored
 from lagrange.procedure.linear.pivoted import factor_pivoted, solve_pivoted
 from lagrange.program.program import ARITY
+from lagrange.statement.preparation import check_time
 
 _LOADING, _LINKING = threading.Lock(), threading.Lock()
 
@@ -71,6 +72,7 @@ class Module(Shared):
 
 def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None) -> bytes:
     """Return the object code of a text, after some LLVM passes over it."""
+    check_time()
     parsed = llvm.parse_assembly(text)
     parsed.verify()
     machine = _target_machine(effort)
