@@ -27,10 +27,9 @@ from typing import Any
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange, with_needed_inputs
 from lagrange.equations.multiplier_forces import with_solved_multipliers
 from lagrange.equations.regularity import allowed_equations
-from lagrange.errors import StatementError
 from lagrange.evidence.quick import quick_check
 from lagrange.graph.node import Node
-from lagrange.machine.backend import FloatArray, Kernel, Machine, Series
+from lagrange.machine.backend import FloatArray, Kernel, Machine, MissingTargetError, Series
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.program.catalogue import lower_nodes, program_of
 from lagrange.program.switching import Switched
@@ -39,6 +38,7 @@ from lagrange.recipes.model import Model
 from lagrange.show.files.loaded_run import loaded_run
 from lagrange.statement.choice import one_of
 from lagrange.statement.given.function import require_formulas, with_inputs
+from lagrange.statement.preparation import PreparationTooLongError, check_time
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.constraints.projection import Projection
 from lagrange.trajectory.solution import Solution
@@ -56,6 +56,7 @@ class Stages:
 
     def kernel(self, name: str) -> Kernel:
         """Return the compiled kernel of a quantity, such as "rhs"."""
+        check_time()
         return self.machine.load(program_of(name, self.equations))
 
     def interpreted(self, name: str) -> Kernel:
@@ -68,6 +69,7 @@ class Stages:
 
     def series(self, watched: tuple[Node, ...]) -> tuple[Series, Switched]:
         """Return the Taylor series of the motion and of the nodes `watched`, with the switching surfaces."""
+        check_time()
         program, switched = series_program(self.equations, watched)
         return self.machine.series(program), switched
 
@@ -91,7 +93,7 @@ def _on_machine(target: str, statement: Statement, kept: Sequence[int] | None = 
     """
     try:
         on = machine(target)
-    except StatementError:
+    except MissingTargetError:
         on = machine("numpy")
     return model_of(statement, on, None if kept is None else euler_lagrange(statement, kept))
 
@@ -117,20 +119,25 @@ def compile_model(statement: Statement, equations: Equations, target: str = "llv
     Raises StatementError for an unknown target, RunError if the check fails.
     """
     model = model_of(statement, machine(target), equations)
-    model.kernel("rhs")
-    if check:
-        quick_check(model)
+    try:
+        model.kernel("rhs")
+        if check:
+            quick_check(model)
+    except PreparationTooLongError as late:
+        late.model = model
+        raise
     return model
 
 
 def machine(target: str) -> Machine:
-    """Return the machine of a target. Raises StatementError for a target that is unknown or not installed."""
+    """Return the machine of a target. Raises StatementError if it is unknown, MissingTargetError if missing."""
     one_of(target, MACHINES, "there is no target {given}; the targets are {known}.")
     try:
         result: Machine = _loaded(MACHINES[target])()
-    except ImportError as error:
-        raise StatementError(
-            f"target {target!r} needs a package that is missing ({error}): use target='numpy'."
+    except (ImportError, OSError) as error:  # OSError: a shared library of a package cannot be loaded
+        raise MissingTargetError(
+            f"target {target!r} cannot be loaded ({error}): repair or install the package that this names"
+            + ("." if target == "numpy" else ", or use system.compile('numpy'), or run(..., target='numpy').")
         ) from error
     return result
 

@@ -28,6 +28,7 @@ from lagrange.evidence.report import (
     is_finite,
 )
 from lagrange.evidence.sample import DRAWS_PER_KIND, SAMPLE_KINDS, SamplePoint, Sampler, solved_statement
+from lagrange.machine.backend import MissingTargetError
 from lagrange.machine.model import Model, Stated
 from lagrange.statement.coordinate import acceleration_of
 from lagrange.statement.number import whole_number
@@ -284,10 +285,18 @@ def check_stated(system: Stated, target: str, points: int, seed: int) -> Report:
         names = listing(repr(constraint.name) for constraint in statement.constraints)
         report = check_stated(system.from_statement(statement), target, points, seed)
         return replace(report, notes=(*report.notes, f"checked with {names} alone: other constraints follow."))
-    other = system.compile("numpy" if target == "llvm" else "llvm", check=False)
+    other, missing = _compiled_for("numpy" if target == "llvm" else "llvm", system)
     textbook, notes = _textbook(system, dict(model.statement.prescribed))
     report = check(model, textbook=textbook, other=other, points=points, seed=seed)
-    return replace(report, notes=(*report.notes, *notes))
+    return replace(report, notes=(*report.notes, *missing, *notes))
+
+
+def _compiled_for(target: str, system: Stated) -> tuple[Model | None, tuple[str, ...]]:
+    """Return the system compiled for another target and no note; None and a note if that target is missing."""
+    try:
+        return system.compile(target, check=False), ()
+    except MissingTargetError as missing:
+        return None, (f"not compared with the target {target}: {missing}",)
 
 
 def _textbook(system: Stated, prescribed: Mapping[Any, Any]) -> tuple[Mapping[Any, Any] | None, tuple[str, ...]]:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.errors import RunError
+from lagrange.errors import RunError, StatementError
 from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.machine.step_events import EventSteps
@@ -23,6 +23,10 @@ FloatArray = NDArray[np.float64]
 
 Places = NDArray[np.int64]
 """Indices of steps, (K,)."""
+
+
+class MissingTargetError(StatementError):
+    """A target whose packages cannot be loaded on this machine."""
 
 
 class SingularMassMatrix(RunError):
