@@ -20,13 +20,17 @@ from lagrange.equations.solve_plan import eliminated
 from lagrange.errors import StatementError, listing
 from lagrange.graph.differentiate import tangents
 from lagrange.graph.generic import generic_rank
-from lagrange.graph.node import Node
+from lagrange.graph.node import Node, reachable
 from lagrange.graph.rebuild import substitute
 from lagrange.statement.coordinate import check_multipliers, constraint_of, multiplier
 from lagrange.statement.statement import REFUSE, Statement
 
-LONGEST = 20_000
-"""Most operations of the multipliers as formulas: a statement with longer ones takes seconds to analyse."""
+MOST_OPERATIONS = 20_000_000
+"""Largest number of operations of the multipliers, written out without shared parts.
+
+SymPy shares parts of expressions, but compares them part by part in a time that grows with this number. A chain of ten
+links on a rough rail compiles in 10 s; each link more doubles that.
+"""
 
 
 def with_solved_multipliers(statement: Statement) -> Statement:
@@ -50,13 +54,21 @@ def with_solved_multipliers(statement: Statement) -> Statement:
     _check_linear(statement, symbols)
     equations = euler_lagrange(replace(statement, parameters=(*statement.parameters, *symbols)))
     nodes = _multipliers(equations, statement.name, names)
-    values = dict(zip(symbols, map(equations.express, nodes), strict=True))
-    if sum(int(value.count_ops()) for value in values.values()) > LONGEST:
+    if (size := _written_out(nodes)) > MOST_OPERATIONS:
         raise StatementError(
-            f"the multipliers in the forces of {statement.name} are too long to be put in: state fewer coordinates, or "
-            "a force in coordinates and velocities."
+            f"the multipliers in the forces of {statement.name} have {size:.2g} operations when written out, more than "
+            f"{MOST_OPERATIONS:.0e}: state fewer coordinates, or a force in coordinates and velocities."
         )
+    values = dict(zip(symbols, map(equations.express, nodes), strict=True))
     return replace(statement, forces=tuple(force.xreplace(values) for force in statement.forces))
+
+
+def _written_out(nodes: Sequence[Node]) -> int:
+    """Return the number of operations of formulas without shared parts. Each node is counted as often as it is used."""
+    sizes: dict[Node, int] = {}
+    for node in reachable(nodes):
+        sizes[node] = len(node.args) + sum(sizes[arg] for arg in node.args)
+    return sum(sizes[node] for node in nodes)
 
 
 def _check_linear(statement: Statement, symbols: Sequence[Any]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -245,3 +246,41 @@ def test_a_block_slides_on_a_floor_of_any_functions(curve: Any) -> None:
 def test_a_scene_has_multipliers_in_forces(tmp_path: Any) -> None:
     found = lg.System.from_scene(incline().to_scene(tmp_path / "incline.toml")).statement
     assert found.forces == incline().statement.forces and found.forces[0].has(NORMAL)
+
+
+def chain_on_a_rough_rail(links: int) -> lg.System:
+    """Return a cart that slides on a rough rail with a chain: its multiplier depends on every angle."""
+    angles = lg.coordinates(" ".join(f"a_{i}" for i in range(1, links + 1)))
+    place, kinetic, potential = (x, y), lg.kinetic_energy(m, (x, y)), lg.gravity(m, (x, y), g)
+    for angle in angles:
+        place = place[0] + sin(angle), place[1] - cos(angle)
+        kinetic, potential = kinetic + lg.kinetic_energy(m, place), potential + lg.gravity(m, place, g)
+    return lg.System(
+        kinetic,
+        potential,
+        constraints={"floor": y},
+        forces={x: -mu * NORMAL * sign(x.dot)},
+        parameters={m: 1, g: 9.81, mu: 0.1},
+        initial={x.dot: 3.0, **dict.fromkeys(angles, 0.3)},
+        name="chain",
+    )
+
+
+def test_a_long_multiplier_is_no_obstacle_where_its_parts_are_shared(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A chain of five has 21,512 operations written out, and was refused beyond 20,000: counting them took longest."""
+    model = chain_on_a_rough_rail(5).compile("numpy", check=False)
+    state = model.statement.initial
+    a = model.rhs(0.0, state)[7:]
+    force = model.kernel("constraint_forces")(0.0, np.array(state), model.parameter_array(None)).ravel()
+    normal = float(model.multipliers(state[:7], state[7:])[0])
+    # M a - h is what the rail and its friction do: the normal force on y, and mu times as much against x.
+    free = lg.System.from_statement(
+        replace(model.statement, constraints=(), forces=(sympy.S.Zero,) * 7, redundant="refuse")
+    ).compile("numpy", check=False)
+    left = free.mass_matrix(state[:7]) @ (a - free.rhs(0.0, state)[7:])
+    # Some roundings of terms of the size of the weight, 60 N, in seven equations.
+    np.testing.assert_allclose(left, [-0.1 * normal, normal, *[0.0] * 5], atol=1e-11)
+    assert force[1] == pytest.approx(normal)
+    monkeypatch.setattr("lagrange.equations.multiplier_forces.MOST_OPERATIONS", 100)
+    with pytest.raises(StatementError, match=r"multipliers in the forces of chain have .* operations when written out"):
+        chain_on_a_rough_rail(2)
