@@ -263,6 +263,14 @@ class TrustHorizon:
     bounds: FloatArray
     witnesses: tuple[str, ...]
 
+    def __post_init__(self) -> None:
+        for name in ("time", "error"):
+            object.__setattr__(self, name, real_number(getattr(self, name), name))
+        for name in ("relative", "complete"):
+            flag(getattr(self, name), name)
+        if not real_array(self.times, "times").shape == real_array(self.bounds, "bounds").shape != (0,):
+            raise StatementError("a trust horizon needs as many bounds as times: call lg.trust_horizon().")
+
     def __float__(self) -> float:
         return self.time
 

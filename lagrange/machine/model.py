@@ -272,7 +272,9 @@ class Model:
         """Return the model of another statement on the machine of this one; `kept` are its independent constraints."""
         if not isinstance(statement, Statement):
             raise StatementError(f"{shown(statement)} is not a statement: give the .statement of a system.")
-        rows = None if kept is None else [whole_number(i, "kept", 0) for i in real_array(kept, "kept").tolist()]
+        last = len(statement.constraints) - 1
+        indices = [] if kept is None else real_array(kept, "kept").ravel().tolist()
+        rows = None if kept is None else [whole_number(i, "kept", 0, last) for i in indices]
         return self._made.again(statement, rows)
 
     def _of_whole(self, name: str, t: Any, y: Any, parameters: Parameters) -> FloatArray:

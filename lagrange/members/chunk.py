@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 from lagrange.members.keep import STATUS, Column
 from lagrange.members.varied import MemberNumbers
@@ -78,6 +78,7 @@ class Engine(Protocol):
         """Run members to their ends. Once `stopped()` is True, return the results of the members run so far."""
 
 
+@runtime_checkable
 class MemberResults(Protocol):
     """The results of all members, in memory, or in a store that is read at each access."""
 

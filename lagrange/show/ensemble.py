@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from lagrange.errors import StatementError, UnknownKey, counted, listing, suggestion
+from lagrange.errors import StatementError, UnknownKey, counted, listing, shown, suggestion
 from lagrange.machine.model import Model, Stated
 from lagrange.members.chunk import INTERRUPTED, STATUSES, SUCCESS, MemberResults
 from lagrange.members.job import Job
@@ -52,7 +52,7 @@ from lagrange.show.notebook.html_card import image, pairs, sentences
 from lagrange.show.terminal import duration, text_table
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.event import declare_events
-from lagrange.statement.number import whole_number
+from lagrange.statement.number import real_number, whole_number
 from lagrange.statement.progress import compiling, counter, wanted_progress
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrate import output_times, span_or_end
@@ -94,6 +94,14 @@ class Ensemble:
     ran: int
     wall: float
     explain: Callable[[int], Explained]
+
+    def __post_init__(self) -> None:
+        kinds = ("table", MemberTable), ("results", MemberResults), ("problem", Problem), ("columns", tuple)
+        for name, kind in kinds:
+            if not isinstance(getattr(self, name), kind):
+                raise StatementError(f"an ensemble is made by lg.ensemble(), not of {shown(getattr(self, name))}.")
+        for name in ("ran", "wall"):
+            real_number(getattr(self, name), name)
 
     def __len__(self) -> int:
         return len(self.table)

@@ -28,7 +28,8 @@ from lagrange.show.files.picture import picture
 from lagrange.show.notebook.html_card import folded, image, sentences, table
 from lagrange.show.terminal import text_table
 from lagrange.statement.contact import check_without_contacts
-from lagrange.statement.number import real_number
+from lagrange.statement.number import flag, real_number
+from lagrange.trajectory.integrate import time_span
 from lagrange.trajectory.run import compiled
 
 if TYPE_CHECKING:
@@ -189,6 +190,8 @@ class Race:
     def __post_init__(self) -> None:
         if not isinstance(self.result, Result):
             raise StatementError(f"a race is made by lg.race(), not of {shown(self.result)}.")
+        time_span(self.span)
+        flag(self.relative, "relative")
 
     def __len__(self) -> int:
         return len(self.result.entries)

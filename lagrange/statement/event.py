@@ -22,8 +22,11 @@ from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 from lagrange.statement.units.dimension_check import check_event_dimensions
 
+MOST_OCCURRENCES = 2**31
+"""Largest number of the occurrence that ends a run, far more than a run keeps."""
 
-@dataclass(frozen=True, eq=False)
+
+@dataclass(frozen=True, eq=False, repr=False)
 class Event:
     """A zero of an expression in coordinates, velocities, accelerations, multipliers, parameters and time.
 
@@ -41,7 +44,7 @@ class Event:
 
     def __post_init__(self) -> None:
         terminal = self.terminal
-        if not isinstance(terminal, (numbers.Integral, bool, np.bool_)) or terminal < 0:
+        if not isinstance(terminal, (numbers.Integral, bool, np.bool_)) or not 0 <= terminal <= MOST_OCCURRENCES:
             raise StatementError(
                 f"terminal = {shown(terminal)}: give True, or the number of the occurrence that ends the run."
             )
@@ -60,6 +63,11 @@ class Event:
             *values.items(),
         ):
             object.__setattr__(self, name, value)
+
+    def __repr__(self) -> str:
+        stated = (("reset", self.reset), ("settings", self.settings))
+        tables = "".join(f", {name}={shown(dict(table))}" for name, table in stated if table)
+        return f"<Event: {shown(self.expression)} = 0, direction={self.direction}, terminal={self.terminal}{tables}>"
 
     def __reduce__(self) -> tuple[Any, ...]:
         # Read-only views of dicts do not pickle.

@@ -120,5 +120,5 @@ class Integrator(Protocol):
 
 def method_repr(method: Integrator, **options: float | None) -> str:
     """Return the repr of a method: its name, order and the options that were given, not its coefficients."""
-    given = "".join(f", {name} = {value:g}" for name, value in options.items() if value is not None)
+    given = "".join(f", {name} = {shown(value)}" for name, value in options.items() if value is not None)
     return f"<{method.name}: a method of order {method.claims.order}{given}>"

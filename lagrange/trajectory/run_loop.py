@@ -85,10 +85,10 @@ def drive_by(method: Planned, problem: Problem, name: str) -> Trajectory:
 
 def _within_time(problem: Problem, name: str, prepare: Callable[[], Prepared]) -> Trajectory:
     """Prepare and run a problem; the limit `max_wall` holds for the preparation, and again for the steps."""
-    # Anything but a problem is refused when the method prepares it.
-    limit = (problem.began, problem.max_wall) if isinstance(problem, Problem) else (0.0, None)
+    if not isinstance(problem, Problem) or problem.max_wall is None:  # the method refuses what is not a problem
+        return _driven(problem, prepare(), name)
     try:
-        with preparation(*limit):
+        with preparation(problem.began, problem.max_wall):
             return _driven(problem, prepare(), name)
     except PreparationTooLongError as late:
         return not_begun(problem, name, str(late))

@@ -366,6 +366,8 @@ OWN: dict[str, dict[str, Any]] = {
     "lg.scene": {"name": "pendulum"},
     "lg.coordinate": {"name": "u"},
     "lg.event": {"expression": sympy.Symbol("u")},
+    "lg.contact": {"gap": lg.coordinate("y"), "slip": lg.coordinate("x").dot, "restitution": 0.5, "friction": 0.2},
+    "lg.table": {"argument": lg.coordinate("x"), "points": [0, 1, 2, 3], "values": [0, 1, 0, 2]},
     "lg.gravity": {"g": lg.parameters("g")},
     "lg.spring": {"b": (0, 0)},
     "lg.methods.composition": {"order": 2},

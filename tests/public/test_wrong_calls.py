@@ -12,8 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import sympy
 
 import lagrange as lg
+from lagrange.errors import LONGEST_SENTENCE
 from lagrange.trajectory.methods import registry
 from tests.public.surface import INSTANCES, Public, arguments, classes, surface
 from tests.public.values import KINDS, MADE
@@ -96,10 +98,12 @@ def raw(public: Public, positional: list[Any], named: dict[str, Any]) -> str:
     """Return what a call raised that is no error of ours, with the place in our code; nothing if all is well."""
     function, caught = public.get(), Caught()
     with caught, alarm(LONGEST):
-        function(*positional, **named)
+        result = function(*positional, **named)
+        if str(type(result).__module__).startswith("lagrange."):
+            repr(result)
     error = caught.error
     if isinstance(error, lg.LagrangeError):
-        return "" if str(error).strip() else "an error without a sentence"
+        return "" if 0 < len(str(error).strip()) <= LONGEST_SENTENCE else f"a message of {len(str(error))} characters"
     frames = traceback.extract_tb(error.__traceback__) if error else []
     if error is None or (isinstance(error, TypeError) and len(frames) == 1):
         return ""  # done, or a wrong signature
@@ -138,3 +142,30 @@ def test_what_is_called_rightly_works(tmp_path: Path) -> None:
             if caught.error:
                 refused[public.name] = str(caught.error)
     assert refused == {}
+
+
+UNTYPED: Any = lg
+"""The package, for calls that a type checker would refuse."""
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: UNTYPED.methods.Stability([1.0], 2.0), "give two floats"),
+        (lambda: UNTYPED.TrustHorizon("x", 1.0, *(False, True), [1.0], [1.0], ()), "time"),
+        (lambda: UNTYPED.TrustHorizon(1.0, 1.0, *(False, True), [], [], ()), "as many bounds as times"),
+        (lambda: UNTYPED.Race(INSTANCES[lg.Race]().result, "bob", (1.0,)), "time span"),
+        (lambda: UNTYPED.Ensemble([], [], (), None, "rk4", "", 0, 0.0, print), "made by lg.ensemble"),
+        (lambda: INSTANCES[lg.Model]().on_same_machine(INSTANCES[lg.System]().statement, 5), "kept = 5"),
+        (lambda: UNTYPED.methods.RK4().integrate({}), "rk4 cannot run"),
+        (lambda: lg.table(sympy.Symbol("q", commutative=False), [0, 1, 2, 3], [0, 1, 0, 1]), "not real"),
+    ],
+)
+def test_records_of_wrong_parts_are_refused(call: Any, words: str) -> None:
+    """They were made, and raised raw errors when they were shown or used."""
+    with pytest.raises(lg.StatementError, match=words):
+        call()
+
+
+def test_what_is_shown_has_no_bound_of_digits() -> None:
+    assert "a whole number of about 5001 digits" in repr(lg.event(lg.coordinate("x"), reset={10**5000: 1.0}))

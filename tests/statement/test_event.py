@@ -70,6 +70,7 @@ def test_a_reset_is_by_symbol_or_by_name() -> None:
         ({"expression": object}, "give a SymPy expression whose zero is the event, such as theta - 1."),
         ({"terminal": -1}, "terminal = -1: give True, or the number of the occurrence that ends the run"),
         ({"terminal": 1.5}, "terminal = 1.5: give True"),
+        ({"terminal": 10**30}, "terminal = 1000000000000000000000000000000: give True"),
         ({"terminal": "yes"}, "terminal = 'yes': give True"),
         ({"direction": "up"}, "direction is 'up' (str): give a number"),
         ({"direction": float("nan")}, "direction is nan: give a finite number"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -127,3 +128,18 @@ def test_a_table_of_numbers_with_units_is_refused_with_the_remedy() -> None:
         assert len(str(refusal.value)) <= 400
     with pytest.raises(lg.StatementError, match=r"the term x/a in other units .* or a in m instead of cm"):
         body(potential=e * lg.table(x / a, POINTS, VALUES), dimensions={m: "kg", x: "m", a: "cm"})
+
+
+def test_a_table_with_a_point_at_zero_is_written_and_read(tmp_path: Path) -> None:
+    """To SymPy the float 0.0 differs from 0, so that it was refused as too small."""
+    system = lg.System(x.dot**2 / 2, lg.table(x, [-1.0, 0.0, 1.0, 2.0], [0, 1, 0, 2]), initial={x: 0.5})
+    system.to_scene(tmp_path / "a.toml")
+    again = lg.System.from_scene(tmp_path / "a.toml")
+    assert again.potential == system.potential
+
+
+def test_a_number_out_of_range_whose_key_is_stated_twice_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.toml"
+    path.write_text("name = 'a'\nname = 1e400\n", encoding="utf-8")
+    with pytest.raises(lg.SceneError, match="outside the range of doubles"):
+        lg.System.from_scene(path)

@@ -59,6 +59,10 @@ def table(argument: Any, points: Any, values: Any) -> Any:
         raise StatementError(
             f"the argument of the table is {float(variable):g}, a number: give an expression, such as a coordinate."
         )
+    if variable.is_extended_real is False:
+        raise StatementError(
+            f"the argument of the table is {formula(variable, 40)}, which is not real: give a real one."
+        )
     plain = {part: sympy.Symbol(name_of(part)) for part in variable.atoms(AppliedUndef)}
     plain |= {part: sympy.Symbol(f"{name_of(part.expr)}_dot") for part in variable.atoms(sympy.Derivative)}
     name = formula(variable.xreplace(plain), 40)

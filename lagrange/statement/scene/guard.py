@@ -188,5 +188,5 @@ def _check_node(node: Any) -> None:
 def _check_float(number: Any) -> None:
     if abs(number) > sys.float_info.max:
         raise RefusalError("a number here is too large for a floating-point number")
-    if number != 0 and float(number) == 0.0:
+    if not number.is_zero and float(number) == 0.0:  # SymPy says that 0.0 != 0
         raise RefusalError("a number here is too small for a floating-point number")

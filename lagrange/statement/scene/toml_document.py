@@ -306,7 +306,8 @@ class Document:
             if match and (reason := _out_of_range(match.group())):
                 line, column = line_and_column(self.content, offset)
                 self._fail(f"{dotted(path)[:80]} is {reason}.", line, column)
-        raise AssertionError("a number that the reader refuses stands in the file")
+        # The key is stated again further down, which is where the search for numbers finds it.
+        self._fail("a number is outside the range of doubles, and its key is stated twice: state each key once.")
 
     def _fail(self, reason: str, line: int | None = None, column: int | None = None) -> NoReturn:
         raise SceneError(reason, file=self.file, line=line, column=column)
