@@ -214,9 +214,10 @@ class _ContactRun:
             return False
         numbers = np.asarray(written.kernel(at, before, self.kinematics.parameters))
         numbers = numbers.reshape(len(self.contacts), 3, -1)
+        known = self.kinematics.restitutions
         for k, (i, t) in enumerate(zip(which.tolist(), at.tolist(), strict=True)):
             impulse, lost, speed = numbers[i, :, k].tolist()
-            if self.kinematics.restitutions[i] is None:
+            if known[i] is None:
                 self.kinematics.restitution(i, speed)
             self.impacts[i].append(Impact(t, impulse, (0.0,) * len(self.contacts[i].slip), lost))
             self.lost.append((t, lost))
