@@ -11,8 +11,7 @@ from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.form import Array
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, likely, quotient
-from lagrange.procedure.linear.ldl import factor_size, invert_dense
-from lagrange.procedure.linear.pivoted import PIVOT
+from lagrange.procedure.linear.ldl import factor_size, invert_dense, is_trusted
 
 WIDTH = 8
 
@@ -40,7 +39,7 @@ def factor_columns(n: int, stride: int, a: In, lower: Out, d: Out) -> bool:
     for j in range(n):
         column = lower[j * stride :]
         pivot = column[j]
-        large = pivot > abs(a[j * n + j]) * PIVOT
+        large = is_trusted(pivot, a[j * n + j])
         trusted = trusted and large
         reciprocal = 1.0 / pivot
         d[j] = reciprocal

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from lagrange.procedure.form import Array
-from lagrange.procedure.front.plain import procedure
+from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma
 from lagrange.procedure.linear.pivoted import PIVOT, factor_pivoted, pivoted_size, solve_pivoted
 
@@ -45,6 +45,12 @@ def factor_size(n: int) -> int:
     return 1 + pivoted_size(n, n)
 
 
+@inline
+def is_trusted(pivot: float, diagonal: float) -> bool:
+    """Whether a pivot of L D L^T is above round-off of the diagonal entry that it comes from."""
+    return pivot > abs(diagonal) * PIVOT
+
+
 @procedure
 def factor_symmetric(n: int, a: In, factors: Out) -> bool:
     """Factor A = L D L^T by columns, and return whether every pivot can be trusted."""
@@ -56,7 +62,7 @@ def factor_symmetric(n: int, a: In, factors: Out) -> bool:
     for j in range(n):
         column = columns[j * n :]
         d = column[j]
-        large = d > abs(a[j * n + j]) * PIVOT
+        large = is_trusted(d, a[j * n + j])
         trusted = trusted and large
         reciprocal = 1.0 / d
         reciprocals[j] = reciprocal
