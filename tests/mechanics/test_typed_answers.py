@@ -220,6 +220,27 @@ def wedge() -> lg.System:
     return lg.System((M + m) * X.dot**2 / 2 + m * s.dot**2 / 2 + m * X.dot * s.dot * sp.cos(a), -m * g * s * sp.sin(a))
 
 
+def chain() -> lg.System:
+    x1, x2, x3 = lg.coordinates("x1 x2 x3")
+    m, M, k, b = lg.parameters("m M k b")
+    springs = k * ((x2 - x1 - b) ** 2 + (x3 - x2 - b) ** 2) / 2
+    return lg.System(m * (x1.dot**2 + x3.dot**2) / 2 + M * x2.dot**2 / 2, springs)
+
+
+def top() -> lg.System:
+    phi, theta, psi = lg.coordinates("phi theta psi")
+    I1, I3 = lg.parameters("I1 I3")
+    spin = psi.dot + phi.dot * sp.cos(theta)
+    return lg.System(I1 * (theta.dot**2 + phi.dot**2 * sp.sin(theta) ** 2) / 2 + I3 * spin**2 / 2, 0)
+
+
+def cart() -> lg.System:
+    x, theta = lg.coordinates("x theta")
+    M, m, l, g = lg.parameters("M m l g")
+    bob = (x + l * sp.sin(theta), -l * sp.cos(theta))
+    return lg.System(M * x.dot**2 / 2 + lg.kinetic_energy(m, bob), lg.gravity(m, bob, g))
+
+
 def strung() -> lg.System:
     x, y = lg.coordinates("x y")
     m1, m2, g, L = lg.parameters("m1 m2 g L")
@@ -227,16 +248,36 @@ def strung() -> lg.System:
 
 
 LARGER: list[tuple[Callable[[], lg.System], str, str]] = [
-    (oscillator, "x'' = -k x - c x' + m g + F cos(w t)", "the right side has the wrong factor: it is m times what"),
+    (
+        oscillator,
+        "x'' = -k x - c x' + m g + F cos(w t)",
+        "the right side has the wrong denominator: it should be divided by m.",
+    ),
     (
         oscillator,
         "x'' = -k x/m^2 - c x'/m^2 + g/m + F cos(w t)/m^2",
-        "the right side has the wrong factor: it is 1/m times",
+        "the right side has the wrong denominator: it should be multiplied by m.",
     ),
     (
         oscillator,
         "x'' = -k x - c x' + g + F cos(w t)",
         "on the right side the sum F*cos(t*w) - k*x is wrong",
+    ),
+    (oscillator, "x'' = (k x + c x' - m g - F cos(w t))/m", "the right side has the wrong sign"),
+    (
+        cart,
+        "x'' = m l theta'^2 sin theta + m g sin theta cos theta",
+        "the right side has the wrong denominator: it should be divided by M + m*sin(theta)**2.",
+    ),
+    (
+        chain,
+        "M x2'' + k (x2 - x1 - b) + k (x3 - x2 - b) = 0",
+        "the term k*(x3 - x2 - b) has the wrong sign: it is k*(x3 - x2 - b), and should be -k*(x3 - x2 - b).",
+    ),
+    (
+        top,
+        "I1 phi'' sin^2 theta + I1 phi' theta' sin theta cos theta = I3 (psi' + phi' cos theta) theta' sin theta",
+        "that of phi and psi together, the term I1*phi_dot*theta_dot*sin(theta)*cos(theta) has the wrong factor",
     ),
     (orbit, "d/dt(m r phi') = 0\nr'' = 0", "the term d/dt(m*r*phi_dot) is wrong: it should be d/dt(m*r**2*phi_dot)."),
     (orbit, "M g - m r phi'^2 = -d/dt(m r')", "the term d/dt(m*r_dot) is wrong: it should be d/dt((M + m)*r_dot)."),
@@ -287,6 +328,11 @@ def test_a_line_at_the_indentation_of_an_equation_with_indented_lines_is_a_new_o
     assert orbit().compare(hanging)
     flush = "(m + M) r'' = m r phi'^2\n- M g\nr phi'' + 2 r' phi' = 0"
     assert orbit().compare(flush)
+
+
+def test_coordinates_in_brackets_before_several_equations_are_labels() -> None:
+    assert orbit().compare("(r) (m + M) r'' = m r phi'^2\n  - M g\n(φ) r phi'' + 2 r' phi' = 0")
+    assert not orbit().compare("(r) r phi'' + 2 r' phi' = 0\n(m + M) r'' = m r phi'^2 + M g")
 
 
 def test_a_factor_of_a_high_power_is_not_factored() -> None:

@@ -86,6 +86,9 @@ def difference_of(there: Any, wanted: Any, numbers: Callable[[Any], Numbers | No
     if ratio is not None:
         return Difference(SCALED, there, _times(1 / ratio, there), ratio, whole=True)
     off = numbers(there - wanted)
+    scaled = scaled_product(there, off, numbers)
+    if scaled is not None:
+        return scaled
     for terms_of in (summands, _opened, _expanded):
         difference = _one_term(terms_of(there), terms_of(wanted), off, numbers)
         if difference is not None:
@@ -94,6 +97,19 @@ def difference_of(there: Any, wanted: Any, numbers: Callable[[Any], Numbers | No
     if len(typed) < len(summands(there)):
         return difference_of(sympy.Add(*typed), sympy.Add(*right), numbers)
     return Difference(WRONG, there, wanted, whole=True)
+
+
+def scaled_product(there: Any, off: Numbers | None, numbers: Callable[[Any], Numbers | None]) -> Difference | None:
+    """Return the difference if one typed product with a sum, such as k*(x - y), has the wrong factor, else None.
+
+    `off` has the values of typed minus right coefficient.
+    """
+    for term in sympy.Add.make_args(there):
+        if any(factor.is_Add for factor in sympy.Mul.make_args(term)):
+            share = ratio_of(off, numbers(term))
+            if share is not None and share != 1:
+                return Difference(SCALED, term, _times(1 - share, term), 1 / (1 - share))
+    return None
 
 
 def _without_common(left: Sequence[Any], right: Sequence[Any]) -> tuple[list[Any], list[Any]]:

@@ -52,6 +52,8 @@ def _wrong_denominator(row: EquationRow, derivation: Derivation, samples: Sequen
             continue
         expected = sympy.Add(*summands(quotient * denominator))
         same = quotient in (1, -1) and (typed.is_Add or above.is_Add)
+        if expected == -typed:
+            continue  # the right side has the wrong sign
         if not same and not set(summands(typed)) & set(sympy.Add.make_args(expected)):
             continue
         if _holds(row, acceleration, above * typed / below / expected, samples):
@@ -60,22 +62,33 @@ def _wrong_denominator(row: EquationRow, derivation: Derivation, samples: Sequen
 
 
 def _wrong_factor(row: EquationRow, derivation: Derivation, samples: Sequence[MotionSample], write: Write) -> str:
-    """Return a sentence if the right side of a solved equation is a constant times the right one, else "".
+    """Return a sentence if the right side of a solved equation is a constant or a denominator times the right one.
 
-    A side with one term is left to the search for a wrong term.
+    It is "" otherwise. A side with one term is left to the search for a wrong term.
     """
     typed = summands(row.right)
     state = {*row.statement.plain.values(), t}
     for name, acceleration, solved in _solutions(row, derivation) if len(typed) > 1 else ():
+        denominator = sympy.fraction(sympy.together(solved))[1]
         for term in summands(solved):
             factor = sympy.cancel(typed[0] / term)
-            if factor.free_symbols & state or factor == 0:
+            if factor == 0 or (factor.free_symbols & state and not (factor / denominator).is_number):
                 continue
             if _holds(row, acceleration, row.right / factor, samples):
-                word = "sign" if factor == -1 else "factor"
-                told = f"has the wrong {word}: it is {write(factor)} times what it should be."
-                return f"{place_of(name, row)} the right side {told}"
+                return f"{place_of(name, row)} the right side {_told_factor(factor, write)}"
     return ""
+
+
+def _told_factor(factor: Any, write: Write) -> str:
+    """Return the end of a sentence on a side that is a factor times the right one."""
+    if factor == -1:
+        return "has the wrong sign: it is -1 times what it should be."
+    above, below = sympy.fraction(factor)
+    if above.free_symbols:
+        return f"has the wrong denominator: it should be divided by {write(factor)}."
+    if factor.free_symbols and above == 1:
+        return f"has the wrong denominator: it should be multiplied by {write(below)}."
+    return f"has the wrong factor: it is {write(factor)} times what it should be."
 
 
 def _holds(row: EquationRow, acceleration: Any, right: Any, samples: Sequence[MotionSample]) -> bool:

@@ -38,6 +38,7 @@ from lagrange.mechanics.grading.term_difference import (
     difference_of,
     ratio_of,
     same,
+    scaled_product,
     spread,
     summands,
 )
@@ -378,7 +379,10 @@ def _candidates(given: _Sorted, rows: Sequence[tuple[str, Any]]) -> Iterator[Can
 
 
 def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Iterator[Candidate]:
-    """Yield the sum of equations, with constant weights, whose accelerations are those of an equation, with factors."""
+    """Yield the sum of equations whose accelerations are those of an equation, with factors.
+
+    Its weights are constant, or eliminate an acceleration of one equation by another.
+    """
     weights: list[Numbers] = []
     for sample in given.samples:
         try:
@@ -386,16 +390,37 @@ def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Itera
             weights.append(solve_dense(sample.mass, slopes[: len(sample.mass)], SINGULAR))
         except OutsideDomain:
             return
-    first = next((i for i, weight in enumerate(weights[0]) if weight != 0), None)
-    if first is None or any(not row[first] for row in weights):
+    first = max(range(len(weights[0])), key=lambda i: min(abs(row[i]) for row in weights))
+    if any(not row[first] for row in weights):
         return
-    constants = [constant_of([row[i] / row[first] for row in weights]) for i in range(len(weights[0]))]
-    used = [i for i, weight in enumerate(constants) if weight != 0]
     stated = _stated_rows(derivation)
-    if len(used) < 2 or None in constants or not stated:
+    if not stated:
         return
-    zero = sympy.Add(*(_rational(constants[i] or Fraction(0)) * stated[i][1] for i in used))
+    factors = [
+        _weight([row[i] / row[first] for row in weights], _eliminating(derivation, first, i), given)
+        for i in range(len(stated))
+    ]
+    used = [i for i, factor in enumerate(factors) if factor != 0]
+    if len(used) < 2 or None in factors:
+        return
+    zero = sympy.Add(*(factors[i] * stated[i][1] for i in used))
     yield from _candidates(given, [(f"{listing(stated[i][0] for i in used)} together", sympy.expand(zero))])
+
+
+def _weight(values: Numbers, eliminating: Sequence[Any], given: _Sorted) -> Any:
+    """Return the weight of an equation in a sum by its values: a fraction, or one of the expressions; None else."""
+    constant = constant_of([value if abs(value) > SINGULAR else 0 * value for value in values])
+    if constant is not None:
+        return _rational(constant)
+    listed = ((weight, given.numbers(weight.xreplace(given.statement.plain))) for weight in eliminating)
+    return next((weight for weight, numbers in listed if numbers is not None and same(values, numbers)), None)
+
+
+def _eliminating(derivation: Derivation, first: int, other: int) -> list[Any]:
+    """Return weights of an equation beside a first one, at which one acceleration of the two vanishes from the sum."""
+    mass = derivation.mass_matrix
+    fractions = ((mass[first, other], mass[other, other]), (mass[first, first], mass[other, first]))
+    return [sympy.cancel(-above / below) for above, below in fractions if below != 0]
 
 
 def _stated_rows(derivation: Derivation) -> list[tuple[str, Any]]:
@@ -445,12 +470,17 @@ class _Meant:
     def _terms(self, product: Any) -> int:
         """Return the number of terms of a coefficient that differ from the expected ones.
 
-        It is 1 if the whole coefficient differs by a factor, or if a product with a rate is missing.
+        It is 1 if the whole coefficient or one typed product in it differs by a factor, or if a product with a rate is
+        missing.
         """
         there = self.given.values.get(product)
         if there is None and product != 1:
             return 1
-        if there is not None and (ratio_of(there, self._wanted(product)) is not None or self._is_scaled(product)):
+        wanted = self._wanted(product)
+        if there is not None and (ratio_of(there, wanted) is not None or self._is_scaled(product)):
+            return 1
+        off = None if there is None else [a - b for a, b in zip(there, wanted, strict=True)]
+        if off and scaled_product(self.given.coefficients[product], off, self.given.numbers) is not None:
             return 1
         agreeing = self._agreeing_terms(product)
         typed, expected = (len(side.terms.get(product, [])) for side in (self.given, self.expected))

@@ -159,14 +159,13 @@ class BookOrder:
     def turned(self, total: Any) -> bool:
         """Return True if a sum in parentheses is better written as its negative.
 
-        This is so if most terms are negative. For one half the sign is that of the statement, else the first term is
-        positive.
+        A sum of the statement keeps its signs. Of others most terms are positive, and of two halves the first term.
         """
+        if (total in self.sums) != (-total in self.sums):
+            return total not in self.sums
         negative = sum(map(_negative, total.args))
         if 2 * negative != len(total.args):
             return 2 * negative > len(total.args)
-        if (total in self.sums) != (-total in self.sums):
-            return total not in self.sums
         return _negative(min(total.args, key=self.term))
 
 

@@ -6,7 +6,7 @@ The text keeps its length, so that offsets in it are those of the typed text.
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from lagrange.statement.typed.latex import FRAME, LINE_BREAK, OPERATOR, PROSE
 
@@ -16,6 +16,7 @@ _LABEL = re.compile(
     r"|(?:i{1,3}|i?v|vi{1,3}|[a-h])\)(?=\s)|•(?=\s))"
 )
 _BULLET = re.compile(r"\s*[-*](?=\s+[-(A-Za-z\\])")
+_COORDINATE = re.compile(r"\s*\(\s*([^\W\d_]\w*)\s*\)(?=\s+[^\s=+*/^-])")
 _HEADING = re.compile(r"[^=\n]*:(?!=)")
 _TRAILING_LABEL = re.compile(r"(?<=\s)\(\s?[0-9]{1,2}[a-z]?\s?\)$")
 _END = " \t\r\f\v\u00a0;,.!✓✔☑∎□■"
@@ -26,8 +27,10 @@ _SEPARATOR = re.compile(r"[;,&]|\band\b|\bund\b|\\q?quad\b")
 _OPEN, _CLOSE = "([{", ")]}"
 
 
-def equation_spans(text: str) -> tuple[str, list[tuple[int, int]]]:
+def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str, list[tuple[int, int]]]:
     """Return a text of the same length with blanks for all but formulas, and the spans (begin, end) of its equations.
+
+    `is_coordinate` returns True for the name of a coordinate, which may be a label: (r) m*r'' = 0.
 
     Comments, labels, LaTeX environments and marks at the ends of lines are blanked out. A line continues if it ends
     with an operator, if the next one begins with one, or if a bracket is open. A line that begins with a sign is a new
@@ -42,7 +45,8 @@ def equation_spans(text: str) -> tuple[str, list[tuple[int, int]]]:
     spans: list[tuple[int, int]] = []
     place = 0
     lines: list[str] = []
-    for line, frame in zip(_without_bullets(blanked.split("\n")), framed, strict=True):
+    unlabelled = _without_coordinates(_without_bullets(blanked.split("\n")), is_coordinate)
+    for line, frame in zip(unlabelled, framed, strict=True):
         before = "" if not spans else "\n".join(lines)[spans[-1][0] : spans[-1][1]]
         lines.append(line if _depth(before) > 0 else _without_label(line))
         begin, end = place, place + len(line)
@@ -66,6 +70,20 @@ def _without_bullets(lines: Sequence[str]) -> list[str]:
     if len(stated) < 2 or not all(_BULLET.match(line) and _EQUALITY.search(line) for line in stated):
         return list(lines)
     return [_BULLET.sub(lambda match: _spaces(match.group()), line, count=1) for line in lines]
+
+
+def _without_coordinates(lines: Sequence[str], is_coordinate: Callable[[str], bool]) -> list[str]:
+    """Return lines with blanks for labels such as (r) and (phi), if several lines begin with different ones.
+
+    A single one is a factor.
+    """
+    labels = [_COORDINATE.match(line) for line in lines]
+    labels = [label if label and is_coordinate(label.group(1)) else None for label in labels]
+    if len({label.group(1) for label in labels if label}) < 2:
+        return list(lines)
+    return [
+        " " * label.end() + line[label.end() :] if label else line for label, line in zip(labels, lines, strict=True)
+    ]
 
 
 def _joined(before: str, line: str, *, anew: bool) -> bool:

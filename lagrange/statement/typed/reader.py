@@ -98,7 +98,7 @@ class TypedReader:
             raise StatementError(
                 f"the text has {len(text)} characters, and {LONGEST_ANSWER} are the most of an answer."
             )
-        clean, spans = equation_spans(text)
+        clean, spans = equation_spans(text, self._is_coordinate)
         if len(spans) > MOST_EQUATIONS:
             raise StatementError(f"the text has {len(spans)} equations, and {MOST_EQUATIONS} are the most.")
         for begin, end in spans:
@@ -159,6 +159,10 @@ class TypedReader:
     def _reads(self, word: str) -> bool:
         """Return True if a word is a symbol of the system, or a product of symbols."""
         return bool(self.names.readings(word))
+
+    def _is_coordinate(self, word: str) -> bool:
+        """Return True if a word is the name of a coordinate."""
+        return any(len(pieces) == 1 and pieces[0].name in self.names.bases for pieces in self.names.readings(word))
 
     def _is_parameter(self, word: str) -> bool:
         """Return True if a word is a single constant symbol."""
