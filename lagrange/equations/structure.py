@@ -157,9 +157,7 @@ class Structure:
 
     def _momenta(self) -> list[str]:
         return [
-            f"{self.names[i]} does not appear in the Lagrangian: its conjugate momentum is conserved."
-            if self.decisions.absent(i)
-            else f"{self.names[i]} drops out of the Lagrangian: its conjugate momentum is conserved."
+            f"{self.names[i]} does not appear in L: it is cyclic, so p_{self.names[i]} is conserved."
             for i in self.cyclic
         ]
 

@@ -13,7 +13,7 @@ from lagrange.equations.derivation import Derivation
 from lagrange.show.notation.formula import FormulaLine, LineWriter
 from lagrange.show.notation.latex_notation import LatexNotation
 from lagrange.show.notation.mathml_notation import MathmlNotation
-from lagrange.show.notation.sections import Formula, Section, sections
+from lagrange.show.notation.sections import Formula, Section, ShownQuantity, sections
 from lagrange.show.notation.symbols import GREEK, latex_text, markdown_text, plain_text
 from lagrange.show.notation.text import Notation, UnicodeNotation, width
 from lagrange.show.terminal import DETAILS, FORMATS
@@ -21,8 +21,21 @@ from lagrange.statement.choice import one_of
 from lagrange.statement.statement import Statement
 
 INDENT = "    "
-_WORD = re.compile(r"(?<![\\\w])[A-Za-z]\w*")
-"""A word of a quoted sentence that is not a LaTeX command."""
+_WORD = re.compile(r"(?<![\\\w])[A-Za-z](?:\\_|\w)*")
+"""A word of a quoted sentence that is not a LaTeX command; its underscores may be escaped."""
+
+COMPACT = (
+    "\\AtBeginDocument{\\abovedisplayskip=1pt plus 4pt \\belowdisplayskip=\\abovedisplayskip",
+    "\\abovedisplayshortskip=\\abovedisplayskip \\belowdisplayshortskip=\\abovedisplayskip}",
+    "\\makeatletter",
+    "\\renewcommand{\\@maketitle}{\\begin{center}{\\Large\\@title\\par}\\@author\\par\\@date\\end{center}}",
+    "\\renewcommand{\\section}{\\@startsection{section}{1}{0pt}{1.2ex plus 1ex}{-1em}{\\normalfont\\large\\bfseries}}",
+    "\\makeatother",
+)
+"""LaTeX for little space around the title, headings and formulas: derivations of three coordinates fill one page.
+
+A formula below a heading of its own line would begin with a blank line, so headings begin the paragraph.
+"""
 
 LONG_SECTION = 12
 """Lines of formulas above which a section of an HTML page is folded."""
@@ -126,6 +139,7 @@ class LatexPage(Page):
     spoken: ClassVar[Mapping[str, str]] = {
         "v.p - L": "$\\sum_i \\dot q_i p_i - L$",
         "(T + V is": "($T + V$ is",
+        "appear in L:": "appear in $L$:",
         "M a = h": "$M \\ddot q = h$",
     }
     """Formulas in sentences about the structure, and their LaTeX."""
@@ -156,13 +170,14 @@ class LatexPage(Page):
     def write(self, sections: Sequence[Section]) -> str:
         """Return a complete LaTeX document."""
         lines = [
-            "\\documentclass{article}",
+            "\\documentclass[a4paper]{article}",
             "\\usepackage[T1]{fontenc}",
             "\\usepackage{amsmath}",
-            "\\usepackage[margin=2cm]{geometry}",
+            "\\usepackage[margin=2cm, vmargin=1.6cm, footskip=7mm]{geometry}",
             "\\allowdisplaybreaks",
             "\\raggedbottom",
             "\\setlength{\\parindent}{0pt}",
+            *COMPACT,
             f"\\title{{{latex_text(self.title)}}}",
             f"\\author{{{latex_text(self.above.author)}}}",
             f"\\date{{{latex_text(self.above.date)}}}",
@@ -184,13 +199,20 @@ class LatexPage(Page):
         yield from (self.row(row) for row in rows if isinstance(row, str))
 
     def sentence(self, text: str, quoted: Callable[[str], str]) -> str:
-        """Return a sentence with its symbols as formulas: Greek letters, and names that end with a digit."""
+        """Return a sentence with its symbols as formulas.
+
+        These are a coordinate at the begin, momenta, Greek letters, and names that end with a digit.
+        """
         names = {*self.statement.names, *(p.name for p in self.statement.parameters)}
         letter = self.lines.sides.notation.letter
 
         def formula(match: re.Match[str]) -> str:
-            word = match.group()
-            return f"${letter(word)}$" if word in names and (word in GREEK or word[-1].isdigit()) else word
+            word = match.group().replace("\\_", "_")
+            if word.startswith("p_") and word[2:] in names:
+                return f"${self.lines.sides.quantity(ShownQuantity('p', (word[2:],)))}$"
+            first = match.start() == 0 and word in self.statement.names
+            shown = first or (word in names and (word in GREEK or word[-1].isdigit()))
+            return f"${letter(word)}$" if shown else match.group()
 
         shown = _WORD.sub(formula, quoted(text))
         for words, formula_text in self.spoken.items():

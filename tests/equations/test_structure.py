@@ -110,7 +110,7 @@ def test_sentences_for_the_user() -> None:
         "The mass matrix is diagonal and changes along the motion.",
         "The momenta depend on more than the velocities: the Lagrangian does not separate.",
         "Nothing depends on time explicitly and no force acts beside the potential: the energy is conserved.",
-        "phi does not appear in the Lagrangian: its conjugate momentum is conserved.",
+        "phi does not appear in L: it is cyclic, so p_phi is conserved.",
     ]
     assert structure("double pendulum").sentences()[0] == (
         "The mass matrix couples all coordinates and changes along the motion."

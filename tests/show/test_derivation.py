@@ -96,7 +96,7 @@ def test_text_page() -> None:
 
 def test_latex_page_is_a_document() -> None:
     page = render(cart(), "latex", ["50% & more"])
-    assert page.startswith("\\documentclass{article}\n")
+    assert page.startswith("\\documentclass[a4paper]{article}\n")
     assert page.endswith("\\end{document}\n")
     assert "\\title{elastic pendulum}" in page
     assert r"\[ m \ddot{x} - m (l + x) \dot\theta^2 + k x - m g \cos \theta = \sin t \]" in page
@@ -303,3 +303,25 @@ def test_short_steps_stand_side_by_side_on_paper() -> None:
     s, m = lg.coordinate("s"), lg.parameters("m")
     steps = next(line for line in lg.System(m * s.dot**2 / 2, 0).derivation().latex().splitlines() if "p_s" in line)
     assert steps.count(r", \qquad ") == 3 and steps.endswith(r"\frac{d}{dt} p_s = 0 \]")
+
+
+def test_an_energy_is_merged_where_it_is_stated() -> None:
+    y = lg.coordinate("y")
+    wheel = lg.System(m * (x.dot**2 + y.dot**2) / 2, m * g * y - m * g * (y + x))
+    text = wheel.derivation().text()
+    assert "    V = m*g*y - m*g*(x + y)\n      = -m*g*x\n" in text and text.count("    V = ") == 1
+    assert "V &= m g y - m g (x + y) \\\\   &= -m g x" in wheel.derivation().latex()
+
+
+def test_a_difference_of_constants_has_no_minus_before_it() -> None:
+    m1, m2 = lg.parameters("m1 m2")
+    atwood = lg.System((m1 + m2) * x.dot**2 / 2, m2 * g * x - m1 * g * x).derivation().text()
+    assert "      = (m2 - m1)*g*x\n" in atwood and "(m1 + m2)*x_ddot + (m2 - m1)*g = 0" in atwood
+    assert "    x_ddot = (m1 - m2)*g/(m1 + m2)\n" in atwood and "-(m" not in atwood
+
+
+def test_a_cyclic_coordinate_is_named_with_its_momentum() -> None:
+    phi = lg.coordinate("phi")
+    planet = lg.System(m * (x.dot**2 + x**2 * phi.dot**2) / 2, 0).derivation()
+    assert "    phi does not appear in L: it is cyclic, so p_phi is conserved.\n" in planet.text()
+    assert r"$\phi$ does not appear in $L$: it is cyclic, so $p_\phi$ is conserved.\par" in planet.latex()

@@ -70,7 +70,7 @@ def test_golden_pages(file: str) -> None:
 @pytest.mark.parametrize("name", SCENES)
 def test_latex_is_well_formed(name: str) -> None:
     page = shared_scene(name).derivation().latex()
-    body = page[page.index("\\maketitle") + 10 : page.index("\\end{document}")]
+    body = page[page.index("\\maketitle\n") + 10 : page.index("\\end{document}")]
     plain = re.sub(r"\\[{}$&#_%\\]", "", body)
     for begin, end in (("{", "}"), (r"\left", r"\right"), (r"\[", r"\]"), (r"\begin", r"\end"), (r"\bigl", r"\bigr")):
         assert plain.count(begin) == plain.count(end), begin

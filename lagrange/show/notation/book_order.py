@@ -153,17 +153,27 @@ class BookOrder:
 
     def subtracted(self, term: Any) -> bool:
         """Return True if a term is written with a minus sign; a sum that is a factor may be written as its negative."""
-        turned = (f for f in Mul.make_args(term) if f.is_Add and self.turned(f)) if term.is_Mul else ()
-        return _negative(term) != (sum(1 for _ in turned) % 2 == 1)
+        sums = [factor for factor in Mul.make_args(term) if factor.is_Add] if term.is_Mul else []
+        negative = _negative(term) != (sum(map(self.turned, sums)) % 2 == 1)
+        return negative and not any(map(self.reversible, sums))
+
+    def reversible(self, total: Any) -> bool:
+        """Return True for a difference of constants that is not in the statement: -(m1 - m2) becomes m2 - m1."""
+        if not total.is_Add or len(total.args) != 2 or sum(map(_negative, total.args)) != 1 or self.moves(total):
+            return False
+        return total not in self.sums and -total not in self.sums
 
     def turned(self, total: Any) -> bool:
         """Return True if a sum in parentheses is better written as its negative.
 
-        A sum of the statement keeps its signs. Of others most terms are positive, and of two halves the first term.
+        A sum of the statement keeps its signs if it has a positive term. Of others most terms are positive, and of two
+        halves the first term.
         """
+        negative = sum(map(_negative, total.args))
+        if negative == len(total.args):
+            return True
         if (total in self.sums) != (-total in self.sums):
             return total not in self.sums
-        negative = sum(map(_negative, total.args))
         if 2 * negative != len(total.args):
             return 2 * negative > len(total.args)
         return _negative(min(total.args, key=self.term))

@@ -107,6 +107,9 @@ class Typesetter:
             if base != 1:
                 side, power = (below, -exponent) if exponent.is_negative else (above, exponent)
                 side.append((base, power))
+        place = next((i for i, (base, power) in enumerate(above) if power == 1 and self.order.reversible(base)), None)
+        if number.is_negative and place is not None:
+            above[place], number = (-above[place][0], sympy.S.One), -number
         return bool(number.is_negative), above, below, abs(number)
 
     def under_one_root(self, product: Any) -> tuple[Any, list[Any]]:
@@ -340,8 +343,13 @@ class LineWriter:
         self.ruler = self.sides if self.notation.in_one_line else SideWriter(statement, UnicodeNotation)
 
     def formula(self, row: Formula) -> list[FormulaLine]:
-        """Return the lines of a formula, the last side broken where it is too wide."""
+        """Return the lines of a formula, broken where it is wide. Of two expressions the second is on a new line."""
         *before, last = row.sides
+        if len(before) == 2 and isinstance(before[1], sympy.Expr):
+            start = " " * width(self.ruler.side(before[0]))
+            first, *more = self.broken(last, WIDEST - len(start) - 3)
+            below = [FormulaLine(start, first), *(FormulaLine("", line, goes_on=True) for line in more)]
+            return [*self.formula(Formula(tuple(before))), *below]
         left = self.notation.equal([self.sides.side(side) for side in before])
         measured = left if self.ruler is self.sides else " = ".join(self.ruler.side(side) for side in before)
         if len(before) == 1 and isinstance(before[0], sympy.Expr) and self.apart(measured, last):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -11,7 +12,6 @@ from lagrange.errors import StatementError
 
 if TYPE_CHECKING:
     from lagrange.equations.derivation import Derivation
-    from lagrange.statement.statement import Statement
 
 # SymPy is imported in functions: the command line parses its options before it needs SymPy.
 
@@ -111,7 +111,7 @@ def sections(derivation: Derivation) -> Iterator[Section]:
     """Yield the sections; a part that is too large is replaced by a sentence that says so. Tables are functions."""
     derivation, tables = derivation.with_named_tables()
     statement = derivation.statement
-    yield Section("Stated", (*_stated(statement), *tables))
+    yield Section("Stated", (*_stated(derivation), *tables))
     if derivation.refusal:
         yield Section("Equations of motion", (f"Not written out: {derivation.refusal}",))
         return
@@ -146,7 +146,8 @@ def constraint_quantity(one: Any) -> ShownQuantity:
     return ShownQuantity("f", (one.name,))
 
 
-def _stated(statement: Statement) -> Iterator[Formula | str]:
+def _stated(derivation: Derivation) -> Iterator[Formula | str]:
+    statement = derivation.statement
     if statement.about:
         yield statement.about
     if statement.source:
@@ -154,8 +155,8 @@ def _stated(statement: Statement) -> Iterator[Formula | str]:
     if statement.lagrangian_alone:
         yield Formula((LAGRANGIAN, statement.lagrangian))
     else:
-        yield Formula((ShownQuantity("T"), statement.kinetic))
-        yield Formula((ShownQuantity("V"), statement.potential))
+        yield _energy_as_stated(derivation, "T", statement.kinetic, lambda: derivation.kinetic)
+        yield _energy_as_stated(derivation, "V", statement.potential, lambda: derivation.potential)
     for name, force in zip(statement.names, statement.forces, strict=True):
         if force != 0:
             yield Formula((ShownQuantity("Q", (name,)), force))
@@ -165,6 +166,15 @@ def _stated(statement: Statement) -> Iterator[Formula | str]:
         yield known if isinstance(known, str) else Formula(known)
     for one in statement.constraints:
         yield Formula((constraint_quantity(one), one.expression))
+
+
+def _energy_as_stated(derivation: Derivation, letter: str, stated: Any, merged: Callable[[], Any]) -> Formula:
+    """Return an energy as stated, and then merged and collected if that is another form and not too large."""
+    sides = [ShownQuantity(letter), stated]
+    with suppress(StatementError):
+        if not derivation.refusal and merged() != stated:
+            sides.append(merged())
+    return Formula(tuple(sides))
 
 
 def _points(derivation: Derivation) -> Iterator[Formula | str]:
@@ -192,12 +202,6 @@ def _lagrangian(derivation: Derivation) -> Iterator[Formula | str]:
         if derivation.lagrangian != statement.lagrangian:  # it was stated, a section above
             yield Formula((LAGRANGIAN, derivation.lagrangian))
         return
-    for letter, stated, merged in (
-        ("T", statement.kinetic, derivation.kinetic),
-        ("V", statement.potential, derivation.potential),
-    ):
-        if stated != merged:
-            yield Formula((ShownQuantity(letter), merged))
     difference = SignedTerms(((False, ShownQuantity("T")), (True, ShownQuantity("V"))))
     yield Formula((LAGRANGIAN, difference, derivation.lagrangian))
 
