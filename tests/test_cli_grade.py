@@ -36,7 +36,8 @@ def test_right_and_wrong_equations(tmp_path: Path, capsys: pytest.CaptureFixture
     [
         ("theta_ddot + c\n", "line 1, column 14: 'c' is not a symbol of this system."),
         ("# nothing\n", "there is no equation: write one a line"),
-        (b"\xff\xfe", "the file is not a text in UTF-8."),
+        (b"\xff\xfe", "the file is not a text in UTF-8. Save the answer as plain text."),
+        (b"PK\x03\x04\0\0theta", "the file is not a text in UTF-8. Save the answer as plain text."),
         ("x" * 1_000_001, "the file has more than 1000000 bytes, the most for equations."),
     ],
 )
@@ -61,25 +62,33 @@ def test_a_folder_of_answers_becomes_a_table(tmp_path: Path, capsys: pytest.Capt
     """One file that cannot be read spoils nothing, and hidden files and folders are no answers."""
     folder = tmp_path / "answers"
     (folder / "older").mkdir(parents=True)
-    texts = {"Ada": b"l theta'' = -g sin theta", "Ben": b"l theta'' = g sin theta", "Cam": b"\xff\xfe", ".x": b"y"}
-    for name, answer in texts.items():
-        (folder / f"{name}.txt").write_bytes(answer)
+    right, wrong = b"l theta'' = -g sin theta", b"l theta'' = g sin theta"
+    for name, answer in {
+        "Ada.txt": right,
+        "Ben.md": wrong,
+        "Ben.txt": wrong,
+        "Cam.txt": b"\xff\xfe",
+        ".x": b"y",
+    }.items():
+        (folder / name).write_bytes(answer)
     table = tmp_path / "grades.csv"
     assert main(["grade", "pendulum", str(folder), "--out", str(table)]) == 1
     shown = capsys.readouterr().out
-    assert [line.split()[:2] for line in shown.splitlines()[2:5]] == [
+    assert [line.split()[:2] for line in shown.splitlines()[2:6]] == [
         ["Ada", "right"],
-        ["Ben", "wrong"],
+        ["Ben.md", "wrong"],
+        ["Ben.txt", "wrong"],
         ["Cam", "cannot"],
     ]
-    assert "1 of 3 are right." in shown
+    assert "1 of 4 are right. Folders inside are left out" in shown
     with table.open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert rows[0] == {"student": "Ada", "verdict": "right", "finding": "", "reading": "l*theta_ddot = -g*sin(theta)"}
-    assert "has the wrong sign" in rows[1]["finding"] and rows[2]["finding"] == "the file is not a text in UTF-8."
+    assert "has the wrong sign" in rows[1]["finding"] and rows[3]["finding"].startswith("the file is not a text")
     assert main(["grade", "pendulum", str(folder), "--json"]) == 1
     assert [row["verdict"] for row in json.loads(capsys.readouterr().out)["answers"]] == [
         "right",
+        "wrong",
         "wrong",
         "cannot be read",
     ]

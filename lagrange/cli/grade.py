@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,15 +75,18 @@ def _grade_folder(system: System, folder: Path, out: str | None) -> Answer:
     files = list(_answers(folder))
     if not files:
         raise StatementError(f"{folder}: the folder has no files. Put one file with equations for each student in it.")
+    stems = Counter(path.stem for path in files)
     rows = []
     for done, path in enumerate(files, 1):
-        rows.append(_graded(system, path))
+        rows.append(_graded(system, path) | {"student": path.stem if stems[path.stem] == 1 else path.name})
         if sys.stderr is not None and sys.stderr.isatty():
             sys.stderr.write(f"\r{done} of {len(files)} answers" + "\n" * (done == len(files)))
     cells = [[str(row[column]) for column in COLUMNS] for row in rows]
     right = sum(row["verdict"] == "right" for row in rows)
     told = text_table(COLUMNS[:3], [line[:3] for line in cells])
     summary = f"{right} of {len(rows)} are right."
+    if any(path.is_dir() for path in folder.iterdir()):
+        summary += " Folders inside are left out: put one file for each student in the folder itself."
     if out is not None:
         write_atomically(out, lambda file: write_rows(file, COLUMNS, list(zip(*cells, strict=True))))
         summary += f" Written to {out}."
@@ -95,8 +99,8 @@ def _answers(folder: Path) -> Iterator[Path]:
 
 
 def _graded(system: System, path: Path) -> dict[str, Any]:
-    """Return the row of one file: an entry for each column, and the whole comparison for --json."""
-    found: dict[str, Any] = {"student": path.stem, "file": str(path), "right": False, "reading": ""}
+    """Return the row of one file: an entry for each column but the student, and the whole comparison for --json."""
+    found: dict[str, Any] = {"file": str(path), "right": False, "reading": ""}
     try:
         result = system.compare(_text(path))
     except StatementError as error:
@@ -121,8 +125,11 @@ def _text(path: Path) -> str:
             raise StatementError("there is no such file. Give a text file with equations, or a folder of such files.")
         if path.stat().st_size > LARGEST_FILE:
             raise StatementError(f"the file has more than {LARGEST_FILE} bytes, the most for equations.")
-        return path.read_text("utf-8-sig")
+        text = path.read_text("utf-8-sig")
     except OSError as error:
         raise StatementError(f"the file cannot be read ({error.strerror}).") from None
     except UnicodeDecodeError:
-        raise StatementError("the file is not a text in UTF-8.") from None
+        text = "\0"
+    if "\0" in text:  # as in documents of word processors
+        raise StatementError("the file is not a text in UTF-8. Save the answer as plain text.")
+    return text
