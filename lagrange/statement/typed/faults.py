@@ -10,11 +10,14 @@ from lagrange.statement.typed.tokens import Token
 
 
 class TypedFault(Exception):
-    """One fault of a typed text: a sentence without its final period, and its offset in the text."""
+    """One fault of a typed text: a sentence without its final period, and its offset in the text.
 
-    def __init__(self, reason: str, place: int) -> None:
+    `read` is the strict text of the equation before the fault, "" if it is not known.
+    """
+
+    def __init__(self, reason: str, place: int, read: str = "") -> None:
         super().__init__(reason)
-        self.reason, self.place = reason, place
+        self.reason, self.place, self.read = reason, place, read
 
 
 def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:

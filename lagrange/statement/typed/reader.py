@@ -48,6 +48,9 @@ MOST_TOLD = 20
 LONGEST_REFUSAL = 360
 """Most characters of the faults listed in a message; with the count of the others it stays below 400."""
 
+READ_SO_FAR = " Before the first fault it is read as {}."
+"""Sentence on the part of an equation before its first fault."""
+
 LONGEST_SYMBOLS = 120
 """Most characters of the list of symbols at the end of a message."""
 
@@ -192,6 +195,7 @@ class TypedReader:
         """Return the readings of one equation by its sides. Raises _Faults."""
         faults = [fault for side in sides for fault in faults_of(side, self.names)]
         if faults:
+            faults[0].read = self._read_before(sides, faults[0].place)
             raise _Faults(faults)
         choices = Choices()
         first = self._formulas(sides, choices)
@@ -208,6 +212,19 @@ class TypedReader:
             with suppress(_Faults):
                 readings.append(self._built(formula, begin))
         return tuple(readings)
+
+    def _read_before(self, sides: Sequence[Sequence[Token]], place: int) -> str:
+        """Return the strict text of the equation before an offset, without operators at its end."""
+        read: list[str] = []
+        for side in sides:
+            tokens = [token for token in side if token.end <= place]
+            while tokens and tokens[-1].is_sign(*"+-*/^"):
+                tokens.pop()
+            try:
+                read += [formula.shown for formula in self._formulas([tokens], Choices())] if tokens else []
+            except _Faults:
+                break
+        return " = ".join(read)
 
     def _abbreviation(self, text: str, clause: Clause) -> dict[str, Any]:
         """Return the symbol that a line such as r = sqrt(x^2 + y^2) introduces for other lines, {} for an equation."""
@@ -337,10 +354,12 @@ class TypedReader:
             shown = " ".join(text.split())[:60]
             return (
                 f"{what or 'the text'} {shown!r} has no symbol of this system. An answer is an equation such as "
-                f"{self._example()}."
+                f"{self.example()}."
             )
         sentences = [self._told(text, fault, what) for fault in faults[:MOST_TOLD]]
         end = f" The symbols are {self._symbols()}."
+        if faults[0].read and len(sentences[0] + faults[0].read + end) < LONGEST_REFUSAL - len(READ_SO_FAR):
+            end = READ_SO_FAR.format(faults[0].read) + end
         kept = next(
             k for k in range(len(sentences), 0, -1) if k == 1 or len(" ".join(sentences[:k]) + end) <= LONGEST_REFUSAL
         )
@@ -361,7 +380,7 @@ class TypedReader:
             piece.kind == "symbol" and piece.name != "t" for reading in self.names.readings(word) for piece in reading
         )
 
-    def _example(self) -> str:
+    def example(self) -> str:
         """Return an example of the form of an answer, without the solution."""
         first = self.names.bases[0] if self.names.bases else self.names.names[0]
         return f"{first}'' = ..., or {first}_ddot = ..., with {self._symbols()} on its sides"

@@ -200,6 +200,10 @@ def test_derivatives_of_expressions_are_taken_along_the_motion() -> None:
         ("m (x + l", ["column 3: '(' is never closed"]),
         ("x) + m", ["column 2: ')' closes nothing"]),
         ("m'' = x", ["'m' has no derivative of this order here"]),
+        (
+            "m x'' = m x - q",
+            ["column 15: 'q' is not", "Before the first fault it is read as m*x_ddot = m*x. The symbols"],
+        ),
         ("x''' = 0", ["'x' has no derivative of this order here"]),
         (r"x + \frac{d}{dt", ["'{' is never closed"]),
         (r"\foo x", [r"column 1: the LaTeX command \foo is not known here"]),
