@@ -205,9 +205,13 @@ def _without_sums(expression: Any) -> Any:
 
 
 def _times(number: Fraction, expression: Any) -> Any:
-    """Return a number times an expression, distributed over the terms of a sum."""
+    """Return a number times an expression, distributed over the terms of a sum.
+
+    Common factors of denominators are taken out: 3*R - 3*r becomes 3*(R - r).
+    """
     factor = sympy.Rational(number.numerator, number.denominator)
-    return sympy.Add(*(factor * term for term in sympy.Add.make_args(expression)))
+    quotients = map(sympy.fraction, sympy.Add.make_args(expression))
+    return sympy.Add(*(factor * above / sympy.factor_terms(below) for above, below in quotients))
 
 
 def ratio_of(above: Numbers | None, below: Numbers | None) -> Fraction | None:
