@@ -9,6 +9,7 @@ import pytest
 import sympy as sp
 
 import lagrange as lg
+from lagrange.mechanics.grading import wrong_term
 from lagrange.mechanics.grading.student_equations import read_equations
 from lagrange.show.derivation_page import NO_HEADING, PAGES
 from lagrange.show.notation.sections import sections
@@ -333,6 +334,14 @@ def test_a_line_at_the_indentation_of_an_equation_with_indented_lines_is_a_new_o
 def test_coordinates_in_brackets_before_several_equations_are_labels() -> None:
     assert orbit().compare("(r) (m + M) r'' = m r phi'^2\n  - M g\n(φ) r phi'' + 2 r' phi' = 0")
     assert not orbit().compare("(r) r phi'' + 2 r' phi' = 0\n(m + M) r'' = m r phi'^2 + M g")
+
+
+def test_nested_functions_are_not_differentiated_to_find_small_motions(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The second derivatives of 24 squares of sines in one another take SymPy seconds."""
+    statement = oscillator().statement
+    equations = read_equations("m x'' = " + "sin^2 " * 24 + "x", statement)
+    monkeypatch.setattr(sp, "diff", lambda *_: pytest.fail("a derivative was taken"))
+    assert wrong_term._small_angles(equations, statement) == ""
 
 
 def test_a_factor_of_a_high_power_is_not_factored() -> None:

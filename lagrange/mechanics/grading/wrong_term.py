@@ -91,6 +91,9 @@ def _all_hold(equations: Sequence[StudentEquation], statement: Statement, sample
 def _small_angles(equations: Sequence[StudentEquation], statement: Statement) -> str:
     """Return a sentence if the equations are those linearised about the zero of all coordinates, else ""."""
     moving = set(statement.plain.values())
+    bent = (part for equation in equations for part in equation.zero.atoms(sympy.Function, sympy.Pow))
+    if any(part.has(*moving) for part in bent):
+        return ""
     pairs = [(x, y) for x in moving for y in moving if x.name <= y.name]
     if any(sympy.diff(equation.zero, x, y) != 0 for equation in equations for x, y in pairs):
         return ""

@@ -351,9 +351,9 @@ class TypedReader:
     def _refusal(self, text: str, faults: Sequence[TypedFault], what: str) -> str:
         """Return the message: the faults with their places, as far as they fit, then the symbols of the system."""
         if not any(self._known(word) for word in WORD.findall(text)):
-            shown = " ".join(text.split())[:60]
+            shown = "".join(mark for mark in " ".join(text.split())[:60] if mark.isprintable())
             return (
-                f"{what or 'the text'} {shown!r} has no symbol of this system. An answer is an equation such as "
+                f"{what or 'the text'} '{shown}' has no symbol of this system. An answer is an equation such as "
                 f"{self.example()}."
             )
         sentences = [self._told(text, fault, what) for fault in faults[:MOST_TOLD]]
