@@ -399,31 +399,33 @@ def _combined(row: EquationRow, given: _Sorted, derivation: Derivation) -> Itera
     stated = _stated_rows(derivation)
     if not stated:
         return
-    factors = [
-        _weight([row[i] / row[first] for row in weights], _eliminating(derivation, first, i), given)
-        for i in range(len(stated))
-    ]
+    factors: list[Any] = []
+    for i in range(len(stated)):
+        factor = _weight([row[i] / row[first] for row in weights], derivation, (first, i), given)
+        if factor is None:
+            return
+        factors.append(factor)
     used = [i for i, factor in enumerate(factors) if factor != 0]
-    if len(used) < 2 or None in factors:
-        return
-    zero = sympy.Add(*(factors[i] * stated[i][1] for i in used))
-    yield from _candidates(given, [(f"{listing(stated[i][0] for i in used)} together", sympy.expand(zero))])
+    if len(used) > 1:
+        zero = sympy.expand(sympy.Add(*(factors[i] * stated[i][1] for i in used)))
+        yield from _candidates(given, [(f"{listing(stated[i][0] for i in used)} together", zero)])
 
 
-def _weight(values: Numbers, eliminating: Sequence[Any], given: _Sorted) -> Any:
-    """Return the weight of an equation in a sum by its values: a fraction, or one of the expressions; None else."""
+def _weight(values: Numbers, derivation: Derivation, pair: tuple[int, int], given: _Sorted) -> Any:
+    """Return the weight of the second equation of a pair in a sum where that of the first is 1, or None.
+
+    It has the values at the samples, and is a fraction, or eliminates an acceleration of one of the two by the other.
+    """
     constant = constant_of([value if abs(value) > SINGULAR else 0 * value for value in values])
     if constant is not None:
         return _rational(constant)
-    listed = ((weight, given.numbers(weight.xreplace(given.statement.plain))) for weight in eliminating)
-    return next((weight for weight, numbers in listed if numbers is not None and same(values, numbers)), None)
-
-
-def _eliminating(derivation: Derivation, first: int, other: int) -> list[Any]:
-    """Return weights of an equation beside a first one, at which one acceleration of the two vanishes from the sum."""
-    mass = derivation.mass_matrix
-    fractions = ((mass[first, other], mass[other, other]), (mass[first, first], mass[other, first]))
-    return [sympy.cancel(-above / below) for above, below in fractions if below != 0]
+    first, other = pair
+    mass = derivation.mass_matrix.xreplace(derivation.statement.plain)
+    for above, below in ((mass[first, other], mass[other, other]), (mass[first, first], mass[other, first])):
+        numbers = given.numbers(-above / below) if below != 0 else None
+        if numbers is not None and same(values, numbers):
+            return -above / below
+    return None
 
 
 def _stated_rows(derivation: Derivation) -> list[tuple[str, Any]]:
