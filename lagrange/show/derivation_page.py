@@ -56,6 +56,9 @@ NO_HEADING = Heading()
 LEFT_OUT = {"full": (), "short": ("Positions and velocities", "Coordinate", "Matrix form", "Energy", "Jacobi integral")}
 """Sections that are left out at each level of detail."""
 
+BESIDE = ("Positions and velocities", "Coordinate", "Matrix form")
+"""Sections whose short formulas are printed side by side in LaTeX."""
+
 
 def render(
     derivation: Derivation,
@@ -188,8 +191,10 @@ class LatexPage(Page):
             lines += ["", f"\\noindent\\textbf{{Problem.}} {latex_text(self.above.problem)}\\par"]
         for section in sections:
             lines += ["", f"\\section*{{{self.heading(section, latex_text, '${}$')}}}"]
-            lines += map(self.row, section.rows) if section.symbol is None else self.steps(section.rows)
-        return "\n".join([*lines, "", "\\end{document}"]) + "\n"
+            lines += self.steps(section.rows) if section.heading in BESIDE else map(self.row, section.rows)
+        # A formula at the begin of a paragraph has a blank line before it.
+        text = re.sub(r"\\par\n(?=\\(?:\[|begin))", "\n", "\n".join(lines))
+        return text + "\n\n\\end{document}\n"
 
     def steps(self, rows: Sequence[Formula | str]) -> Iterator[str]:
         """Yield the steps of a derivation, short ones side by side."""

@@ -369,7 +369,8 @@ class LineWriter:
         group: list[Formula] = []
         room = 0
         for row in rows:
-            wide = width(" = ".join(self.ruler.side(side) for side in row.sides)) + SHORT // 2
+            measured = " = ".join(self.ruler.side(side) for side in row.sides)
+            wide = max(map(width, measured.split("\n"))) + SHORT // 2
             if group and wide > room:
                 yield group
                 group = []
