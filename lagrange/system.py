@@ -17,12 +17,11 @@ from lagrange.show.notation.sections import ShownQuantity
 from lagrange.show.notebook.shown_derivation import ShownDerivation, written_derivation
 from lagrange.show.notebook.shown_lists import EquationList, ExpressionDict
 from lagrange.show.notebook.system_page import system_page
-from lagrange.statement.choice import ByName
 from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.coordinate import acceleration_of, name_of
 from lagrange.statement.declare import declare
 from lagrange.statement.given.function import require_values
-from lagrange.statement.number import flag
+from lagrange.statement.number import ByName, flag
 from lagrange.statement.progress import deriving
 from lagrange.statement.scene.library import load as library_scene
 from lagrange.statement.scene.scene_reader import read_scene, stored_statement
@@ -271,7 +270,7 @@ class System:
         Times are in the units of the statement. A scene supplies defaults of the options. Raises StatementError for
         invalid arguments. A run that ends early returns a Solution with a status and a message.
         """
-        from lagrange.trajectory.options import RunOptions
+        from lagrange.trajectory.integrator import RunOptions
         from lagrange.trajectory.run import run_stated
 
         options = RunOptions(method, rtol, atol, step, t_eval, events, max_steps, max_wall, max_memory, parameters)

@@ -23,6 +23,7 @@ STAGES = (
     "equations",
     "program",
     "procedure",
+    "algorithm",
     "machine",
     "trajectory",
     "evidence",

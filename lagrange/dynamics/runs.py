@@ -26,9 +26,8 @@ from lagrange.statement.number import real_array
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.integrate import integrate
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Trajectory
 
 Report = Callable[[float], None]

@@ -16,9 +16,8 @@ from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.number import flag, real_array, real_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate, span_or_end
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 DIGITS = 22

@@ -17,9 +17,8 @@ from lagrange.statement.expression import entries
 from lagrange.statement.number import flag, real_number, whole_number
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate
-from lagrange.trajectory.integrator import Integrator, Problem, run_by
+from lagrange.trajectory.integrator import Integrator, Problem, RunOptions, run_by
 from lagrange.trajectory.methods.registry import find, names
-from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 TOLERANCES = tuple(10.0**-k for k in range(3, 14))

@@ -8,6 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.kernel.kernels import kernel, prepare
+from lagrange.algorithm.kernel.prepared import Prepared
+from lagrange.algorithm.series.integrator import TaylorProcedures
+from lagrange.algorithm.step.integrate import adaptive_run, one_step
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.export.descriptions import WIDTH, statement_lines
 from lagrange.export.identifiers import ascii_name
@@ -18,14 +22,9 @@ from lagrange.export.target import QUANTITIES, SOLVED, Target, every_target
 from lagrange.graph import node
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import with_zero_inputs
-from lagrange.procedure.bind import bound
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Array, Kind, Procedure
-from lagrange.procedure.kernel.kernels import kernel, prepare
-from lagrange.procedure.kernel.prepared import Prepared
-from lagrange.procedure.prune import Pruner
-from lagrange.procedure.series.integrator import TaylorProcedures
-from lagrange.procedure.step.integrate import adaptive_run, one_step
+from lagrange.procedure.rewrite import Pruner, bound
 from lagrange.program.program import Program
 from lagrange.program.step import StepProgram
 from lagrange.show.units import energy_unit, length_unit, unit_of

@@ -10,11 +10,11 @@ from typing import Any
 from sympy import count_ops
 from sympy.printing.str import StrPrinter
 
+from lagrange.algorithm.outcome import Outcome
 from lagrange.export.identifiers import distinct
 from lagrange.export.lines import TOGETHER, commented, plain, wrapped
 from lagrange.export.module import ExportedIntegrator, ExportedRun, SourceModule
 from lagrange.procedure.form import Array, Procedure, Record, ReserveRecord, inner
-from lagrange.procedure.outcome import Outcome
 from lagrange.show.notation.formula import Typesetter
 from lagrange.show.notation.text import Notation
 from lagrange.show.units import unit_of

@@ -14,8 +14,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from lagrange.algorithm.linear.pivoted import PIVOT
 from lagrange.procedure.form import FLAG, REAL
-from lagrange.procedure.linear.pivoted import PIVOT
 from lagrange.procedure.spelling import ATOM, Literals, Operator
 
 ROWS = 3

@@ -7,13 +7,13 @@ from array import array
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 
+from lagrange.algorithm.outcome import Outcome
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.precise_run import NoValue, evaluate
 from lagrange.evidence.sample import SampleKind, Sampler
 from lagrange.export.module import Check, ExportedIntegrator, StepCheck
 from lagrange.machine.python_source import loaded
 from lagrange.procedure.form import Procedure
-from lagrange.procedure.outcome import Outcome
 from lagrange.program.program import Program
 from lagrange.statement.statement import Statement
 

@@ -12,6 +12,7 @@ import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
+from lagrange.algorithm.linear.pivoted import PIVOT
 from lagrange.export.descriptions import named_places, statement_comment
 from lagrange.export.identifiers import distinct
 from lagrange.export.lines import commented
@@ -20,7 +21,6 @@ from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, StraightLinePrinter
 from lagrange.machine.python_source import LITERALS as PYTHON_LITERALS
 from lagrange.machine.python_source import RAISING
-from lagrange.procedure.linear.pivoted import PIVOT
 from lagrange.procedure.spelling import Operator
 from lagrange.program.program import Program, ProgramBlock
 

@@ -8,11 +8,11 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.errors import RunError, StatementError
 from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.machine.step_events import EventSteps
-from lagrange.procedure.dense.block import StepPolynomial
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
@@ -213,7 +213,7 @@ class Machine(Protocol):
         """Name of the processor that code is compiled for, or an empty string without compilation."""
 
     def members(self, procedure: Procedure) -> MemberRuns | None:
-        """Compile a procedure over members of an ensemble; see `lagrange.procedure.members.queue`.
+        """Compile a procedure over members of an ensemble; see `lagrange.algorithm.members.queue`.
 
         Returns None if the machine does not run members in parallel lanes.
         """

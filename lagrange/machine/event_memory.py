@@ -11,11 +11,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
+from lagrange.algorithm.taylor.constants import MOST_SURFACES
+from lagrange.algorithm.taylor.watching import COUNT, NEAR, SETTINGS, SIDES, SIGN, STARTING, WATCH, scratch_sizes
 from lagrange.machine.backend import FloatArray, Kernel
 from lagrange.machine.state import MOST_LANES
-from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
-from lagrange.procedure.taylor.constants import MOST_SURFACES
-from lagrange.procedure.taylor.watching import COUNT, NEAR, SETTINGS, SIDES, SIGN, STARTING, WATCH, scratch_sizes
 from lagrange.program.series import SeriesProgram
 
 ROOM = 4096
@@ -23,7 +23,7 @@ ROOM = 4096
 
 
 class Reaction(NamedTuple):
-    """Settings of an event function or switching surface; see `lagrange.procedure.taylor.watching`.
+    """Settings of an event function or switching surface; see `lagrange.algorithm.taylor.watching`.
 
     `direction` is the sign of the crossings that count, 0 for both. The run ends after `terminal` events, never if 0.
     The new values of a reset begin at `first` among the results of all resets, and replace the `entries` of the state.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.errors import RunError
 from lagrange.machine.backend import DensePath, FloatArray, SingularMassMatrix
 from lagrange.machine.dense.llvm_dense import LlvmStepDense
@@ -14,7 +15,6 @@ from lagrange.machine.llvm.engine import processor
 from lagrange.machine.members.compiled import MembersCode
 from lagrange.machine.series.llvm_driver import LlvmSeries
 from lagrange.machine.steps.llvm_driver import LlvmDriver
-from lagrange.procedure.dense.block import StepPolynomial
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram

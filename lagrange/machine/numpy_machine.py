@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.machine.backend import DensePath, FloatArray, Kernel
 from lagrange.machine.dense.interpreted_dense import NumpyStepDense
 from lagrange.machine.kernel.interpreted import InterpretedKernel
@@ -14,7 +15,6 @@ from lagrange.machine.kernel.straight_lines import fits
 from lagrange.machine.printed_run import called
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.steps.interpreted_driver import NumpyDriver
-from lagrange.procedure.dense.block import StepPolynomial
 from lagrange.procedure.form import Procedure
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram

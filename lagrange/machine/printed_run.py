@@ -9,11 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.step.run import COUNTS, RUN
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.python_source import loaded
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.procedure.form import Procedure
-from lagrange.procedure.step.run import COUNTS, RUN
 
 EMPTY = memoryview(array("d"))
 """Placeholder for an array that is not used."""

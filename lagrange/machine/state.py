@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.procedure.blocks import whole_blocks
-from lagrange.procedure.outcome import Outcome
-from lagrange.procedure.step.run import COUNTS, RUN
-from lagrange.procedure.taylor.memory import OUTPUTS, TAYLOR
+from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.step.run import COUNTS, RUN
+from lagrange.algorithm.taylor.memory import OUTPUTS, TAYLOR
 
 __all__ = ["MOST_LANES", "OUTCOMES", "DriverState", "Outcome", "Outputs"]
 

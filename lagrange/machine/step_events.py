@@ -9,9 +9,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.events.event_run import EVENT_RUN, MOST_STEPS, SETTINGS
+from lagrange.algorithm.events.step_zeros import MOST_ZEROS, REVIEW
 from lagrange.machine.state import MOST_LANES, DriverState
-from lagrange.procedure.events.event_run import EVENT_RUN, MOST_STEPS, SETTINGS
-from lagrange.procedure.events.step_zeros import MOST_ZEROS, REVIEW
 
 FloatArray = NDArray[np.float64]
 WholeArray = NDArray[np.int64]

@@ -31,10 +31,10 @@ from lagrange.mechanics.symmetries import (
     top_rotations,
     untaken,
 )
-from lagrange.statement.choice import ByName
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
 from lagrange.statement.expression import expression
 from lagrange.statement.notebook_page import ShownAsPage
+from lagrange.statement.number import ByName
 from lagrange.statement.parameters import in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey

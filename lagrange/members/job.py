@@ -17,8 +17,7 @@ from lagrange.members.keep import Column, Keep
 from lagrange.members.lanes import lane_engine
 from lagrange.members.singly import Explained, RunEngine, flow_engine
 from lagrange.statement.number import whole_number
-from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.options import RunOptions
+from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.plan import Planned
 
 ENGINES_KEPT = 4

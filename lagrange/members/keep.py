@@ -10,17 +10,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from lagrange.algorithm.members.along import NEAR_END, RISE, SIGNS, lobatto
+from lagrange.algorithm.members.extremum import largest_between, memory_size
+from lagrange.algorithm.members.queue import COUNTED
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.machine.array_source import arrays_loaded
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
 from lagrange.members.reductions import REDUCTIONS
-from lagrange.procedure.members.along import NEAR_END, RISE, SIGNS, lobatto
-from lagrange.procedure.members.extremum import largest_between, memory_size
-from lagrange.procedure.members.queue import COUNTED
-from lagrange.statement.choice import one_of
 from lagrange.statement.expression import entries
-from lagrange.statement.number import whole_number
+from lagrange.statement.number import one_of, whole_number
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 END, COUNTS, DRIFT, EVENTS = "end", "counts", "drift", "events"
@@ -342,7 +341,7 @@ class _Extremum:
     def _brackets(self, steps: _Steps, values: FloatArray, f: FloatArray) -> Iterator[tuple[Any, Any, Any]]:
         """Yield brackets of maxima that may exceed `best`: steps (k,), fractions (3, k) and values there (3, k).
 
-        The bound is that of `lagrange.procedure.members.along.raised`.
+        The bound is that of `lagrange.algorithm.members.along.raised`.
         """
         x = np.broadcast_to(lobatto()[0], f.shape)
         a, b, c = f[:, :-2], f[:, 1:-1], f[:, 2:]

@@ -10,6 +10,26 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.dense.block import StepPolynomial
+from lagrange.algorithm.dense.hermite import hermite_polynomial
+from lagrange.algorithm.kernel.kernels import kernel, prepare
+from lagrange.algorithm.kernel.prepared import Prepared
+from lagrange.algorithm.members.along import Sampled, table_of_points
+from lagrange.algorithm.members.occurrences import Events
+from lagrange.algorithm.members.paths import DenseOutput
+from lagrange.algorithm.members.queue import COUNTED, Members, Numbers, Observed
+from lagrange.algorithm.members.step_review import StepEvents
+from lagrange.algorithm.members.steps import StepMembers
+from lagrange.algorithm.members.taylor import TaylorMembers
+from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.series.by_order import ByOrderJet
+from lagrange.algorithm.series.cost import single_operations
+from lagrange.algorithm.series.integrator import LANES as PACKED
+from lagrange.algorithm.series.integrator import TaylorProcedures
+from lagrange.algorithm.series.packing import pack
+from lagrange.algorithm.series.written_out import WrittenJet
+from lagrange.algorithm.step.constants import LEAST_FLOOR, RELATIVE_PERTURBATION, perturbation_factors
+from lagrange.algorithm.taylor.memory import SIZES
 from lagrange.equations.euler_lagrange import node_of
 from lagrange.graph.node import Node
 from lagrange.machine.backend import MemberRuns
@@ -19,29 +39,9 @@ from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
 from lagrange.members.keep import DRIFT, OUTPUTS, STATE, STATUS, TIME, Reduction, event_states, event_times
 from lagrange.members.singly import Energies, RunEngine
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.dense.block import StepPolynomial
-from lagrange.procedure.dense.hermite import hermite_polynomial
 from lagrange.procedure.form import FLAG, REAL, Procedure
 from lagrange.procedure.interpreter import run as interpret
-from lagrange.procedure.kernel.kernels import kernel, prepare
-from lagrange.procedure.kernel.prepared import Prepared
-from lagrange.procedure.members.along import Sampled, table_of_points
-from lagrange.procedure.members.occurrences import Events
-from lagrange.procedure.members.paths import DenseOutput
-from lagrange.procedure.members.queue import COUNTED, Members, Numbers, Observed
-from lagrange.procedure.members.step_review import StepEvents
-from lagrange.procedure.members.steps import StepMembers
-from lagrange.procedure.members.taylor import TaylorMembers
-from lagrange.procedure.outcome import Outcome
-from lagrange.procedure.prune import Pruner
-from lagrange.procedure.series.by_order import ByOrderJet
-from lagrange.procedure.series.cost import single_operations
-from lagrange.procedure.series.integrator import LANES as PACKED
-from lagrange.procedure.series.integrator import TaylorProcedures
-from lagrange.procedure.series.packing import pack
-from lagrange.procedure.series.written_out import WrittenJet
-from lagrange.procedure.step.constants import LEAST_FLOOR, RELATIVE_PERTURBATION, perturbation_factors
-from lagrange.procedure.taylor.memory import SIZES
+from lagrange.procedure.rewrite import Pruner
 from lagrange.program.actions import LAWS
 from lagrange.trajectory.endings import slope_ahead
 from lagrange.trajectory.events.actions import Impact

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.members.queue import COUNTED
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.machine.model import Model
 from lagrange.members.chunk import STATUSES, SUCCESS, Ends, Starts, Stopped
@@ -23,11 +24,10 @@ from lagrange.members.keep import (
     event_states,
     event_times,
 )
-from lagrange.procedure.members.queue import COUNTED
-from lagrange.trajectory.conservation import NOTABLE_CHANGE, SMALL_CHANGE
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate
-from lagrange.trajectory.options import RunOptions
+from lagrange.trajectory.integrator import RunOptions
+from lagrange.trajectory.measures.conservation import NOTABLE_CHANGE, SMALL_CHANGE
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 
@@ -55,7 +55,7 @@ class Energies:
     def moved(self) -> NDArray[np.bool_]:
         """A mask (m,) of members whose energy changed so much that a single run has to test its result.
 
-        The limits are those of the first tests in `lagrange.trajectory.conservation`.
+        The limits are those of the first tests in `lagrange.trajectory.measures.conservation`.
         """
         with np.errstate(all="ignore"):
             change = np.abs(self.last[:, 0] - self.first[:, 0])

@@ -10,7 +10,7 @@ from lagrange.members.chunk import MemberResults, Results
 from lagrange.members.job import ChunkResult, Job
 from lagrange.members.singly import BY_NUMPY
 from lagrange.members.table import MemberTable
-from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
+from lagrange.trajectory.pace import MEMORY_DIVISOR, machine_memory
 
 Report = Callable[[float], None] | None
 

@@ -47,8 +47,8 @@ from lagrange.procedure.form import (
     Vector,
     VectorLet,
     When,
+    result_kind,
 )
-from lagrange.procedure.operations import result_kind
 from lagrange.procedure.values import VALUES, Entries, Fields, Flag, Memory, Real, Value, Variable, Whole
 from lagrange.procedure.verify import verify
 

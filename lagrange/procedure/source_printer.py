@@ -45,9 +45,8 @@ from lagrange.procedure.form import (
     When,
     Write,
 )
-from lagrange.procedure.spelling import ATOM
-from lagrange.procedure.syntax import Syntax
-from lagrange.procedure.unpack import unpacked
+from lagrange.procedure.rewrite import unpacked
+from lagrange.procedure.spelling import ATOM, Syntax
 from lagrange.procedure.visit import Visitor, loop_depth, reads, uses_of, visits
 
 INDICES = ("i", "j", "k", "l", "i5", "i6", "i7", "i8")

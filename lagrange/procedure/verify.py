@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from lagrange.errors import LagrangeError
 from lagrange.procedure.form import (
     CONSTANT,
+    ENTRYWISE,
     FLAG,
     PARTIAL,
     REAL,
@@ -47,8 +48,8 @@ from lagrange.procedure.form import (
     VectorStore,
     When,
     Write,
+    result_kind,
 )
-from lagrange.procedure.operations import ENTRYWISE, result_kind
 from lagrange.procedure.visit import Visitor, visits
 
 IN_ITERATIONS = (Let, Load, Store, Part, Declare, Get, Set, Loop, Note)

@@ -82,7 +82,7 @@ class Elimination:
         return max((abs(self.ranks[i] - self.ranks[j]) for i, j in self.entries), default=0)
 
     def band_place(self, i: int, j: int) -> int:
-        """Return where an entry of that matrix stands; see `lagrange.procedure.linear.pivoted`."""
+        """Return where an entry of that matrix stands; see `lagrange.algorithm.linear.pivoted`."""
         first, second = sorted((self.ranks[i], self.ranks[j]))
         return first * self.band + second
 

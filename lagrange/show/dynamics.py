@@ -37,9 +37,9 @@ from lagrange.statement.contact import check_without_contacts
 from lagrange.statement.number import flag, real_number, whole_number
 from lagrange.statement.progress import counter, wanted_progress
 from lagrange.statement.statement import Statement
+from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.methods.tolerances import check_options
-from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.run import compiled
 from lagrange.trajectory.trajectory import Status
 

@@ -10,9 +10,9 @@ from typing import Any
 import sympy
 
 from lagrange.errors import StatementError, formula, listing, shown
-from lagrange.statement.choice import one_of
 from lagrange.statement.coordinate import check_name, multiplier, t, velocity_of
 from lagrange.statement.expression import expression
+from lagrange.statement.number import one_of
 from lagrange.statement.parameters import table_of
 from lagrange.statement.survey import Survey
 

@@ -14,7 +14,6 @@ from sympy.core.relational import Relational
 from sympy.logic.boolalg import BooleanAtom
 
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
-from lagrange.statement.choice import one_of, text
 from lagrange.statement.contact import declare_contacts
 from lagrange.statement.coordinate import (
     COORDINATES,
@@ -30,7 +29,7 @@ from lagrange.statement.energy import first_order_remedy, without_velocity
 from lagrange.statement.expression import TEXTS, entries, expression
 from lagrange.statement.given.function import check_given, coordinate_or_given
 from lagrange.statement.given.motion import motion_of
-from lagrange.statement.number import real_number
+from lagrange.statement.number import one_of, real_number, text
 from lagrange.statement.parameters import check_rate, default_values, label_of, parameter_symbols, table_of
 from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Constraint, Link, Statement

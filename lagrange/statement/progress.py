@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import Any
 
-from lagrange.statement.choice import one_of
-from lagrange.statement.number import flag
+from lagrange.statement.number import flag, one_of
 
 SILENT_SECONDS = 2.0
 """Seconds before a line says that something is being compiled or derived."""

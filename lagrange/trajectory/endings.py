@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from lagrange.algorithm.events.constants import TOGETHER
 from lagrange.equations.singular import Singular, dependent_rows, few, motion_along
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.model import Model
-from lagrange.procedure.events.constants import TOGETHER
 from lagrange.statement.given.motion import ranges
 from lagrange.trajectory.constraints.approach import Independence, regularity
 from lagrange.trajectory.constraints.discontinuities import Discontinuity

@@ -24,9 +24,8 @@ from lagrange.trajectory.constraints.dependence import check_independent
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
 from lagrange.trajectory.constraints.passage import STEPS_PER_LOOK, StatesPassed
 from lagrange.trajectory.contact.run import run_through_contacts
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Problem, RunOptions
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
 from lagrange.trajectory.parts import run_over_crossings
 from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.run_loop import MOST_STEPS_PER_CALL

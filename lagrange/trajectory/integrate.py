@@ -22,15 +22,14 @@ from lagrange.statement.given.function import check_span, require_values
 from lagrange.statement.number import real_array, real_number
 from lagrange.statement.preparation import PreparationTooLongError, preparation
 from lagrange.statement.run_settings import DEFAULT_METHOD
-from lagrange.trajectory.conservation import energy, verified
 from lagrange.trajectory.constraints.consistent import consistent_start, moved_sentence, violation
 from lagrange.trajectory.constraints.dependence import check_independent, refuse_dependent
 from lagrange.trajectory.contact.run import run_through_contacts
 from lagrange.trajectory.endings import table_left, with_resolution, with_touching_bodies
-from lagrange.trajectory.integrator import Integrator, Problem
-from lagrange.trajectory.memory_limit import memory_limit
+from lagrange.trajectory.integrator import DEFAULT_OPTIONS, Integrator, Problem, RunOptions
+from lagrange.trajectory.measures.conservation import energy, verified
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.options import DEFAULT_OPTIONS, RunOptions
+from lagrange.trajectory.pace import memory_limit
 from lagrange.trajectory.parts import run_in_segments, run_over_crossings
 from lagrange.trajectory.plan import locates_events
 from lagrange.trajectory.run_loop import not_begun

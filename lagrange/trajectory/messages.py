@@ -11,9 +11,8 @@ import numpy as np
 
 from lagrange.errors import listing
 from lagrange.graph.node import Kind, reachable
-from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.memory_limit import memory_limit
-from lagrange.trajectory.options import LEAST_ATOL, Tolerances
+from lagrange.trajectory.integrator import LEAST_ATOL, Problem, Tolerances
+from lagrange.trajectory.pace import memory_limit
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 _SENTENCES: dict[Status, str] = {

@@ -1,17 +1,21 @@
-"""The pace of a run: detect slow runs, and their causes, such as a body that sticks."""
+"""The pace of a run: limits of compilation time and memory, slow runs, and causes such as a sticking body."""
 
 from __future__ import annotations
 
 import math
+import os
+import time
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
+from lagrange.algorithm.step.constants import SMALL_FLOOR
 from lagrange.graph.differentiate import gradient
 from lagrange.graph.node import Node
 from lagrange.machine.state import DriverState
-from lagrange.procedure.step.constants import SMALL_FLOOR
 from lagrange.program.switching import switch
+from lagrange.statement.preparation import COMPILE_SECONDS
 from lagrange.trajectory.events.actions import rates
 from lagrange.trajectory.events.end_messages import EventResult, sliding
 from lagrange.trajectory.integrator import Problem
@@ -139,3 +143,39 @@ def _rk4(law: Slopes, t: float, y: FloatArray, h: float) -> FloatArray:
     b = law(t + h / 2, y + h / 2 * a)
     c = law(t + h / 2, y + h / 2 * b)
     return y + h / 6 * (a + 2 * b + 2 * c + law(t + h, y + h * c))
+
+
+MEMORY_DIVISOR = 4
+"""The default memory limit of a run is the memory of the machine divided by this.
+
+At the end the states are joined to one array, and derived quantities, such as the energy, need as much again.
+"""
+
+ASSUMED_MEMORY = 8 * 2**30
+"""Bytes of memory that are assumed if the machine does not report it."""
+
+
+def memory_limit(problem: Problem) -> float:
+    """Return the number of bytes that the run may keep."""
+    return machine_memory() / MEMORY_DIVISOR if problem.max_memory is None else problem.max_memory
+
+
+@cache
+def machine_memory() -> int:
+    """Return the memory of this machine in bytes."""
+    names = getattr(os, "sysconf_names", {})  # Windows has none
+    if not {"SC_PAGE_SIZE", "SC_PHYS_PAGES"} <= names.keys():
+        return ASSUMED_MEMORY
+    pages = os.sysconf("SC_PHYS_PAGES")
+    return pages * os.sysconf("SC_PAGE_SIZE") if pages > 0 else ASSUMED_MEMORY
+
+
+def compiled_late(problem: Problem) -> str:
+    """Return a sentence with the remedy if compilation has exceeded the time limit of the run, else ""."""
+    taken = time.perf_counter() - problem.began
+    if problem.max_wall is None or taken <= max(problem.max_wall, COMPILE_SECONDS):
+        return ""
+    return (
+        f"Compiling took {taken:.3g} s, more than max_wall = {problem.max_wall:.6g} s. What is compiled stays with the "
+        "model: run it again, raise max_wall, or take a method that compiles less, such as dop853."
+    )

@@ -10,11 +10,10 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.events.constants import CLOSEST
+from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.errors import StatementError, listing
-from lagrange.procedure.events.constants import CLOSEST
-from lagrange.procedure.step.constants import EARLIEST
 from lagrange.statement.event import Event
-from lagrange.trajectory.conservation import energy
 from lagrange.trajectory.constraints.approach import NEAR, Independence, regularity
 from lagrange.trajectory.constraints.consistent import consistent_start
 from lagrange.trajectory.constraints.discontinuities import may_be_discontinuous
@@ -22,6 +21,7 @@ from lagrange.trajectory.events.actions import ALIKE, impacts
 from lagrange.trajectory.events.end_messages import EventResult, accumulating, nowhere
 from lagrange.trajectory.events.event_log import MOST_REPEATS, ChangeCounter
 from lagrange.trajectory.integrator import Integrator, Problem, run_by
+from lagrange.trajectory.measures.conservation import energy
 from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.methods.explicit import RK4
 from lagrange.trajectory.paths.known import OutputPath

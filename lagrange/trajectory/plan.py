@@ -10,17 +10,16 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
+from lagrange.algorithm.step.constants import AFTER_BROKEN
 from lagrange.machine.backend import Driver, SingularMassMatrix
 from lagrange.machine.model import Model
 from lagrange.machine.state import NO_OUTPUTS, DriverState
-from lagrange.procedure.step.constants import AFTER_BROKEN
 from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
 from lagrange.trajectory.events.end_messages import EventResult
 from lagrange.trajectory.events.event_loop import WatchedEvents
 from lagrange.trajectory.events.step_watch import StepWatch
-from lagrange.trajectory.integrator import Claims, Integrator, Problem
-from lagrange.trajectory.options import Tolerances
+from lagrange.trajectory.integrator import Claims, Integrator, Problem, Tolerances
 from lagrange.trajectory.outputs import FollowedSteps
 from lagrange.trajectory.paths.step_paths import MotionsPath, StepPath
 from lagrange.trajectory.trajectory import FloatArray

@@ -19,10 +19,10 @@ from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.flow import Flow
 from lagrange.trajectory.integrate import integrate as trajectory_of
 from lagrange.trajectory.integrate import time_span
+from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.measures.stiffness import with_stiff_end
 from lagrange.trajectory.messages import interrupted
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.solution import Solution
 
 

@@ -25,7 +25,6 @@ from lagrange.trajectory.endings import (
 from lagrange.trajectory.events.end_messages import EventResult
 from lagrange.trajectory.events.event_log import EventLog
 from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.memory_limit import compiled_late, memory_limit
 from lagrange.trajectory.messages import (
     UNPROJECTED,
     coarse,
@@ -38,7 +37,7 @@ from lagrange.trajectory.messages import (
     without_tolerance,
 )
 from lagrange.trajectory.outputs import AcceptedStates
-from lagrange.trajectory.pace import Pace, limiting_entry
+from lagrange.trajectory.pace import Pace, compiled_late, limiting_entry, memory_limit
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.plan import PathFunction, Plan, Planned, Prepared, StepPlan, Watcher, prepared
 from lagrange.trajectory.sizes import raise_to_noise, survey

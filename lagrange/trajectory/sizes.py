@@ -9,13 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.equations.euler_lagrange import StateLayout
-from lagrange.machine.backend import SingularMassMatrix
-from lagrange.machine.calls import one_state
-from lagrange.machine.kernel.rounding_noise import UNIT, rounding_noise
-from lagrange.machine.model import Model
-from lagrange.machine.state import DriverState
-from lagrange.procedure.step.constants import (
+from lagrange.algorithm.step.constants import (
     DEFAULT_FIRST,
     LEAST_FLOOR,
     MOST_SURVEYS,
@@ -23,6 +17,12 @@ from lagrange.procedure.step.constants import (
     SMALL_FLOOR,
     perturbation_factors,
 )
+from lagrange.equations.euler_lagrange import StateLayout
+from lagrange.machine.backend import SingularMassMatrix
+from lagrange.machine.calls import one_state
+from lagrange.machine.kernel.rounding_noise import UNIT, rounding_noise
+from lagrange.machine.model import Model
+from lagrange.machine.state import DriverState
 from lagrange.trajectory.trajectory import FloatArray
 
 DISPLACEMENT, WIDER = 2.0**-26, 2.0**8

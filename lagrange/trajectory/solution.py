@@ -16,9 +16,8 @@ from numpy.typing import ArrayLike
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
-from lagrange.statement.choice import ByName
 from lagrange.statement.coordinate import multiplier, row_label
-from lagrange.statement.number import real_array
+from lagrange.statement.number import ByName, real_array
 from lagrange.trajectory.contact.history import ContactResult, ContactRun
 from lagrange.trajectory.measures.constraint_drift import ConstraintDrift, constraint_drift
 from lagrange.trajectory.measures.constraint_forces import ConstraintForces

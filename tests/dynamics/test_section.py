@@ -15,7 +15,7 @@ from lagrange.dynamics.runs import Runs
 from lagrange.dynamics.section import section
 from lagrange.errors import StatementError
 from lagrange.members import work
-from lagrange.trajectory.options import RunOptions
+from lagrange.trajectory.integrator import RunOptions
 from tests.dynamics.planar import (
     driven_linear,
     duffing,

@@ -9,13 +9,13 @@ from typing import Any
 
 import mpmath
 
+from lagrange.algorithm.kernel.kernels import kernel, prepare
+from lagrange.algorithm.kernel.prepared import Prepared
 from lagrange.export.module import ExportedQuantity, SourceModule, ValueNames
 from lagrange.export.straight_line import with_outputs
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, Procedure
 from lagrange.procedure.interpreter import OPERATIONS
-from lagrange.procedure.kernel.kernels import kernel, prepare
-from lagrange.procedure.kernel.prepared import Prepared
 from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
 from tests.operations import operations
 

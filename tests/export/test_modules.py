@@ -12,9 +12,9 @@ import pytest
 from sympy import cos, erf, sin
 
 import lagrange as lg
+from lagrange.algorithm.outcome import Outcome
 from lagrange.export.contents import MAIN_RTOL
 from lagrange.export.target import QUANTITIES, find
-from lagrange.procedure.outcome import Outcome
 from lagrange.program.program import Instruction, Program, ProgramBlock
 from tests.covering import Share
 from tests.export.callers import LANGUAGES, Call, called, main_command, missing, run, section, tried, write

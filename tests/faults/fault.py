@@ -18,9 +18,8 @@ import numpy as np
 from lagrange.errors import RunError, StatementError
 from lagrange.machine.model import Model
 from lagrange.trajectory.integrate import integrate
-from lagrange.trajectory.integrator import Claims
+from lagrange.trajectory.integrator import Claims, RunOptions
 from lagrange.trajectory.methods.registry import BUILT_IN, find
-from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
 
 ENDLESS = 300.0

@@ -17,8 +17,8 @@ from lagrange.machine.model import Model
 from lagrange.statement.coordinate import coordinates, t
 from lagrange.statement.declare import declare
 from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.taylor import Taylor
-from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Status
 from tests.covering import examples
 

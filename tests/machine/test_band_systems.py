@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lagrange.algorithm.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.procedures import module as printed
-from lagrange.procedure.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
 
 SHAPES = [(1, 0), (2, 1), (5, 0), (7, 2), (9, 8), (9, 9), (30, 4), (40, 13), (40, 14)]
 """Orders and bands; those of three bands are as wide as the matrix, or just not."""

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 import lagrange as lg
+from lagrange.algorithm.series.packing import pack
 from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import RunError
@@ -17,7 +18,6 @@ from lagrange.machine.llvm import procedures
 from lagrange.machine.model import Model
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet
-from lagrange.procedure.series.packing import pack
 from lagrange.program.taylor import series_program
 from lagrange.statement.statement import Statement
 from tests.models import m, stated

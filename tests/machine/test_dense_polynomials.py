@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from lagrange.algorithm.dense.block import StepPolynomial, block_size
+from lagrange.algorithm.dense.collocation import collocation_polynomial
+from lagrange.algorithm.dense.evaluate import polynomials
+from lagrange.algorithm.dense.hermite import hermite_polynomial
+from lagrange.algorithm.dense.runge_kutta import runge_kutta_polynomial
+from lagrange.algorithm.linear.columns import invert_columns
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.procedure.dense.block import StepPolynomial, block_size
-from lagrange.procedure.dense.collocation import collocation_polynomial
-from lagrange.procedure.dense.evaluate import polynomials
-from lagrange.procedure.dense.hermite import hermite_polynomial
-from lagrange.procedure.dense.runge_kutta import runge_kutta_polynomial
 from lagrange.procedure.interpreter import Span, run
-from lagrange.procedure.linear.columns import invert_columns
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.methods.radau import POINTS
 from lagrange.trajectory.tableaux.butcher import ButcherTableau

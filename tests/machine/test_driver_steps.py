@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from lagrange.algorithm.step.run import COUNTS, RUN
 from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement

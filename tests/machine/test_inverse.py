@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lagrange.algorithm.linear.inverse import padded, work_size
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.engine import inversion
-from lagrange.procedure.linear.inverse import padded, work_size
 from tests.machine.matrices import REGULAR, SINGULAR, Matrix, indefinite, positive, scaled
 
 SIZES = range(1, 41)

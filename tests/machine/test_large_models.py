@@ -11,6 +11,7 @@ import pytest
 import sympy as sp
 
 import lagrange as lg
+from lagrange.algorithm.series.packing import pack
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.graph import rebuild as rebuilding
 from lagrange.graph.node import Node
@@ -20,7 +21,6 @@ from lagrange.machine.llvm.procedures import INLINE_ANGLES
 from lagrange.machine.model import Model
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet
-from lagrange.procedure.series.packing import pack
 from lagrange.program.taylor import series_program
 
 

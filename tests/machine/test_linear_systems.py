@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lagrange.algorithm.kernel.prepared import width_of
 from lagrange.compiler import machine
 from lagrange.graph.node import Binding, Graph
 from lagrange.machine.backend import Kernel, SingularMassMatrix
 from lagrange.machine.kernel.llvm_module import KernelCode
-from lagrange.procedure.kernel.prepared import width_of
 from lagrange.program.elimination import WRITTEN_OUT
 from lagrange.program.lower import lower
 from tests.machine.matrices import REGULAR, SINGULAR, Matrix, hollow, indefinite, positive

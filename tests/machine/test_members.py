@@ -12,10 +12,10 @@ import pytest
 
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.members.module import members_module
-from lagrange.procedure.bind import bound
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
 from lagrange.procedure.interpreter import run
+from lagrange.procedure.rewrite import bound
 from lagrange.procedure.spread import COMMON, OWN, Spreads
 from tests.procedure import random_procedures
 from tests.procedure.random_procedures import KEPT, SIZE, RandomProcedure

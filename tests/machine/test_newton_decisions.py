@@ -13,11 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from lagrange.machine.llvm.engine import Module
-from lagrange.machine.llvm.procedures import module
-from lagrange.machine.python_source import loaded
-from lagrange.procedure.interpreter import run
-from lagrange.procedure.newton.constants import (
+from lagrange.algorithm.newton.constants import (
     DIVERGENCE_GROWTH,
     DIVERGENCE_RATE,
     FEW_CORRECTIONS,
@@ -34,9 +30,13 @@ from lagrange.procedure.newton.constants import (
     STAGNATION_RATE,
     TOLERANCE_FRACTION,
 )
-from lagrange.procedure.newton.convergence import assess_correction
-from lagrange.procedure.outcome import Outcome
-from lagrange.procedure.step.memory import NEWTON
+from lagrange.algorithm.newton.convergence import assess_correction
+from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.step.memory import NEWTON
+from lagrange.machine.llvm.engine import Module
+from lagrange.machine.llvm.procedures import module
+from lagrange.machine.python_source import loaded
+from lagrange.procedure.interpreter import run
 
 FRESH, FAR = 1, 100
 """Corrections since the matrix was made: a new one has been tried, and one that is old."""

@@ -19,11 +19,11 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from lagrange.algorithm.newton.constants import LEAST_ROUND_OFF, UNIT_ROUND_OFF
+from lagrange.algorithm.step.memory import Kept
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.procedure.newton.constants import LEAST_ROUND_OFF, UNIT_ROUND_OFF
-from lagrange.procedure.step.memory import Kept
 from lagrange.program.actions import LAWS
 from lagrange.program.step import Control
 from lagrange.statement.coordinate import coordinate, t

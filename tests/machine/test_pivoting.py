@@ -9,11 +9,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from lagrange.algorithm.linear.gauss_jordan import WRITTEN_OUT, inversion, row_stride
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.procedures import module as printed
-from lagrange.procedure.linear.gauss_jordan import WRITTEN_OUT, inversion, row_stride
 
 ORDERS = [1, 2, 3, 4, 5, 8, 12, WRITTEN_OUT, WRITTEN_OUT + 1, 30]
 

@@ -15,6 +15,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from lagrange.algorithm.step.controlled_steps import steps_of
+from lagrange.algorithm.step.memory import EFFORT, NEWTON, Layout, SolveLayout
+from lagrange.algorithm.step.run import COUNTS, RUN
 from lagrange.compiler import compile_model
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.backend import FloatArray
@@ -23,9 +26,6 @@ from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.machine.steps.llvm_driver import laid_out
 from lagrange.procedure.interpreter import Span, run
-from lagrange.procedure.step.controlled_steps import steps_of
-from lagrange.procedure.step.memory import EFFORT, NEWTON, Layout, SolveLayout
-from lagrange.procedure.step.run import COUNTS, RUN
 from lagrange.program.actions import LAWS
 from lagrange.statement.scene.library import load
 from lagrange.trajectory.integrator import Problem

@@ -8,9 +8,9 @@ from collections.abc import Iterator
 
 import pytest
 
+from lagrange.algorithm.linear import gauss_jordan, inverse, ldl
 from lagrange.machine.python_source import source
 from lagrange.procedure.form import Procedure
-from lagrange.procedure.linear import gauss_jordan, inverse, ldl
 from tests.procedure.random_procedures import RandomProcedure
 
 LINEAR: dict[str, Procedure] = {

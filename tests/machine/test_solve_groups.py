@@ -60,7 +60,7 @@ def both(program: Program, monkeypatch: pytest.MonkeyPatch, use: Callable[[LlvmK
     """Return what a kernel gives that solves together, and one that solves one by one."""
     together = use(LlvmKernel(program))
     with monkeypatch.context() as patch:
-        patch.setattr("lagrange.procedure.kernel.body.scheduled", one_by_one)
+        patch.setattr("lagrange.algorithm.kernel.body.scheduled", one_by_one)
         return together, use(LlvmKernel(program))
 
 

@@ -13,6 +13,7 @@ import sympy as sp
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from lagrange.algorithm.series.packing import Packing, pack
 from lagrange.compiler import machine
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.backend import SingularMassMatrix
@@ -20,7 +21,6 @@ from lagrange.machine.llvm.address import address
 from lagrange.machine.series import llvm_driver
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet, LlvmSeries
-from lagrange.procedure.series.packing import Packing, pack
 from lagrange.program.catalogue import program_of
 from lagrange.program.series import RULES, SeriesProgram, Stage
 from lagrange.program.taylor import series_program

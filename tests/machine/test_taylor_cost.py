@@ -7,10 +7,10 @@ from functools import cache
 
 import pytest
 
+from lagrange.algorithm.series.cost import MOST_OPERATIONS, is_large, operations
+from lagrange.algorithm.series.packing import Packing, pack
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.series.llvm_driver import CompiledJet
-from lagrange.procedure.series.cost import MOST_OPERATIONS, is_large, operations
-from lagrange.procedure.series.packing import Packing, pack
 from lagrange.program.taylor import series_program
 from tests.models import SYSTEMS
 from tests.series_systems import LARGER

@@ -18,16 +18,16 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from lagrange.algorithm.series.packing import pack
+from lagrange.algorithm.step.run import COUNTS, RUN
+from lagrange.algorithm.taylor.constants import PROBES
+from lagrange.algorithm.taylor.loop import taylor_steps
+from lagrange.algorithm.taylor.memory import HELD
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet, LlvmTaylorDriver
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.procedure.interpreter import Span, run
-from lagrange.procedure.series.packing import pack
-from lagrange.procedure.step.run import COUNTS, RUN
-from lagrange.procedure.taylor.constants import PROBES
-from lagrange.procedure.taylor.loop import taylor_steps
-from lagrange.procedure.taylor.memory import HELD
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement

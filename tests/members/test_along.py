@@ -11,10 +11,10 @@ import pytest
 import sympy
 
 import lagrange as lg
+from lagrange.algorithm.members.along import lobatto
+from lagrange.algorithm.members.extremum import largest_between, memory_size
 from lagrange.machine.array_source import arrays_loaded
 from lagrange.members import job
-from lagrange.procedure.members.along import lobatto
-from lagrange.procedure.members.extremum import largest_between, memory_size
 
 METHODS: dict[str, dict[str, Any]] = {
     "taylor": {"rtol": 1e-9},

@@ -13,8 +13,8 @@ import pytest
 
 import lagrange as lg
 from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.members.faulty import FAULTY, HEALTHY, Faulty
 from tests.members.faulty_constraints import FAULTY_CONSTRAINTS

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from lagrange.algorithm.outcome import Outcome
 from lagrange.errors import LagrangeError
 from lagrange.machine.python_source import loaded, source
 from lagrange.procedure.builder import Builder
@@ -26,7 +27,6 @@ from lagrange.procedure.form import (
     Store,
 )
 from lagrange.procedure.interpreter import fused, run
-from lagrange.procedure.outcome import Outcome
 from lagrange.procedure.verify import verify
 
 CLOCK = Record.of("Clock", t=REAL, steps=WHOLE)

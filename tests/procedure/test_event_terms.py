@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lagrange.algorithm.events.constants import MOST_COEFFICIENTS, MOST_ROOTS
+from lagrange.algorithm.events.polynomial import PADDED
+from lagrange.algorithm.events.roots import roots
+from lagrange.algorithm.taylor.event_series import event_terms, only_passage, only_zero
+from lagrange.algorithm.taylor.watching import TERM_SUMS
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
-from lagrange.procedure.events.constants import MOST_COEFFICIENTS, MOST_ROOTS
-from lagrange.procedure.events.polynomial import PADDED
-from lagrange.procedure.events.roots import roots
-from lagrange.procedure.taylor.event_terms import event_terms, only_passage, only_zero
-from lagrange.procedure.taylor.watching import TERM_SUMS
 
 MACHINES = [LlvmMachine(), NumpyMachine()]
 EPSILON = 2.0**-52

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lagrange.algorithm.taylor.event_series import doubtful_events
+from lagrange.algorithm.taylor.memory import BLOCK, TaylorLayout
 from lagrange.machine.llvm.called import compiled
 from lagrange.machine.printed_run import called
-from lagrange.procedure.taylor.exclusion import doubtful_events
-from lagrange.procedure.taylor.memory import BLOCK, TaylorLayout
 
 MACHINES: dict[str, Callable[..., Any]] = {"printed as Python": called, "in machine code": compiled}
 

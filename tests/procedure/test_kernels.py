@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 
 import lagrange as lg
+from lagrange.algorithm.kernel.kernels import kernel, prepare
+from lagrange.algorithm.kernel.prepared import WRITTEN_OUT, Prepared
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.interpreted import InterpretedKernel
 from lagrange.machine.model import Model
 from lagrange.machine.python_source import loaded
-from lagrange.procedure.kernel.kernels import kernel, prepare
-from lagrange.procedure.kernel.prepared import WRITTEN_OUT, Prepared
 from lagrange.program.program import Instruction, Program, ProgramBlock
 
 NAMES = ("rhs", "jacobian", "energy", "mass_matrix", "momenta")

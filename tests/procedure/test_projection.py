@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.projection import MOST_CORRECTIONS, RESOLVED, ROUND_OFF, project
 from lagrange.machine.printed_run import called
 from lagrange.procedure.interpreter import run
-from lagrange.procedure.outcome import Outcome
-from lagrange.procedure.projection import MOST_CORRECTIONS, RESOLVED, ROUND_OFF, project
 
 Found = tuple[list[float], float, float]
 """Corrections, the violation, and what is left of it."""

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lagrange.algorithm.events.constants import MOST_COEFFICIENTS, MOST_ROOTS, TOO_MANY, UNFIT
+from lagrange.algorithm.events.roots import roots
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
-from lagrange.procedure.events.constants import MOST_COEFFICIENTS, MOST_ROOTS, TOO_MANY, UNFIT
-from lagrange.procedure.events.roots import roots
 from lagrange.procedure.interpreter import OPERATIONS, run
 from tests.covering import Share
 

@@ -13,6 +13,15 @@ import sympy as sp
 from hypothesis import HealthCheck, given, settings
 
 import lagrange as lg
+from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.series.by_order import ByOrderJet
+from lagrange.algorithm.series.image import Image
+from lagrange.algorithm.series.integrator import TaylorProcedures
+from lagrange.algorithm.series.looped import LoopedJet
+from lagrange.algorithm.series.numbers import SeriesNumbers
+from lagrange.algorithm.series.packing import pack
+from lagrange.algorithm.series.written_out import WrittenJet
+from lagrange.algorithm.taylor.constants import SMALLEST_RTOL
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.export.contents import ExportContents, module_of
@@ -20,15 +29,6 @@ from lagrange.machine.python_source import loaded
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.interpreter import run
-from lagrange.procedure.outcome import Outcome
-from lagrange.procedure.series.by_order import ByOrderJet
-from lagrange.procedure.series.image import Image
-from lagrange.procedure.series.integrator import TaylorProcedures
-from lagrange.procedure.series.looped import LoopedJet
-from lagrange.procedure.series.numbers import SeriesNumbers
-from lagrange.procedure.series.packing import pack
-from lagrange.procedure.series.written_out import WrittenJet
-from lagrange.procedure.taylor.constants import SMALLEST_RTOL
 from lagrange.program.series import SeriesProgram
 from lagrange.program.taylor import series_program
 from lagrange.statement.statement import Statement

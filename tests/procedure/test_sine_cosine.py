@@ -13,7 +13,7 @@ from lagrange.machine.python_source import loaded, source
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, Procedure
 from lagrange.procedure.interpreter import run
-from lagrange.procedure.prune import Pruner
+from lagrange.procedure.rewrite import Pruner
 
 ANGLES = (0.0, -0.0, 0.7, -2.5, 1e5, 3e7, -1e300, math.inf, math.nan)
 """Beyond 2**20 the machine takes the C library's functions."""

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from sympy import Abs, log, sin
 
+from lagrange.algorithm.events.event_run import LOOK
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.called import CompiledProcedure, compiled
-from lagrange.procedure.events.event_run import LOOK
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Procedure, Record
 from lagrange.procedure.interpreter import Span
 from lagrange.procedure.interpreter import run as interpret

@@ -16,7 +16,9 @@ from lagrange.machine.llvm.procedures import module
 from lagrange.machine.python_source import loaded
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import (
+    ENTRYWISE,
     FLAG,
+    OPERATIONS,
     REAL,
     VECTOR_STATEMENTS,
     WHOLE,
@@ -28,8 +30,7 @@ from lagrange.procedure.form import (
     walk,
 )
 from lagrange.procedure.interpreter import run
-from lagrange.procedure.operations import ENTRYWISE, OPERATIONS
-from lagrange.procedure.unpack import unpacked
+from lagrange.procedure.rewrite import unpacked
 from lagrange.procedure.values import Entries
 from tests.procedure.test_conformance import bits
 

@@ -12,7 +12,7 @@ from lagrange.errors import LagrangeError
 from lagrange.machine.kernel.arithmetic import OPERATIONS
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.operations import LIBRARY, spell
-from lagrange.procedure.operations import OPERATIONS as KINDS
+from lagrange.procedure.form import OPERATIONS as KINDS
 from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
 
 I = Instruction

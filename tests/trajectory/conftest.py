@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import pytest
 
+from lagrange.algorithm.events.roots import roots
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
-from lagrange.procedure.events.roots import roots
 
 
 @pytest.fixture(params=[LlvmMachine(), NumpyMachine()], ids=["llvm", "numpy"])
 def isolation(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """What isolates roots where no machine is given."""
-    monkeypatch.setattr("lagrange.trajectory.events.roots.printed", lambda: request.param.called(roots()))
+    monkeypatch.setattr("lagrange.trajectory.events.zeros_on_step.printed", lambda: request.param.called(roots()))

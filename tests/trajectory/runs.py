@@ -10,13 +10,12 @@ import numpy as np
 
 from lagrange.machine.model import Model
 from lagrange.trajectory.integrate import integrate
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.integrator import Problem, RunOptions
 from lagrange.trajectory.methods.explicit import DOP853, RungeKutta
 from lagrange.trajectory.methods.implicit import ImplicitMethod
 from lagrange.trajectory.methods.registry import BUILT_IN, find
 from lagrange.trajectory.methods.splitting import Splitting
 from lagrange.trajectory.methods.taylor import Taylor
-from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.plan import Plan, Planned
 from lagrange.trajectory.trajectory import Trajectory
 

@@ -21,8 +21,8 @@ from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.integrate import integrate
+from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.options import RunOptions
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.covering import Share
 from tests.models import TARGETS, build, x

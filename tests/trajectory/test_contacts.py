@@ -1,6 +1,6 @@
 """Contacts that touch already, and events that come together: the same answer by every family of methods.
 
-The rule is that of `lagrange.trajectory.events.sides_behind`.
+The rule is that of `lagrange.trajectory.events.motion_start`.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import pytest
 
 import lagrange as lg
 from lagrange.trajectory.events.actions import impacts
-from lagrange.trajectory.events.roots import Side
-from lagrange.trajectory.events.sides_behind import sides_behind
+from lagrange.trajectory.events.motion_start import sides_behind
+from lagrange.trajectory.events.zeros_on_step import Side
 from tests.covering import Share
 from tests.trajectory.runs import OUTSIDE
 

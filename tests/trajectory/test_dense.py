@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 import sympy as sp
 
+from lagrange.algorithm.dense.hermite import hermite_polynomial
 from lagrange.machine.model import Model
-from lagrange.procedure.dense.hermite import hermite_polynomial
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.explicit import RungeKutta

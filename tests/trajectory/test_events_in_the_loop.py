@@ -12,18 +12,17 @@ import numpy as np
 import pytest
 from sympy import Abs, Max, Piecewise, Rational, atan2, cos, exp, sign, sin, sqrt, tanh
 
+from lagrange.algorithm.taylor.constants import PROBES
 from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.state import DriverState
-from lagrange.procedure.taylor.constants import PROBES
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.events.end_messages import EventResult
 from lagrange.trajectory.events.event_log import Occurrences
-from lagrange.trajectory.events.planned_step import PlannedStep
 from lagrange.trajectory.events.series_watch import Watch
-from lagrange.trajectory.events.shared_watch import SharedWatch
+from lagrange.trajectory.events.shared_watch import PlannedStep, SharedWatch
 from lagrange.trajectory.trajectory import Status, Trajectory
 from tests.models import LLVM_FIRST, TARGETS, build, x, y
 from tests.trajectory.runs import run

@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lagrange.algorithm.step.constants import LEAST_FLOOR
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.index2 import STAGES, radau5_index2
 from lagrange.trajectory.methods.registry import find

@@ -13,7 +13,7 @@ import sympy as sp
 import lagrange as lg
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrate import integrate
-from lagrange.trajectory.options import RunOptions
+from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, VALUES, build, k, m, model, x, y
 from tests.trajectory.runs import NAMES, run

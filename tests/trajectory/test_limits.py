@@ -20,7 +20,7 @@ import lagrange as lg
 from lagrange.compiler import model_of
 from lagrange.machine.model import Model
 from lagrange.statement import progress
-from lagrange.trajectory import memory_limit
+from lagrange.trajectory import pace
 from lagrange.trajectory.methods.registry import find, names
 from lagrange.trajectory.plan import Planned
 from tests.systems import unit_pendulum
@@ -86,16 +86,16 @@ def test_output_times_of_a_run_that_ends_for_want_of_memory(model: Model) -> Non
 
 
 def test_the_bound_is_a_quarter_of_the_machine_unless_given(model: Model, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert memory_limit.machine_memory() > 2**28
-    monkeypatch.setattr(memory_limit, "machine_memory", lambda: 40_000)
+    assert pace.machine_memory() > 2**28
+    monkeypatch.setattr(pace, "machine_memory", lambda: 40_000)
     found = lg.integrate(model, (0.0, 1e5), method="rk4", step=0.01)
     assert found.status is lg.Status.MAX_MEMORY and "max_memory = 10000 bytes" in found.message
     monkeypatch.undo()
-    told = memory_limit.machine_memory.__wrapped__
+    told = pace.machine_memory.__wrapped__
     monkeypatch.setattr(os, "sysconf", lambda name: -1)
-    assert told() == memory_limit.ASSUMED_MEMORY
+    assert told() == pace.ASSUMED_MEMORY
     monkeypatch.setattr(os, "sysconf_names", {})
-    assert told() == memory_limit.ASSUMED_MEMORY
+    assert told() == pace.ASSUMED_MEMORY
 
 
 @pytest.mark.parametrize(("given", "message"), [(0, "max_memory = 0: give a positive number of bytes"), ("1", "'1'")])
@@ -107,7 +107,7 @@ def test_a_bound_that_is_none(given: Any, message: str, model: Model) -> None:
 @pytest.mark.parametrize("method", ["taylor", "dop853", "scipy-dop853"])
 def test_compiling_counts(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """`max_wall` used to begin with the first step, however long it took to get there."""
-    monkeypatch.setattr(memory_limit, "COMPILE_SECONDS", 0.0)
+    monkeypatch.setattr(pace, "COMPILE_SECONDS", 0.0)
     system = unit_pendulum()
     system.compile()
     found = system.run(1.0, method=method, max_wall=1e-9)

@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 
 from lagrange.equations.euler_lagrange import StateLayout
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.integrator import Problem, Tolerances
 from lagrange.trajectory.messages import coarse, message, unsolved
-from lagrange.trajectory.options import Tolerances
 from lagrange.trajectory.trajectory import Status
 
 NAMES = ("r", "phi")

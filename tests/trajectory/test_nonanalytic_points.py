@@ -12,7 +12,7 @@ from sympy import Abs, Piecewise, Rational, log, sign, sqrt
 
 import lagrange as lg
 from lagrange.machine.state import DriverState
-from lagrange.trajectory.events.nonanalytic_points import Continuations
+from lagrange.trajectory.events.surfaces import Continuations
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.methods.registry import find
 

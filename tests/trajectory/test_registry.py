@@ -10,9 +10,9 @@ from typing import Any
 
 import pytest
 
+from lagrange.algorithm.series.cost import HIGHEST_ORDER
+from lagrange.algorithm.taylor.constants import LOWEST_ORDER
 from lagrange.errors import StatementError
-from lagrange.procedure.series.order import HIGHEST_ORDER
-from lagrange.procedure.taylor.constants import LOWEST_ORDER
 from lagrange.show import methods
 from lagrange.statement.coordinate import t
 from lagrange.statement.run_settings import DEFAULT_METHOD

@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from lagrange.trajectory.events.roots import Root, Side, may_vanish, roots
+from lagrange.trajectory.events.zeros_on_step import Root, Side, may_vanish, roots
 from lagrange.trajectory.trajectory import FloatArray
 from tests.covering import Share
 

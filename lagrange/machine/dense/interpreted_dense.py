@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
+from lagrange.algorithm.dense.block import LANES, StepPolynomial, block_size
+from lagrange.algorithm.dense.series import series_polynomial
 from lagrange.machine.array_source import arrays_loaded
 from lagrange.machine.backend import BlockPolynomial, FloatArray, Kernel, Places, SingularMassMatrix
 from lagrange.machine.python_source import loaded
-from lagrange.procedure.dense.block import LANES, StepPolynomial, block_size
-from lagrange.procedure.dense.series import series_polynomial
 from lagrange.procedure.form import Procedure
 
 MOST_STEPS, MOST_TIMES = 1024, 16384

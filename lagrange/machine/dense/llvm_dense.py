@@ -15,6 +15,11 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.dense.block import LANES, POLYNOMIAL, StepPolynomial, block_size
+from lagrange.algorithm.dense.evaluate import outputs, polynomials
+from lagrange.algorithm.dense.series import series_polynomial
+from lagrange.algorithm.linear.columns import invert_columns
+from lagrange.algorithm.taylor.memory import TaylorLayout
 from lagrange.machine.backend import BlockPolynomial, FloatArray, Places, SingularMassMatrix
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm.address import address, workspace
@@ -23,12 +28,7 @@ from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.operations import argument_type, declarations
 from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, function, module
-from lagrange.procedure.dense.block import LANES, POLYNOMIAL, StepPolynomial, block_size
-from lagrange.procedure.dense.evaluate import outputs, polynomials
-from lagrange.procedure.dense.series import series_polynomial
 from lagrange.procedure.form import Procedure
-from lagrange.procedure.linear.columns import invert_columns
-from lagrange.procedure.taylor.memory import TaylorLayout
 
 
 @lru_cache(maxsize=64)

@@ -8,16 +8,16 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from lagrange.algorithm.dense.block import LANES, block_size
+from lagrange.algorithm.events.event_steps import event_steps
+from lagrange.algorithm.events.step_samples import work_size
+from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.machine.backend import DensePath, FloatArray
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.llvm.address import workspace
 from lagrange.machine.llvm.called import compiled
 from lagrange.machine.state import DriverState
 from lagrange.machine.step_events import StepEventMemory, StepFunction
-from lagrange.procedure.dense.block import LANES, block_size
-from lagrange.procedure.events.event_steps import event_steps
-from lagrange.procedure.events.step_samples import work_size
-from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.program.program import Program
 
 STANDING = (

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.linear.pivoted import PIVOT
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.kernel.arithmetic import FLOATS
-from lagrange.procedure.linear.pivoted import PIVOT
 from lagrange.program.program import Program
 
 

@@ -11,14 +11,14 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.linear.ldl import solve_columns
 from lagrange.machine.backend import FloatArray, QuickCalls, SingularMassMatrix
 from lagrange.machine.copies import Shared, UnpickledKernel
 from lagrange.machine.kernel.llvm_arrays import quick_calls
 from lagrange.machine.kernel.llvm_module import KernelCode, in_registers, solves
 from lagrange.machine.llvm.address import address
 from lagrange.machine.llvm.engine import Module, lanes, linear_solver, solver_of_columns
-from lagrange.procedure.blocks import whole_blocks
-from lagrange.procedure.linear.ldl import solve_columns
 from lagrange.program.program import Program
 
 SHORT_PROGRAM = 4096

@@ -20,15 +20,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+from lagrange.algorithm.kernel.body import Style
+from lagrange.algorithm.kernel.kernels import kernel, kernel_by_value, kernel_through_values, prepare
+from lagrange.algorithm.kernel.prepared import Prepared
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.procedures import declaration, function, joined
 from lagrange.machine.members.operations import declarations
 from lagrange.machine.members.printer import MemberProgram
 from lagrange.machine.members.spliced import Spliced
 from lagrange.procedure.form import Procedure
-from lagrange.procedure.kernel.body import Style
-from lagrange.procedure.kernel.kernels import kernel, kernel_by_value, kernel_through_values, prepare
-from lagrange.procedure.kernel.prepared import Prepared
 from lagrange.program.elimination import WRITTEN_OUT
 from lagrange.program.program import SYSTEMS, Program
 

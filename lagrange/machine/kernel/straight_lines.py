@@ -14,9 +14,13 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.kernel.body import Style
+from lagrange.algorithm.kernel.kernels import kernel_by_value, prepare
+from lagrange.algorithm.kernel.prepared import Prepared
 from lagrange.machine.kernel.arithmetic import OPERATIONS
 from lagrange.machine.python_source import RAISING, Printer
 from lagrange.procedure.form import (
+    ANGLES,
     CONSTANT,
     FLAG,
     REAL,
@@ -32,10 +36,6 @@ from lagrange.procedure.form import (
     Store,
     Write,
 )
-from lagrange.procedure.kernel.body import Style
-from lagrange.procedure.kernel.kernels import kernel_by_value, prepare
-from lagrange.procedure.kernel.prepared import Prepared
-from lagrange.procedure.operations import ANGLES
 from lagrange.procedure.spelling import ATOM
 from lagrange.procedure.visit import FIELDS, operands, visits
 from lagrange.program.program import Program

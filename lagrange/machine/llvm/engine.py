@@ -13,14 +13,14 @@ from weakref import WeakValueDictionary
 
 import llvmlite.binding as llvm
 
+from lagrange.algorithm.linear.inverse import invert
+from lagrange.algorithm.linear.ldl import factor_dense, invert_dense, solve_columns, solve_factored
+from lagrange.algorithm.linear.pivoted import factor_pivoted, solve_pivoted
 from lagrange.machine.copies import Shared
 from lagrange.machine.llvm.object_code import ObjectCode
 from lagrange.machine.llvm.operations import LIBRARY
 from lagrange.machine.llvm.procedures import module
 from lagrange.procedure.form import Procedure
-from lagrange.procedure.linear.inverse import invert
-from lagrange.procedure.linear.ldl import factor_dense, invert_dense, solve_columns, solve_factored
-from lagrange.procedure.linear.pivoted import factor_pivoted, solve_pivoted
 from lagrange.program.program import ARITY
 from lagrange.statement.preparation import check_time
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from lagrange.machine.llvm.emitter import Emitter, literal, suffix
-from lagrange.procedure.form import FLAG, REAL, WHOLE, WIDTHS, Kind, Let, Type
-from lagrange.procedure.operations import OPERATIONS
+from lagrange.procedure.form import FLAG, OPERATIONS, REAL, WHOLE, WIDTHS, Kind, Let, Type
 from lagrange.statement.vocabulary.elementary import ELEMENTARY
 
 KINDS = {REAL: "double", WHOLE: "i64", FLAG: "i1"}

@@ -37,6 +37,7 @@ from lagrange.machine.llvm.sine_cosine import (
 )
 from lagrange.machine.llvm.vectors import Vectors, printed, store
 from lagrange.procedure.form import (
+    ANGLES,
     CONSTANT,
     FLAG,
     PARTIAL,
@@ -81,7 +82,6 @@ from lagrange.procedure.form import (
     assigned,
     walk,
 )
-from lagrange.procedure.operations import ANGLES
 from lagrange.procedure.visit import Visitor, visits
 
 INLINE_ANGLES = 8

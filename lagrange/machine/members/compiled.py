@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.members.queue import LANE
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.engine import lanes as widest
 from lagrange.machine.members.module import members_module
 from lagrange.procedure.form import REAL, WHOLE, Kind, Procedure
-from lagrange.procedure.members.queue import LANE
-from lagrange.procedure.prune import Pruner
+from lagrange.procedure.rewrite import Pruner
 from lagrange.procedure.spread import COMMON, OWN
 
 _SCALARS: Mapping[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64}
 
 
 class MembersCode:
-    """A procedure over members, see `lagrange.procedure.members.queue`, compiled for all lanes of a vector."""
+    """A procedure over members, see `lagrange.algorithm.members.queue`, compiled for all lanes of a vector."""
 
     def __init__(self, procedure: Procedure) -> None:
         self.lanes = widest()

@@ -9,8 +9,7 @@ from lagrange.machine.llvm.engine import lanes as widest
 from lagrange.machine.llvm.engine import vector_routines
 from lagrange.machine.llvm.operations import LIBRARY, spell, splat, type_of
 from lagrange.machine.llvm.sine_cosine import call_sine_and_cosine
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Kind
-from lagrange.procedure.operations import ANGLES
+from lagrange.procedure.form import ANGLES, FLAG, REAL, WHOLE, Kind
 
 
 def computed(e: Emitter, op: str, kinds: Sequence[Kind], args: Sequence[str], lanes: int) -> str:

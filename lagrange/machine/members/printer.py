@@ -15,6 +15,7 @@ from lagrange.machine.members.control import ALIVE, Control
 from lagrange.machine.members.memory import Held, MemberMemory
 from lagrange.machine.members.operations import computed
 from lagrange.procedure.form import (
+    ANGLES,
     CONSTANT,
     FLAG,
     REAL,
@@ -46,7 +47,6 @@ from lagrange.procedure.form import (
     When,
     Write,
 )
-from lagrange.procedure.operations import ANGLES
 from lagrange.procedure.spread import Share, Signature, Spreads, signature_of
 from lagrange.procedure.visit import Visitor, visits
 

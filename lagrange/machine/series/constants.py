@@ -6,10 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from lagrange.algorithm.linear.pivoted import PIVOT
 from lagrange.equations.solve_plan import SolvePlan
 from lagrange.machine.backend import FloatArray, SingularMassMatrix
 from lagrange.machine.kernel.arithmetic import FLOATS
-from lagrange.procedure.linear.pivoted import PIVOT
 from lagrange.program.series import SeriesProgram
 
 

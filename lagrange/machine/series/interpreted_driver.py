@@ -9,6 +9,9 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.series.cost import Cost, best_order
+from lagrange.algorithm.taylor.loop import taylor_steps
+from lagrange.algorithm.taylor.memory import HELD, TaylorLayout
 from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
 from lagrange.machine.copies import Shared
 from lagrange.machine.dense.interpreted_dense import NumpyDense, write_series
@@ -20,9 +23,6 @@ from lagrange.machine.printed_run import EMPTY, Recorded, Records, advance
 from lagrange.machine.python_source import loaded
 from lagrange.machine.series.interpreted_jet import Jet
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.procedure.series.order import Cost, best_order
-from lagrange.procedure.taylor.loop import taylor_steps
-from lagrange.procedure.taylor.memory import HELD, TaylorLayout
 from lagrange.program.series import SeriesProgram
 
 

@@ -15,6 +15,15 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.linear.inverse import invert
+from lagrange.algorithm.series.by_order import ByOrderJet, Row, by_order_scratch
+from lagrange.algorithm.series.cost import cheapest_order, is_large
+from lagrange.algorithm.series.jet import NAME as JET_NAME
+from lagrange.algorithm.series.numbers import SeriesNumbers
+from lagrange.algorithm.series.packing import Packing, pack
+from lagrange.algorithm.series.written_out import WrittenJet
+from lagrange.algorithm.taylor.memory import HELD, TaylorLayout
 from lagrange.errors import RunError
 from lagrange.machine.backend import BlockPolynomial, FloatArray, SingularMassMatrix
 from lagrange.machine.copies import Shared
@@ -30,16 +39,7 @@ from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.machine.series.constants import constants
 from lagrange.machine.series.llvm_steps import compiled_steps
 from lagrange.machine.state import MOST_LANES, OUTCOMES, DriverState, Outcome
-from lagrange.procedure.blocks import whole_blocks
 from lagrange.procedure.form import Procedure
-from lagrange.procedure.linear.inverse import invert
-from lagrange.procedure.series.by_order import ByOrderJet, Row, by_order_scratch
-from lagrange.procedure.series.cost import cheapest_order, is_large
-from lagrange.procedure.series.jet import NAME as JET_NAME
-from lagrange.procedure.series.numbers import SeriesNumbers
-from lagrange.procedure.series.packing import Packing, pack
-from lagrange.procedure.series.written_out import WrittenJet
-from lagrange.procedure.taylor.memory import HELD, TaylorLayout
 from lagrange.program.program import Program
 from lagrange.program.series import SeriesProgram
 

@@ -13,17 +13,16 @@ from typing import Any
 
 import llvmlite.binding as llvm
 
+from lagrange.algorithm.taylor.events_on_step import inspect_step
+from lagrange.algorithm.taylor.loop import taylor_steps
+from lagrange.algorithm.taylor.memory import TaylorLayout
+from lagrange.algorithm.taylor.resets import begin_sides, cross_surface, reset_state
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.engine import Module
 from lagrange.machine.llvm.operations import argument_type, declarations, result_type
 from lagrange.machine.llvm.procedures import ATTRIBUTES, METADATA, declaration, function
 from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.procedure.form import Procedure, calls
-from lagrange.procedure.taylor.crossing import cross_surface
-from lagrange.procedure.taylor.events_on_step import inspect_step
-from lagrange.procedure.taylor.loop import taylor_steps
-from lagrange.procedure.taylor.memory import TaylorLayout
-from lagrange.procedure.taylor.resets import begin_sides, reset_state
 
 _RUN = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
 _BUILDING = threading.RLock()

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.step.controlled_steps import steps_of
+from lagrange.algorithm.step.memory import EFFORT, NEWTON, Kept, Layout, kept
 from lagrange.machine.backend import FloatArray, Kernel, SingularMassMatrix
 from lagrange.machine.printed_run import EMPTY, Recorded, Records, advance
 from lagrange.machine.python_source import loaded
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.procedure.step.controlled_steps import steps_of
-from lagrange.procedure.step.memory import EFFORT, NEWTON, Kept, Layout, kept
 from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
 

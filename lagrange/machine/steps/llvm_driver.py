@@ -19,6 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.step.controlled_steps import steps_of
+from lagrange.algorithm.step.memory import NEWTON, Kept, Layout, kept
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.kernel.llvm_module import BLOCK, fit
@@ -30,8 +32,6 @@ from lagrange.machine.llvm.tiers import TieredModule
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.machine.step_events import StepFunction
 from lagrange.procedure.form import Procedure, calls
-from lagrange.procedure.step.controlled_steps import steps_of
-from lagrange.procedure.step.memory import NEWTON, Kept, Layout, kept
 from lagrange.program.actions import LAWS
 from lagrange.program.step import StepProgram
 

@@ -12,7 +12,7 @@ from math import floor, isfinite, log10
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from lagrange.errors import StatementError
-from lagrange.statement.choice import one_of
+from lagrange.statement.number import one_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

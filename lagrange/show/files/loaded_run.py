@@ -12,11 +12,11 @@ import numpy as np
 from lagrange.errors import StatementError, listing, shown
 from lagrange.machine.model import Model
 from lagrange.show.files.archive import UNREADABLE, arrays_of
-from lagrange.statement.choice import printable
+from lagrange.statement.number import printable
 from lagrange.statement.scene.scene_reader import stored_statement
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.contact.history import stored_history
-from lagrange.trajectory.memory_limit import MEMORY_DIVISOR, machine_memory
+from lagrange.trajectory.pace import MEMORY_DIVISOR, machine_memory
 from lagrange.trajectory.paths.known import OutputPath
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import FloatArray, ParameterHistory, Status, Trajectory

@@ -22,8 +22,8 @@ from lagrange.show.notebook.page_writer import (
     operations,
 )
 from lagrange.show.terminal import DETAILS, terminal_style
-from lagrange.statement.choice import one_of, text
 from lagrange.statement.coordinate import name_of
+from lagrange.statement.number import one_of, text
 from lagrange.statement.progress import deriving
 from lagrange.statement.statement import Statement
 

@@ -16,7 +16,6 @@ from sympy.core.assumptions import _assume_defined
 from sympy.core.facts import InconsistentAssumptions
 
 from lagrange.errors import SceneError, StatementError, listing, shown, suggestion
-from lagrange.statement.choice import printable
 from lagrange.statement.contact import Contact, contact, impact_speed
 from lagrange.statement.coordinate import (
     acceleration_of,
@@ -32,7 +31,7 @@ from lagrange.statement.energy import first_order_remedy, without_velocity
 from lagrange.statement.event import Event, declare_events, event
 from lagrange.statement.given.function import given
 from lagrange.statement.given.motion import table
-from lagrange.statement.number import real_number
+from lagrange.statement.number import printable, real_number
 from lagrange.statement.parameters import rate_name
 from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.scene.expressions import Expressions, read_number

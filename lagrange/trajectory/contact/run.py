@@ -9,9 +9,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from lagrange.algorithm.events.constants import CLOSEST
+from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.errors import StatementError, counted, listing
-from lagrange.procedure.events.constants import CLOSEST
-from lagrange.procedure.step.constants import EARLIEST
 from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces, WrittenImpacts, flights
 from lagrange.trajectory.contact.complementarity import OPEN, SLIDING
 from lagrange.trajectory.contact.history import ContactHistory

@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.events.constants import CLOSEST
+from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.machine.state import DriverState
-from lagrange.procedure.events.constants import CLOSEST
-from lagrange.procedure.step.constants import EARLIEST
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_REPEATS = 3

@@ -8,17 +8,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.dense.hermite import hermite_polynomial
+from lagrange.algorithm.events.step_zeros import ANYHOW, UNKNOWN
 from lagrange.equations.euler_lagrange import Equations
 from lagrange.graph.node import Binding
 from lagrange.machine.backend import DensePath, Driver, Kernel
 from lagrange.machine.step_events import EventSteps, Reaction, StepEventMemory
-from lagrange.procedure.dense.hermite import hermite_polynomial
-from lagrange.procedure.events.step_zeros import ANYHOW, UNKNOWN
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.actions import impacts as impacts_of
 from lagrange.trajectory.events.event_log import Breaks, Occurrences
-from lagrange.trajectory.events.roots import Side
 from lagrange.trajectory.events.step_batch import Path, PathOf
+from lagrange.trajectory.events.zeros_on_step import Side
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray

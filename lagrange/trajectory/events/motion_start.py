@@ -1,9 +1,39 @@
-"""Events at the start of a smooth piece of motion: those that are zero there, and those that just changed it."""
+"""Event functions at the start of a smooth piece of motion: the side of zero of each, and contacts that act at once.
+
+The side is the known sign of an event function between two points. It is never taken from a value within rounding:
+
+1. A reset that does not change the event function, up to rounding, keeps its side. An event function within rounding of
+   zero when another event acted has not crossed. It crosses if the new motion leads to the other side. That is an event
+   at the time of the reset: it counts, ends the run, or resets the state again, at once.
+2. An event that occurred at this point has no side after it: the motion decides it. The event does not occur twice.
+3. A reset that changes the event function, and the start of a run, leave no side. A value beyond rounding then gives
+   the side: a jump over zero is not an event. A value of zero is not an event either, except for a contact, which is
+   an event with a direction and a reset. Its side is the one that it is reached from. If its rate leads through, it
+   acts at once, unless the motion would pass it after its reset as well.
+
+At the first point after the change the rate decides the side of a value within its noise, as between any two steps.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
+
+from lagrange.algorithm.events.constants import DENSE_ROUND_OFF, EPSILON
+from lagrange.machine.backend import Kernel, Series, SingularMassMatrix, TaylorDriver
+from lagrange.machine.event_memory import EventMemory
+from lagrange.machine.model import Model
+from lagrange.machine.state import DriverState
+from lagrange.trajectory.events.actions import Impact
+from lagrange.trajectory.events.end_messages import EventResult, sliding, undefined
+from lagrange.trajectory.events.series_on_step import EventSeries, near, signed_scale, unit
+from lagrange.trajectory.events.shared_watch import EventZero, SharedWatch
+from lagrange.trajectory.events.step_batch import Sample, StepBatch
+from lagrange.trajectory.events.surfaces import Sliding, is_zero, leaving, settled_sides, stated_sides
+from lagrange.trajectory.events.zeros_on_step import Root, Side
+from lagrange.trajectory.trajectory import FloatArray, Status
 
 
 @dataclass(frozen=True, eq=False)
@@ -21,3 +51,185 @@ class MotionStart:
     zeros: Mapping[int, int] = field(default_factory=dict)
     rested: frozenset[int] = frozenset()
     jumped: frozenset[int] = frozenset()
+
+
+def sides_behind(
+    sides: Sequence[Side],
+    impacts: Sequence[Impact],
+    change: tuple[FloatArray, FloatArray],
+    noise: FloatArray,
+    happened: Container[int],
+) -> list[Side]:
+    """Return the sides of event functions after a reset, from the sides before it; sign 0 where the side is open.
+
+    `change` has their values before and after, (E,) each, and `noise` (E,) their rounding. Events that `happened`
+    have an open side. A pending touch of a contact is cleared: a contact must not act without crossing.
+    """
+    kept = []
+    for i, (side, impact, before, after) in enumerate(zip(sides, impacts, *change, strict=True)):
+        stays = i not in happened and not impact.root and abs(after - before) <= noise[i]
+        kept.append(Side(side.sign, side.near and not impact.reset) if stays else Side())
+    return kept
+
+
+SMALL_FRACTION = 2.0**-26
+"""Fraction of a step over which the slope of an event is measured at the start of a motion.
+
+A slope below this fraction of the largest value on the step counts as zero.
+"""
+
+
+def passes_anyhow(model: Model, kernel: Kernel, impacts: Sequence[Impact], place: int, sample: Sample) -> bool:
+    """Return True if the motion passes an event in its direction even after its reset."""
+    t, y, one, parameters = sample.t, sample.state(0.0), impacts[place], sample.batch.parameters
+    after = y.copy()
+    one.apply(t, y, parameters, after)
+    slope = model.rhs(t, after, parameters)
+    h = SMALL_FRACTION * sample.h
+    around = [float(kernel(t + s * h, after + s * h * slope, parameters)[place]) for s in (-1, 0, 1)]
+    rise = (around[2] - around[0]) / (2 * SMALL_FRACTION)
+    return one.direction * rise > SMALL_FRACTION * float(np.abs(sample.values[place]).max())
+
+
+def sent_through(
+    rates: Kernel,
+    zeros: Iterable[EventZero],
+    parameters: FloatArray,
+    t: float,
+    states: tuple[FloatArray, FloatArray],
+    along: float,
+) -> EventZero | None:
+    """Return a zero whose reset would send the motion through it, or None.
+
+    The path of a long step may reach the floor although the velocity there already points upwards; a reset would
+    reverse it. `states` are those before and after the reset, `along` is the sign of the run's direction.
+    """
+    coming, going = along * rates(np.full(2, t), np.column_stack(states), parameters).T
+    for m in zeros:
+        if coming[m.which] * m.root.rising < 0 < going[m.which] * m.root.rising:
+            return m
+    return None
+
+
+def entry(batch: StepBatch, step: int, place: int, span: float) -> float:
+    """Return the size up to which a contact counts as zero: noise, or its change in a spacing of the run's times."""
+    steps = abs(span / (batch.path.times[step + 1] - batch.path.times[step]))
+    return float(max(batch.noise[place, step], batch.sensitive[place, step] * (EPSILON / DENSE_ROUND_OFF) * steps))
+
+
+def lie(begun: MotionStart, impacts: Sequence[Impact], sample: Sample) -> set[int]:
+    """Return resting contacts: zero since an earlier event at the start of the motion, and constant on the step.
+
+    An example is a ball that has passed on its velocity and rests beside the next one; rounding moves them only.
+    """
+    margins = {i: 4 * size for i, size in begun.stayed.items() if i not in begun.zeros and impacts[i].contact}
+    moves = np.abs(sample.values - sample.values[:, :1]).max(axis=1)
+    return {i for i, margin in margins.items() if moves[i] <= margin}
+
+
+S = DriverState
+
+
+class SeriesStart(SharedWatch):
+    """Finds the sides of surfaces and events from their series of an `order` at a state (names from `names`)."""
+
+    def __init__(
+        self,
+        series: Series,
+        order: int,
+        driver: TaylorDriver,
+        parameters: FloatArray,
+        impacts: Sequence[Impact],
+        names: Callable[[], Sequence[str]],
+        memory: EventMemory | None,
+    ) -> None:
+        self.steep, self.hides_growth = series.program.watched_degree > order, series.program.hides_growth
+        super().__init__(series, driver, parameters, impacts, memory, hides_growth=self.hides_growth, steep=self.steep)
+        self.order, self.names = order, names
+        self._last: tuple[object, EventSeries] | None = None
+
+    def start(self, state: DriverState, stayed: Mapping[int, float], before: EventSeries | None = None) -> EventResult:
+        """Find the side of every surface and event at the state, or right after it.
+
+        `stayed` are the events that occurred here, with a size up to which, times 4, they count as zero. `before` is
+        the series before a reset, or None.
+        """
+        self.sides = stated_sides(self.series.program, state.t, state.y, self.parameters)
+        try:
+            look = self.ahead(state)
+            noise = look.noise.copy()
+            for which, size in stayed.items():
+                noise[which] = max(noise[which], 4 * size)
+            if self.surfaces:
+                g = self.at(state)(self.sides)
+                unsettled = {i: (0, 1, -1) for i in range(self.surfaces) if is_zero(g[:, i], float(noise[i]))}
+                self.sides = settled_sides(self.at(state), self.sides, unsettled) if unsettled else self.sides
+                look = self.ahead(state)
+        except Sliding as found:
+            return sliding(self.names()[found.surface], state.t)
+        except SingularMassMatrix:
+            return EventResult(Status.SINGULAR)
+        if not np.isfinite(look.watched).all():
+            self.zero_sides = [Side(int(sign)) for sign in np.sign(np.nan_to_num(look.watched[0]))]
+            return undefined(self.names(), look.watched)
+        self.go_on(state)
+        known, columns = self._known(before, look, stayed), list(look.near.T)
+        self.starting = frozenset(i for i, g in enumerate(columns) if i not in known and is_zero(g, float(noise[i])))
+        for i, g in enumerate(columns):
+            ahead = leaving(g)[0] if i in self.starting else int(np.sign(g[0]))
+            self.zero_sides[i] = Side(int(self.sides[i])) if i < self.surfaces else known.get(i, Side(ahead))
+        return EventResult()
+
+    def _known(self, before: EventSeries | None, look: EventSeries, happened: Collection[int]) -> dict[int, Side]:
+        """Return the sides that events keep over a reset; events in `happened` have an open side."""
+        if before is None:
+            return {}
+        own = slice(self.surfaces, None)
+        change, there = (before.watched[0, own], look.watched[0, own]), [i - self.surfaces for i in happened]
+        kept = sides_behind(self.zero_sides[own], self.impacts, change, before.noise[own], there)
+        return {i: side for i, side in enumerate(kept, self.surfaces) if side.sign}
+
+    def at(self, state: DriverState) -> Callable[[FloatArray], FloatArray]:
+        """Return the series of the surfaces at the state as a function of their sides."""
+        size, scale = len(state.y), signed_scale(state)
+
+        def surfaces(sides: FloatArray) -> FloatArray:
+            values = np.concatenate([self.parameters, sides])
+            rows = self.series.rows(self.order, state.t, state.y, scale, values)
+            return near(rows[:, size : size + self.surfaces], unit(state.t, scale), float(state.reals[S.RTOL]))
+
+        return surfaces
+
+    def go_on(self, state: DriverState) -> None:
+        """Pass the present sides to the driver, and request an inspection of its next step."""
+        values = self.values
+        if not self.epochs or self.epochs[-1][1].tobytes() != values.tobytes():
+            self.driver.use(values)
+            self.epochs.append((state.count(S.STEPS) + self.jumps, values))
+        state.taylor.inspect = 1
+
+    def impacts_at_once(self, state: DriverState, happened: Container[int]) -> list[EventZero]:
+        """Return contacts that act at the start of the motion, without those in `happened`, by rules of `sides_behind`.
+
+        An example is a ball that starts on the floor and falls: it has to bounce.
+        """
+        found = []
+        for place, impact in enumerate(self.impacts):
+            which = self.surfaces + place
+            turns = impact.reset and impact.direction == self.zero_sides[which].sign != 0
+            if which in self.starting and which not in happened and turns:
+                y = state.y.copy()
+                impact.apply(state.t, state.y, self.parameters, y)
+                g = self.ahead(state, y).near[:, which]
+                passes = is_zero(g) and leaving(g) == (impact.direction, 1)
+                found += [] if passes else [EventZero(which, Root(0.0, impact.direction))]
+        return found
+
+    def ahead(self, state: DriverState, y: FloatArray | None = None) -> EventSeries:
+        """Return the series at the state, or at y, with the present sides; the last result is cached."""
+        values, scale = self.values, signed_scale(state)
+        y = state.y if y is None else y
+        key, rtol = (state.t, scale, y.tobytes(), values.tobytes()), float(state.reals[S.RTOL])
+        if self._last is None or self._last[0] != key:
+            self._last = key, EventSeries.at(self.series, self.order, state.t, y, scale, values, rtol)
+        return self._last[1]

@@ -9,13 +9,13 @@ from functools import cached_property, lru_cache
 
 import numpy as np
 
+from lagrange.algorithm.events.constants import NOISE
+from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
+from lagrange.algorithm.taylor.constants import RADIUS_FRACTION, ROW_DISTANCE
+from lagrange.algorithm.taylor.defect_test import MOST_HALVINGS
 from lagrange.machine.backend import Series, SingularMassMatrix
 from lagrange.machine.state import DriverState
-from lagrange.procedure.events.constants import NOISE
-from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
-from lagrange.procedure.taylor.constants import RADIUS_FRACTION, ROW_DISTANCE
-from lagrange.procedure.taylor.steep_series import MOST_HALVINGS
-from lagrange.trajectory.events.roots import Side
+from lagrange.trajectory.events.zeros_on_step import Side
 from lagrange.trajectory.trajectory import FloatArray
 
 SLACK = 64.0

@@ -12,11 +12,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from lagrange.algorithm.events.constants import TOGETHER
+from lagrange.algorithm.taylor.constants import MOST_FAILURES
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.state import DriverState
-from lagrange.procedure.events.constants import TOGETHER
-from lagrange.procedure.taylor.constants import MOST_FAILURES
 from lagrange.trajectory.events.actions import Impact, reset_state
 from lagrange.trajectory.events.end_messages import (
     EventResult,
@@ -28,12 +28,19 @@ from lagrange.trajectory.events.end_messages import (
     without_series,
 )
 from lagrange.trajectory.events.event_log import Occurrence
-from lagrange.trajectory.events.nonanalytic_points import SHARE, Continuations
-from lagrange.trajectory.events.planned_step import EventZero, PlannedStep
-from lagrange.trajectory.events.roots import Root, Side, may_vanish, roots
+from lagrange.trajectory.events.motion_start import SeriesStart
 from lagrange.trajectory.events.series_on_step import EventSeries, signed_scale, state_at
-from lagrange.trajectory.events.series_start import SeriesStart
-from lagrange.trajectory.events.surfaces import Sliding, clear, leaving, settled_sides, stated_sides
+from lagrange.trajectory.events.shared_watch import EventZero, PlannedStep
+from lagrange.trajectory.events.surfaces import (
+    SHARE,
+    Continuations,
+    Sliding,
+    clear,
+    leaving,
+    settled_sides,
+    stated_sides,
+)
+from lagrange.trajectory.events.zeros_on_step import Root, Side, may_vanish, roots
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState

@@ -1,8 +1,12 @@
-"""State shared by a watch and the compiled loop over Taylor steps, which treats regular events by itself."""
+"""State shared by a watch and the compiled loop over Taylor steps, which treats regular events by itself.
+
+A watch plans a step: the zeros on it, and its end.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,9 +15,26 @@ from lagrange.machine.event_memory import EventMemory, Reaction
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.event_log import ChangeCounter, EventLog
-from lagrange.trajectory.events.planned_step import EventZero, PlannedStep
-from lagrange.trajectory.events.roots import Root, Side
+from lagrange.trajectory.events.zeros_on_step import Root, Side
 from lagrange.trajectory.trajectory import FloatArray
+
+
+@dataclass(frozen=True)
+class EventZero:
+    """A root of an event function: the index of the function, and the root, in units of the time scale."""
+
+    which: int
+    root: Root
+
+
+@dataclass(frozen=True)
+class PlannedStep:
+    """The number of the next step of a run, with the sides and the occurrences before it, in case it is taken back."""
+
+    steps: int = 0
+    zero_sides: tuple[Side, ...] = ()
+    starting: frozenset[int] = frozenset()
+    counts: tuple[int, ...] = ()
 
 
 class SharedWatch(EventLog):

@@ -9,10 +9,10 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from lagrange.algorithm.events.chebyshev import COARSE, DEGREE, nodes, to_chebyshev
+from lagrange.algorithm.events.constants import DENSE_ROUND_OFF, NOISE
+from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.machine.backend import Kernel, Places
-from lagrange.procedure.events.chebyshev import COARSE, DEGREE, nodes, to_chebyshev
-from lagrange.procedure.events.constants import DENSE_ROUND_OFF, NOISE
-from lagrange.procedure.step.constants import RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.trajectory.paths.chebyshev import certain, evaluate
 from lagrange.trajectory.trajectory import FloatArray
 

@@ -12,11 +12,11 @@ from typing import Protocol
 
 import numpy as np
 
+from lagrange.algorithm.events.constants import AHEAD, CLOSE, FIRST_LOOK, LONGEST_LOOK
+from lagrange.algorithm.events.event_run import LOOK, MOST_STEPS, READ_EVENTS
 from lagrange.machine.backend import Driver
 from lagrange.machine.state import DriverState, Outcome
 from lagrange.machine.step_events import EventSteps, StepEventMemory
-from lagrange.procedure.events.constants import AHEAD, CLOSE, FIRST_LOOK, LONGEST_LOOK
-from lagrange.procedure.events.event_run import LOOK, MOST_STEPS, READ_EVENTS
 from lagrange.trajectory.trajectory import FloatArray
 
 S = DriverState

@@ -14,14 +14,13 @@ from functools import cached_property
 
 import numpy as np
 
+from lagrange.algorithm.events.constants import CLEAR_FACTOR, NOISE_HALVES, TOGETHER
+from lagrange.algorithm.events.roots import roots
 from lagrange.errors import formula
 from lagrange.machine.backend import Driver, Kernel
 from lagrange.machine.state import DriverState
 from lagrange.machine.step_events import EventSteps
-from lagrange.procedure.events.constants import CLEAR_FACTOR, NOISE_HALVES, TOGETHER
-from lagrange.procedure.events.roots import roots
 from lagrange.trajectory.events.actions import rates, reset_state
-from lagrange.trajectory.events.contacts import SMALL_FRACTION, entry, lie, passes_anyhow, sent_through
 from lagrange.trajectory.events.end_messages import (
     EventResult,
     accumulating,
@@ -32,13 +31,29 @@ from lagrange.trajectory.events.end_messages import (
 )
 from lagrange.trajectory.events.event_log import Breaks, ChangeCounter, EventLog, Occurrence, ResetIntervals
 from lagrange.trajectory.events.event_loop import EventLoop, KnownPath, WatchedEvents
-from lagrange.trajectory.events.motion_start import MotionStart
-from lagrange.trajectory.events.planned_step import EventZero
-from lagrange.trajectory.events.roots import Isolate, Root, Side
-from lagrange.trajectory.events.sides_behind import sides_behind
+from lagrange.trajectory.events.motion_start import (
+    SMALL_FRACTION,
+    MotionStart,
+    entry,
+    lie,
+    passes_anyhow,
+    sent_through,
+    sides_behind,
+)
+from lagrange.trajectory.events.shared_watch import EventZero
 from lagrange.trajectory.events.step_batch import Path, PathOf, Sample, StepBatch, Window, state_noise
 from lagrange.trajectory.events.step_driver import Cut, EventDriver
-from lagrange.trajectory.events.zeros_on_step import SAME_JUMP, StepZeros, ended, rests, trace, velocity
+from lagrange.trajectory.events.zeros_on_step import (
+    SAME_JUMP,
+    Isolate,
+    Root,
+    Side,
+    StepZeros,
+    ended,
+    rests,
+    trace,
+    velocity,
+)
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray, Status

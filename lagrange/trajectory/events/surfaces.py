@@ -3,12 +3,17 @@
 On a surface g is zero, so its first nonzero derivative gives the side. A choice of sides is consistent if the motion
 with these sides goes there. If no choice is consistent, the motion slides along a surface.
 Source: A. F. Filippov, Differential Equations with Discontinuous Righthand Sides, 1988, section 4.
+
+Points at which a motion has no Taylor series, although its forces hardly change, are leapt over. With drag -|v|v a body
+at rest, or at its turning point, is at the zero of a square root: the force is smooth enough there, but has no series.
+A method without series takes a step so short that everything else is nearly constant.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Container, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import islice, product
 
 import numpy as np
@@ -16,9 +21,12 @@ from numpy.typing import NDArray
 
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.arithmetic import FLOATS
+from lagrange.machine.state import DriverState
 from lagrange.program.series import SeriesProgram
 from lagrange.trajectory.events.series_on_step import JUMP
-from lagrange.trajectory.trajectory import FloatArray
+from lagrange.trajectory.integrator import Integrator, Problem
+from lagrange.trajectory.paths.step_paths import StepPath, hermite_path
+from lagrange.trajectory.trajectory import FloatArray, Status
 
 DOUBT = 64 * 2.0**-52
 """Coefficient of g, relative to the sum of all, below which it counts as zero."""
@@ -109,3 +117,119 @@ def leaving(g: FloatArray) -> tuple[int, int]:
         return 0, 0
     first = int(np.argmax(beyond))
     return int(math.copysign(1.0, g[1 + first])), 1 + first
+
+
+SHARE = 1e-6
+"""Length of a leap as a fraction of the run."""
+
+CHANGE = 0.01
+"""Largest relative change of an acceleration on a leap, so that jumps and poles of forces are not passed.
+
+It is relative to the acceleration, or to the velocity divided by the length of the run. `GROWTH` is the limit at rest.
+"""
+
+EARLY, GROWTH = 1 / 16, 0.5
+"""At rest, accept a leap if less than half of the change of acceleration occurs in its first 1/16.
+
+The acceleration then grows as a power of time of at least 1/4, as the force on a bead that another one touches. It
+does not near a pole, or after log(t).
+"""
+
+BEHIND = 2.0**-10
+"""Fraction of a leap after which the motion has left the surface on which the leap begins."""
+
+IN_A_ROW = 3
+"""Largest number of successive leaps without a step between them."""
+
+SHORTER, ATTEMPTS = 1 / 16, 6
+"""Factor by which a rejected leap is shortened, and number of attempts."""
+
+MOST_STEPS = 1000
+"""Largest number of steps in a leap; a successful leap takes hardly more than one."""
+
+
+@dataclass
+class Continuations:
+    """The leaps of a run so far, by a method with its default tolerances.
+
+    `rows` are the row numbers from which they begin, `landed` is the time at which the last one ended, and
+    `continuations_in_a_row` is the number of successive leaps.
+    """
+
+    problem: Problem
+    method: Integrator
+    rows: list[int] = field(default_factory=list)
+    landed: float = math.nan
+    continuations_in_a_row: int = 0
+
+    def ahead(self, state: DriverState) -> list[float]:
+        """Return the times to which a leap is tried, the farthest first."""
+        span, left = abs(self.problem.t1 - self.problem.t0), float(state.reals[DriverState.END]) - state.t
+        if not left or (state.t == self.landed and self.continuations_in_a_row >= IN_A_ROW):
+            return []
+        lengths = [SHARE * span * SHORTER**k for k in range(ATTEMPTS)]
+        least = 64 * 2.0**-52 * max(abs(state.t), 2.0**-60 * span)
+        return [state.t + math.copysign(min(x, abs(left)), left) for x in lengths if x > least]
+
+    def landing(self, state: DriverState, there: float, *, switched: Callable[[float], bool]) -> FloatArray | None:
+        """Return the state (2n,) at the time `there`, or None if forces change too much for a leap.
+
+        `switched` returns True if the equations switch within some time; forces are then compared after the switch.
+        """
+        part = replace(
+            self.problem,
+            t0=state.t,
+            t1=there,
+            y0=state.y.copy(),
+            t_eval=None,
+            rtol=None,
+            atol=None,
+            step=None,
+            max_steps=MOST_STEPS,
+            events=(),
+            progress=None,
+        )
+        run = self.method.integrate(part)
+        y = run.y[:, -1]
+        if run.status is not Status.SUCCESS:
+            return None
+        begun, start = state.t + BEHIND * (there - state.t), (state.t, state.y)
+        if switched(abs(begun - state.t) / 2):
+            start = begun, run.dense(np.array([begun]))[:, 0]
+        early = state.t + EARLY * (there - state.t)
+        between = early, run.dense(np.array([early]))[:, 0]
+        return y if self._steady(start, between, (there, y)) else None
+
+    def land(self, state: DriverState, there: float, y: FloatArray, row: int) -> None:
+        """Set the driver to the state at the end of a leap; `row` is the number of the row where the leap begins."""
+        taylor = state.taylor
+        self.rows.append(row)
+        self.continuations_in_a_row = self.continuations_in_a_row + 1 if state.t == self.landed else 1
+        self.landed, length = there, there - state.t
+        state.outputs.write(there, length, self._path(state, there, y))
+        state.reals[DriverState.T] = there
+        taylor.low, taylor.scale = 0.0, length
+        taylor.next_limit = taylor.limit = math.inf
+        taylor.rescalings = taylor.failures = 0
+        state.y[:] = y
+
+    def _path(self, state: DriverState, there: float, y: FloatArray) -> StepPath:
+        """Return the dense output of a leap."""
+        return hermite_path(4)(self.problem, np.array([state.t, there]), np.array([state.y, y]))
+
+    def _steady(self, *points: tuple[float, FloatArray]) -> bool:
+        """Return True if the accelerations at both ends of a leap are nearly equal, or grow from the first end.
+
+        `points` are times and states at the first end, early in the leap, and at the last end.
+        """
+        model, parameters = self.problem.model, self.problem.parameter_array
+        kernel, v = model.kernel("rhs"), model.layout.v
+        try:
+            first, early, last = (kernel(t, y, parameters)[v] for t, y in points)
+        except SingularMassMatrix:
+            return False
+        sizes = np.maximum(np.abs(first), np.abs(last))
+        slow = np.maximum(np.abs(points[0][1][v]), np.abs(points[-1][1][v])) / abs(self.problem.t1 - self.problem.t0)
+        change = np.abs(last - first)
+        steady = (change <= CHANGE * np.maximum(sizes, slow)) | (np.abs(early - first) <= GROWTH * change)
+        return bool(np.isfinite(sizes).all() and steady.all())

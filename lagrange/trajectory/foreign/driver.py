@@ -12,18 +12,17 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from lagrange.algorithm.step.constants import FAR_FROM_ZERO, FIRST_SHARE, LEAST_FLOOR, MOST_SURVEYS
 from lagrange.errors import StatementError, shown
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.procedure.step.constants import FAR_FROM_ZERO, FIRST_SHARE, LEAST_FLOOR, MOST_SURVEYS
 from lagrange.statement.number import real_number
 from lagrange.trajectory.events.event_loop import WatchedEvents
 from lagrange.trajectory.events.step_watch import StepWatch
 from lagrange.trajectory.foreign.fault import Fault
 from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs, StopError
-from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.integrator import Problem, Tolerances
 from lagrange.trajectory.methods.tolerances import adaptive_settings
-from lagrange.trajectory.options import Tolerances
 from lagrange.trajectory.paths.piecewise import PiecewisePath
 from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant, StepInterpolants
 from lagrange.trajectory.run_loop import drive

@@ -19,8 +19,7 @@ from scipy.integrate import OdeSolver
 from lagrange.trajectory.foreign.driver import check_bounds, drive_stepwise
 from lagrange.trajectory.foreign.fault import Fault
 from lagrange.trajectory.foreign.guarded_rhs import GuardedRhs
-from lagrange.trajectory.integrator import Claims, Problem
-from lagrange.trajectory.options import Tolerances
+from lagrange.trajectory.integrator import Claims, Problem, Tolerances
 from lagrange.trajectory.paths.sampled import StepInterpolant
 from lagrange.trajectory.sizes import slopes_of
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory

@@ -14,7 +14,7 @@ from lagrange.errors import RunError, StatementError, listing
 from lagrange.graph.differentiate import tangents
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters, some_of
-from lagrange.statement.choice import ByName, one_of
+from lagrange.statement.number import ByName, one_of
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_POINTS = 3

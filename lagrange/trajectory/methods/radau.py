@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from lagrange.procedure.dense.collocation import collocation_polynomial
+from lagrange.algorithm.dense.collocation import collocation_polynomial
 from lagrange.program.step import Control
 from lagrange.trajectory.integrator import Claims, Problem
 from lagrange.trajectory.methods.built_in import built_in

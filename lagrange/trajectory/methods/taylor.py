@@ -8,23 +8,21 @@ from functools import cached_property, partial
 
 import numpy as np
 
+from lagrange.algorithm.taylor.constants import LEAST_MARGIN, LOWEST_ORDER, MARGIN, SMALLEST_RTOL, TIGHT_RTOL
 from lagrange.errors import StatementError, formula, shown
 from lagrange.graph.node import Node
 from lagrange.machine.backend import Series, SingularMassMatrix, TaylorDriver
 from lagrange.machine.event_memory import EventMemory
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState
-from lagrange.procedure.taylor.constants import LEAST_MARGIN, LOWEST_ORDER, MARGIN, SMALLEST_RTOL, TIGHT_RTOL
 from lagrange.trajectory.events.actions import Impact, root_of
 from lagrange.trajectory.events.actions import impacts as impacts_of
-from lagrange.trajectory.events.nonanalytic_points import Continuations
 from lagrange.trajectory.events.series_watch import Watch
-from lagrange.trajectory.events.surfaces import stated_sides
-from lagrange.trajectory.integrator import Claims, Problem
+from lagrange.trajectory.events.surfaces import Continuations, stated_sides
+from lagrange.trajectory.integrator import Claims, Problem, Tolerances
 from lagrange.trajectory.methods.built_in import built_in
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.tolerances import adaptive_settings, check_options
-from lagrange.trajectory.options import Tolerances
 from lagrange.trajectory.paths.series import SeriesPath
 from lagrange.trajectory.paths.step_paths import hermite_path
 from lagrange.trajectory.run_loop import drive_by

@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.step.constants import LEAST_FLOOR
 from lagrange.errors import StatementError, listing, shown
-from lagrange.procedure.step.constants import LEAST_FLOOR
 from lagrange.statement.number import real_number
-from lagrange.trajectory.integrator import Problem
-from lagrange.trajectory.options import FLOOR_SHARE, LEAST_ATOL, LEAST_SHARE, Tolerances
+from lagrange.trajectory.integrator import FLOOR_SHARE, LEAST_ATOL, LEAST_SHARE, Problem, Tolerances
 
 RTOL = 1e-9
 """The default relative tolerance.

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.procedure.events.chebyshev import DEGREE, nodes, to_chebyshev, to_powers
-from lagrange.procedure.events.constants import CERTAINTY, EPSILON, LARGEST_NOISE, TAIL, TINY
+from lagrange.algorithm.events.chebyshev import DEGREE, nodes, to_chebyshev, to_powers
+from lagrange.algorithm.events.constants import CERTAINTY, EPSILON, LARGEST_NOISE, TAIL, TINY
 from lagrange.trajectory.trajectory import FloatArray
 
 DEEPEST = 50

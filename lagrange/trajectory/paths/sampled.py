@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from lagrange.algorithm.events.chebyshev import nodes
 from lagrange.machine.backend import Places
-from lagrange.procedure.events.chebyshev import nodes
 from lagrange.trajectory.trajectory import FloatArray
 
 FEWEST_SPACINGS = 256

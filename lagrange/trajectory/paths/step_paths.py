@@ -10,11 +10,11 @@ import numpy as np
 from numpy.polynomial.polynomial import polyval
 from numpy.typing import NDArray
 
+from lagrange.algorithm.dense.block import StepPolynomial
+from lagrange.algorithm.dense.hermite import hermite_polynomial
+from lagrange.algorithm.dense.runge_kutta import runge_kutta_polynomial
 from lagrange.machine.backend import DensePath, FloatArray, Places
 from lagrange.machine.model import Model
-from lagrange.procedure.dense.block import StepPolynomial
-from lagrange.procedure.dense.hermite import hermite_polynomial
-from lagrange.procedure.dense.runge_kutta import runge_kutta_polynomial
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
 

@@ -10,8 +10,7 @@ from itertools import zip_longest
 from math import isfinite
 
 from lagrange.errors import StatementError, shown
-from lagrange.statement.choice import text
-from lagrange.statement.number import whole_number
+from lagrange.statement.number import text, whole_number
 from lagrange.trajectory.tableaux.rooted_trees import (
     Coefficient,
     Coefficients,

@@ -1,0 +1,392 @@
+"""The instructions of a program as statements of a procedure."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import reduce
+from operator import and_
+from typing import Any
+
+from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.kernel import elimination
+from lagrange.algorithm.kernel.prepared import WRITTEN_OUT, width_of, written_out
+from lagrange.algorithm.linear.ldl import COLUMNS_AT_ONCE, factor_dense, factor_size, solve_columns, solve_factored
+from lagrange.algorithm.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import ANGLES, FLAG, OPERATIONS, REAL
+from lagrange.procedure.values import Flag, Memory, Real, Variable
+from lagrange.program.elimination import Elimination
+from lagrange.program.program import GIVEN, Instruction, Program, SolveGroup, scheduled
+
+CONDITIONS = frozenset(op for op, signatures in OPERATIONS.items() if signatures[0][1] is FLAG)
+"""Operations with a true or false result."""
+
+MOSTLY_ZERO = 4
+"""A triangle is cleared in a loop if its size is at least this many times its number of entries."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """Treatment of linear systems in a procedure.
+
+    Eliminations up to the order `largest` are written out, with up to `substituted` multiplications of substitutions.
+    Up to `systems` with one matrix are solved together, with up to `entries` in solutions that are written out;
+    systems in memory are solved `side_by_side` or one after the other. Without `pivoting` a system fails if a pivot in
+    the given order cannot be trusted. Inputs are read `early`, at the start, or at their first use.
+    """
+
+    largest: int = WRITTEN_OUT
+    substituted: int = 800
+    systems: int = 64
+    entries: int = 1_000_000
+    side_by_side: bool = False
+    pivoting: bool = True
+    early: bool = True
+
+
+SOURCE = Style()
+"""Source text, for compilers that optimize."""
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """Inputs of the instructions of a program: time, state, and parameters with prepared numbers after them.
+
+    `names` are the names of values in printed code, by instruction.
+    """
+
+    parameters: Memory
+    slots: Mapping[int, int]
+    time: Real | None = None
+    state: Memory | None = None
+    names: Mapping[int, str] = field(default_factory=dict)
+    largest: int = WRITTEN_OUT
+    """Largest matrix whose prepared factors are those of a written-out elimination; see `Prepared`."""
+
+
+@dataclass(frozen=True)
+class Factored:
+    """A factorization: its entries by index if it is written out, else the array of its factors."""
+
+    entries: Mapping[tuple[int, int], Real]
+    trusted: Flag | None
+    memory: Memory | None
+
+
+class Body:
+    """Adds a part of the instructions of a program to a procedure."""
+
+    def __init__(self, p: Builder, program: Program, inputs: Inputs, style: Style = SOURCE) -> None:
+        self.p, self.program, self.inputs, self.style = p, program, inputs, style
+        self.values: dict[int, Any] = {}
+        self.places = {one: ref for ref, one in enumerate(program.instructions) if one.op in ANGLES}
+        """The sines and cosines of the program."""
+        self.vectors: dict[int, list[Real]] = {}
+        self.later: dict[int, list[tuple[Memory, int]]] = {}
+        """Solutions in memory, with entries that are read at their use."""
+        self.rows: dict[int, Memory] = {}
+        """Right-hand sides in adjacent columns, by the first solve of their group."""
+        self.factors: dict[int, Factored] = {}
+        self.tested: dict[int, None] = {}
+        """Factors that have been tested once for all their systems, without pivoting."""
+        self.singular: Variable | None = None
+        """Flag of a singular matrix, None before the first matrix."""
+
+    def fails(self) -> Variable:
+        """Return the variable for a singular matrix, declared before the first branch."""
+        if self.singular is None:
+            self.singular = self.p.variable(self.p.false, "singular")
+        return self.singular
+
+    def load_inputs(self, refs: Iterable[int]) -> None:
+        """Read the inputs of instructions, in order, outside of all branches."""
+        code, read = self.program.instructions, dict[int, None]()
+        for ref in refs:
+            read |= dict.fromkeys(code[ref].args)
+        for ref in sorted(read):
+            if code[ref].op in ("state", "parameter") or ref in self.inputs.slots:
+                self.loaded(ref)
+
+    def loaded(self, ref: int) -> None:
+        """Read an input or a prepared result, once."""
+        one, inputs = self.program.instructions[ref], self.inputs
+        if one.op == "component" and one.args[0] in self.later:
+            memory, place = self.later[one.args[0]][one.place]
+            self.values[ref] = memory[place]
+        elif one.op == "state" and ref not in self.values:
+            assert inputs.state is not None
+            self.values[ref] = self._named(ref, inputs.state[one.place])
+        elif one.op == "parameter" and ref not in self.values:
+            self.values[ref] = self._named(ref, inputs.parameters[one.place])
+        elif ref in inputs.slots and not self.known(ref):
+            self.restore(ref, one, inputs.slots[ref])
+
+    def known(self, ref: int) -> bool:
+        """Return whether a result has been read or computed."""
+        return any(ref in known for known in (self.values, self.vectors, self.factors, self.later))
+
+    def _named(self, ref: int, value: Any) -> Any:
+        name = self.inputs.names.get(ref)
+        return value.called(name) if name else value
+
+    def value(self, ref: int) -> Any:
+        """Return a number or a condition."""
+        one = self.program.instructions[ref]
+        if one.op == "constant":
+            return self.p.constant(float(one.value), REAL)
+        if one.op == "time":
+            assert self.inputs.time is not None
+            return self.inputs.time
+        if ref not in self.values:
+            self.loaded(ref)
+        return self.values[ref]
+
+    def restore(self, ref: int, one: Instruction, slot: int) -> None:
+        """Read a prepared result."""
+        inputs, held = self.inputs, self.inputs.parameters
+        if one.op == "factor" and not written_out(self.program.eliminations[ref], inputs.largest):
+            self.factors[ref] = self.read_factors(self.program.eliminations[ref], held.at(slot))
+        elif one.op == "factor":
+            places = self.program.eliminations[ref].places
+            entries = {place: held[slot + k] for k, place in enumerate(places)}
+            self.factors[ref] = Factored(entries, ~held[slot + len(places)].equals(0.0), None)
+        elif one.op == "solve":
+            self.vectors[ref] = [held[slot + k] for k in range(one.order)]
+        else:
+            value = held[slot]
+            self.values[ref] = ~value.equals(0.0) if one.op in CONDITIONS else self._named(ref, value)
+
+    def read_factors(self, plan: Elimination, memory: Memory) -> Factored:
+        """Return prepared factors of `factor_dense`: as entries for a written-out elimination, else in memory."""
+        if not written_out(plan, self.style.largest):
+            return Factored({}, None, memory)
+        n = plan.order
+        entries = {(i, j): memory[1 + j] if i == j else memory[2 * n + 1 + j * n + i] for i, j in plan.places}
+        return Factored(entries, memory[0].equals(0.0), None)
+
+    def save(self, ref: int, out: Memory, slot: int) -> None:
+        """Write a prepared result."""
+        one, width = self.program.instructions[ref], width_of(self.program, ref, self.inputs.largest)
+        if one.op == "factor":
+            held = self.factors[ref]
+            if held.memory is None:
+                places = self.program.eliminations[ref].places
+                for k, place in enumerate(places):
+                    out[slot + k] = held.entries.get(place, 0.0)
+                assert held.trusted is not None
+                out[slot + len(places)] = self.p.real(held.trusted)
+            else:
+                target, source = out.at(slot), held.memory
+                with self.p.loop(0, width) as i:
+                    target[i] = source[i]
+        elif one.op == "solve":
+            for k, value in enumerate(self.vector(ref)):
+                out[slot + k] = value
+        else:
+            out[slot] = self.p.real(self.value(ref))
+
+    def run(self, refs: Iterable[int]) -> None:
+        """Add instructions in order of dependence; systems with one matrix are solved together."""
+        refs = list(refs)
+        if self.style.early:
+            self.load_inputs(refs)
+        steps = scheduled(self.program, refs, self.most_together)
+        groups = {ref: step for step in steps if isinstance(step, SolveGroup) for ref in step.solves}
+        for step in steps:
+            if isinstance(step, SolveGroup):
+                self.solve(step.factor, step.solves)
+            elif step not in groups:
+                self.instruction(step)
+            elif self.stands_in_rows(groups[step]):
+                self.gather(step, groups[step].solves)
+
+    def most_together(self, factor: int) -> int:
+        """Return the largest number of systems with one matrix that are solved together."""
+        plan = self.program.eliminations[factor]
+        joined = self.style.entries // plan.order if written_out(plan, self.style.largest) else self.style.systems
+        return min(joined, self.style.systems)
+
+    def instruction(self, ref: int) -> None:
+        """Add one instruction."""
+        one = self.program.instructions[ref]
+        if one.op in GIVEN or self.known(ref):
+            return
+        if one.op == "factor":
+            self.factor(ref, one)
+        elif one.op == "solve":
+            self.solve(one.args[0], (ref,))
+        elif one.op == "component":
+            if one.args[0] not in self.later:
+                self.values[ref] = self.vector(one.args[0])[one.place]
+        elif (other := self.partner(one)) is not None:
+            sine, cosine = self.p.sine_cosine(self.value(one.args[0]))
+            self.values[ref], self.values[other] = (sine, cosine) if one.op == "sin" else (cosine, sine)
+        else:
+            self.values[ref] = self._named(ref, self.p.operation(one.op, *(self.value(arg) for arg in one.args)))
+
+    def partner(self, one: Instruction) -> int | None:
+        """Return the cosine for a sine of the program, or the sine for a cosine; None if the program lacks it."""
+        return self.places.get(one._replace(op="cos" if one.op == "sin" else "sin")) if one.op in ANGLES else None
+
+    def vector(self, ref: int) -> list[Real]:
+        """Return a solution."""
+        if ref in self.later:
+            return [memory[place] for memory, place in self.later[ref]]
+        if ref not in self.vectors:
+            self.loaded(ref)
+        return self.vectors[ref]
+
+    def entries(self, one: Instruction) -> dict[tuple[int, int], Real]:
+        """Return the entries (i, j), i >= j, of a matrix that are not identically zero."""
+        found = {}
+        for i in range(one.order):
+            for j in range(i + 1):
+                arg = one.args[i * (i + 1) // 2 + j]
+                entry = self.program.instructions[arg]
+                if entry.op != "constant" or entry.value != 0.0:
+                    found[i, j] = self.value(arg)
+        return found
+
+    def matrix(self, one: Instruction) -> Memory:
+        """Write the lower triangle of a matrix to memory, by columns."""
+        n, entries = one.order, self.entries(one)
+        memory = self.p.reserve(n * n, name="matrix")
+        places = [(i, j) for j in range(n) for i in range(j, n)]
+        if len(entries) * MOSTLY_ZERO < len(places):
+            with self.p.each(n * n, width=1) as k:
+                memory[k] = 0.0
+            places = list(entries)
+        for i, j in places:
+            memory[j * n + i] = entries.get((i, j), 0.0)
+        return memory
+
+    def factor(self, ref: int, one: Instruction) -> None:
+        """Factor a matrix, written out or in memory, whichever is shorter."""
+        plan, p = self.program.eliminations[ref], self.p
+        if written_out(plan, self.style.largest):
+            entries, trusted = elimination.factored(p, plan, self.entries(one))
+            self.factors[ref] = Factored(entries, trusted, None)
+        else:
+            self.factors[ref] = Factored({}, None, self.factored_in_memory(one))
+
+    def factored_in_memory(self, one: Instruction) -> Memory:
+        """Factor a matrix in memory, and return its factors."""
+        failed = self.fails()
+        factors = self.p.reserve(factor_size(one.order), name="factors")
+        failed.value = failed.value | self.p.call(factor_dense.form(), one.order, self.matrix(one), factors)
+        return factors
+
+    def right(self, ref: int) -> list[Real | None]:
+        """Return the right-hand side of a system, None for zero."""
+        args, code = self.program.instructions[ref].args[1:], self.program.instructions
+        return [None if code[arg].op == "constant" and code[arg].value == 0.0 else self.value(arg) for arg in args]
+
+    def solve(self, factor: int, solves: Sequence[int]) -> None:
+        """Solve systems with one factored matrix."""
+        if factor not in self.factors:
+            self.loaded(factor)
+        one = self.program.instructions[factor]
+        held = self.factors[factor]
+        if held.memory is not None and self.style.side_by_side and len(solves) > 1:
+            self.by_rows(held.memory, solves)
+            return
+        right = [self.right(ref) for ref in solves]
+        if held.memory is None and len(solves) * one.order**2 > self.style.substituted:
+            held = self.factors[factor] = Factored(held.entries, held.trusted, self.factored_in_memory(one))
+        if held.memory is None:
+            for ref, x in zip(solves, self.written_out(factor, held, right), strict=True):
+                self.vectors[ref] = x
+        else:
+            for ref, x in zip(solves, self.in_memory(one.order, held.memory, right), strict=True):
+                self.vectors[ref] = x
+
+    def in_memory(self, n: int, factors: Memory, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
+        """Return the solutions with factors in memory."""
+        p = self.p
+        vector = p.reserve(n * len(right), name="vector")
+        for k, value in enumerate(entry for one in right for entry in one):
+            vector[k] = 0.0 if value is None else value
+        if len(right) == 1:
+            p.call(solve_factored.form(), n, factors, vector)
+        else:
+            with p.loop(0, len(right)) as column:
+                p.call(solve_factored.form(), n, factors, vector.at(column * n))
+        return [[vector[k * n + i] for i in range(n)] for k in range(len(right))]
+
+    def stands_in_rows(self, group: SolveGroup) -> bool:
+        """Return whether the right-hand sides of a group are adjacent columns in memory."""
+        plan = self.program.eliminations[group.factor]
+        return self.style.side_by_side and not written_out(plan, self.style.largest)
+
+    def rows_of(self, solves: Sequence[int]) -> tuple[Memory, int]:
+        """Return the memory of adjacent right-hand sides, and the length of a row."""
+        n, width = self.program.instructions[solves[0]].order, whole_blocks(len(solves), COLUMNS_AT_ONCE)
+        if solves[0] not in self.rows:
+            self.rows[solves[0]] = self.p.reserve(n * width, room=COLUMNS_AT_ONCE, name="rows")
+        return self.rows[solves[0]], width
+
+    def gather(self, ref: int, solves: Sequence[int]) -> None:
+        """Write a right-hand side as soon as it is computed: its numbers then need no registers."""
+        (rows, width), column = self.rows_of(solves), solves.index(ref)
+        for i, value in enumerate(self.right(ref)):
+            rows[i * width + column] = 0.0 if value is None else value
+
+    def by_rows(self, factors: Memory, solves: Sequence[int]) -> None:
+        """Solve systems with adjacent right-hand sides in memory; entries of solutions are read at their use."""
+        p, n, count = self.p, self.program.instructions[solves[0]].order, len(solves)
+        rows, width = self.rows_of(solves)
+        for i in range(n if count < width else 0):
+            for column in range(count, width):
+                rows[i * width + column] = 0.0
+        p.call(solve_columns.form(), n, width, factors, rows, p.reserve(n, name="spare"))
+        for column, ref in enumerate(solves):
+            self.later[ref] = [(rows, i * width + column) for i in range(n)]
+
+    def written_out(self, factor: int, held: Factored, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
+        """Return the solutions by written-out factors, or by pivoting if these cannot be trusted."""
+        p, one, plan = self.p, self.program.instructions[factor], self.program.eliminations[factor]
+        failed = self.fails()
+        entries = self.entries(one) if plan.negative else {}
+        found = [elimination.solved(p, plan, held.entries, b) for b in right]
+        assert held.trusted is not None
+        satisfied = [
+            flag for x, b in zip(found, right, strict=True) for flag in elimination.satisfied(p, plan, entries, x, b)
+        ]
+        if not self.style.pivoting:
+            tests = satisfied if factor in self.tested else [held.trusted, *satisfied]
+            self.tested[factor] = None
+            if tests:
+                failed.value = failed.value | ~reduce(and_, tests)
+            return found
+        good = reduce(and_, satisfied, held.trusted)
+        kept = [[p.variable(value) for value in x] for x in found]
+        with p.when(~good, likely=False):
+            before = dict(self.values)
+            solve = self.in_a_band if plan.negative else self.densely
+            for variables, values in zip(kept, solve(one, plan, right), strict=True):
+                for variable, value in zip(variables, values, strict=True):
+                    variable.value = value
+            self.values = before
+        return [[variable.value for variable in x] for x in kept]
+
+    def densely(self, one: Instruction, plan: Elimination, right: Sequence[Sequence[Real | None]]) -> list[list[Real]]:
+        """Return solutions by `factor_dense`, which recognizes definite matrices in any units."""
+        return self.in_memory(plan.order, self.factored_in_memory(one), right)
+
+    def in_a_band(
+        self, one: Instruction, plan: Elimination, right: Sequence[Sequence[Real | None]]
+    ) -> list[list[Real]]:
+        """Return solutions of a sparse matrix by banded pivoting, with rows in the order `ranks` of the plan."""
+        p, n, failed = self.p, plan.order, self.fails()
+        matrix = p.reserve(band_size(n, plan.band), name="matrix")
+        elimination.write_band(p, plan, self.entries(one), matrix)
+        factors = p.reserve(pivoted_size(n, plan.band), name="factors")
+        failed.value = failed.value | p.call(factor_pivoted.form(), n, plan.band, matrix, factors)
+        vector, found = p.reserve(n, name="vector"), []
+        for b in right:
+            for rank, value in zip(plan.ranks, b, strict=True):
+                vector[rank] = 0.0 if value is None else value
+            p.call(solve_pivoted.form(), n, plan.band, factors, vector)
+            found.append([vector[rank] for rank in plan.ranks])
+        return found

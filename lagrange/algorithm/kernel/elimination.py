@@ -1,0 +1,110 @@
+"""L D L^T of a small or sparse symmetric matrix as statements of a procedure; zeros are left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from lagrange.algorithm.linear.ldl import RESIDUAL, least_pivot
+from lagrange.algorithm.linear.pivoted import band_size
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.values import Flag, Memory, Real
+from lagrange.program.elimination import Elimination
+
+Entries = Mapping[tuple[int, int], Real]
+"""Values of a lower triangle by (row, column); missing entries are zero."""
+
+
+def factored(p: Builder, plan: Elimination, a: Entries) -> tuple[Entries, Flag]:
+    """Return the entries of L, with 1/d on its diagonal, and whether every pivot is trusted.
+
+    A pivot is compared with its diagonal entry. A multiplier has none, and is compared with the subtracted terms, those
+    of G M^-1 G^T of the constraint.
+    """
+    lower: dict[tuple[int, int], Real] = {}
+    scaled: dict[tuple[int, int], Real] = {}
+    trusted: Flag | None = None
+    for j in range(plan.order):
+        row = plan.rows[j]
+        for i in (j, *plan.columns[j]):
+            products = [(scaled[i, k], lower[j, k]) for k in row if (i, k) in scaled and (j, k) in lower]
+            value = _reduced(a.get((i, j)), products)
+            if value is not None:
+                scaled[i, j] = value
+        good = _trusted(p, plan, j, a, [(scaled[j, k], lower[j, k]) for k in row if (j, k) in scaled], scaled)
+        trusted = good if trusted is None else trusted & good
+        lower[j, j] = 1.0 / scaled.get((j, j), p.real(0.0))
+        for i in plan.columns[j]:
+            if (i, j) in scaled:
+                lower[i, j] = scaled[i, j] * lower[j, j]
+    return lower, p.true if trusted is None else trusted
+
+
+def write_band(p: Builder, plan: Elimination, a: Entries, to: Memory) -> None:
+    """Write a matrix in the layout of `factor_pivoted`, with rows in the order `ranks` of the plan."""
+    size = band_size(plan.order, plan.band)
+    if len(a) < size:
+        with p.each(size, width=1) as k:
+            to[k] = 0.0
+    for (i, j), value in a.items():
+        to[plan.band_place(i, j)] = value
+
+
+def _trusted(
+    p: Builder, plan: Elimination, j: int, a: Entries, products: Sequence[tuple[Real, Real]], scaled: Entries
+) -> Flag:
+    """Return whether a pivot has the right sign, and is not small compared with its terms."""
+    pivot = scaled.get((j, j), p.real(0.0))
+    if j not in plan.negative:
+        return Flag.of(pivot > abs(a.get((j, j), p.real(0.0))) * least_pivot(plan.negative))
+    size: Real | None = None
+    for left, right in products:
+        term = abs(left * right)
+        size = term if size is None else size + term
+    return Flag.of(-pivot > (p.real(0.0) if size is None else size) * least_pivot(plan.negative))
+
+
+def _reduced(value: Real | None, products: Sequence[tuple[Real, Real]]) -> Real | None:
+    """Return value - sum of products, None for zero."""
+    for left, right in products:
+        value = -(left * right) if value is None else value.builder.fnma(left, right, value)
+    return value
+
+
+def solved(p: Builder, plan: Elimination, lower: Entries, right: Sequence[Real | None]) -> list[Real]:
+    """Return the solution of a factored system; an entry None of the right-hand side is zero."""
+    x = list(right)
+
+    def less(value: Real | None, entry: Real | None, other: Real | None) -> Real | None:
+        return (
+            value if entry is None or other is None else p.real(p.fnma(entry, other, 0.0 if value is None else value))
+        )
+
+    for i, row in enumerate(plan.rows):
+        for k in row:
+            x[i] = less(x[i], lower.get((i, k)), x[k])
+    for i in reversed(range(plan.order)):
+        value = x[i]
+        x[i] = None if value is None else value * lower[i, i]
+        for k in plan.columns[i]:
+            x[i] = less(x[i], lower.get((k, i)), x[k])
+    return [p.real(0.0) if value is None else value for value in x]
+
+
+def satisfied(p: Builder, plan: Elimination, a: Entries, x: Sequence[Real], right: Sequence[Real | None]) -> list[Flag]:
+    """Return whether a solution satisfies the rows of the multipliers, one flag for each row.
+
+    If inertias differ by many digits, pivots are large and the solution can still be wrong: the force on a light body
+    is the difference of two forces that nearly cancel.
+    """
+    found = []
+    for i in plan.negative:
+        value = right[i]
+        left = p.real(0.0) if value is None else value
+        size = abs(left)
+        for j in range(plan.order):
+            place = max(i, j), min(i, j)
+            if place in a:
+                product = a[place] * x[j]
+                left, size = left - product, size + abs(product)
+        found.append(Flag.of(abs(left) <= size * RESIDUAL))
+    return found

@@ -1,0 +1,121 @@
+"""Programs as procedures that share one array of prepared numbers.
+
+    prepare(parameters, p)             p = the parameters, then the results that depend on them alone
+    prepare(p)                         the same for an array that begins with the parameters
+    name(t, y, p, out)                 the results of a program at a time and a state
+    name_by_value(t, y0, ..., p)       the same as values, for callers that keep a state in registers or in rows
+
+Each returns whether a matrix is singular to round-off; its results are then invalid.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import reduce
+from operator import or_
+
+from lagrange.algorithm.kernel.body import SOURCE, Body, Inputs, Style
+from lagrange.algorithm.kernel.prepared import Prepared
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, Procedure
+from lagrange.program.program import Instruction, Program
+
+ZERO = Instruction("constant")
+
+MANY_ZEROS = 32
+"""Number of zero results from which they are cleared in a loop: many stores take compilers long."""
+
+
+def prepare(
+    prepared: Prepared,
+    about: str,
+    *,
+    name: str = "prepare",
+    in_place: bool = False,
+    names: Mapping[int, str] | None = None,
+    divisors: Sequence[int] = (),
+    style: Style = SOURCE,
+) -> Procedure:
+    """Return the procedure that writes parameters and hoisted results; with `in_place` the parameters are there.
+
+    `divisors` are indices of results that are matrices of order one. If one of them is zero, it is singular.
+    """
+    p = Builder(name, about)
+    program = prepared.program
+    parameters = None if in_place else p.array("parameters", size=program.parameters, read=True)
+    out = p.array("p", size=prepared.size)
+    given = out if parameters is None else parameters
+    body = Body(p, program, Inputs(given, {}, names=names or {}, largest=prepared.largest), style)
+    if parameters is not None:
+        known = {one.place: ref for ref, one in enumerate(program.instructions) if one.op == "parameter"}
+        for k in range(program.parameters):
+            out[k] = body.value(known[k]) if k in known else parameters[k]
+    body.run(range(program.hoisted))
+    for ref, slot in prepared.saved.items():
+        body.save(ref, out, slot)
+    tests = [*([] if body.singular is None else [body.singular.value]), *(out[k].equals(0.0) for k in divisors)]
+    p.leave(reduce(or_, tests) if tests else p.false)
+    return p.finish(FLAG)
+
+
+def kernel(
+    program: Program,
+    prepared: Prepared,
+    name: str,
+    about: str,
+    *,
+    names: Mapping[int, str] | None = None,
+    style: Style = SOURCE,
+) -> Procedure:
+    """Return the procedure that evaluates a program; `names` are the names of values in printed code."""
+    p = Builder(name, about)
+    t, y = p.given("t", REAL), p.array("y", size=program.states, read=True)
+    held, out = p.array("p", size=prepared.size, read=True), p.array("out", size=len(program.outputs))
+    slots = prepared.of_program(program)
+    inputs = Inputs(held, slots, t, y, names or {}, prepared.largest)
+    body = Body(p, program, inputs, style)
+    body.run(range(program.hoisted, len(program.instructions)))
+    zeros = [place for place, ref in enumerate(program.outputs) if program.instructions[ref] == ZERO]
+    cleared = frozenset(zeros if len(zeros) >= MANY_ZEROS else ())
+    if cleared:
+        with p.each(len(program.outputs), width=1) as k:
+            out[k] = 0.0
+    for place, ref in enumerate(program.outputs):
+        if place not in cleared:
+            out[place] = p.real(body.value(ref))
+    p.leave(p.false if body.singular is None else body.singular.value)
+    return p.finish(FLAG)
+
+
+def kernel_by_value(
+    program: Program, prepared: Prepared, outputs: Sequence[int], *, style: Style, suffix: str = "by_value"
+) -> Procedure:
+    """Return a kernel from time and entries of a state to some results of a program and the singular flag."""
+    p = Builder(f"{program.name}_{suffix}", f"Evaluate {program.name} by value.")
+    t, state = p.given("t", REAL), [p.given(f"y{i}", REAL) for i in range(program.states)]
+    held = p.array("p", size=prepared.size, read=True)
+    body = Body(p, program, Inputs(held, prepared.of_program(program), t, largest=prepared.largest), style)
+    for ref, one in enumerate(program.instructions):
+        if one.op == "state":
+            body.values[ref] = state[one.place]
+    body.run(range(program.hoisted, len(program.instructions)))
+    results = [p.real(body.value(ref)) for ref in outputs]
+    p.leave(*results, p.false if body.singular is None else body.singular.value)
+    return p.finish(*[REAL] * len(results), FLAG)
+
+
+def kernel_through_values(program: Program, prepared: Prepared, by_value: Procedure) -> Procedure:
+    """Return `kernel` as a call of a kernel by value, and the `returned` parts of its results."""
+    p = Builder(program.name, f"Evaluate {program.name} in memory.")
+    t, y = p.given("t", REAL), p.array("y", size=program.states, read=True)
+    held, out = p.array("p", size=prepared.size, read=True), p.array("out", size=len(program.outputs))
+    state = [y[i] for i in range(program.states)]
+    *results, singular = p.call(by_value, t, *state, held)
+    found, place = iter(results), 0
+    for block in program.results:
+        for ref in program.part(block.name):
+            given = next(found) if block.name in program.returned else state[program.instructions[ref].place]
+            out[place] = given
+            place += 1
+    p.leave(singular)
+    return p.finish(FLAG)

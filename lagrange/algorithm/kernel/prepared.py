@@ -1,0 +1,76 @@
+"""Layout of the numbers that depend on parameters alone: after the parameters, each once for all programs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from lagrange.algorithm.linear.ldl import factor_size
+from lagrange.program.elimination import Elimination
+from lagrange.program.program import Instruction, Program
+
+WRITTEN_OUT = 20
+"""Largest matrix that is written out: compilers optimize such source text better than loops."""
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """Indices of the hoisted results of some programs in one array, which begins with the parameters.
+
+    `size` is its length. `program` computes the prepared results, with their indices `saved`. `slots` are the indices
+    for each of the `programs`. A written-out factorization stores the nonzero entries of L by rows with 1/d on its
+    diagonal, and then the flag whether its pivots are trusted. Others store the factors of `factor_dense`.
+    """
+
+    programs: tuple[Program, ...]
+    program: Program
+    saved: Mapping[int, int]
+    slots: tuple[Mapping[int, int], ...]
+    size: int
+    largest: int = WRITTEN_OUT
+    """Largest matrix whose factors are stored as entries, if its elimination is written out."""
+
+    @classmethod
+    def of(cls, programs: Sequence[Program], largest: int = WRITTEN_OUT) -> Prepared:
+        """Return the layout for programs with the same parameters."""
+        count = max((program.parameters for program in programs), default=0)
+        merged: dict[Instruction, int] = {}
+        moved = [_merged(program, merged) for program in programs]
+        whole = Program("prepare", (), count, tuple(merged), len(merged), (), (), (0,))
+        place, saved = count, dict[int, int]()
+        for program, table in zip(programs, moved, strict=True):
+            for ref in program.saved:
+                if table[ref] not in saved:
+                    saved[table[ref]] = place
+                    place += width_of(whole, table[ref], largest)
+        slots = [
+            {ref: saved[table[ref]] for ref in program.saved} for program, table in zip(programs, moved, strict=True)
+        ]
+        return cls(tuple(programs), whole, saved, tuple(slots), place, largest)
+
+    def of_program(self, program: Program) -> Mapping[int, int]:
+        """Return the indices of a program's saved results."""
+        return self.slots[self.programs.index(program)]
+
+
+def _merged(program: Program, merged: dict[Instruction, int]) -> list[int]:
+    """Add the hoisted instructions of a program to `merged`; return the index of each there."""
+    table: list[int] = []
+    for one in program.instructions[: program.hoisted]:
+        moved = one._replace(args=tuple(table[arg] for arg in one.args))
+        table.append(merged.setdefault(moved, len(merged)))
+    return table
+
+
+def written_out(plan: Elimination, largest: int = WRITTEN_OUT) -> bool:
+    """Return whether the operations of an elimination are written out one by one."""
+    return plan.order <= largest or plan.written_out
+
+
+def width_of(program: Program, ref: int, largest: int = WRITTEN_OUT) -> int:
+    """Return the number of reals that a result takes."""
+    one = program.instructions[ref]
+    if one.op == "factor":
+        plan = program.eliminations[ref]
+        return len(plan.places) + 1 if written_out(plan, largest) else factor_size(one.order)
+    return one.order if one.op == "solve" else 1

@@ -1,0 +1,151 @@
+"""The inverse of any matrix: Gauss-Jordan elimination in place, with pivots.
+
+The pivot of each column is its largest entry relative to the size of the row. Before that, rows are scaled, then
+columns, then rows again.
+Source: N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2nd ed., 2002, section 14.4.
+"""
+
+from __future__ import annotations
+
+import math
+
+from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.linear.pivoted import PIVOT
+from lagrange.procedure.form import PARTIAL, Array, Procedure
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import Out, Readable, Writable, each, fma, unrolled, wholes
+
+WRITTEN_OUT = 16
+"""Largest order for which the loops over a row, and the search for a pivot, are written out."""
+
+
+def row_stride(n: int) -> int:
+    """Return the distance between the rows of a matrix of order n, a multiple of the block size."""
+    return whole_blocks(n, PARTIAL)
+
+
+def inversion(n: int) -> Procedure:
+    """Return the inversion of matrices of order n; `scratch` takes three rows."""
+    return invert_matrix.form(n=n)
+
+
+@procedure(
+    a=lambda n: Array(size=n * row_stride(n), room=PARTIAL),
+    scratch=lambda n: Array(size=3 * row_stride(n), room=PARTIAL),
+)
+def invert_matrix(a: Out, scratch: Out, *, n: int) -> bool:
+    """Replace a matrix by its inverse, and return whether it is singular."""
+    stride, short = row_stride(n), n <= WRITTEN_OUT
+    units, columns, pivots = scratch, scratch[stride:], scratch[2 * stride :]
+    chosen = wholes(n)
+    measure(n, a, units, columns)
+    singular = False
+    for k in range(n):
+        row = find_pivot(n, a, units, k)
+        chosen[k] = row
+        pivot = a[row * stride :][k]
+        small = abs(pivot) * (units[row] * columns[k]) <= PIVOT
+        singular = singular or small or pivot == 0.0
+        if row != k:
+            # The scale of the second row is not needed later: this row becomes the pivot row.
+            first, second = a[row * stride :], a[k * stride :]
+            for j in each(n, unrolled=short, spill=True, disjoint=True):
+                first[j], second[j] = second[j], first[j]
+            units[row] = units[k]
+        eliminate(n, a, pivots, k)
+    for back in range(n):
+        last = n - 1 - back
+        other = chosen[last]
+        if other != last:
+            for i in range(n):
+                line = a[i * stride :]
+                line[other], line[last] = line[last], line[other]
+    return singular
+
+
+@inline
+def measure(n: int, a: Readable[float], units: Writable[float], columns: Writable[float]) -> None:
+    """Write the reciprocal size of each row and column."""
+    stride = row_stride(n)
+    for j in each(n, spill=True):
+        columns[j] = 1.0
+    measure_rows(n, a, units, columns)
+    for j in each(n, unrolled=n <= WRITTEN_OUT, spill=True, disjoint=True):
+        largest = 0.0
+        for i in range(n):
+            size = abs(a[i * stride :][j]) * units[i]
+            largest = max(largest, size)
+        columns[j] = 1.0 / largest
+    measure_rows(n, a, units, columns)
+
+
+@inline
+def measure_rows(n: int, a: Readable[float], units: Writable[float], columns: Readable[float]) -> None:
+    """Write the reciprocal size of each row after the columns are scaled."""
+    for i in range(n):
+        row, largest = a[i * row_stride(n) :], -math.inf
+        for j in each(n, unrolled=n <= WRITTEN_OUT):
+            largest = max(largest, abs(row[j]) * columns[j])
+        units[i] = 1.0 / largest
+
+
+@inline
+def find_pivot(n: int, a: Readable[float], units: Readable[float], k: int) -> int:
+    """Return the row, from k on, in which column k is largest; k if no entry there is finite."""
+    stride = row_stride(n)
+    if n > WRITTEN_OUT:
+        best, row = -1.0, k
+        for i in range(k, n):
+            size = abs(a[i * stride :][k]) * units[i]
+            larger = size > best
+            best, row = size if larger else best, i if larger else row
+        return row
+    # A tournament of pairs: no comparison waits for more than four others.
+    found = tuple(candidate(a, units, k, i, stride) for i in unrolled(n))
+    for _ in unrolled((n - 1).bit_length()):
+        found = larger_of_pairs(found)
+    size, row = found[0]
+    return row if size >= 0.0 else k
+
+
+@inline
+def candidate(a: Readable[float], units: Readable[float], k: int, i: int, stride: int) -> tuple[float, int]:
+    """Return the size of the entry of row i, or -1 if it cannot be the pivot, and i."""
+    size = abs(a[i * stride :][k]) * units[i]
+    return size if size >= 0.0 and k <= i else -1.0, i
+
+
+@inline
+def larger_of_pairs(found: tuple[tuple[float, int], ...]) -> tuple[tuple[float, int], ...]:
+    """Return the larger of each two sizes, with its row."""
+    pairs = tuple(larger_of(a, b) for a, b in zip(found[::2], found[1::2], strict=False))
+    return (*pairs, found[-1]) if len(found) % 2 else pairs
+
+
+@inline
+def larger_of(a: tuple[float, int], b: tuple[float, int]) -> tuple[float, int]:
+    """Return the larger of two sizes, with its row."""
+    larger = b[0] > a[0]
+    return b[0] if larger else a[0], b[1] if larger else a[1]
+
+
+@inline
+def eliminate(n: int, a: Writable[float], pivots: Writable[float], k: int) -> None:
+    """Subtract multiples of row k from the others, and replace column k by that of the inverse.
+
+    Whole blocks are stored, including the entry of column k: a single store would delay the next load of its block.
+    """
+    stride, short = row_stride(n), n <= WRITTEN_OUT
+    here = a[k * stride :]
+    reciprocal = 1.0 / here[k]
+    for j in each(n, unrolled=short, spill=True):
+        scaled = here[j] * reciprocal
+        pivots[j] = reciprocal if j == k else scaled
+    for i in range(n):
+        row = a[i * stride :]
+        factor = -row[k]
+        for j in each(n, unrolled=short, spill=True):
+            entry = row[j]
+            row[j] = fma(factor, pivots[j], 0.0 if j == k else entry)
+    for j in each(n, unrolled=short, spill=True):
+        here[j] = pivots[j]

@@ -1,0 +1,110 @@
+"""Whether Newton's method has converged, and whether its matrix still serves.
+
+An equal step is solved to round-off, a step with error control far below its tolerance. After a correction the error is
+estimated as the rest of a geometric series, with the contraction rate of the last two corrections, or that of the
+previous step.
+Source: E. Hairer, G. Wanner, Solving Ordinary Differential Equations II, 2nd ed., 1996, IV.8.
+"""
+
+from __future__ import annotations
+
+import math
+
+from lagrange.algorithm.newton.constants import (
+    DIVERGENCE_GROWTH,
+    DIVERGENCE_RATE,
+    FEW_CORRECTIONS,
+    FRESH_RATE,
+    LARGEST_MATRIX_AGE,
+    LARGEST_RATE,
+    LEAST_RATE,
+    MATRIX_AGE,
+    NOISE_DECAY,
+    RATE_INCREASE,
+    ROUND_OFF_FRACTION,
+    SLOW_RATE,
+    STAGNATION_NORM,
+    STAGNATION_RATE,
+    TOLERANCE_FRACTION,
+)
+from lagrange.algorithm.outcome import Outcome
+from lagrange.algorithm.step.memory import Newton
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import larger, smaller
+
+
+@procedure
+def assess_correction(
+    newton: Newton,
+    iteration: int,
+    norm: float,
+    previous: float,
+    since: int,
+    *,
+    adaptive: bool,
+    constrained: bool = False,
+) -> Outcome:
+    """Say whether the unknowns are good enough, by the norms of corrections.
+
+    `iteration` counts corrections from 0, and `since` those made with the current matrix. `norm` is the size of this
+    correction, `previous` that of the one before. The outcome is DONE, PAUSED if another correction is needed, or
+    DIVERGED.
+
+    The rate of the previous step says nothing of a `constrained` step with error control: it is that by which the
+    gradients of constraints turn, and does not fall with the length of the step. Its first correction counts as one of
+    the largest rate.
+    """
+    first = iteration == 0
+    measured = norm / previous
+    expected = DIVERGENCE_RATE if adaptive and constrained else newton.rate
+    rate = expected if first else measured
+    if is_small(newton, norm, math.inf if first else previous, rate, adaptive):
+        aged = smaller(newton.rate * RATE_INCREASE, LARGEST_RATE)
+        newton.rate = aged if first else larger(measured, LEAST_RATE)
+        schedule_matrix(newton, iteration, measured, adaptive)
+        return Outcome.DONE
+    if not first and not rate <= SLOW_RATE:
+        if adaptive:
+            if not rate <= DIVERGENCE_RATE:
+                return Outcome.DIVERGED
+        else:
+            old = since >= MATRIX_AGE
+            fresh = since >= 1 and not old
+            # With a new matrix, small corrections that do not shrink are round-off.
+            if fresh and rate >= STAGNATION_RATE and norm < STAGNATION_NORM:
+                newton.noise = 2.0 * norm
+                return Outcome.DONE
+            if fresh and rate >= DIVERGENCE_GROWTH and norm >= STAGNATION_NORM:
+                return Outcome.DIVERGED
+            if old:
+                request_matrix(newton)
+    return Outcome.PAUSED
+
+
+@inline
+def is_small(newton: Newton, norm: float, previous: float, rate: float, adaptive: bool) -> bool:
+    """Whether the estimated error is small enough, or two corrections in a row are round-off."""
+    bound = TOLERANCE_FRACTION if adaptive else newton.noise * ROUND_OFF_FRACTION
+    small = norm * rate <= (1.0 - rate) * bound
+    return small if adaptive else small or larger(norm, previous) <= newton.noise
+
+
+@inline
+def schedule_matrix(newton: Newton, iteration: int, rate: float, adaptive: bool) -> None:
+    """Let the next step begin with a new matrix if this one is outdated; reduce the noise estimate slowly."""
+    newton.age += 1
+    if adaptive:
+        outdated = iteration > 0 and rate > FRESH_RATE
+    else:
+        aged = iteration >= FEW_CORRECTIONS and newton.age >= MATRIX_AGE
+        outdated = aged or newton.age >= LARGEST_MATRIX_AGE
+        newton.noise = larger(newton.noise * NOISE_DECAY, 1.0)
+    if outdated:
+        request_matrix(newton)
+
+
+@inline
+def request_matrix(newton: Newton) -> None:
+    """Let the matrix and the derivative of the law be computed anew when they are needed next."""
+    newton.matrix_step = 0.0
+    newton.differentiated = 0

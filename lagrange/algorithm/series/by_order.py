@@ -1,0 +1,203 @@
+"""The series in a loop over orders, each vector of values of the order at hand a value of its own.
+
+A row keeps what later orders read, each vector once. The values of the order at hand follow from the sums over lower
+orders in straight-line code. Members side by side have one value in a vector: the lanes are the members.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.series.jet import LoopJet
+from lagrange.algorithm.series.numbers import SeriesNumbers
+from lagrange.algorithm.series.order_sums import OrderSums, Pair
+from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
+from lagrange.algorithm.series.rules import Term, coefficient
+from lagrange.algorithm.series.systems import system_size
+from lagrange.algorithm.series.value import ChunkAt, divisor, solved
+from lagrange.algorithm.series.vectors import entries, gathered, of_width, put, wide
+from lagrange.algorithm.taylor.memory import TaylorLayout
+from lagrange.procedure.form import FLAG, Procedure
+from lagrange.procedure.values import Whole
+
+LARGEST_INVERSE = 12
+"""The inverse of a mass matrix is written out up to this size: for members side by side loops over vectors are none."""
+
+
+class Row:
+    """Where operands stand in a row: the state and what is watched, and behind them what later orders read."""
+
+    def __init__(self, packing: Packing, watched_at: int) -> None:
+        self.places: dict[Operand, int] = {}
+        begin = 0
+        for chunk in packing.state:
+            if chunk.count == len(chunk.values):
+                self.places[chunk.whole] = begin
+            begin += chunk.count
+        self.size = watched_at + len(packing.program.watched)
+        for operand in _kept(packing):
+            if operand not in self.places:
+                lanes = len(operand.values)
+                self.places[operand] = whole_blocks(self.size, lanes)
+                self.size = self.places[operand] + lanes
+        self.size = whole_blocks(self.size, packing.lanes)
+
+
+def by_order_layout(packing: Packing) -> TaylorLayout:
+    """Return where things stand, for members side by side."""
+    program = packing.program
+    n, watched = 2 * program.dimension, len(program.watched)
+    ways = {"projected": program.projection is not None, "crossing": program.may_cross, "by_rows": True}
+    scratch = by_order_scratch(packing)
+    return TaylorLayout(n, Row(packing, n).size, watched, n, block=1, scratch=scratch, observes=watched > 0, **ways)
+
+
+def by_order_scratch(packing: Packing) -> int:
+    """Return how many numbers follow the rows."""
+    return sum(system_size(stage.plan, LARGEST_INVERSE) for stage in packing.program.stages)
+
+
+class ByOrderJet(LoopJet):
+    """Builds the procedure. `x` has the chunks of the order at hand."""
+
+    def __init__(self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout | None = None) -> None:
+        super().__init__(packing, numbers, layout or by_order_layout(packing), LARGEST_INVERSE)
+        self.places = Row(packing, self.layout.watched_at).places
+        self.x: dict[Chunk, Term] = {}
+        self.operands: dict[Operand, Term] = {}
+        """The operands that have been brought side by side at the order at hand."""
+        self.sums: dict[Pair, Term] = {}
+        """The sums at the order at hand."""
+        self.row = self.previous = self.rows
+
+    def build(self) -> Procedure:
+        """Return the procedure."""
+        p, packing = self.p, self.packing
+        self.begin()
+        for operand in dict.fromkeys(operand for chunk in packing.computed if (operand := divisor(chunk)) is not None):
+            self.reciprocals[operand] = 1.0 / self.at_zero(operand)
+        for system, stage in zip(self.systems, packing.stages, strict=True):
+            system.read(stage.rows)
+        pairs = (pair for chunk in packing.computed for pair in chunk.sums)
+        sums = OrderSums(p, pairs, self.places, self.rows, self.layout.width)
+        self.write_first()
+        moving = any(stage.plan.moving for stage in packing.stages)
+        guesses = [
+            [p.variable(wide(p, None, len(chunk.values))) for chunk in stage.unknowns] if moving else None
+            for stage in packing.stages
+        ]
+        with self.each_order() as iteration:
+            self.sums = sums.at(self.k)
+            for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
+                self.x[chunk] = self.share(self.before(rate))
+            self.fill(packing.before)
+            for place, (stage, guess) in enumerate(zip(packing.stages, guesses, strict=True)):
+                self.solve(place, stage, guess, iteration)
+            self.write()
+        p.leave(self.singular)
+        return p.finish(FLAG)
+
+    def set_order(self, k: Whole) -> None:
+        """Build what depends on the order alone."""
+        width = self.layout.width
+        self.row, self.previous = self.rows.at(k * width), self.rows.at((k - 1) * width)
+        super().set_order(k)
+
+    def fill(self, chunks: Sequence[Chunk]) -> None:
+        """Build the coefficients of some chunks."""
+        for chunk in chunks:
+            self.x[chunk] = of_width(self.p, coefficient(_ByOrder(self, chunk)), len(chunk.values))
+
+    def know(self, place: int, found: Sequence[Term]) -> None:
+        """Set the unknowns of a stage, and forget operands that have others in their place."""
+        depth = self.program.depth
+        self.operands = {
+            operand: x
+            for operand, x in self.operands.items()
+            if all(value == ZERO_LANE or depth[value] <= place for value in operand.values)
+        }
+        self.x |= zip(self.packing.stages[place].unknowns, found, strict=True)
+
+    def solve(self, place: int, stage: PackedStage, guess: Sequence[Any] | None, iteration: Whole) -> None:
+        """Build the unknowns of a stage, and what follows from them."""
+        p = self.p
+        guesses = [None if guess is None else one.value for one in guess or [None] * len(stage.unknowns)]
+        self.know(place, guesses)
+        self.fill(stage.trial)
+        solution = solved(self, place, stage, guesses)
+        found = [wide(p, x, len(chunk.values)) for chunk, x in zip(stage.unknowns, solution, strict=True)]
+        if guess is not None:
+            weight = p.choose(iteration.equals(0), p.real(1.0), 0.0)
+            for one, x in zip(guess, found, strict=True):
+                one.value = x * weight
+        self.know(place, found)
+        self.fill(stage.found)
+
+    def write_first(self) -> None:
+        """Write order 0, and zero for what is multiplied by the order."""
+        self.write_state(self.at_zero)
+        for operand, place in self.places.items():
+            lanes = len(operand.values)
+            put(self.p, self.rows, place, None if operand.ranked else self.at_zero(operand), lanes, lanes)
+
+    def write(self) -> None:
+        """Write the row."""
+        self.write_state(self.now)
+        for operand, place in self.places.items():
+            lanes = len(operand.values)
+            put(self.p, self.row, place, self.now(operand), lanes, lanes)
+
+    def write_state(self, x: Any) -> None:
+        """Write the state where it is not written with the operands, and the coefficients of the event functions."""
+        begin, row = 0, self.rows if x == self.at_zero else self.row
+        for chunk in self.packing.state:
+            if self.places.get(chunk.whole) != begin:
+                put(self.p, row, begin, x(chunk.whole), len(chunk.values), chunk.count)
+            begin += chunk.count
+        for place, number in enumerate(self.program.watched, self.layout.watched_at):
+            put(self.p, row, place, None if number is None else x(Operand((number,))), 1, 1)
+
+    def now(self, operand: Operand) -> Term:
+        """Return an operand at the order at hand."""
+        if operand not in self.operands:
+            x = gathered(self.p, self.packing, operand, self.x.__getitem__)
+            self.operands[operand] = x * self.rank if operand.ranked and x is not None else x
+        return self.operands[operand]
+
+    def before(self, operand: Operand) -> Term:
+        """Return an operand at the order before."""
+        return entries(self.previous, self.places[operand], len(operand.values))
+
+    def first(self, operand: Operand) -> Term:
+        """Return an operand at order 0."""
+        if self.packing.lanes > 1 and operand in self.places:
+            return entries(self.rows, self.places[operand], len(operand.values))
+        return self.at_zero(operand)
+
+    def over(self, operand: Operand) -> Term:
+        """Return one over an operand at order 0."""
+        return self.reciprocals[operand]
+
+    def start(self) -> Term:
+        """Return the coefficient of time: the scale at k = 1, else 0."""
+        return self.time
+
+
+class _ByOrder(ChunkAt):
+    """A chunk at the order at hand; see `At`."""
+
+    series: ByOrderJet
+
+    def total(self, which: int) -> Term:
+        """Return the sum over 0 < j < k."""
+        return self.series.sums[self.chunk.sums[which]]
+
+
+def _kept(packing: Packing) -> Iterator[Operand]:
+    """Return what later orders read: the factors of sums, and what is read one order later."""
+    yield from (operand for chunk in packing.computed for pair in chunk.sums for operand in pair)
+    yield from (*packing.delayed, *packing.rates)
+    if packing.lanes > 1:
+        yield from packing.initial

@@ -1,0 +1,224 @@
+"""Memory of the values of a series at one order, like values side by side, and the lanes that rules read from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Protocol
+
+from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, Packing
+from lagrange.algorithm.series.rules import OWN, Term
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.values import Memory, Real, Whole
+from lagrange.program.series import SeriesProgram
+
+ALIGNED = 8
+"""Vectors begin at multiples of so many reals in the work array, where they are read quickest."""
+
+
+NOWHERE = -1
+"""In the place of a home that is not known yet."""
+
+
+class Image:
+    """The places of values at an order: the state, operands that later orders read, and behind `width` all others.
+
+    Later orders read the first `width` numbers only, which are a row. Rows begin at `first` in an aligned array. A
+    chunk whose values stand in their order somewhere is read there; others are `gathered`, one value after the other.
+    """
+
+    def __init__(self, packing: Packing, first: int) -> None:
+        self.packing, self.first = packing, first
+        n = packing.program.dimension
+        self.homes: dict[int, int] = {i: i for i in range(2 * n)}
+        """Where each value stands."""
+        self.repeated: dict[int, int] = {i: i for i in range(2 * n)}
+        """Which value stands at each place of a home."""
+        self.places: dict[Operand, int] = {}
+        self.gathered: dict[Operand, None] = {}
+        self.end = 2 * n
+        self.place_homes(dict.fromkeys((*packing.summed, *packing.delayed)))
+        kept = dict.fromkeys((*packing.summed, *packing.delayed, *packing.rates))
+        for operand in kept:
+            self.place(operand)
+        self.width = whole_blocks(self.end, ALIGNED)
+        self.end = self.width
+        self.place_homes(None)
+        for operand in dict.fromkeys((*kept, *read(packing))):
+            self.place(operand)
+        self.size = whole_blocks(self.end, ALIGNED)
+
+    def place_homes(self, wanted: dict[Operand, None] | None) -> None:
+        """Place the chunks that are computed, those that are among the wanted operands, or all that are left."""
+        unknowns = [chunk for chunk in self.packing.unknowns if chunk.values[0] not in self.homes]
+        for chunk in (*self.packing.computed, *unknowns):
+            if chunk.values[0] not in self.homes and (wanted is None or chunk.whole in wanted):
+                begin = self.room(len(chunk.values))
+                for lane, value in enumerate(chunk.values):
+                    self.homes.setdefault(value, begin + lane)
+                    self.repeated[begin + lane] = value
+                self.places[chunk.whole] = begin
+
+    def room(self, lanes: int) -> int:
+        """Return a place for a vector."""
+        begin = whole_blocks(self.end + self.first, min(lanes, ALIGNED)) - self.first
+        self.end = begin + lanes
+        return begin
+
+    def place(self, operand: Operand) -> None:
+        """Place an operand: where its values stand in their order already, or behind all others."""
+        if operand in self.places:
+            return
+        begin = self.homes.get(operand.values[0], NOWHERE)
+        if not operand.ranked and next(self.runs(operand)) == (0, begin, len(operand.values)) and begin != NOWHERE:
+            self.places[operand] = begin
+        else:
+            self.places[operand] = self.room(len(operand.values))
+            self.gathered[operand] = None
+
+    def runs(self, operand: Operand) -> Iterator[tuple[int, int, int]]:
+        """Return the values of an operand that stand side by side: the first lane, its place, and how many.
+
+        A lane that is zero stands nowhere.
+        """
+        values, lane = operand.values, 0
+        while lane < len(values):
+            begin, count = self.homes.get(values[lane], NOWHERE), 1
+            while begin != NOWHERE and values[lane : lane + count + 1][count:] == (self.repeated.get(begin + count),):
+                count += 1
+            yield lane, begin, count
+            lane += count
+
+    def filled(self) -> dict[int, int]:
+        """Return the value at each place that is read at order 0: in the row, and of what rules read there."""
+        found = {place: value for place, value in self.repeated.items() if place < self.width}
+        initial = dict.fromkeys(self.packing.initial)
+        for operand, begin in self.places.items():
+            if not operand.ranked and (begin < self.width or operand in initial):
+                places = enumerate(operand.values, begin)
+                found |= {place: value for place, value in places if value != ZERO_LANE}
+        return found
+
+
+def read(packing: Packing) -> Iterator[Operand]:
+    """Return every operand that a rule or a solve reads at its own order, or at order 0."""
+    for chunk in packing.computed:
+        yield from arguments(chunk)
+        if chunk.sums:
+            yield chunk.whole
+    for stage in packing.stages:
+        yield from (operand for operand in stage.left if operand is not None)
+
+
+def arguments(chunk: Chunk) -> tuple[Operand, ...]:
+    """Return the arguments that a rule reads at its own order, or at order 0."""
+    return () if chunk.op == "integral" else chunk.args
+
+
+class Orders(Protocol):
+    """What lanes read of a series in a loop over orders."""
+
+    p: Builder
+    program: SeriesProgram
+    image: Image
+    k: Whole
+    time: Real
+    constants: list[Real]
+    sums: dict[tuple[Chunk, int], int]
+    vectors: dict[tuple[int, ...], int]
+    divisors: dict[Operand, int]
+
+    def part_of(self, array: str, place: int) -> Memory:
+        """Return an array from a place on."""
+
+    def array_of(self, place: int) -> Memory:
+        """Return the array in which a value of the order at hand stands."""
+
+    def common(self, places: Sequence[int]) -> float | None:
+        """Return the number that coefficients are in all lanes, if it is known now."""
+
+    def share(self, x: Term) -> Term:
+        """Return x scale / k."""
+
+    def part(self, x: Term) -> Term:
+        """Return x / k."""
+
+
+class ChunkLane:
+    """A lane of a chunk at an order; see `At`."""
+
+    def __init__(self, jet: Orders, chunk: Chunk, i: Whole) -> None:
+        self.jet, self.chunk, self.p, self.i = jet, chunk, jet.p, i
+
+    def operand(self, which: int) -> Operand:
+        """Return an argument, or the chunk itself."""
+        return self.chunk.whole if which == OWN else self.chunk.args[which]
+
+    def read(self, array: str, place: int) -> Real:
+        """Return a number of this lane."""
+        found: Real = self.jet.part_of(array, place)[self.i]
+        return found
+
+    def now(self, which: int) -> Term:
+        """Return the coefficient of an argument at the order at hand."""
+        return self.read("now", self.jet.image.places[self.operand(which)])
+
+    def before(self, which: int) -> Term:
+        """Return the coefficient of an argument at the order before."""
+        return self.read("previous", self.jet.image.places[self.operand(which)])
+
+    def first(self, which: int) -> Real:
+        """Return an argument, or the value itself, at order 0."""
+        return self.read("first", self.jet.image.places[self.operand(which)])
+
+    def total(self, which: int) -> Term:
+        """Return a sum over 0 < j < k."""
+        return self.read("totals", self.jet.sums[self.chunk, which])
+
+    def over(self, which: int) -> Real:
+        """Return one over an argument, or over the value itself, at order 0."""
+        return self.read("reciprocals", self.jet.divisors[self.operand(which)])
+
+    def known(self, which: int) -> float | None:
+        """Return a coefficient of the rule if it is known now."""
+        return self.jet.common(self.chunk.coefficients[which])
+
+    def constant(self, which: int) -> Real:
+        """Return a coefficient of the rule."""
+        known = self.known(which)
+        if known is not None:
+            return self.p.real(known)
+        return self.read("constants", self.jet.vectors[self.chunk.coefficients[which]])
+
+    def share(self, x: Term) -> Term:
+        """Return x scale / k."""
+        return self.jet.share(x)
+
+    def part(self, x: Term) -> Term:
+        """Return x / k."""
+        return self.jet.part(x)
+
+    def start(self) -> Term:
+        """Return the coefficient of time: the scale at k = 1, else 0."""
+        return self.jet.time
+
+
+class ScatteredLane(ChunkLane):
+    """One lane of a linear combination, whose terms stand anywhere; see `At`."""
+
+    def __init__(self, jet: Orders, chunk: Chunk, lane: int) -> None:
+        super().__init__(jet, chunk, jet.k)
+        self.lane = lane
+
+    def now(self, which: int) -> Term:
+        """Return the coefficient of an argument at the order at hand."""
+        home = self.jet.image.homes[self.chunk.args[which].values[self.lane]]
+        return self.jet.array_of(home)[home]
+
+    def known(self, which: int) -> float | None:
+        """Return a coefficient of the rule if it is known now."""
+        return self.jet.program.numbers[self.chunk.coefficients[which][self.lane]]
+
+    def constant(self, which: int) -> Real:
+        """Return a coefficient of the rule."""
+        return self.jet.constants[self.chunk.coefficients[which][self.lane]]

@@ -1,0 +1,147 @@
+"""What the two forms of a series have in common: its start, its constants and its systems.
+
+    jet(t, scale, y, prepared, constants, rows, order) -> whether a matrix is singular
+
+writes the coefficients of q and v, times scale**k, to row k of `rows` for k from 0 to the order; see
+`lagrange.algorithm.taylor.memory.JET`. Like values stand side by side, in chunks of compile-time length, so that a
+compiler turns each chunk into vectors.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import reduce
+from typing import Any
+
+from lagrange.algorithm.kernel.body import SOURCE
+from lagrange.algorithm.series.numbers import ALONE, SeriesNumbers, Start
+from lagrange.algorithm.series.packing import ZERO_LANE, Operand, Packing
+from lagrange.algorithm.series.rules import Term
+from lagrange.algorithm.series.systems import System, moving_system, system_size
+from lagrange.algorithm.series.vectors import joined
+from lagrange.algorithm.taylor.memory import BLOCK, TaylorLayout
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import REAL, WHOLE
+from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.program.elimination import WRITTEN_OUT
+from lagrange.program.series import SeriesProgram
+
+NAME = "taylor_jet"
+"""The name of the procedure."""
+
+ANGLES_AT_ONCE = 8
+"""Number of angles whose sines and cosines are computed at once, where there are vectors."""
+
+
+class Jet:
+    """A series under construction at one order after the other. `origin` has the values of order 0 by number.
+
+    Inverses of mass matrices are written out up to a largest size.
+    """
+
+    def __init__(
+        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = WRITTEN_OUT
+    ) -> None:
+        self.packing, self.numbers, self.layout, self.largest = packing, numbers, layout, largest
+        self.program: SeriesProgram = packing.program
+        self.p = p = Builder(NAME, "Write the coefficients of the series, and say whether a matrix is singular.")
+        self.t, self.scale = p.given("t", REAL), p.given("scale", REAL)
+        self.y, self.prepared = p.array("y", read=True), p.array("prepared", read=True)
+        p.array("constants", read=True)
+        self.rows = p.array("rows", room=BLOCK)
+        self.order: Whole = p.given("order", WHOLE)
+        self.constants: list[Real] = []
+        self.origin: dict[int, Any] = {}
+        self.systems: list[System] = []
+        self.singular: Flag = p.false
+
+    def begin(self) -> None:
+        """Build order 0, the constants and the matrices."""
+        program, p = self.program, self.p
+        self.constants = [self.numbers.constant(self.prepared, place) for place in range(len(program.numbers))]
+        self.joined: dict[tuple[int, ...], Term] = {}
+        """Coefficients side by side, by their places in the table."""
+        self.reciprocals: dict[Operand, Term] = {}
+        """One over what is divided by at order 0."""
+        style = ALONE if self.packing.lanes > 1 else SOURCE
+        start = Start(p, self.numbers, self.prepared, self.constants, self.t, self.y, self.layout.padded, style)
+        start.run_moving(ANGLES_AT_ONCE if self.packing.lanes > 1 else 1)
+        values = [start.value(ref) for ref in program.start.outputs]
+        self.origin = dict(zip(program.started, values, strict=False))
+        for i in range(2 * program.dimension):
+            self.origin.setdefault(i, self.y[i])
+        triangles, memory = iter(values[len(program.started) :]), self.matrices()
+        flags = [p.false if start.singular is None else Flag.of(start.singular.value)]
+        for stage, known in zip(program.stages, self.numbers.systems(p, self.prepared), strict=True):
+            if known is None:
+                known, found = moving_system(p, stage.plan, triangles, memory, self.largest)
+                memory = memory.at(size) if (size := system_size(stage.plan, self.largest)) else memory
+                flags += found
+            self.systems.append(known)
+        self.singular = reduce(lambda a, b: a | b, flags)
+
+    def constant(self, places: tuple[int, ...]) -> Term:
+        """Return coefficients by their places in the table."""
+        if places not in self.joined:
+            self.joined[places] = self.numbers.vector(self.prepared, places, self.constants)
+        return self.joined[places]
+
+    def at_zero(self, operand: Operand) -> Term:
+        """Return an operand at order 0."""
+        zero = (None, 0)
+        return joined(self.p, [zero if value == ZERO_LANE else (self.origin.get(value), 0) for value in operand.values])
+
+    def matrices(self) -> Memory:
+        """Return memory for matrices, behind the rows."""
+        return self.rows.at((self.order + 1) * self.layout.width)
+
+
+class LoopJet(Jet):
+    """A series whose orders are computed in a loop: what depends on the order k alone."""
+
+    def __init__(
+        self, packing: Packing, numbers: SeriesNumbers, layout: TaylorLayout, largest: int = WRITTEN_OUT
+    ) -> None:
+        super().__init__(packing, numbers, layout, largest)
+        self.k: Whole = self.order
+        self.rank = self.time = self.high = self.low = self.scale
+        self.shares = self.scale, self.scale
+
+    @contextmanager
+    def each_order(self) -> Iterator[Whole]:
+        """Go through the orders from 1 on, where a mass matrix moves from an iteration 0 on, which is order 1 too."""
+        p, moving = self.p, any(stage.plan.moving for stage in self.packing.stages)
+        if moving:
+            p.note("Order 1 is computed twice, the second time from the velocities found first.")
+        with p.loop(0 if moving else 1, self.order + 1) as iteration:
+            self.set_order(p.larger(iteration, 1) if moving else iteration)
+            yield iteration
+
+    def set_order(self, k: Whole) -> None:
+        """Build what depends on the order alone."""
+        p = self.p
+        self.k, self.rank = k, p.real(k)
+        self.high = 1.0 / self.rank
+        p.note("What 1 - k high leaves over is exact, and its share is the part of 1 / k that rounding lost.")
+        self.low = p.fma(-self.rank, self.high, 1.0) * self.high
+        self.shares = self.high * self.scale, self.low * self.scale
+        self.time = p.choose(k.equals(1), self.scale, 0.0)
+
+    def share(self, x: Term) -> Term:
+        """Return x scale / k."""
+        return divided(self, x, *self.shares)
+
+    def part(self, x: Term) -> Term:
+        """Return x / k."""
+        return divided(self, x, self.high, self.low)
+
+
+def divided(jet: Jet, x: Term, high: Term, low: Term) -> Term:
+    """Return x (high + low), rounded once.
+
+    The rounded reciprocal of an order has an error of the same sign at every step, so errors would grow with time.
+    """
+    if x is None:
+        return None
+    return x * high if low is None else jet.p.fma(x, high, x * low)

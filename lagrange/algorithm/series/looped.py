@@ -1,0 +1,338 @@
+"""The series of a system in a loop over orders, like values side by side in memory.
+
+Each order has two phases: the sums over lower orders, some vectors at a time in a loop that multiplies and adds and
+does nothing else; then the short chain of values that depend on one another, a chunk of like values at a time. Values
+of the order at hand, and those of order 0, stand in arrays of the procedure's own; a row of the work array keeps what
+later orders read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+
+from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.series.image import ALIGNED, NOWHERE, ChunkLane, Image, ScatteredLane, arguments
+from lagrange.algorithm.series.jet import LoopJet
+from lagrange.algorithm.series.numbers import SeriesNumbers
+from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, PackedStage, Packing
+from lagrange.algorithm.series.rules import Term, coefficient, less
+from lagrange.algorithm.series.systems import Diagonal, InverseInMemory, system_size
+from lagrange.algorithm.series.value import divisor
+from lagrange.algorithm.taylor.memory import TaylorLayout
+from lagrange.procedure.form import FLAG, Procedure
+from lagrange.procedure.values import Memory, Whole
+
+Piece = tuple[Chunk, int, int, int]
+"""A part of the sums of a chunk: which of its pairs, the first lane, and how many."""
+
+SHORTEST_RUN = 4
+"""So many values that stand side by side are copied in a loop, which becomes vectors."""
+
+TILE = 48
+"""So many sums run in one loop: their totals stay in registers."""
+
+
+def looped_layout(packing: Packing) -> tuple[TaylorLayout, Image]:
+    """Return where things stand."""
+    program = packing.program
+    n = 2 * program.dimension
+    image = Image(packing, 5 * n)
+    scratch = whole_blocks(sum(system_size(stage.plan) for stage in program.stages), ALIGNED)
+    ways = {"projected": program.projection is not None, "crossing": program.may_cross, "by_rows": True}
+    return TaylorLayout(n, image.width, 0, n, block=1, scratch=scratch, **ways), image
+
+
+class LoopedJet(LoopJet):
+    """Builds the procedure."""
+
+    def __init__(self, packing: Packing, numbers: SeriesNumbers) -> None:
+        layout, self.image = looped_layout(packing)
+        super().__init__(packing, numbers, layout)
+        self.parts: dict[tuple[str, int], Memory] = {}
+        self.arrays: dict[str, Memory] = {}
+        self.vectors: dict[tuple[int, ...], int] = {}
+        """Where the coefficients of a chunk stand among the constants, by their places in the table."""
+        self.sums: dict[tuple[Chunk, int], int] = {}
+        """Where the sums stand among the totals."""
+        self.divisors: dict[Operand, int] = {}
+        """Where one over an operand at order 0 stands among the reciprocals."""
+        self.current: dict[Operand, None] = {}
+        """The operands that have been gathered at the order at hand."""
+        self.solutions: list[tuple[Memory, Memory, Memory | None]] = []
+
+    def build(self) -> Procedure:
+        """Return the procedure."""
+        p, packing = self.p, self.packing
+        self.begin()
+        self.lay_out()
+        self.write_first()
+        guesses = [p.reserve(stage.plan.size, name="guess") if stage.plan.moving else None for stage in packing.stages]
+        for stage, guess in zip(packing.stages, guesses, strict=True):
+            self.clear(guess, stage.plan.size)
+        with self.each_order() as iteration:
+            self.sum_up()
+            self.find_coordinates()
+            self.fill(packing.before)
+            for place, (stage, guess) in enumerate(zip(packing.stages, guesses, strict=True)):
+                self.know(place, stage, guess)
+                self.fill(stage.trial)
+                solution = self.solved_in_memory(place, stage, guess)
+                self.know(place, stage, solution)
+                if guess is not None:
+                    weight = p.choose(iteration.equals(0), p.real(1.0), 0.0)
+                    with p.each(stage.plan.size, width=1) as i:
+                        guess[i] = solution[i] * weight
+                self.fill(stage.found)
+            self.write()
+        p.leave(self.singular)
+        return p.finish(FLAG)
+
+    def clear(self, memory: Memory | None, count: int) -> None:
+        """Write zeros."""
+        if memory is not None:
+            with self.p.each(count, width=1) as i:
+                memory[i] = 0.0
+
+    # --- memory
+
+    def lay_out(self) -> None:
+        """Reserve arrays, and write what stays the same at all orders."""
+        p, program = self.p, self.program
+        chunks = self.packing.computed
+        end = 0
+        for chunk in chunks:
+            for which in range(len(chunk.sums)):
+                self.sums[chunk, which] = end
+                end += len(chunk.values)
+        constants: dict[tuple[int, ...], None] = {}
+        for chunk in chunks:
+            if not self.is_scattered(chunk):
+                constants |= {c: None for c in chunk.coefficients if self.common(c) is None}
+        self.arrays = {"now": p.reserve(self.image.size, name="now"), "first": p.reserve(self.image.size, name="first")}
+        self.arrays["totals"] = p.reserve(max(end, 1), name="totals")
+        size = sum(map(len, constants))
+        self.arrays["constants"] = p.reserve(max(size, 1), name="factors")
+        place = 0
+        for vector in constants:
+            self.vectors[vector] = place
+            for c in vector:
+                self.arrays["constants"][place] = self.constants[c]
+                place += 1
+        first, zero = self.arrays["first"], p.real(0.0)
+        self.clear(first, self.image.width)
+        for at, value in self.image.filled().items():
+            if value in self.origin or at >= self.image.width:
+                first[at] = self.origin.get(value, zero)
+        self.find_divisors(chunks)
+        if program.stages:
+            self.prepare_systems()
+
+    def find_divisors(self, chunks: Iterable[Chunk]) -> None:
+        """Write one over what is divided by at order 0."""
+        wanted = dict.fromkeys(operand for chunk in chunks if (operand := divisor(chunk)) is not None)
+        self.arrays["reciprocals"] = self.p.reserve(max(sum(len(o.values) for o in wanted), 1), name="reciprocals")
+        place = 0
+        for operand in wanted:
+            self.divisors[operand] = place
+            target, source = self.part_of("reciprocals", place), self.part_of("first", self.image.places[operand])
+            with self.p.each(len(operand.values), width=1) as i:
+                target[i] = 1.0 / source[i]
+            place += len(operand.values)
+
+    def prepare_systems(self) -> None:
+        """Reserve a right-hand side and a solution for each stage, and write the inverses of diagonal matrices."""
+        p = self.p
+        for system, stage in zip(self.systems, self.program.stages, strict=True):
+            n = stage.plan.size
+            inverse = None
+            if isinstance(system, Diagonal):
+                inverse = p.reserve(n, name="inverse")
+                for i, x in system.reciprocals.items():
+                    inverse[i] = x
+            self.solutions.append((p.reserve(n, name="right"), p.reserve(n, name="solution"), inverse))
+
+    def part_of(self, array: str, place: int) -> Memory:
+        """Return an array from a place on; of the order at hand, what later orders read stands in the row."""
+        return self.arrays["row" if array == "now" and place < self.image.width else array].at(place)
+
+    def array_of(self, place: int) -> Memory:
+        """Return the array in which a value of the order at hand stands."""
+        return self.arrays["row" if place < self.image.width else "now"]
+
+    def common(self, places: Sequence[int]) -> float | None:
+        """Return the number that coefficients are in all lanes, if it is known now."""
+        known = dict.fromkeys(self.program.numbers[place] for place in places)
+        return next(iter(known)) if len(known) == 1 else None
+
+    # --- orders
+
+    def set_order(self, k: Whole) -> None:
+        """Build what depends on the order alone."""
+        width = self.layout.width
+        self.arrays["row"], self.arrays["previous"] = self.rows.at(k * width), self.rows.at((k - 1) * width)
+        super().set_order(k)
+        self.current = {}
+
+    def sum_up(self) -> None:
+        """Build the sums over lower orders."""
+        tile: list[Piece] = []
+        for piece in self.pieces():
+            if sum(size for *_, size in (*tile, piece)) > TILE:
+                self.sum_tile(tile)
+                tile = []
+            tile.append(piece)
+        self.sum_tile(tile)
+
+    def pieces(self) -> Iterator[Piece]:
+        """Return the sums in pieces of at most a tile."""
+        for chunk, which in self.sums:
+            size = len(chunk.values)
+            for begin in range(0, size, TILE):
+                yield chunk, which, begin, min(TILE, size - begin)
+
+    def sum_tile(self, pieces: Sequence[Piece]) -> None:
+        """Build some sums in one loop."""
+        width = self.layout.width
+        for chunk, which, begin, size in pieces:
+            self.clear(self.part_of("totals", self.sums[chunk, which] + begin), size)
+        if pieces:
+            with self.p.loop(1, self.k) as j:
+                lower, upper = self.rows.at(j * width), self.rows.at((self.k - j) * width)
+                for piece in pieces:
+                    self.add_product(piece, lower, upper)
+
+    def add_product(self, piece: Piece, lower: Memory, upper: Memory) -> None:
+        """Add the products of two rows to a sum."""
+        chunk, which, begin, size = piece
+        a, b = (self.image.places[operand] + begin for operand in chunk.sums[which])
+        total, left, right = self.part_of("totals", self.sums[chunk, which] + begin), lower.at(a), upper.at(b)
+        with self.p.each(size, width=1) as i:
+            total[i] = self.p.fma(left[i], right[i], total[i])
+
+    def find_coordinates(self) -> None:
+        """Build the coordinates from their rates."""
+        for chunk, rate in zip(self.packing.coordinates, self.packing.rates, strict=True):
+            target = self.part_of("now", chunk.values[0])
+            source = self.part_of("previous", self.image.places[rate])
+            with self.p.each(chunk.count, width=1) as i:
+                target[i] = self.share(source[i])
+
+    def fill(self, chunks: Sequence[Chunk]) -> None:
+        """Build the coefficients of some chunks."""
+        for chunk in chunks:
+            if chunk.op == "constant":
+                self.clear(self.part_of("now", self.image.places[chunk.whole]), len(chunk.values))
+                continue
+            if self.is_scattered(chunk):
+                self.combine(chunk)
+                continue
+            for operand in arguments(chunk) if chunk.op != "along" else chunk.args[:1]:
+                self.gather(operand)
+            target = self.part_of("now", self.image.places[chunk.whole])
+            with self.p.each(len(chunk.values), width=1) as i:
+                target[i] = coefficient(ChunkLane(self, chunk, i))
+            self.current[chunk.whole] = None
+
+    def is_scattered(self, chunk: Chunk) -> bool:
+        """Return whether a chunk adds up values that stand apart, and that no later order reads side by side."""
+        places = self.image.places
+        apart = [operand for operand in chunk.args if operand in self.image.gathered]
+        return chunk.op == "linear" and any(places[operand] >= self.image.width for operand in apart)
+
+    def combine(self, chunk: Chunk) -> None:
+        """Build a chunk of linear combinations one by one: to bring their terms side by side would cost more."""
+        begin = self.image.places[chunk.whole]
+        target = self.array_of(begin)
+        known: dict[int, Term] = {}
+        for lane, value in enumerate(chunk.values):
+            if value not in known:
+                known[value] = coefficient(ScatteredLane(self, chunk, lane))
+            target[begin + lane] = known[value]
+
+    def gather(self, operand: Operand) -> None:
+        """Bring the values of an operand side by side, once at each order."""
+        image = self.image
+        if operand not in image.gathered or operand in self.current:
+            return
+        self.current[operand] = None
+        place = image.places[operand]
+        if operand.ranked:
+            plain = Operand(operand.values)
+            self.gather(plain)
+            source, target = self.part_of("now", image.places[plain]), self.part_of("now", place)
+            with self.p.each(len(operand.values), width=1) as i:
+                target[i] = source[i] * self.rank
+            return
+        for lane, home, count in image.runs(operand):
+            self.copy_run(home, place + lane, count)
+
+    def copy_run(self, home: int, place: int, count: int) -> None:
+        """Copy values that stand side by side, or write a zero."""
+        if home == NOWHERE:
+            self.array_of(place)[place] = 0.0
+        elif count < SHORTEST_RUN:
+            for k in range(count):
+                self.array_of(place + k)[place + k] = self.array_of(home + k)[home + k]
+        else:
+            self.p.copy(self.part_of("now", home), self.part_of("now", place), count, width=1, spill=False)
+
+    def know(self, place: int, stage: PackedStage, found: Memory | None) -> None:
+        """Enter the unknowns of a stage, and forget what was gathered with others in their place."""
+        depth, begin = self.program.depth, 0
+        self.current = {
+            operand: None
+            for operand in self.current
+            if all(value == ZERO_LANE or depth[value] <= place for value in operand.values)
+        }
+        if found is None:
+            return
+        for chunk in stage.unknowns:
+            target, source = self.part_of("now", self.image.homes[chunk.values[0]]), found.at(begin)
+            with self.p.each(chunk.count, width=1) as i:
+                target[i] = source[i]
+            begin += chunk.count
+
+    def solved_in_memory(self, place: int, stage: PackedStage, guess: Memory | None) -> Memory:
+        """Return the unknowns of a stage, corrected from a guess."""
+        p, (right, solution, inverse) = self.p, self.solutions[place]
+        begin = 0
+        for chunk, force, momentum in zip(stage.unknowns, stage.right, stage.left, strict=True):
+            self.right_side(chunk, force, momentum, right.at(begin))
+            begin += chunk.count
+        system, n = self.systems[place], stage.plan.size
+        if inverse is not None:
+            with p.each(n, width=1) as i:
+                solution[i] = right[i] * inverse[i]
+        elif isinstance(system, InverseInMemory):
+            system.multiply(right, solution)
+        else:
+            for place_of, x in enumerate(system.solve([(k,) for k in range(n)], [right[k] for k in range(n)])):
+                solution[place_of] = p.real(0.0) if x is None else x
+        if guess is not None:
+            with p.each(n, width=1) as i:
+                solution[i] = solution[i] + guess[i]
+        return solution
+
+    def right_side(self, chunk: Chunk, force: Operand | None, momentum: Operand | None, right: Memory) -> None:
+        """Write what a stage solves for, f[k-1] scale / k - p^[k]."""
+        places = self.image.places
+        if momentum is not None:
+            self.gather(momentum)
+        before = None if force is None else self.part_of("previous", places[force])
+        known = None if momentum is None else self.part_of("now", places[momentum])
+        with self.p.each(chunk.count, width=1) as i:
+            rate = None if before is None else self.share(before[i])
+            found = less(rate, None if known is None else known[i])
+            right[i] = 0.0 if found is None else found
+
+    def write_first(self) -> None:
+        """Write order 0."""
+        rows, first = self.rows, self.arrays["first"]
+        with self.p.each(self.layout.width, width=1) as i:
+            rows[i] = first[i]
+
+    def write(self) -> None:
+        """Complete the row."""
+        for operand in self.image.places:
+            if self.image.places[operand] < self.image.width:
+                self.gather(operand)

@@ -1,0 +1,202 @@
+"""The numbers of a series that depend on parameters alone, and where they stand behind the parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import reduce
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.algorithm.kernel.body import SOURCE, Body, Inputs, Style
+from lagrange.algorithm.kernel.prepared import width_of
+from lagrange.algorithm.series.packing import Packing
+from lagrange.algorithm.series.rules import Term
+from lagrange.algorithm.series.systems import System, constant_inverse, constant_size, constant_system
+from lagrange.algorithm.series.vectors import joined
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import ANGLES, FLAG, Procedure
+from lagrange.procedure.values import Memory, Real
+from lagrange.program.program import Instruction
+from lagrange.program.series import SeriesProgram
+
+FloatArray = NDArray[np.float64]
+
+
+class SeriesNumbers:
+    """Where the numbers of a series stand from `begin` on in the prepared array, which begins with the parameters.
+
+    First come the constants that are not known now, then what the start has hoisted, then the inverses of constant
+    matrices, then, for series of vectors, constants side by side as the vectors of a `packing` read them.
+    """
+
+    def __init__(self, program: SeriesProgram, begin: int, packing: Packing | None = None) -> None:
+        self.program, self.begin = program, begin
+        unknown = [place for place, number in enumerate(program.numbers) if number is None]
+        self.places = {place: k for k, place in enumerate(unknown)}
+        self.slots: dict[int, int] = {}
+        """Where the hoisted results of the start stand in the prepared array."""
+        end = begin + len(unknown)
+        for ref in program.start.saved:
+            self.slots[ref] = end
+            end += width_of(program.start, ref)
+        self.inverses = end - begin
+        constant = [stage.plan for stage in program.stages if not stage.plan.moving]
+        self.size = self.inverses + sum(map(constant_size, constant))
+        self.vectors: dict[tuple[int, ...], int] = {}
+        """Where constants stand side by side, by their places in the table."""
+        for places in () if packing is None else (c for chunk in packing.computed for c in chunk.coefficients):
+            known = all(program.numbers[place] is not None for place in places)
+            if len(dict.fromkeys(places)) > 1 and not known and places not in self.vectors:
+                self.vectors[places] = self.size
+                self.size += len(places)
+
+    @property
+    def given(self) -> int:
+        """How many parameters there are."""
+        return self.program.constants.parameters - self.program.sides
+
+    def prepare(self) -> Procedure:
+        """Return the procedure that writes the numbers behind the parameters, where these stand."""
+        program = self.program
+        p = Builder("prepare_taylor", "Write the numbers of the series, and say whether a constant matrix is singular.")
+        held = p.array("p")
+        constants = Body(p, program.constants, Inputs(held, {}))
+        constants.run(range(len(program.constants.instructions)))
+        found = [p.real(constants.value(ref)) for ref in program.constants.outputs]
+        to = held.at(self.begin)
+        for place, k in self.places.items():
+            to[k] = found[place]
+        start = Start(p, self, held, found)
+        start.run(range(program.start.hoisted))
+        for ref, slot in self.slots.items():
+            start.save(ref, held, slot)
+        rest, flags, begin = iter(found[len(program.numbers) :]), [p.false], self.inverses
+        for stage in program.stages:
+            if not stage.plan.moving:
+                flags += constant_inverse(p, stage.plan, rest, to.at(begin))
+                begin += constant_size(stage.plan)
+        p.leave(reduce(lambda a, b: a | b, flags))
+        return p.finish(FLAG)
+
+    def array(self, parameters: FloatArray, table: FloatArray, inverses: Sequence[FloatArray]) -> FloatArray:
+        """Return the numbers behind the parameters, but for what the start has hoisted.
+
+        `table` are the constants, and `inverses` the constant matrices (n, n) inverted.
+        """
+        prepared = np.zeros(self.begin + self.size + ROOM)
+        prepared[: len(parameters)] = parameters
+        own = prepared[self.begin :]
+        for place, k in self.places.items():
+            own[k] = table[place]
+        for places, k in self.vectors.items():
+            own[k : k + len(places)] = table[list(places)]
+        plans = [stage.plan for stage in self.program.stages if not stage.plan.moving]
+        parts = [np.diag(a) if plan.diagonal else a.T.ravel() for a, plan in zip(inverses, plans, strict=True)]
+        joined = np.concatenate([np.zeros(0), *parts])
+        own[self.inverses : self.inverses + len(joined)] = joined
+        return prepared
+
+    def prepare_start(self, name: str) -> Procedure:
+        """Return the procedure that writes what the start has hoisted into an array with all else."""
+        p = Builder(name, "Write the numbers of the start that depend on parameters alone.")
+        held = p.array("p")
+        table = [self.constant(held, place) for place in range(len(self.program.numbers))]
+        start = Start(p, self, held, table, style=ALONE)
+        start.run(range(self.program.start.hoisted))
+        for ref, slot in self.slots.items():
+            start.save(ref, held, slot)
+        p.leave(p.false if start.singular is None else start.singular.value)
+        return p.finish(FLAG)
+
+    def vector(self, prepared: Memory, places: tuple[int, ...], constants: Sequence[Real]) -> Term:
+        """Return constants side by side."""
+        if places in self.vectors:
+            return prepared.entries(self.begin + self.vectors[places], len(places))
+        return joined(prepared.builder, [(constants[place], 0) for place in places])
+
+    def constant(self, prepared: Memory, place: int) -> Real:
+        """Return a constant of the table."""
+        known = self.program.numbers[place]
+        found: Real = prepared[self.begin + self.places[place]] if known is None else prepared.builder.real(known)
+        return found
+
+    def systems(self, p: Builder, prepared: Memory) -> Iterator[System | None]:
+        """Return the constant matrix of each stage, None for one that moves."""
+        begin = self.begin + self.inverses
+        for stage in self.program.stages:
+            if stage.plan.moving:
+                yield None
+            else:
+                yield constant_system(p, stage.plan, prepared.at(begin))
+                begin += constant_size(stage.plan)
+
+
+ROOM = 8
+"""Vectors of a constant inverse may be read beyond its end."""
+
+ALONE = Style(substituted=1_000_000, systems=1, early=False)
+"""Each system is solved alone, and inputs are read where they are used."""
+
+
+class Start(Body):
+    """The values of order 0, as they are built: the constants of the table are its last parameters."""
+
+    def __init__(
+        self,
+        p: Builder,
+        numbers: SeriesNumbers,
+        prepared: Memory,
+        constants: Sequence[Real],
+        time: Real | None = None,
+        state: Memory | None = None,
+        padded: int = 0,
+        style: Style = SOURCE,
+    ) -> None:
+        """See `Body`; what rounding lost of the state stands `padded` numbers behind it."""
+        slots = {} if state is None else numbers.slots
+        super().__init__(p, numbers.program.start, Inputs(prepared, slots, time, state), style)
+        self.count, self.constants = numbers.program.constants.parameters, constants
+        self.dimension = numbers.program.dimension
+        self.moved = padded - 2 * numbers.program.dimension if padded else 0
+
+    def run_moving(self, width: int) -> None:
+        """Add what depends on the state; the sines and cosines of `width` angles at once, those of angles later."""
+        code, hoisted = self.program.instructions, self.program.hoisted
+        angles = [ref for ref in dict.fromkeys(one.args[0] for one in self.places) if ref >= hoisted]
+        if width > 1:
+            late, needed = bytearray(len(code)), bytearray(len(code))
+            for i, one in enumerate(code):
+                late[i] = one.op in ANGLES or any(late[arg] for arg in one.args)
+            angles = [ref for ref in angles if not late[ref]]
+            for ref in angles:
+                needed[ref] = True
+            for i in range(len(code) - 1, hoisted - 1, -1):
+                for arg in code[i].args if needed[i] else ():
+                    needed[arg] = True
+            self.run(i for i in range(hoisted, len(code)) if needed[i])
+            self.find_angles(angles, width)
+        self.run(range(hoisted, len(code)))
+
+    def find_angles(self, angles: Sequence[int], most: int) -> None:
+        """Add the sines and cosines of angles that are known, several at once."""
+        while len(angles) > 1:
+            width = min(most, 1 << (len(angles) - 1).bit_length())
+            taken, angles = angles[:width], angles[width:]
+            padded = [*taken, *[taken[-1]] * (width - len(taken))]
+            both = self.p.sine_cosine(joined(self.p, [(self.value(ref), 0) for ref in padded]))
+            for op, found in zip(ANGLES, both, strict=True):
+                for lane, ref in enumerate(taken):
+                    if (place := self.places.get(Instruction(op, (ref,)))) is not None:
+                        self.values[place] = found.permuted(lane)
+
+    def loaded(self, ref: int) -> None:
+        """Read an input or a prepared result, once."""
+        one = self.program.instructions[ref]
+        if one.op == "parameter" and one.place >= self.count:
+            self.values[ref] = self.constants[one.place - self.count]
+        elif one.op == "state" and one.place >= 2 * self.dimension and ref not in self.values:
+            assert self.inputs.state is not None
+            self.values[ref] = self.inputs.state[one.place + self.moved]
+        else:
+            super().loaded(ref)

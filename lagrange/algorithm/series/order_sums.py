@@ -1,0 +1,132 @@
+"""The sums over lower orders of a series whose operands stand in rows.
+
+Two orders are summed at once, an odd one and the next, over the orders before them: each number that is read from
+memory then serves two sums. The products with the odd order itself are added at the even one. The sums run a tile at a
+time, whose totals stay in registers; those with a factor in common stand together, and read it once.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import accumulate, groupby
+from typing import NamedTuple
+
+from lagrange.algorithm.series.packing import Operand
+from lagrange.algorithm.series.rules import Term
+from lagrange.algorithm.series.vectors import entries, put, wide
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.values import Flag, Memory, Variable, Whole
+
+Pair = tuple[Operand, Operand]
+"""The factors x and y of a sum of x[j] y[k-j] over 0 < j < k."""
+
+TILE = 24
+"""So many totals stay in registers: of 32 the others hold factors."""
+
+
+class OrderSum(NamedTuple):
+    """A sum: the place of its total, and its factors in the order in which they are read; a group shares the second."""
+
+    place: int
+    pair: Pair
+    lower: Operand
+    upper: Operand
+
+    @property
+    def lanes(self) -> int:
+        """The number of sums side by side."""
+        return len(self.lower.values)
+
+
+class OrderSums:
+    """Builds the sums of all orders from rows, in which factors stand at `places`."""
+
+    def __init__(
+        self, p: Builder, pairs: Iterable[Pair], places: Mapping[Operand, int], rows: Memory, width: int
+    ) -> None:
+        self.p, self.places, self.rows, self.width = p, places, rows, width
+        different = dict.fromkeys(pairs)
+        uses = Counter(kept for pair in different for kept in pair)
+        known = [(pair, sorted(pair, key=lambda kept: (uses[kept], -places[kept]))) for pair in different]
+        known.sort(key=lambda one: (places[one[1][1]], places[one[1][0]]))
+        lanes = [len(factors[0].values) for _, factors in known]
+        starts = accumulate(lanes, initial=0)
+        self.sums = [OrderSum(place, pair, *factors) for place, (pair, factors) in zip(starts, known, strict=False)]
+        self.size = sum(lanes)
+        self.totals = p.reserve(2 * self.size + 1, name="totals")
+        with p.each(2 * self.size, width=1) as i:
+            self.totals[i] = 0.0
+
+    def at(self, k: Whole) -> dict[Pair, Term]:
+        """Build the sums at an order, behind those at the order before."""
+        p = self.p
+        even = (k - k // 2 * 2).equals(0)
+        with p.when(~even & (k > 2)):
+            for tile in self.tiles(TILE // 2):
+                self.sum_two(tile, k)
+        totals = self.totals.at(p.choose(even, p.whole(self.size), 0))
+        return {pair: total for tile in self.tiles(TILE) for pair, total in self.completed(tile, totals, k, even)}
+
+    def tiles(self, size: int) -> Iterator[Sequence[OrderSum]]:
+        """Return the sums in tiles of at most a size."""
+        tile: list[OrderSum] = []
+        for _, group in groupby(self.sums, key=lambda one: one.upper):
+            found = list(group)
+            if tile and len(tile) + len(found) > size:
+                yield tile
+                tile = []
+            while len(found) > size:
+                yield found[:size]
+                found = found[size:]
+            tile += found
+        if tile:
+            yield tile
+
+    def sum_two(self, sums: Sequence[OrderSum], k: Whole) -> None:
+        """Write the sums at an odd order, and at the next one without the products with the odd one."""
+        p = self.p
+        first, second = ([p.variable(wide(p, None, one.lanes)) for one in sums] for _ in range(2))
+        factors = self.factors(sums, self.row(k - 1))
+        self.add(sums, first, self.row(1), factors)
+        before = {kept: p.variable(x) for kept, x in factors.items()}
+        with p.loop(2, k) as j:
+            factors = self.factors(sums, self.row(k - j))
+            self.add(sums, first, self.row(j), factors)
+            self.add(sums, second, self.row(j), {kept: one.value for kept, one in before.items()})
+            for kept, x in factors.items():
+                before[kept].value = x
+        for one, total, following in zip(sums, first, second, strict=True):
+            put(p, self.totals, one.place, total.value, one.lanes, one.lanes)
+            put(p, self.totals, self.size + one.place, following.value, one.lanes, one.lanes)
+
+    def completed(self, sums: Sequence[OrderSum], totals: Memory, k: Whole, even: Flag) -> Iterator[tuple[Pair, Term]]:
+        """Return some sums: at an even order with the products with the order before.
+
+        Their loops run once or not at all; branches in their place take 1.08 of the time of the outer solar system.
+        """
+        p = self.p
+        found = [p.variable(entries(totals, one.place, one.lanes)) for one in sums]
+        for first, end in ((k - p.whole(even), k), (1, p.whole(even & (k > 2)) + 1)):
+            with p.loop(first, end) as j:
+                self.add(sums, found, self.row(j), self.factors(sums, self.row(k - j)))
+        return ((one.pair, total.value) for one, total in zip(sums, found, strict=True))
+
+    def factors(self, sums: Sequence[OrderSum], row: Memory) -> dict[Operand, Term]:
+        """Return the shared factors of some sums."""
+        return {kept: self.read(row, kept) for kept in dict.fromkeys(one.upper for one in sums)}
+
+    def add(
+        self, sums: Sequence[OrderSum], totals: Sequence[Variable], row: Memory, factors: Mapping[Operand, Term]
+    ) -> None:
+        """Add products to some sums."""
+        for one, total in zip(sums, totals, strict=True):
+            total.value = self.p.fma(self.read(row, one.lower), factors[one.upper], total.value)
+
+    def read(self, row: Memory, kept: Operand) -> Term:
+        """Return an operand from a row."""
+        return entries(row, self.places[kept], len(kept.values))
+
+    def row(self, order: Whole | int) -> Memory:
+        """Return the row of an order."""
+        return self.rows.at(order * self.width)

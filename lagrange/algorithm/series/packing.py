@@ -1,0 +1,378 @@
+"""Pack the values of a series side by side: values with the same rule at the same depth become one vector.
+
+A chunk is such a vector of 1, 2, 4 or 8 values; its last lanes may repeat the last value. An operand is a vector of
+values that a chunk reads; where it is not just another chunk, it is gathered from several.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+from lagrange.algorithm.blocks import whole_blocks
+from lagrange.equations.solve_plan import SolvePlan
+from lagrange.program.series import SeriesProgram, SeriesRule, Stage
+
+Members = Sequence[int]
+
+MOST_VECTORS = 1.1
+"""A group is divided if that takes at most so many times as many vectors, whose last lanes are empty."""
+
+
+class Alignment:
+    """Divides groups of like values into parts, where that takes few more vectors; `vectors` counts those of a part."""
+
+    def __init__(self, program: SeriesProgram, groups: Sequence[Members], vectors: Callable[[int], int]) -> None:
+        self.program, self.vectors = program, vectors
+        self.part: dict[int, tuple[int, ...]] = {}
+        """The number of each value's group, and that of its part."""
+        self.reader: dict[int, int] = {}
+        """The first rule that reads a value of a part that is divided by what reads it."""
+        for number, members in enumerate(groups):
+            self.part |= dict.fromkeys(members, (number,))
+        readers: dict[int, list[tuple[int, int]]] = {}
+        for i in self.part:
+            for place, arg in enumerate(program.rules[i].args):
+                readers.setdefault(arg, []).append((i, place))
+        for members in reversed(groups):
+            roles = {i: self.role(readers.get(i, [])) for i in members}
+            if self.divide(members, roles):
+                self.reader |= {i: min(readers[i])[0] for i in members if i in readers}
+        for members in groups:
+            if len(dict.fromkeys(self.part[i] for i in members)) == 1:
+                self.divide(members, {i: self.made_of(i) for i in members})
+
+    def role(self, readers: Sequence[tuple[int, int]]) -> Any:
+        """Return which parts read a value, and where."""
+        return tuple(sorted(dict.fromkeys((self.part[i], place) for i, place in readers)))
+
+    def made_of(self, i: int) -> Any:
+        """Return of which parts a value is made."""
+        return tuple(sorted(self.part.get(arg, ()) for arg in self.program.rules[i].args))
+
+    def divide(self, members: Members, keys: Mapping[int, Any]) -> bool:
+        """Divide a group by keys, unless that takes too many vectors; return whether it was divided."""
+        found: dict[Any, list[int]] = {}
+        for i in members:
+            found.setdefault(keys[i], []).append(i)
+        apart, together = sum(self.vectors(len(part)) for part in found.values()), self.vectors(len(members))
+        if len(found) == 1 or apart > together * MOST_VECTORS:
+            return False
+        for number, part in enumerate(found.values()):
+            for i in part:
+                self.part[i] = (*self.part[i], number)
+        return True
+
+    def parts(self, members: Members) -> list[list[int]]:
+        """Return the parts of a group."""
+        found: dict[tuple[int, ...], list[int]] = {}
+        for i in members:
+            found.setdefault(self.part.get(i, ()), []).append(i)
+        return list(found.values())
+
+
+@dataclass(frozen=True)
+class Operand:
+    """A vector of values, or with `ranked` of their coefficients times the order, j x[j]."""
+
+    values: tuple[int, ...]
+    ranked: bool = False
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Values with one rule: `values` by lane, the first `count` of them distinct; `args` the operands of the rule.
+
+    `coefficients` has one tuple of places in the table of constants, by lane, for each coefficient of the rule.
+    """
+
+    op: str
+    values: tuple[int, ...]
+    count: int
+    args: tuple[Operand, ...]
+    coefficients: tuple[tuple[int, ...], ...]
+
+    @property
+    def whole(self) -> Operand:
+        """The chunk as an operand."""
+        return Operand(self.values)
+
+    @cached_property
+    def sums(self) -> tuple[tuple[Operand, Operand], ...]:
+        """The sums over 0 < j < k of x[j] y[k-j] that the rule reads, as pairs (x, y)."""
+        if self.op in ("mul", "square"):
+            return ((self.args[0], self.args[-1]),)
+        if self.op in ("div", "inverse"):
+            return ((self.args[-1], self.whole),)
+        if self.op == "sqrt":
+            return ((self.whole, self.whole),)
+        if self.op == "power":
+            return ((Operand(self.args[0].values, ranked=True), self.whole), (self.args[0], self.whole))
+        if self.op == "along":
+            return ((Operand(self.args[0].values, ranked=True), self.args[1]),)
+        if self.op == "against":
+            return ((Operand(self.values, ranked=True), self.args[1]),)
+        return ()
+
+
+@dataclass(frozen=True)
+class PackedStage:
+    """A stage as chunks: its unknowns, what is found with these zero, and once they are known.
+
+    `left` and `right` are operands for each chunk of unknowns, None where they are zero in all of it.
+    """
+
+    unknowns: tuple[Chunk, ...]
+    trial: tuple[Chunk, ...]
+    found: tuple[Chunk, ...]
+    left: tuple[Operand | None, ...]
+    right: tuple[Operand | None, ...]
+    plan: SolvePlan
+
+    @cached_property
+    def rows(self) -> tuple[tuple[int, ...], ...]:
+        """The place of each unknown among those of the stage, by chunk and lane."""
+        values = [value for chunk in self.unknowns for value in chunk.values[: chunk.count]]
+        places = {value: i for i, value in enumerate(values)}
+        return tuple(tuple(places[value] for value in chunk.values) for chunk in self.unknowns)
+
+
+@dataclass(frozen=True)
+class Packing:
+    """A series program as chunks, in the order of their evaluation within each part; `rates` are those of q.
+
+    Chunks are vectors of up to `lanes` values; with one lane they are of any length, and computed value by value.
+    """
+
+    program: SeriesProgram
+    lanes: int
+    coordinates: tuple[Chunk, ...]
+    rates: tuple[Operand, ...]
+    before: tuple[Chunk, ...]
+    stages: tuple[PackedStage, ...]
+
+    @cached_property
+    def state(self) -> tuple[Chunk, ...]:
+        """The coordinates and the velocities."""
+        return (*self.coordinates, *(chunk for chunk in self.unknowns if chunk.values[0] < 2 * self.program.dimension))
+
+    @cached_property
+    def unknowns(self) -> tuple[Chunk, ...]:
+        """What the stages solve for."""
+        return tuple(chunk for stage in self.stages for chunk in stage.unknowns)
+
+    @cached_property
+    def place(self) -> dict[int, tuple[Chunk, int]]:
+        """The chunk and the lane of each value."""
+        chunks = (*self.coordinates, *self.unknowns, *self.computed)
+        return {value: (chunk, lane) for chunk in chunks for lane, value in enumerate(chunk.values[: chunk.count])}
+
+    @cached_property
+    def computed(self) -> tuple[Chunk, ...]:
+        """Every chunk that has a rule, each once."""
+        parts = (part for stage in self.stages for part in (stage.trial, stage.found))
+        return tuple(dict.fromkeys(chunk for part in (self.before, *parts) for chunk in part))
+
+    @cached_property
+    def summed(self) -> tuple[Operand, ...]:
+        """The operands whose lower orders are summed over, each once."""
+        return tuple(dict.fromkeys(operand for chunk in self.computed for pair in chunk.sums for operand in pair))
+
+    @cached_property
+    def delayed(self) -> tuple[Operand, ...]:
+        """The operands that are read one order later: what is integrated, and the forces."""
+        integrated = [chunk.args[0] for chunk in self.computed if chunk.op == "integral"]
+        forces = [force for stage in self.stages for force in stage.right if force is not None]
+        return tuple(dict.fromkeys([*integrated, *forces]))
+
+    @cached_property
+    def initial(self) -> tuple[Operand, ...]:
+        """The operands that are read at order 0 by the rules of higher orders."""
+        found = [operand for chunk in self.computed for operand in (*chunk.args, chunk.whole) if chunk.sums]
+        return tuple(dict.fromkeys(found))
+
+
+ALIGNED_BLOCK = 4
+"""Parts of an aligned chunk are so many values long, or a multiple of it: a vector of most processors."""
+
+ZERO_LANE = -1
+"""Marks a lane of an operand that is zero."""
+
+
+def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packing:
+    """Return the program packed into vectors of up to `lanes` values.
+
+    If `aligned`, values with one rule are one chunk of any length, what is read together stands together, and values
+    may stand in it twice: for compilers that make vectors of loops.
+    """
+    packer = _Packer(program, lanes)
+    groups = _groups(program, packer.level)
+    if aligned:
+        packer.align(list(groups.values()))
+    coordinates = tuple(packer.chunks("coordinate", list(range(program.dimension))))
+    unknowns = [packer.unknowns(stage) for stage in program.stages]
+    made = {group: packer.chunks(group.op, members) for group, members in groups.items()}
+
+    def part(place: int, which: str = "") -> tuple[Chunk, ...]:
+        chosen = (group for group in made if group.stage == place and (not which or getattr(group, which)))
+        return tuple(chunk for group in chosen for chunk in made[group])
+
+    stages = tuple(
+        PackedStage(
+            chunks,
+            part(place, "trial"),
+            part(place, "found"),
+            _outputs(chunks, stage, stage.left),
+            _outputs(chunks, stage, stage.right),
+            stage.plan,
+        )
+        for place, (stage, chunks) in enumerate(zip(program.stages, unknowns, strict=True), 1)
+    )
+    rates = tuple(Operand(tuple(program.rates[value] for value in chunk.values)) for chunk in coordinates)
+    return Packing(program, 1 if aligned else lanes, coordinates, rates, part(0), stages)
+
+
+def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_Group, list[int]]:
+    """Return the values that become vectors together, in the order of their evaluation."""
+    trials, founds = ([frozenset(part) for part in parts] for parts in (program.trials, program.found))
+    groups: dict[_Group, list[int]] = {}
+    for i in sorted({*program.before}.union(*trials, *founds)):
+        rule = program.rules[i]
+        if rule.op not in ("coordinate", "unknown"):
+            kind = len(rule.args) if rule.op == "linear" else 0
+            choice = rule.coefficients if rule.op == "choose" else ()
+            stage = program.depth[i]
+            trial, found = stage > 0 and i in trials[stage - 1], stage > 0 and i in founds[stage - 1]
+            group = _Group(stage, *level[i], rule.op, kind, choice, trial, found)
+            groups.setdefault(group, []).append(i)
+    return dict(sorted(groups.items()))
+
+
+def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None]) -> tuple[Operand | None, ...]:
+    """Return what stands for each chunk of unknowns of a stage."""
+    known = dict(zip(stage.unknowns, outputs, strict=True))
+    lanes = [[known[value] for value in chunk.values] for chunk in chunks]
+    return tuple(
+        None if all(value is None for value in found) else Operand(tuple(ZERO_LANE if v is None else v for v in found))
+        for found in lanes
+    )
+
+
+class _Group(NamedTuple):
+    """The common properties of the values of one vector, in the order of their evaluation."""
+
+    stage: int
+    sums: int
+    depth: int
+    op: str
+    arguments: int
+    choice: tuple[int, ...]
+    trial: bool
+    found: bool
+
+
+def widths(count: int, lanes: int) -> list[int]:
+    """Return the widths of the vectors that hold so many values."""
+    found = [lanes] * (count // lanes)
+    rest = count % lanes
+    if rest:
+        found.append(1 << (rest - 1).bit_length())
+    return found
+
+
+class _Packer:
+    """Orders the values of each group so that their operands lie as they come."""
+
+    def __init__(self, program: SeriesProgram, lanes: int) -> None:
+        self.program, self.lanes = program, lanes
+        self.level = levels(program)
+        self.position: dict[int, int] = {}
+        self.alignment: Alignment | None = None
+
+    def align(self, groups: Sequence[list[int]]) -> None:
+        """Let values stand together that are read together; see `Alignment`."""
+        self.alignment = Alignment(self.program, groups, lambda count: -(-count // ALIGNED_BLOCK))
+
+    def unknowns(self, stage: Stage) -> tuple[Chunk, ...]:
+        """Return the unknowns of a stage, velocities apart from others."""
+        end = 2 * self.program.dimension
+        velocities = [value for value in stage.unknowns if value < end]
+        others = [value for value in stage.unknowns if value >= end]
+        return (*self.chunks("unknown", velocities), *self.chunks("unknown", others))
+
+    def chunks(self, op: str, members: list[int]) -> list[Chunk]:
+        """Return the chunks of one group."""
+        if self.alignment is not None:
+            return [self.whole(op, self.alignment.parts(members))] if members else []
+        rules = {i: self.canonical(self.program.rules[i]) for i in members}
+        members, found = self.in_order(members, rules), []
+        for width in widths(len(members), self.lanes):
+            chosen, members = members[:width], members[width:]
+            padded = chosen + [chosen[-1]] * (width - len(chosen))
+            self.place(chosen)
+            found.append(self.chunk(op, padded, len(chosen), rules))
+        return found
+
+    def in_order(self, members: Sequence[int], rules: Mapping[int, SeriesRule]) -> list[int]:
+        """Return values with one rule in the order of their operands."""
+        readers = {} if self.alignment is None else self.alignment.reader
+        key = {i: (readers.get(i, 0), [self.at(arg) for arg in rules[i].args[::-1]], i) for i in members}
+        return sorted(members, key=key.__getitem__)
+
+    def place(self, members: Sequence[int]) -> None:
+        """Let values stand behind all that are packed."""
+        for value in members:
+            self.position[value] = len(self.position)
+
+    def whole(self, op: str, parts: Sequence[list[int]]) -> Chunk:
+        """Return the parts of a group as one chunk, in which each begins with a whole block."""
+        lanes: list[int] = []
+        rules = {i: self.canonical(self.program.rules[i]) for part in parts for i in part}
+        for part in parts:
+            ordered = self.in_order(part, rules)
+            self.place(ordered)
+            block = 1 if op in ("coordinate", "unknown") else min(ALIGNED_BLOCK, 1 << (len(ordered) - 1).bit_length())
+            size = whole_blocks(len(ordered), block)
+            lanes += ordered + [ordered[-1]] * (size - len(ordered))
+        return self.chunk(op, lanes, len(lanes), rules)
+
+    def chunk(self, op: str, padded: list[int], count: int, rules: dict[int, SeriesRule]) -> Chunk:
+        lanes = [rules[i] for i in padded]
+        args = tuple(Operand(args) for args in zip(*(rule.args for rule in lanes), strict=True))
+        coefficients = tuple(zip(*(rule.coefficients for rule in lanes), strict=True))
+        return Chunk(op, tuple(padded), count, args, coefficients)
+
+    def canonical(self, rule: SeriesRule) -> SeriesRule:
+        """Return the rule with arguments that may be exchanged in order: what is known last comes first."""
+        if rule.op == "mul":
+            return rule._replace(args=tuple(sorted(rule.args, key=lambda i: (self.level[i], self.at(i)), reverse=True)))
+        if rule.op == "linear":
+            pairs = zip(rule.args, rule.coefficients, strict=True)
+            args, coefficients = zip(*sorted(pairs, key=lambda p: (self.level[p[0]], self.at(p[0]))), strict=True)
+            return SeriesRule("linear", args, coefficients)
+        return rule
+
+    def at(self, value: int) -> int:
+        """Return the position of a value among those packed, the last for one that follows later."""
+        return self.position.get(value, len(self.program.rules) + value)
+
+
+def levels(program: SeriesProgram) -> list[tuple[int, int]]:
+    """Return when each value can be found: how many sums over lower orders it waits for, then how many other values.
+
+    A sum waits for all combinations before it, so that sums of one kind become one vector, however long the chains of
+    combinations are that lead to them. Velocities come last of all.
+    """
+    found: list[tuple[int, int]] = []
+    for i, rule in enumerate(program.rules):
+        before = [found[arg] for arg in program.direct(i)]
+        sums = max((level for level, _ in before), default=0)
+        if rule.op == "unknown":
+            found.append((len(program.rules), 0))
+        elif rule.op == "linear":
+            found.append((sums, max((depth for level, depth in before if level == sums), default=0) + 1))
+        else:
+            found.append((sums + 1, 0))
+    return found

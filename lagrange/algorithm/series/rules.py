@@ -1,0 +1,202 @@
+"""The rules of a series: a coefficient of one order from those before.
+
+`At` says where the coefficients of one value, or of a chunk of like values, come from. None stands for exactly zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+from lagrange.algorithm.series.packing import Chunk
+from lagrange.procedure.builder import Builder
+
+Term = Any
+"""A real or several as a vector, or None for zero."""
+
+OWN = -1
+"""In the place of an argument's number: the value itself."""
+
+
+class At(Protocol):
+    """What a rule asks of a value at an order; `which` is the number of an argument or of a coefficient."""
+
+    p: Builder
+    chunk: Chunk
+
+    def now(self, which: int) -> Term:
+        """Return the coefficient of an argument at the order at hand."""
+
+    def before(self, which: int) -> Term:
+        """Return the coefficient of an argument at the order before."""
+
+    def first(self, which: int) -> Term:
+        """Return an argument, or the value itself, at order 0."""
+
+    def total(self, which: int) -> Term:
+        """Return the sum over 0 < j < k of the pair of that number; see `Chunk.sums`."""
+
+    def over(self, which: int) -> Term:
+        """Return one over an argument, or over the value itself, at order 0."""
+
+    def known(self, which: int) -> float | None:
+        """Return a coefficient of the rule if it is known now."""
+
+    def constant(self, which: int) -> Term:
+        """Return a coefficient of the rule."""
+
+    def share(self, x: Term) -> Term:
+        """Return x scale / k."""
+
+    def part(self, x: Term) -> Term:
+        """Return x / k."""
+
+    def start(self) -> Term:
+        """Return the coefficient of time: the scale at k = 1, else 0."""
+
+
+def fma(p: Builder, a: Term, b: Term, total: Term) -> Term:
+    """Return a b + total."""
+    if a is None or b is None:
+        return total
+    return a * b if total is None else p.fma(a, b, total)
+
+
+def less(a: Term, b: Term) -> Term:
+    """Return a - b."""
+    if b is None:
+        return a
+    return -b if a is None else a - b
+
+
+def plus(a: Term, b: Term) -> Term:
+    """Return a + b."""
+    if a is None or b is None:
+        return b if a is None else a
+    return a + b
+
+
+def scaled(at: At, x: Term, which: int = 0) -> Term:
+    """Return x times a coefficient of the rule."""
+    known = at.known(which)
+    if x is None or known == 1.0:
+        return x
+    return -x if known == -1.0 else x * at.constant(which)
+
+
+def coefficient(at: At) -> Term:
+    """Return the coefficient of a value, or of a chunk, at the order at hand."""
+    return _RULES[at.chunk.op](at)
+
+
+def _linear(at: At) -> Term:
+    total: Term = None
+    for which in range(len(at.chunk.args)):
+        x, known = at.now(which), at.known(which)
+        if x is None:
+            continue
+        if total is None:
+            total = scaled(at, x, which)
+        elif known == 1.0:
+            total = total + x
+        elif known == -1.0:
+            total = total - x
+        else:
+            total = at.p.fma(x, at.constant(which), total)
+    return total
+
+
+def _mul(at: At) -> Term:
+    # The argument that is known last comes first in a chunk, and is added last.
+    a, b = at.now(0), at.now(1)
+    total = at.total(0)
+    if b is not None:
+        total = fma(at.p, at.first(0), b, total)
+    return total if a is None else fma(at.p, a, at.first(1), total)
+
+
+def _square(at: At) -> Term:
+    a, total = at.now(0), at.total(0)
+    return total if a is None else fma(at.p, a, at.first(0) * 2.0, total)
+
+
+def _div(at: At) -> Term:
+    return _divided(at, less(at.now(0), at.total(0)), 1)
+
+
+def _inverse(at: At) -> Term:
+    return _divided(at, less(None, at.total(0)), 0)
+
+
+def _divided(at: At, left: Term, which: int) -> Term:
+    """Return (left - b[k] u[0]) / b[0]."""
+    last = at.now(which)
+    if last is not None:
+        left = fma(at.p, -last, at.first(OWN), left)
+    return None if left is None else left * at.over(which)
+
+
+def _sqrt(at: At) -> Term:
+    left = less(at.now(0), at.total(0))
+    found = None if left is None else left * (at.over(OWN) * 0.5)
+    return _flat(at, at.first(OWN), found)
+
+
+def _flat(at: At, zeroed: Term, found: Term) -> Term:
+    """Return what was found for a root, or where it begins at zero: zero while its argument stays zero, else NaN."""
+    p, now = at.p, at.now(0)
+    still = p.true if now is None else now.equals(0.0)
+    dead = p.choose(still, 0.0, p.real(float("nan")))
+    return p.choose(zeroed.equals(0.0), dead, p.real(0.0) if found is None else found)
+
+
+def _power(at: At) -> Term:
+    """a[0] u[k] = (e + 1) / k sum of j a[j] u[k-j] - sum of a[j] u[k-j] + e a[k] u[0]."""
+    known = at.known(0)
+    exponent = at.constant(0)
+    above = exponent + 1.0 if known is None else at.p.real(known + 1.0)
+    ranked = at.part(at.total(0))
+    left = less(None if ranked is None else ranked * above, at.total(1))
+    now = at.now(0)
+    if now is not None:
+        left = fma(at.p, now, at.first(OWN) * exponent, left)
+    found = None if left is None else left * at.over(0)
+    return found if known is not None and known < 0 else _flat(at, at.first(0), found)
+
+
+def _integral(at: At) -> Term:
+    return scaled(at, at.share(at.before(0)))
+
+
+def _along(at: At) -> Term:
+    total, now = at.part(at.total(0)), at.now(0)
+    if now is not None:
+        total = fma(at.p, now, at.first(1), total)
+    return scaled(at, total)
+
+
+def _against(at: At) -> Term:
+    left = less(at.now(0), at.part(at.total(0)))
+    return None if left is None else left * at.over(1)
+
+
+def _choose(at: At) -> Term:
+    first, second = (at.p.real(0.0) if (x := at.now(which)) is None else x for which in range(2))
+    return at.p.choose(~at.constant(0).equals(0.0), first, second)
+
+
+_RULES: Mapping[str, Callable[[At], Term]] = {
+    "time": lambda at: at.start(),
+    "constant": lambda at: None,
+    "linear": _linear,
+    "mul": _mul,
+    "square": _square,
+    "div": _div,
+    "inverse": _inverse,
+    "sqrt": _sqrt,
+    "power": _power,
+    "integral": _integral,
+    "along": _along,
+    "against": _against,
+    "choose": _choose,
+}

@@ -1,0 +1,363 @@
+"""The linear systems of a series: each matrix is inverted or factored at order 0, and solved with at every order.
+
+A small matrix is inverted, which makes a solve a product; with pivoting where a pivot cannot be trusted. Beside
+multipliers, where most entries are zero, factors are kept instead.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Protocol
+
+from lagrange.algorithm.kernel.elimination import factored, solved, write_band
+from lagrange.algorithm.linear.inverse import invert, padded, work_size
+from lagrange.algorithm.linear.ldl import factor_size, invert_dense
+from lagrange.algorithm.linear.pivoted import band_size, factor_pivoted, pivoted_size, solve_pivoted
+from lagrange.algorithm.series.rules import Term, fma, plus
+from lagrange.algorithm.series.vectors import entries, joined, put, wide
+from lagrange.equations.solve_plan import SolvePlan
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.values import Flag, Memory, Real
+from lagrange.program.elimination import WRITTEN_OUT, Elimination, block_eliminations, elimination, is_factored
+
+Triangle = dict[tuple[int, int], Real]
+
+
+Rows = Sequence[Sequence[int]]
+"""The unknowns of a system as vectors: the rows in the entries of each. A last row may be there several times."""
+
+
+class System(Protocol):
+    """A matrix that is known: it solves for one right-hand side after another."""
+
+    def read(self, rows: Rows) -> None:
+        """Bring numbers side by side as the solves read them, in front of the loop that these are in."""
+
+    def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
+        """Return the solution by rows, for a right-hand side by rows."""
+
+
+MOST_COLUMNS = 32
+"""Up to this size the product with an inverse in memory is written out."""
+
+ALL = 1_000_000
+"""The largest inverse that is written out, where all are: sparse ones too."""
+
+
+def system_size(plan: SolvePlan, largest: int = WRITTEN_OUT) -> int:
+    """Return how many reals a moving matrix takes in memory; inverses are written out up to the largest size."""
+    if not plan.inverted or largest == ALL:
+        return 0
+    if is_factored(plan):
+        return sum(_factored_size(block) for block in block_eliminations(plan))
+    n = plan.size
+    return 0 if _is_small(plan, largest) else padded(n) ** 2 + n * n + work_size(n)
+
+
+def moving_system(
+    p: Builder, plan: SolvePlan, entries: Iterator[Real], memory: Memory, largest: int = WRITTEN_OUT
+) -> tuple[System, list[Flag]]:
+    """Return a matrix from the entries of its lower triangle, and flags that say that it is singular."""
+    blocks = _triangles(plan, entries)
+    if plan.diagonal:
+        pairs = [(block[0], lower[0, 0]) for block, lower in blocks]
+        return Diagonal(p, {i: 1.0 / entry for i, entry in pairs}), [entry.equals(0.0) for _, entry in pairs]
+    if is_factored(plan) and largest < ALL:
+        return _factored(p, plan, blocks, memory)
+    if _is_small(plan, largest):
+        found: Triangle = {}
+        flags = []
+        for block, lower in blocks:
+            inverse, singular = _inverse(p, len(block), lower, plan.negative(block))
+            flags.append(singular)
+            found |= {(block[i], block[j]): value for (i, j), value in inverse.items()}
+        return Inverse(p, plan.size, found), flags
+    n = plan.size
+    matrix, work = memory.at(padded(n) ** 2), memory.at(padded(n) ** 2 + n * n)
+    singular = _inverted(p, plan, blocks, matrix, memory, work)
+    return InverseInMemory(p, n, memory, padded(n)), [singular]
+
+
+def constant_size(plan: SolvePlan) -> int:
+    """Return how many numbers the inverse of a constant matrix takes."""
+    return plan.size if plan.diagonal else plan.size**2
+
+
+def constant_inverse(p: Builder, plan: SolvePlan, entries: Iterator[Real], to: Memory) -> list[Flag]:
+    """Write the inverse of a constant matrix by columns, or its diagonal; return flags that say that it is singular."""
+    blocks, n = _triangles(plan, entries), plan.size
+    if plan.diagonal:
+        for block, lower in blocks:
+            to[block[0]] = 1.0 / lower[0, 0]
+        return [lower[0, 0].equals(0.0) for _, lower in blocks]
+    matrix, inverse = p.reserve(n * n, name="matrix"), p.reserve(padded(n) ** 2, room=8, name="inverse")
+    singular = _inverted(p, plan, blocks, matrix, inverse, p.reserve(work_size(n), room=8, name="work"))
+    with p.loop(0, n) as j, p.loop(0, n) as i:
+        to[j * n + i] = inverse[j * padded(n) + i]
+    return [singular]
+
+
+def constant_system(p: Builder, plan: SolvePlan, memory: Memory) -> System:
+    """Return a constant matrix whose inverse stands in memory."""
+    n = plan.size
+    if plan.diagonal:
+        return Diagonal(p, {i: memory[i] for i in range(n)})
+    if max(map(len, plan.blocks)) > WRITTEN_OUT:
+        return InverseInMemory(p, n, memory, n)
+    return Inverse(p, n, {(i, j): memory[j * n + i] for block in plan.blocks for i in block for j in block})
+
+
+def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
+    """Return the entries of vectors as single values, by row."""
+    found = {}
+    for chunk, x in zip(rows, right, strict=True):
+        for lane, row in enumerate(chunk):
+            if row not in found:
+                found[row] = joined(p, [(x, lane)])
+    return [found[row] for row in sorted(found)]
+
+
+def _repeating(p: Builder, chunk: Sequence[int], x: Term) -> Term:
+    """Return a vector that was read from memory with its last row in all entries behind it."""
+    last = len(dict.fromkeys(chunk)) - 1
+    return x if last == len(chunk) - 1 else p.permuted([x], [min(lane, last) for lane in range(len(chunk))])
+
+
+def _together(p: Builder, rows: Rows, x: Sequence[Term]) -> list[Term]:
+    """Return single values as vectors."""
+    return [joined(p, [(x[row], 0) for row in chunk]) for chunk in rows]
+
+
+class Diagonal:
+    """One over each entry of a diagonal matrix."""
+
+    def __init__(self, p: Builder, reciprocals: Mapping[int, Real]) -> None:
+        self.p, self.reciprocals = p, reciprocals
+        self.vectors: dict[Sequence[int], Term] = {}
+
+    def read(self, rows: Rows) -> None:
+        """Bring the numbers side by side; see `System`."""
+        for chunk in rows:
+            if chunk not in self.vectors:
+                self.vectors[chunk] = joined(self.p, [(self.reciprocals[row], 0) for row in chunk])
+
+    def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
+        """Return the solution; see `System`."""
+        self.read(rows)
+        return [None if x is None else x * self.vectors[chunk] for chunk, x in zip(rows, right, strict=True)]
+
+
+class Inverse:
+    """The entries of an inverse."""
+
+    def __init__(self, p: Builder, size: int, entries: Triangle) -> None:
+        self.p, self.size, self.entries = p, size, entries
+        self.columns: dict[tuple[Sequence[int], int], Term] = {}
+        """Some rows of a column."""
+
+    def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
+        """Return the solution; see `System`."""
+        self.read(rows)
+        found: list[Term] = [None] * len(rows)
+        for j, x in enumerate(_apart(self.p, rows, right)):
+            for i, chunk in enumerate(rows):
+                found[i] = fma(self.p, self.columns[chunk, j], x, found[i])
+        return found
+
+    def read(self, rows: Rows) -> None:
+        """Bring the numbers side by side; see `System`."""
+        for chunk in rows:
+            for j in range(self.size):
+                if (chunk, j) not in self.columns:
+                    self.columns[chunk, j] = joined(self.p, [(self.entries.get((i, j)), 0) for i in chunk])
+
+
+class InverseInMemory:
+    """An inverse by columns that are `stride` apart."""
+
+    def __init__(self, p: Builder, size: int, memory: Memory, stride: int) -> None:
+        self.p, self.size, self.memory, self.stride = p, size, memory, stride
+
+    def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
+        """Return the solution; see `System`."""
+        p, n = self.p, self.size
+        given = p.reserve(n, name="right")
+        if all(len(chunk) == 1 for chunk in rows):
+            found = p.reserve(n, name="solution")
+            for i, x in enumerate(_apart(p, rows, right)):
+                given[i] = 0.0 if x is None else x
+            self.multiply(given, found)
+            return [found[i] for i in range(n)]
+        for chunk, x in zip(rows, right, strict=True):
+            put(p, given, chunk[0], x, len(chunk), len(dict.fromkeys(chunk)))
+        products = self.in_loop(rows, given) if n > MOST_COLUMNS else self.in_line(rows, given)
+        return [_repeating(p, chunk, x) for chunk, x in zip(rows, products, strict=True)]
+
+    def in_line(self, rows: Rows, right: Memory) -> list[Term]:
+        """Return the products with vectors of the columns, each the sum of two chains."""
+        sums: list[list[Term]] = [[None, None] for _ in rows]
+        for j in range(self.size):
+            x = right[j]
+            for chunk, two in zip(rows, sums, strict=True):
+                two[j % 2] = fma(self.p, entries(self.memory, j * self.stride + chunk[0], len(chunk)), x, two[j % 2])
+        return [plus(*two) for two in sums]
+
+    def in_loop(self, rows: Rows, right: Memory) -> list[Term]:
+        """Return the products with vectors of the columns, in a loop."""
+        p = self.p
+        sums = [p.variable(wide(p, None, len(chunk))) for chunk in rows]
+        with p.loop(0, self.size) as j:
+            column, x = self.memory.at(j * self.stride), right[j]
+            for chunk, total in zip(rows, sums, strict=True):
+                total.value = fma(p, entries(column, chunk[0], len(chunk)), x, total.value)
+        return [total.value for total in sums]
+
+    def read(self, rows: Rows) -> None:
+        """Read nothing: columns are read where they are used."""
+
+    def multiply(self, right: Memory, found: Memory) -> None:
+        """Write the solution of a right-hand side in memory."""
+        p, n = self.p, self.size
+        with p.each(n, width=1) as i:
+            found[i] = 0.0
+        with p.loop(0, n) as j:
+            column, x = self.memory.at(j * self.stride), right[j]
+            with p.each(n, width=1) as i:
+                found[i] = p.fma(column[i], x, found[i])
+
+
+class Factored:
+    """The factors of each block, with those by pivoting in their place where a pivot cannot be trusted."""
+
+    def __init__(self, p: Builder, blocks: Sequence[_FactoredBlock], size: int) -> None:
+        self.p, self.blocks, self.size = p, blocks, size
+
+    def solve(self, rows: Rows, right: Sequence[Term]) -> list[Term]:
+        """Return the solution; see `System`."""
+        single, found = _apart(self.p, rows, right), [None] * self.size
+        for block in self.blocks:
+            solution = block.solve([single[i] for i in block.unknowns])
+            for i, x in zip(block.unknowns, solution, strict=True):
+                found[i] = x
+        return _together(self.p, rows, found)
+
+    def read(self, rows: Rows) -> None:
+        """Read nothing: factors are read where they are used."""
+
+
+def _is_small(plan: SolvePlan, largest: int) -> bool:
+    """Whether the inverses of all blocks are written out."""
+    return max(map(len, plan.blocks)) <= largest and plan.size <= 2 * largest
+
+
+def _triangles(plan: SolvePlan, entries: Iterator[Real]) -> list[tuple[tuple[int, ...], Triangle]]:
+    """Return each block of unknowns with the entries of its lower triangle."""
+    place = {unknown: (number, i) for number, block in enumerate(plan.blocks) for i, unknown in enumerate(block)}
+    found: list[Triangle] = [{} for _ in plan.blocks]
+    for row, column in plan.triangle:
+        number, i = place[row]
+        found[number][i, place[column][1]] = next(entries)
+    return list(zip(plan.blocks, found, strict=True))
+
+
+def _write_triangle(p: Builder, n: int, lower: Mapping[tuple[int, int], Real], to: Memory) -> None:
+    """Write a lower triangle by columns."""
+    if len(lower) < n * (n + 1) // 2:
+        with p.each(n * n, width=1) as k:
+            to[k] = 0.0
+    for (i, j), value in lower.items():
+        to[j * n + i] = value
+
+
+def _inverse(p: Builder, n: int, lower: Triangle, negative: tuple[int, ...]) -> tuple[Triangle, Flag]:
+    """Return the entries of the inverse of a small symmetric matrix, and whether it is singular."""
+    plan = elimination(n, frozenset(lower), negative)
+    factors, trusted = factored(p, plan, lower)
+    columns = [solved(p, plan, factors, [p.real(float(i == j)) for i in range(n)]) for j in range(n)]
+    found = {(i, j): p.variable(columns[j][i]) for j in range(n) for i in range(j, n)}
+    singular = p.variable(p.false)
+    with p.when(~trusted, likely=False):
+        matrix, inverse = p.reserve(n * n, name="matrix"), p.reserve(n * n, name="inverse")
+        _write_triangle(p, n, lower, matrix)
+        singular.value = p.call(invert_dense.form(), n, matrix, inverse, p.reserve(factor_size(n), name="work"))
+        for (i, j), variable in found.items():
+            variable.value = inverse[j * n + i]
+    entries = {place: variable.value for place, variable in found.items()}
+    return entries | {(j, i): value for (i, j), value in entries.items()}, Flag.of(singular.value)
+
+
+def _inverted(
+    p: Builder,
+    plan: SolvePlan,
+    blocks: Sequence[tuple[tuple[int, ...], Triangle]],
+    matrix: Memory,
+    inverse: Memory,
+    work: Memory,
+) -> Flag:
+    """Write the inverse of a whole matrix, by columns in whole blocks; return whether it is singular."""
+    n, placed = plan.size, {}
+    for block, lower in blocks:
+        for (i, j), value in lower.items():
+            second, first = sorted((block[i], block[j]))
+            placed[first, second] = value
+    _write_triangle(p, n, placed, matrix)
+    found = p.call(invert.form(), n, padded(n), matrix, inverse, work)
+    assert isinstance(found, Flag)
+    return found
+
+
+def _factored_size(block: Elimination) -> int:
+    n, band = block.order, block.band
+    return len(block.places) + pivoted_size(n, band) + int(band_size(n, band)) + n
+
+
+def _factored(
+    p: Builder, plan: SolvePlan, blocks: Sequence[tuple[tuple[int, ...], Triangle]], memory: Memory
+) -> tuple[System, list[Flag]]:
+    made, place = [], 0
+    for (block, lower), how in zip(blocks, block_eliminations(plan), strict=True):
+        made.append(_FactoredBlock(p, block, how, lower, memory.at(place)))
+        place += _factored_size(how)
+    return Factored(p, made, plan.size), [block.singular for block in made]
+
+
+class _FactoredBlock:
+    """The factors of one block in memory: L by its places, then what pivoting takes."""
+
+    def __init__(
+        self, p: Builder, unknowns: tuple[int, ...], how: Elimination, lower: Triangle, memory: Memory
+    ) -> None:
+        self.p, self.unknowns, self.how, self.memory = p, unknowns, how, memory
+        n, band = how.order, how.band
+        self.places = {place: k for k, place in enumerate(how.places)}
+        self.factors = memory.at(len(how.places))
+        matrix = memory.at(len(how.places) + pivoted_size(n, band))
+        self.right = memory.at(len(how.places) + pivoted_size(n, band) + band_size(n, band))
+        found, trusted = factored(p, how, lower)
+        zero = p.real(0.0)
+        for place, k in self.places.items():
+            memory[k] = found.get(place, zero)
+        singular = p.variable(p.false)
+        self.trusted = trusted
+        with p.when(~trusted, likely=False):
+            write_band(p, how, lower, matrix)
+            singular.value = p.call(factor_pivoted.form(), n, band, matrix, self.factors)
+        self.singular = Flag.of(singular.value)
+
+    def solve(self, right: Sequence[Term]) -> list[Term]:
+        """Return the solution with one of the two kinds of factors."""
+        p, n, zero = self.p, self.how.order, self.p.real(0.0)
+        given: list[Any] = [zero if x is None else x for x in right]
+        found = [p.variable(zero) for _ in range(n)]
+        with p.when(self.trusted, likely=True) as ways:
+            entries = {place: self.memory[k] for place, k in self.places.items()}
+            solution = solved(p, self.how, entries, given)
+            for variable, x in zip(found, solution, strict=True):
+                variable.value = x
+        with ways.otherwise():
+            for rank, x in zip(self.how.ranks, given, strict=True):
+                self.right[rank] = x
+            p.call(solve_pivoted.form(), n, self.how.band, self.factors, self.right)
+            for rank, variable in zip(self.how.ranks, found, strict=True):
+                variable.value = self.right[rank]
+        return [variable.value for variable in found]

@@ -1,0 +1,112 @@
+"""The values of one chunk of a series at an order: a number, or several like values as a short vector; see `At`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from lagrange.algorithm.series.packing import Chunk, Operand, PackedStage
+from lagrange.algorithm.series.rules import OWN, Term, less, plus
+from lagrange.algorithm.series.systems import System
+from lagrange.procedure.builder import Builder
+from lagrange.program.series import SeriesProgram
+
+
+class Coefficients(Protocol):
+    """What chunks read of a series at an order: operands at the order at hand, the one before, and order 0."""
+
+    p: Builder
+    program: SeriesProgram
+    systems: list[System]
+
+    def now(self, operand: Operand) -> Term:
+        """Return an operand at the order at hand."""
+
+    def before(self, operand: Operand) -> Term:
+        """Return an operand at the order before."""
+
+    def first(self, operand: Operand) -> Term:
+        """Return an operand at order 0."""
+
+    def over(self, operand: Operand) -> Term:
+        """Return one over an operand at order 0."""
+
+    def constant(self, places: tuple[int, ...]) -> Term:
+        """Return coefficients by their places in the table."""
+
+    def share(self, x: Term) -> Term:
+        """Return x scale / k."""
+
+    def part(self, x: Term) -> Term:
+        """Return x / k."""
+
+    def start(self) -> Term:
+        """Return the coefficient of time: the scale at k = 1, else 0."""
+
+
+class ChunkAt:
+    """A chunk at an order, without its sums; see `At`."""
+
+    def __init__(self, series: Coefficients, chunk: Chunk) -> None:
+        self.series, self.chunk, self.p = series, chunk, series.p
+
+    def operand(self, which: int) -> Operand:
+        """Return an argument, or the chunk itself."""
+        return self.chunk.whole if which == OWN else self.chunk.args[which]
+
+    def now(self, which: int) -> Term:
+        """Return the coefficient of an argument at the order at hand."""
+        return self.series.now(self.operand(which))
+
+    def before(self, which: int) -> Term:
+        """Return the coefficient of an argument at the order before."""
+        return self.series.before(self.operand(which))
+
+    def first(self, which: int) -> Term:
+        """Return an argument, or the chunk itself, at order 0."""
+        found = self.series.first(self.operand(which))
+        return self.p.real(0.0) if found is None else found
+
+    def over(self, which: int) -> Term:
+        """Return one over an argument, or over the chunk itself, at order 0."""
+        return self.series.over(self.operand(which))
+
+    def known(self, which: int) -> float | None:
+        """Return a coefficient of the rule if it is known now, and the same in all entries."""
+        found = dict.fromkeys(self.series.program.numbers[place] for place in self.chunk.coefficients[which])
+        return next(iter(found)) if len(found) == 1 else None
+
+    def constant(self, which: int) -> Term:
+        """Return a coefficient of the rule."""
+        return self.series.constant(self.chunk.coefficients[which])
+
+    def share(self, x: Term) -> Term:
+        """Return x scale / k."""
+        return self.series.share(x)
+
+    def part(self, x: Term) -> Term:
+        """Return x / k."""
+        return self.series.part(x)
+
+    def start(self) -> Term:
+        """Return the coefficient of time: the scale at k = 1, else 0."""
+        return self.series.start()
+
+
+def solved(series: Coefficients, place: int, packed: PackedStage, guesses: Sequence[Term]) -> list[Term]:
+    """Return the unknowns of a stage by chunk, corrected from guesses: M0^-1 (f[k-1] scale / k - p^[k])."""
+    right = []
+    for force, momentum in zip(packed.right, packed.left, strict=True):
+        rate = None if force is None else series.share(series.before(force))
+        right.append(less(rate, None if momentum is None else series.now(momentum)))
+    found = series.systems[place].solve(packed.rows, right)
+    return [plus(x, guess) for x, guess in zip(found, guesses, strict=True)]
+
+
+def divisor(chunk: Chunk) -> Operand | None:
+    """Return what a chunk divides by at order 0."""
+    if chunk.op in ("div", "against"):
+        return chunk.args[1]
+    if chunk.op in ("inverse", "power"):
+        return chunk.args[0]
+    return chunk.whole if chunk.op == "sqrt" else None

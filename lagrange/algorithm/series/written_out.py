@@ -1,0 +1,225 @@
+"""The series of a small system written out: every coefficient of every order is a value of its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from fractions import Fraction
+from functools import reduce
+
+from lagrange.algorithm.series.jet import Jet, divided
+from lagrange.algorithm.series.numbers import SeriesNumbers
+from lagrange.algorithm.series.packing import ZERO_LANE, Chunk, Operand, Packing
+from lagrange.algorithm.series.rules import Term, coefficient, fma, plus
+from lagrange.algorithm.series.systems import ALL, system_size
+from lagrange.algorithm.series.value import ChunkAt, solved
+from lagrange.algorithm.series.vectors import gathered, of_width, put, width
+from lagrange.algorithm.taylor.constants import LOWEST_ORDER
+from lagrange.algorithm.taylor.memory import TaylorLayout
+from lagrange.procedure.form import FLAG, Procedure
+from lagrange.program.elimination import WRITTEN_OUT
+
+EXACT = 10
+"""Up to this order a division by the order is rounded once.
+
+A later coefficient contributes so little to a step that the bias of its rounding is negligible.
+"""
+
+PART, LATEST = 4, 2
+"""A sum is made of parts of about so many products, but for its `LATEST` ones, which are added last.
+
+The products of a part wait for one another. In one chain a sum of order 26 waits longer than all else at that order
+takes: eight members of a pendulum took 154 ns, in parts 128 ns. The latest products wait for the order before.
+"""
+
+
+def written_layout(packing: Packing) -> TaylorLayout:
+    """Return where things stand."""
+    program = packing.program
+    n, watched = 2 * program.dimension, len(program.watched)
+    scratch = sum(system_size(stage.plan) for stage in program.stages)
+    projected, crossing = program.projection is not None, program.may_cross
+    ways = {"projected": projected, "crossing": crossing, "observes": watched > 0}
+    return TaylorLayout(n, n + watched, watched, n, block=1, scratch=scratch, chains=True, **ways)
+
+
+class WrittenJet(Jet):
+    """Builds the procedure for orders from `lowest` up to `highest`. `x` has each chunk by order; k is that at hand."""
+
+    def __init__(
+        self,
+        packing: Packing,
+        numbers: SeriesNumbers,
+        highest: int,
+        *,
+        lowest: int = LOWEST_ORDER,
+        layout: TaylorLayout | None = None,
+    ) -> None:
+        largest = ALL if packing.lanes > 1 else WRITTEN_OUT
+        super().__init__(packing, numbers, layout or written_layout(packing), largest)
+        self.lowest, self.highest, self.k = lowest, highest, 0
+        self.x: dict[tuple[Chunk, int], Term] = {}
+        self.operands: dict[tuple[Operand, int], Term] = {}
+        self.totals: dict[tuple[Chunk, int, int], Term] = {}
+        self.shares: dict[tuple[float, int], Term] = {}
+
+    def build(self) -> Procedure:
+        """Return the procedure."""
+        self.begin()
+        self.write()
+        for k in range(1, self.highest + 1):
+            self.add_order(k)
+        self.p.leave(self.singular)
+        return self.p.finish(FLAG)
+
+    def add_order(self, k: int) -> None:
+        """Build the coefficients of an order; the highest one ends with its row."""
+        packing, self.k = self.packing, k
+        for chunk, rate in zip(packing.coordinates, packing.rates, strict=True):
+            self.x[chunk, k] = self.share(self.before(rate))
+        self.fill(packing.before)
+        for place, stage in enumerate(packing.stages):
+            guesses: list[Term] = [None] * len(stage.unknowns)
+            # The unknowns of order 1 are corrected by the residual of dp/dt = f: they carry most of a step's rounding.
+            for _ in range(2 if k == 1 and stage.plan.moving else 1):
+                self.know(place, guesses)
+                self.fill(stage.trial)
+                guesses = solved(self, place, stage, guesses)
+            self.know(place, guesses)
+            last = stage is packing.stages[-1]
+            if last and not self.program.watched:
+                self.end_order()
+            if k < self.highest or self.program.watched or not last:
+                self.fill(stage.found)
+        if self.program.watched:
+            self.end_order()
+
+    def end_order(self) -> None:
+        """Write the row of an order, and return behind it if no more is wanted; the highest one is the last."""
+        self.write()
+        if self.lowest <= self.k < self.highest:
+            self.p.leave_if(self.order.equals(self.k), self.singular)
+
+    def know(self, place: int, found: Sequence[Term]) -> None:
+        """Set the unknowns of a stage, and forget operands that have others in their place."""
+        depth = self.program.depth
+        for key in [key for key in self.operands if key[1] == self.k]:
+            if any(value != ZERO_LANE and depth[value] > place for value in key[0].values):
+                del self.operands[key]
+        for chunk, value in zip(self.packing.stages[place].unknowns, found, strict=True):
+            self.x[chunk, self.k] = value
+
+    def fill(self, chunks: Sequence[Chunk]) -> None:
+        """Build the coefficients of some chunks."""
+        for chunk in chunks:
+            self.x[chunk, self.k] = of_width(self.p, coefficient(_WrittenAt(self, chunk)), len(chunk.values))
+
+    def write(self) -> None:
+        """Write the row; zeros too, for the memory serves many runs."""
+        place = self.k * self.layout.width
+        watched_at = place + self.layout.watched_at
+        for chunk in self.packing.state:
+            put(self.p, self.rows, place, self.now(chunk.whole), len(chunk.values), chunk.count)
+            place += chunk.count
+        for i, watched in enumerate(self.program.watched, watched_at):
+            put(self.p, self.rows, i, None if watched is None else self.now(Operand((watched,))), 1, 1)
+
+    def now(self, operand: Operand) -> Term:
+        """Return an operand at the order at hand."""
+        return self.at(operand, self.k)
+
+    def before(self, operand: Operand) -> Term:
+        """Return an operand at the order before."""
+        return self.at(operand, self.k - 1)
+
+    def first(self, operand: Operand) -> Term:
+        """Return an operand at order 0."""
+        return self.at(operand, 0)
+
+    def at(self, operand: Operand, k: int) -> Term:
+        """Return an operand at an order."""
+        key = operand, k
+        if key in self.operands:
+            return self.operands[key]
+        if k == 0:
+            found = self.at_zero(operand)
+        else:
+            found = gathered(self.p, self.packing, operand, lambda chunk: self.x[chunk, k])
+            if operand.ranked and found is not None and k > 1:
+                found = found * float(k)
+        self.operands[key] = found
+        return found
+
+    def over(self, operand: Operand) -> Term:
+        """Return one over an operand at order 0."""
+        if operand not in self.reciprocals:
+            first = self.first(operand)
+            self.reciprocals[operand] = 1.0 / (self.p.real(0.0) if first is None else first)
+        return self.reciprocals[operand]
+
+    def share(self, x: Term) -> Term:
+        """Return x scale / k; see `At`."""
+        if x is None:
+            return None
+        high, low = reciprocal(self.k)
+        small = self.scaled(low, width(x)) if low and self.k <= EXACT else None
+        return divided(self, x, self.scaled(high, width(x)), small)
+
+    def scaled(self, factor: float, lanes: int) -> Term:
+        """Return the scale times a number, in every entry; the scale is a power of two, so that this is exact."""
+        if (factor, lanes) not in self.shares:
+            single = self.scale if factor == 1.0 else self.scale * factor
+            if lanes > 1:
+                single = self.p.broadcast(self.scaled(factor, 1), lanes)
+            self.shares[factor, lanes] = single
+        return self.shares[factor, lanes]
+
+    def start(self) -> Term:
+        """Return the coefficient of time: the scale at k = 1, else 0."""
+        return self.scale if self.k == 1 else None
+
+    def part(self, x: Term) -> Term:
+        """Return x / k; see `At`."""
+        high, low = reciprocal(self.k)
+        return divided(self, x, self.p.real(high), self.p.real(low) if low and self.k <= EXACT else None)
+
+
+class _WrittenAt(ChunkAt):
+    """A chunk at an order that is written out; see `At`."""
+
+    series: WrittenJet
+
+    def total(self, which: int) -> Term:
+        """Return the sum over 0 < j < k, once for each order, the oldest coefficients first."""
+        key = self.chunk, which, self.series.k
+        if key not in self.series.totals:
+            self.series.totals[key] = self.summed(*self.chunk.sums[which])
+        return self.series.totals[key]
+
+    def summed(self, a: Operand, b: Operand) -> Term:
+        """Return the sum of a[j] b[k-j] over 0 < j < k."""
+        k, p = self.series.k, self.p
+        pairs = sorted(range(1, k), key=lambda j: (max(j, k - j), j))
+        if a != b:
+            return self.products(a, b, pairs)
+        total = self.products(a, b, [j for j in pairs if 2 * j < k])
+        total = plus(total, total)
+        middle = self.series.at(a, k // 2)
+        return fma(p, middle, middle, total) if k % 2 == 0 else total
+
+    def products(self, a: Operand, b: Operand, pairs: Sequence[int]) -> Term:
+        """Return the sum of a[j] b[k-j] over some j; see `PART`."""
+        k, p = self.series.k, self.p
+        parts: list[Term] = [None] * max(len(pairs) // PART, 1)
+        early = len(pairs) - LATEST
+        for place, j in enumerate(pairs):
+            if place == early:
+                parts = [reduce(plus, parts)]
+            which = place % len(parts)
+            parts[which] = fma(p, self.series.at(a, j), self.series.at(b, k - j), parts[which])
+        return reduce(plus, parts)
+
+
+def reciprocal(k: int) -> tuple[float, float]:
+    """Return 1 / k as the sum of two doubles."""
+    high = 1.0 / k
+    return high, float(Fraction(1, k) - Fraction(high))

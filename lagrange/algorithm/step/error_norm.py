@@ -1,0 +1,123 @@
+"""The error norm of step control, and the floors of the tolerances."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from lagrange.algorithm.step.constants import DAMPING, LEAST_FLOOR, MOST_SURVEYS, REJECTIONS_BEFORE_SURVEY, ROUNDED
+from lagrange.algorithm.step.memory import Layout, floors_array, work_array
+from lagrange.algorithm.step.run import Counts, Run
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import (
+    In,
+    Out,
+    Readable,
+    each,
+    fma,
+    larger,
+    mantissa,
+    unrolled,
+)
+from lagrange.procedure.values import Real
+from lagrange.program.step import Control
+
+
+@procedure(floors=floors_array, work=lambda layout: work_array(layout, read=True))
+def error_norm(run: Run, floors: In, work: In, *, layout: Layout, control: Control) -> float:
+    """Return the error of the trial step against its tolerances; with two error vectors, the norm of DOP853."""
+    rtol, squares, others = run.rtol, 0.0, 0.0
+    for state in unrolled(layout.step.states):
+        old, new = work[layout.place(state) :], work[layout.place(layout.new + state) :]
+        floor, errors = floors[state * layout.length :], errors_of(work, state, layout)
+        for i in each(layout.width if layout.step.states == 1 else layout.length):
+            scale = fma(rtol, larger(abs(old[i]), abs(new[i])), floor[i])
+            ratio = errors[0][i] / scale
+            squares = fma(ratio, ratio, squares)
+            other = errors[1][i] / scale if control.damped else 0.0
+            others = fma(other, other, others)
+    n = float(layout.dimension)
+    if control.damped:
+        mixed = fma(DAMPING, others, squares)
+        return squares / math.sqrt(mixed * n if mixed > 0.0 else 1.0)
+    return math.sqrt(squares / n)
+
+
+@inline
+def errors_of(work: In, state: int, layout: Layout) -> tuple[Readable[float], ...]:
+    """Return the error vectors of a state vector: one, or two for the norm of DOP853."""
+    step = layout.step
+    return tuple([work[layout.place(layout.errors + k) :] for k in unrolled(state, len(step.errors), step.states)])
+
+
+@procedure(apart=True, floors=floors_array, work=lambda layout: work_array(layout, read=True))
+def reject(
+    run: Run, counts: Counts, floors: In, work: In, cause: float, h: float, moved: bool, *, layout: Layout
+) -> bool:
+    """Have a step tried again with another length, and say whether to ask how large the entries are.
+
+    They are asked for after several consecutive rejections, or if an entry has no size yet. If the trial `moved` the
+    state, an entry that it left at zero does not count. They are also asked for at the first, second, fourth, eighth,
+    ... rejection if the entry with the largest error may be the rounding of larger ones; see `ROUNDED`.
+    """
+    run.cause = cause
+    run.h = h
+    counts.after_reject += 1
+    counts.rejected += 1
+    asked = counts.after_reject == REJECTIONS_BEFORE_SURVEY
+    for state in unrolled(layout.step.states):
+        new, floor = work[layout.place(layout.new + state) :], floors[state * layout.length :]
+        blank = 0.0
+        for i in each(layout.width if layout.step.states == 1 else layout.length):
+            after, least = new[i], floor[i]
+            size = abs(after if moved else least)
+            blank = larger(blank, size if least <= LEAST_FLOOR else 0.0)
+        asked = asked or blank > 0.0
+    may_ask = run.share > 0.0 and counts.surveyed < MOST_SURVEYS
+    if asked or not may_ask:
+        return asked and may_ask
+    is_power_of_two = mantissa(float(counts.rejected)) == 1.0
+    if not (moved and is_power_of_two):
+        return False
+    return rounding_errs_most(run.rtol, floors, work, layout)
+
+
+@inline
+def rounding_errs_most(rtol: float, floors: In, work: In, layout: Layout) -> bool:
+    """Whether the largest error of a trial is that of an entry that may be rounding; see `ROUNDED`."""
+    states, half = layout.step.states, layout.dimension // 2
+    rounded, others = 0.0, 0.0
+    # Coordinates and velocities have units of their own.
+    for kind in unrolled(2):
+        state, begin = (0, kind * half) if states == 1 else (kind, 0)
+        old, new = work[layout.place(state) :], work[layout.place(layout.new + state) :]
+        floor, errors = floors[state * layout.length :], errors_of(work, state, layout)
+        largest = 0.0
+        for i in range(begin, begin + half):
+            largest = larger(largest, abs(new[i]))
+        for i in range(begin, begin + half):
+            tolerance = fma(rtol, larger(abs(old[i]), abs(new[i])), floor[i])
+            error = abs(errors[0][i])
+            for more in errors[1:]:
+                error = larger(error, abs(more[i]))
+            ratio = error / tolerance
+            is_small = tolerance < ROUNDED * largest
+            rounded = larger(rounded, ratio if is_small else 0.0)
+            others = larger(others, 0.0 if is_small else ratio)
+    return rounded > others
+
+
+@inline
+def raise_floors(share: float, floors: Out, work: In, layout: Layout) -> None:
+    """Raise the floors to their share of the new state."""
+    single = layout.step.states == 1
+    for state in unrolled(layout.step.states):
+        new, floor = work[layout.place(layout.new + state) :], floors[state * layout.length :]
+        for i in each(layout.width if single else layout.length, spill=single):
+            floor[i] = max(floor[i], share * abs(new[i]))
+
+
+def higher(p: Builder, value: Real, floor: Real) -> Any:
+    """Return the larger of a value and a floor; the floor if the value is NaN."""
+    return p.choose(value > floor, value, floor)

@@ -1,0 +1,157 @@
+"""The length of the first step, from the change of slopes over a short trial step.
+
+The jerk divided by the velocity is the square of a rate, in any units of the entries and of time and for any origin of
+the coordinates. If it is not defined, the acceleration divided by the coordinate is used, or the one divided by the
+velocity, squared. The size of an entry is at least the size whose tolerance is its floor. If floors follow the scale,
+the floor of an entry that is zero begins at what the step adds to it. An acceleration that may be round-off of
+cancelling terms, as at an equilibrium, is replaced by its sensitivity to the coordinate.
+"""
+
+from __future__ import annotations
+
+import math
+
+from lagrange.algorithm.step.constants import (
+    CANCELLATION,
+    CANCELLATION_DOMINANCE,
+    DEFAULT_FIRST,
+    FIRST_SHARE,
+    FIRST_TRIAL,
+    LEAST_FIRST,
+    LEAST_SPACINGS,
+    RELATIVE_PERTURBATION,
+    SLOPE_NOISE,
+    SPACING,
+    perturbation_factors,
+)
+from lagrange.algorithm.step.memory import Layout
+from lagrange.algorithm.step.trial import Running, copy_vector, running
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, smaller, unrolled
+from lagrange.program.actions import LAWS
+from lagrange.program.step import Control
+
+NEEDS_SIZES = -1.0
+"""The result if the caller has to estimate the sizes of the entries first."""
+
+
+@procedure(apart=True, given=running)
+def first_step(given: Running, span: float, direction: float, *, layout: Layout, control: Control) -> float:
+    """Return the size of a first step within a span, from three slopes; see `NEEDS_SIZES`.
+
+    A law without slopes, as that of momenta, gives a fraction of the span: errors of the steps show the rest.
+    """
+    run, work, floors, half = given.run, given.work, given.floors, layout.dimension // 2
+    t, follows = run.t, run.share > 0.0
+    least = abs(t) * (LEAST_SPACINGS * SPACING)
+    if LAWS[layout.step.law].results > 1:
+        if follows and given.counts.surveyed == 0:
+            return NEEDS_SIZES
+        return smaller(larger(DEFAULT_FIRST * span, least), span)
+    # Vectors of the step that are free before its first trial; `later` are slopes after an Euler step.
+    y, argument, result = work[0:], work[layout.argument :], work[layout.result :]
+    slope, later = work[layout.place(layout.vectors - 1) :], work[layout.place(layout.errors) :]
+    sensitivity = work[layout.place(layout.new) :]
+    singular = evaluate(given, t, y, slope, layout)
+    rate = trial_rate(y, slope, floors, run.rtol, half)
+    trial = smaller(FIRST_SHARE / rate if rate > 0.0 else FIRST_TRIAL * span, span)
+    # Slopes after an Euler step, and at a slightly perturbed state.
+    move = trial * direction
+    for i in each(layout.width, spill=True, disjoint=True):
+        argument[i] = fma(move, slope[i], y[i])
+    failed_later = evaluate(given, t + move, argument, later, layout)
+    for k, factor in enumerate(perturbation_factors(layout.dimension).tolist()):
+        argument[k] = y[k] * (1 + RELATIVE_PERTURBATION * factor)
+    failed_beside = evaluate(given, t, argument, result, layout)
+    singular = singular or failed_later or failed_beside
+    doubtful, others, moving, paired = 0.0, 0.0, 0.0, 0.0
+    for i in range(half):
+        below = i + half
+        here = slope[below]
+        force, place, speed = abs(here), size(y, floors, run.rtol, i), size(y, floors, run.rtol, below)
+        has_place, has_speed = abs(y[i]) > 0.0, abs(y[below]) > 0.0
+        sensed = abs(result[below] - here) / RELATIVE_PERTURBATION
+        # An acceleration that may be round-off of cancelling terms.
+        doubt = force < CANCELLATION * sensed
+        jerk = abs(later[below] - here) / trial / speed if has_speed else 0.0
+        part = force / speed
+        other = smaller(force / place if has_place else math.inf, part * part if has_speed else math.inf)
+        square = jerk if jerk > 0.0 else other if has_place or has_speed else 0.0
+        doubtful = larger(doubtful, square if doubt else 0.0)
+        others = larger(others, 0.0 if doubt else square)
+        moving = larger(moving, larger(force, abs(slope[i])))
+        paired = larger(paired, sensed / place if doubt and has_place else 0.0)
+        sensitivity[below] = sensed if doubt else 0.0
+    asked = doubtful > CANCELLATION_DOMINANCE * others or moving == 0.0
+    if follows and given.counts.surveyed == 0 and asked and not singular:
+        return NEEDS_SIZES
+    if singular:
+        return DEFAULT_FIRST * span
+    change = math.sqrt(larger(larger(doubtful, others), paired))
+    rate = change if change > 0.0 and change < math.inf else rate
+    aim = (FIRST_SHARE * run.rtol) ** (1.0 / control.exponent)
+    h = smaller(larger(aim / rate if rate > 0.0 else DEFAULT_FIRST * span, least), span)
+    if follows:
+        first_floors(given, h, h / trial, layout)
+        noise_floors(floors, sensitivity, 1.0 / rate if rate > 0.0 else 0.0, half)
+    return h
+
+
+@inline
+def evaluate(given: Running, t: float, y: In, out: Out, layout: Layout) -> bool:
+    """Evaluate the right-hand side at a state, in whole blocks; return whether a matrix is singular."""
+    n = layout.dimension
+    if not layout.in_registers:
+        result = given.work[layout.result :]
+        failed: bool = given.law(t, y, given.parameters, result)
+        copy_vector(result, out, layout.width)
+        return failed
+    state = tuple([y[i] for i in unrolled(n)])
+    results = given.law(t, *state, given.parameters)
+    for k, value in enumerate((*state[n // 2 :], *results[:-1])):
+        out[k] = value
+    for k in unrolled(n, layout.width):
+        out[k] = 0.0
+    singular: bool = results[-1]
+    return singular
+
+
+@inline
+def size(y: In, floors: In, rtol: float, i: int) -> float:
+    """Return the size of an entry, with its floor."""
+    return abs(y[i]) + floors[i] / rtol
+
+
+@inline
+def trial_rate(y: In, slope: In, floors: In, rtol: float, half: int) -> float:
+    """Return the rate that gives the trial length, from accelerations alone."""
+    rate = 0.0
+    for i in range(half):
+        force, place, speed = abs(slope[i + half]), size(y, floors, rtol, i), size(y, floors, rtol, i + half)
+        other = force / speed if abs(y[i + half]) > 0.0 else 0.0
+        rate = larger(rate, math.sqrt(force / place) if abs(y[i]) > 0.0 else other)
+    return rate
+
+
+@inline
+def first_floors(given: Running, h: float, longer: float, layout: Layout) -> None:
+    """Let the floors of entries that are zero begin at what a step of h adds by its slopes."""
+    work, floors = given.work, given.floors
+    y, slope, later = work[0:], work[layout.place(layout.vectors - 1) :], work[layout.place(layout.errors) :]
+    factor = larger(given.run.share, LEAST_FIRST) * h
+    for i in each(layout.width, spill=True, disjoint=True):
+        here, floor = slope[i], floors[i]
+        ahead = abs(fma(later[i] - here, longer, here))
+        still = ahead < math.inf and abs(here) == 0.0
+        reach = factor * (ahead if still else abs(here))
+        floors[i] = max(floor, reach if y[i] == 0.0 else 0.0)
+
+
+@inline
+def noise_floors(floors: Out, sensitivity: In, period: float, half: int) -> None:
+    """Raise the floors above the round-off of accelerations that cancel, over a period."""
+    for i in range(half):
+        below = i + half
+        noise = period * SLOPE_NOISE * sensitivity[below]
+        floors[i] = larger(floors[i], period * noise)
+        floors[below] = larger(floors[below], noise)

@@ -1,0 +1,208 @@
+"""Memory layout of a step: its vectors in one array, followed by the data of its solves.
+
+A machine that computes on blocks of numbers pads each vector to whole blocks; on other machines a block has one number.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from lagrange.algorithm.blocks import whole_blocks
+from lagrange.algorithm.linear.gauss_jordan import row_stride
+from lagrange.algorithm.newton.constants import HISTORY
+from lagrange.procedure.form import Array
+from lagrange.procedure.front.vocabulary import form_of, record
+from lagrange.program.actions import LAWS, Damp, Solve
+from lagrange.program.step import StepProgram
+
+
+@record
+class Effort:
+    """Cost of a step."""
+
+    evaluations: int
+    """Evaluations of the law."""
+
+    residual: float
+    """Size of the last correction relative to the unknown."""
+
+
+@record
+class Newton:
+    """The state of a solve, kept from step to step."""
+
+    matrix_step: float
+    """Length of the steps that its matrix was built for; 0 if the next step builds a new one."""
+
+    differentiated: int
+    """1 if the derivative of the law can be used for the next matrix."""
+
+    rate: float
+    """Contraction rate of the corrections."""
+
+    noise: float
+    """Size of corrections that are round-off, in units of the estimated round-off."""
+
+    age: int
+    """Steps since the matrix was built."""
+
+    solved: int
+    """1 if the trial step has its unknowns."""
+
+    tried_step: float
+    """Length of the trial step."""
+
+    old_step: float
+    """Length of the previous step."""
+
+    known: int
+    """Number of steps available for extrapolation."""
+
+    order: int
+    """Number of steps that is used for extrapolation."""
+
+
+EFFORT, NEWTON = form_of(Effort), form_of(Newton)
+"""The records in memory."""
+
+
+def floors_array(layout: Layout) -> Array:
+    """Return the type of the parameter with the absolute tolerance of each entry of the state."""
+    return Array(size=layout.dimension, read=True, room=layout.block)
+
+
+def work_array(layout: Layout, *, read: bool = False) -> Array:
+    """Return the type of the parameter with the vectors of a step and the data of its solves."""
+    return Array(size=layout.size, read=read, room=layout.block)
+
+
+class Layout:
+    """Offsets of the vectors of a step in the work array, followed by the data of its solves and of its starter.
+
+    A step is `alone` if it is not the starter of another. The law has its numbers `in_registers` or in arrays. With
+    `projected` the new state is moved onto the constraints of the system before it is accepted.
+    """
+
+    def __init__(
+        self,
+        step: StepProgram,
+        dimension: int,
+        *,
+        block: int,
+        in_registers: bool = False,
+        alone: bool = True,
+        projected: bool = False,
+    ) -> None:
+        self.step, self.dimension, self.block, self.in_registers = step, dimension, block, in_registers
+        self.projected = projected
+        self.length = dimension // 2 if step.partitioned else dimension
+        law = LAWS[step.law]
+        self.rows, self.columns = law.results * self.length, law.arguments * self.length
+        """The shape of the derivative of the law: by results, and by arguments."""
+        self.width = whole_blocks(self.length, block)
+        self.keeps_history = bool(step.solves) or step.starter is not None
+        """Whether steps go on from those before: from what a solve keeps, or from the state one step back."""
+        self.keeps_entries = in_registers and alone and not self.keeps_history
+        """Whether the state stands in memory of single numbers as well, which LLVM makes registers of."""
+        self.vectors = step.vectors
+        self.new = self.vectors
+        self.errors = self.new + step.states
+        self.argument = (self.errors + len(step.errors)) * self.width
+        self.result = self.argument + max(2 * dimension, self.columns) + 2 * block
+        self.flags = whole_blocks(self.result + max(2 * dimension, self.rows) + 2 * block, block)
+        """Where the driver keeps whether the state one step back is known, and behind it whether the trial gives it."""
+        self.effort = self.flags + 2
+        end = whole_blocks(self.effort + len(EFFORT.fields), block)
+        self.solves: list[SolveLayout] = []
+        for i, solve in enumerate(step.solves):
+            damped = [damp for damp in step.damps if damp.of == i]
+            self.solves.append(SolveLayout(self, end, i, solve, damped))
+            end = self.solves[-1].end
+        self.lost = end
+        """Where stands what rounding has taken from each state, and behind that what the trial step loses."""
+        self.end = end + (2 * step.states * self.width if step.exact else 0)
+        """Where the vectors of the starter stand, if there is one."""
+        self.starting: Layout = self
+        self.size = self.end
+        if step.starter is not None:
+            self.starting = Layout(step.starter, dimension, block=block, in_registers=in_registers, alone=False)
+            self.size += self.starting.size
+
+    def place(self, vector: int) -> int:
+        """Return the offset of a vector."""
+        return vector * self.width
+
+
+class SolveLayout:
+    """Offsets of the data of one solve in the work array, from `start`: record, vectors of unknowns, and matrices.
+
+    A vector of unknowns is `count` padded vectors long. The matrices are the negative inverse of the Newton matrix and
+    those that damp, by columns of that length; the derivative of the law by columns; and room for a matrix to
+    be inverted, by rows `stride` apart.
+    """
+
+    def __init__(self, layout: Layout, start: int, index: int, solve: Solve, damped: list[Damp]) -> None:
+        self.index, self.solve, self.damped = index, solve, damped
+        self.adaptive = layout.step.control is not None
+        block, length = layout.block, layout.length
+        self.length, self.width = length, layout.width
+        self.unknowns = solve.count * length
+        self.all = solve.count * self.width
+        self.stride = row_stride(self.unknowns)
+        self.first = layout.place(solve.first)
+        self.flags = start
+        self.residual = start + whole_blocks(len(NEWTON.fields), block)
+        self.weights = self.residual + self.all
+        self.history = self.weights + self.all
+        self.sizes = self.history + (1 if self.adaptive else HISTORY) * self.all
+        self.places = self.sizes + self.all
+        self.inverse = self.places + LAWS[layout.step.law].arguments * self.width
+        self.dampers = self.inverse + self.unknowns * self.all
+        self.derivative = self.dampers + len(damped) * length * self.width
+        entries = layout.rows * layout.columns
+        self.matrix = whole_blocks(self.derivative + entries, block)
+        self.pivots = self.matrix + max(self.unknowns * self.stride, whole_blocks(entries, block))
+        self.end = self.pivots + 3 * row_stride(max(self.unknowns, layout.dimension))
+
+    def damper(self, damp: Damp) -> int:
+        """Return the offset of the matrix of a damping."""
+        return self.dampers + self.damped.index(damp) * self.length * self.width
+
+
+@dataclass(frozen=True)
+class Kept:
+    """The data of Newton's method for one solve of m numbers, read from the work array.
+
+    `inverse` (m, m) is that of the derivative of the residuals by the unknowns, for steps of length `step`; 0 means
+    that the next step builds a new one. `derivative` is that of the law, by results and arguments. `dampers` are the
+    damping matrices, (2n, 2n) each; `weights` (m,) are those of the corrections.
+    """
+
+    step: float
+    derivative: NDArray[np.float64]
+    inverse: NDArray[np.float64]
+    dampers: tuple[NDArray[np.float64], ...]
+    weights: NDArray[np.float64]
+
+
+def kept(layout: Layout, matrix_step: float, solve: SolveLayout, work: NDArray[np.float64]) -> Kept:
+    """Return the data of a solve, read from the work array of its steps."""
+
+    def columns(place: int, vectors: int) -> NDArray[np.float64]:
+        """Return the square matrix that is stored by columns of this many padded vectors."""
+        order = vectors * solve.length
+        padded = work[place : place + order * vectors * solve.width].reshape(order, vectors, solve.width)
+        return np.array(padded[:, :, : solve.length].reshape(order, order).T)
+
+    derivative = work[solve.derivative : solve.derivative + layout.rows * layout.columns]
+    weights = work[solve.weights : solve.weights + solve.all].reshape(-1, solve.width)
+    return Kept(
+        step=matrix_step,
+        derivative=derivative.reshape(layout.columns, layout.rows).T.copy(),
+        inverse=-columns(solve.inverse, solve.solve.count),
+        dampers=tuple(columns(solve.damper(damp), 1) for damp in solve.damped),
+        weights=weights[:, : solve.length].ravel(),
+    )

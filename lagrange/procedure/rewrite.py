@@ -1,0 +1,290 @@
+"""Rewrite procedures: bind function parameters, remove values that are never read, unpack short vectors.
+
+Binding turns a procedure for any right-hand side into one for a given right-hand side, without function pointers.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from itertools import count
+
+from lagrange.errors import LagrangeError
+from lagrange.procedure.form import (
+    CONSTANT,
+    REAL,
+    VECTOR_STATEMENTS,
+    WHOLE,
+    Block,
+    Call,
+    Callee,
+    Declare,
+    Gather,
+    Get,
+    Kind,
+    Let,
+    Load,
+    Part,
+    Procedure,
+    Read,
+    Reduce,
+    Reserve,
+    ReserveRecord,
+    Set,
+    SineCosine,
+    Statement,
+    Store,
+    Vector,
+    VectorLet,
+    VectorLoad,
+    VectorStore,
+    When,
+    rebuilt,
+    walk,
+)
+from lagrange.procedure.verify import verify
+from lagrange.procedure.visit import defined, operands, reads, renamed
+
+Functions = Mapping[str, Procedure]
+
+
+def bound(procedure: Procedure, functions: Functions, *, prefix: str = "") -> Procedure:
+    """Return a procedure in which `functions` replace the parameters with their names.
+
+    Parameters that nothing reads are dropped, here and in callees, but the signatures of `functions` stay. `prefix` is
+    added to the names of all procedures except `functions`. Raises LagrangeError if a procedure calls a function
+    parameter that `functions` lacks.
+    """
+    return _Binder(prefix).bound(procedure, tuple(sorted(functions.items())))
+
+
+class _Binder:
+    """Binds procedures, each once for the same functions."""
+
+    def __init__(self, prefix: str) -> None:
+        self.prefix = prefix
+        self.known: dict[tuple[Procedure, tuple[tuple[str, Procedure], ...]], Procedure] = {}
+        self.kept: dict[Procedure, tuple[bool, ...]] = {}
+        """For each procedure and parameter, True if its bound form still has the parameter."""
+
+    def bound(self, procedure: Procedure, functions: tuple[tuple[str, Procedure], ...]) -> Procedure:
+        key = procedure, functions
+        if key not in self.known:
+            self.known[key] = self._made(procedure, dict(functions))
+        return self.known[key]
+
+    def _made(self, procedure: Procedure, functions: Functions) -> Procedure:
+        given = {one.ref: functions[one.name] for one in procedure.parameters if one.name in functions}
+        body = self._block(procedure.body, given)
+        read = reads(body)
+        kept = tuple(one.ref in read and one.ref not in given for one in procedure.parameters)
+        for one, keep in zip(procedure.parameters, kept, strict=True):
+            if keep and isinstance(one.type, Callee):
+                raise LagrangeError(f"procedure {procedure.name} calls {one.name}, which is not given.")
+        parameters = tuple(one for one, keep in zip(procedure.parameters, kept, strict=True) if keep)
+        made = replace(procedure, name=self.prefix + procedure.name, parameters=parameters, body=body)
+        verify(made)
+        self.kept[made] = kept
+        return made
+
+    def _block(self, block: Block, given: Mapping[int, Procedure]) -> Block:
+        return tuple(self._statement(one, given) for one in block)
+
+    def _statement(self, statement: Statement, given: Mapping[int, Procedure]) -> Statement:
+        if isinstance(statement, Call):
+            return self._call(statement, given)
+        return rebuilt(statement, lambda block: self._block(block, given))
+
+    def _call(self, call: Call, given: Mapping[int, Procedure]) -> Call:
+        if not isinstance(call.callee, Procedure):
+            return call._replace(callee=given.get(call.callee, call.callee))
+        pairs = tuple(zip(call.callee.parameters, call.args, strict=True))
+        functions = tuple(sorted((one.name, given[arg]) for one, arg in pairs if arg in given))
+        made = self.bound(call.callee, functions)
+        args = tuple(arg for arg, keep in zip(call.args, self.kept[made], strict=True) if keep)
+        return call._replace(callee=made, args=args)
+
+
+MADE = (Let, SineCosine, VectorLet, Reduce, VectorLoad, Gather, Load, Read, Part, Reserve, ReserveRecord, Get)
+"""Statements that define a value or memory, without other effects."""
+
+
+class Pruner:
+    """Prunes procedures that call each other, each only once."""
+
+    def __init__(self) -> None:
+        self.known: dict[Procedure, Procedure] = {}
+
+    def pruned(self, procedure: Procedure) -> Procedure:
+        """Return a procedure without values that are never read, here and in its callees."""
+        if procedure not in self.known:
+            body, got, before = procedure.body, _variables_read(procedure.body), None
+            while got != before:
+                body = _Pass(self, got).block(body)
+                before, got = got, _variables_read(body)
+            found = self.known[procedure] = replace(procedure, body=body)
+            self.known[found] = found
+        return self.known[procedure]
+
+
+class _Pass:
+    """One backward pass over a procedure. `got` are the variables that are read anywhere."""
+
+    def __init__(self, pruner: Pruner, got: frozenset[int]) -> None:
+        self.pruner, self.got = pruner, got
+        self.needed: set[int] = set()
+        """Numbers that later statements read."""
+
+    def block(self, block: Block) -> Block:
+        """Return a block without statements whose results are never read."""
+        kept: list[Statement] = []
+        for statement in reversed(block):
+            if not self.idle(statement):
+                kept.append(self.statement(statement))
+        return tuple(reversed(kept))
+
+    def statement(self, statement: Statement) -> Statement:
+        """Return a statement with pruned blocks and callees, and record the numbers that it reads."""
+        self.needed.update(operands(statement))
+        if isinstance(statement, Call) and isinstance(statement.callee, Procedure):
+            return statement._replace(callee=self.pruner.pruned(statement.callee))
+        return rebuilt(statement, self.block)
+
+    def idle(self, statement: Statement) -> bool:
+        """Return True if a statement has no effect on results."""
+        match statement:
+            case Declare(ref=ref):
+                return ref not in self.got
+            case Set(variable=variable):
+                return variable not in self.got
+            case When(then=(), otherwise=()):
+                return True
+            case _:
+                return isinstance(statement, MADE) and self.needed.isdisjoint(defined(statement))
+
+
+def _variables_read(block: Block) -> frozenset[int]:
+    """Return the variables that a block reads."""
+    return frozenset(one.variable for one in walk(block) if isinstance(one, Get))
+
+
+def unpacked(procedure: Procedure) -> Procedure:
+    """Return a procedure with numbers and flags in the place of vectors, or the procedure itself without vectors.
+
+    Callees are not unpacked here; their printers do that.
+    """
+    statements = list(walk(procedure.body))
+    if not any(isinstance(one, VECTOR_STATEMENTS) for one in statements):
+        return procedure
+    refs = [parameter.ref for parameter in procedure.parameters]
+    refs += [ref for one in statements for ref in (*defined(one), *((one.ref,) if isinstance(one, Declare) else ()))]
+    return replace(procedure, body=_Unpacker(max(refs) + 1).block(procedure.body))
+
+
+class _Unpacker:
+    """Rewrites blocks; `entries` are the numbers of the entries of each vector."""
+
+    def __init__(self, first: int) -> None:
+        self.unused = count(first)
+        self.entries: dict[int, tuple[int, ...]] = {}
+        self.same: dict[int, int] = {}
+        """The entries that are read as single values, by the number of that."""
+        self.out: list[Statement] = []
+
+    def block(self, block: Block) -> Block:
+        """Return a block without vectors."""
+        outside, self.out = self.out, []
+        for statement in block:
+            statement = renamed(statement, self.same)
+            match statement:
+                case SineCosine(angle=angle) if angle in self.entries:
+                    pairs = [SineCosine(next(self.unused), next(self.unused), one) for one in self.entries[angle]]
+                    self.out += pairs
+                    self.entries[statement.sine] = tuple(pair.sine for pair in pairs)
+                    self.entries[statement.cosine] = tuple(pair.cosine for pair in pairs)
+                case Declare(ref=ref, kind=Vector(kind=kind)):
+                    first, self.entries[ref] = self.entries[statement.value], self.numbers(statement.kind)
+                    self.out += [Declare(one, kind, x) for one, x in zip(self.entries[ref], first, strict=True)]
+                case Get(ref=ref, kind=Vector(kind=kind)):
+                    self.entries[ref] = self.numbers(statement.kind)
+                    pairs_of = zip(self.entries[ref], self.entries[statement.variable], strict=True)
+                    self.out += [Get(one, kind, variable) for one, variable in pairs_of]
+                case Set(variable=variable, value=value) if value in self.entries:
+                    pairs_of = zip(self.entries[variable], self.entries[value], strict=True)
+                    self.out += [Set(one, x) for one, x in pairs_of]
+                case VectorLet():
+                    self.entries[statement.ref] = self.vector(statement)
+                case Reduce(op="entry"):
+                    self.same[statement.ref] = self.entries[statement.vector][statement.place]
+                case Reduce():
+                    self.reduce(statement)
+                case VectorLoad(vector=vector, place=place, mask=mask):
+                    places = self.side_by_side(place, vector.width)
+                    flags = None if mask is None else self.entries[mask]
+                    self.entries[statement.ref] = self.loaded(statement, places, flags)
+                case Gather(places=wanted):
+                    self.entries[statement.ref] = self.loaded(statement, self.entries[wanted], None)
+                case VectorStore():
+                    self.store(statement)
+                case _:
+                    self.out.append(rebuilt(statement, self.block))
+        made, self.out = tuple(self.out), outside
+        return made
+
+    def let(self, kind: Kind, op: str, args: tuple[int, ...], data: float | None = None) -> int:
+        """Add an operation, and return the number of its result."""
+        ref = next(self.unused)
+        self.out.append(Let(ref, kind, op, args, data))
+        return ref
+
+    def numbers(self, vector: Kind | Vector) -> tuple[int, ...]:
+        """Return new numbers for the entries of a vector."""
+        return tuple(next(self.unused) for _ in range(vector.width if isinstance(vector, Vector) else 1))
+
+    def vector(self, let: VectorLet) -> tuple[int, ...]:
+        """Return the entries of an operation."""
+        args = [self.entries.get(arg, (arg,)) for arg in let.args]
+        if let.op == "permute":
+            entries = [entry for arg in args for entry in arg]
+            return tuple(entries[place] for place in let.places)
+        return tuple(self.let(let.vector.kind, let.op, operands) for operands in zip(*args, strict=True))
+
+    def reduce(self, reduce: Reduce) -> None:
+        """Add the operations of a sum, or of the test whether any flag is true."""
+        op, left = "or" if reduce.op == "any" else "add", list(self.entries[reduce.vector])
+        while len(left) > 1:
+            half = len(left) // 2
+            refs = [reduce.ref] if half == 1 else [next(self.unused) for _ in range(half)]
+            pairs = zip(refs, left[:half], left[half:], strict=True)
+            self.out += [Let(ref, reduce.kind, op, (a, b)) for ref, a, b in pairs]
+            left = refs
+
+    def side_by_side(self, place: int, width: int) -> tuple[int, ...]:
+        """Return `width` successive indices, the first of which is `place`."""
+        steps = [self.let(WHOLE, CONSTANT, (), k) for k in range(1, width)]
+        return place, *(self.let(WHOLE, "add", (place, step)) for step in steps)
+
+    def loaded(
+        self, load: VectorLoad | Gather, places: tuple[int, ...], flags: tuple[int, ...] | None
+    ) -> tuple[int, ...]:
+        """Return entries of an array, zero where a flag is false."""
+        kind, refs = load.vector.kind, []
+        for k, place in enumerate(places):
+            ref = next(self.unused)
+            refs.append(ref)
+            read = Load(ref, kind, load.array, place)
+            if flags is None:
+                self.out.append(read)
+                continue
+            variable, inside = next(self.unused), next(self.unused)
+            zero = self.let(kind, CONSTANT, (), 0.0 if kind is REAL else 0)
+            then = (read._replace(ref=inside), Set(variable, inside))
+            self.out += [Declare(variable, kind, zero), When(flags[k], then), Get(ref, kind, variable)]
+        return tuple(refs)
+
+    def store(self, store: VectorStore) -> None:
+        """Write the entries of a vector."""
+        entries = self.entries[store.value]
+        for k, (place, value) in enumerate(zip(self.side_by_side(store.place, len(entries)), entries, strict=True)):
+            written = Store(store.array, place, value)
+            self.out.append(written if store.mask is None else When(self.entries[store.mask][k], (written,)))
