@@ -209,7 +209,7 @@ PENDULUM = "theta_ddot + g/l*sin(theta)"
         (f"{PENDULUM} - theta_dot", "In equation 1, that of theta, the term -theta_dot should not be there."),
         (
             [PENDULUM, "theta_dot = 0"],
-            "Equation 2 does not hold, and contains no acceleration: it is not an equation of",
+            "Equation 2 does not hold, and contains no acceleration: it is not an equation of motion. One reads",
         ),
     ],
 )

@@ -196,7 +196,11 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     """Return the wrong term of an equation that does not hold. `write` turns an expression into text."""
     label = f"{row.label[0].upper()}{row.label[1:]}"
     if not any(row.slopes.values()) and not any(sample.first_order for sample in samples):
-        return WrongTerm(f"{label} does not hold, and contains no acceleration: it is not an equation of motion.")
+        name = row.statement.names[0]
+        return WrongTerm(
+            f"{label} does not hold, and contains no acceleration: it is not an equation of motion. One reads "
+            f"{name}'' = ..., or {name}_ddot = ..., with the symbols of {row.statement.name} on its right side."
+        )
     part = wrong_part(row, derivation, samples, write)
     if part:
         return WrongTerm(part, alone=True)
