@@ -71,6 +71,7 @@ def test_a_coulomb_oscillator_loses_the_same_amplitude_in_each_half_period() -> 
     assert run.contacts["floor"].friction[-1] == pytest.approx(-0.05, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_a_ladder_leaves_the_wall_at_two_thirds_of_its_height() -> None:
     (x, y, theta), (m, g) = lg.coordinates("x y theta"), lg.parameters("m g")
     contacts = {"floor": lg.contact(y - cos(theta)), "wall": lg.contact(x - sin(theta))}
@@ -95,6 +96,7 @@ def test_a_spinning_ball_slips_and_then_rolls() -> None:
     assert run["x_dot"][-1] == pytest.approx(2 * 2.0 / 7, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_block_slides_straight_on_a_plane_and_stops() -> None:
     (x, y, z), (m, g, mu) = lg.coordinates("x y z"), lg.parameters("m g mu")
     floor = lg.contact(z, slip=(x.dot, y.dot), friction=mu)
@@ -108,6 +110,7 @@ def test_a_block_slides_straight_on_a_plane_and_stops() -> None:
     assert run.contacts["floor"].friction[:, 0] == pytest.approx([-0.6 * 0.3 * G, -0.8 * 0.3 * G])
 
 
+@pytest.mark.slow
 def test_a_rocking_block_keeps_the_share_of_its_rate_that_housner_found() -> None:
     (x, y, theta), (m, g) = lg.coordinates("x y theta"), lg.parameters("m g")
     width, height, t = 0.2, 1.0, lg.t
@@ -125,6 +128,7 @@ def test_a_rocking_block_keeps_the_share_of_its_rate_that_housner_found() -> Non
     assert np.ptp(run.energy + run.energy_lost) < 1e-10
 
 
+@pytest.mark.slow
 def test_masses_collide_as_often_as_pi_has_digits() -> None:
     (a, b), big = lg.coordinates("a b"), lg.parameters("M")
     contacts = {"wall": lg.contact(a, restitution=1), "pair": lg.contact(b - a, restitution=1)}
@@ -175,6 +179,7 @@ def test_sliding_begins_where_a_growing_force_reaches_the_cone() -> None:
         assert begins == pytest.approx(0.5 if force == lg.t else np.sqrt(0.5), abs=1e-12)
 
 
+@pytest.mark.slow
 def test_a_box_that_falls_on_a_corner_comes_to_rest() -> None:
     (x, y, theta), (m, g), t = lg.coordinates("x y theta"), lg.parameters("m g"), lg.t
     contacts = {}

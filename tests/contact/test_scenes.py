@@ -40,7 +40,13 @@ def test_there_are_twelve_scenes_with_sources() -> None:
         assert any(part.strip("(),;").isdigit() for part in statement.source.split()), "a source has a year"
 
 
-@pytest.mark.parametrize("name", NAMES)
+QUICK = ("ball-on-table", "belt", "block-on-incline", "bouncing-ball", "elliptic-billiard")
+"""Scenes whose runs take a part of a second; those of the others take seconds."""
+
+CASES = [name if name in QUICK else pytest.param(name, marks=pytest.mark.slow) for name in NAMES]
+
+
+@pytest.mark.parametrize("name", CASES)
 def test_no_body_enters_another_and_energy_is_booked(name: str) -> None:
     run = run_of(name)
     for stated, contact in zip(scene(name).statement.contacts, run.contacts.values(), strict=True):
@@ -79,12 +85,14 @@ def test_the_block_on_the_belt_sticks_and_slips_in_a_cycle() -> None:
     assert times[:6] == pytest.approx([begin + k * cycle + late for k in range(3) for late in (0, slips)], abs=1e-10)
 
 
+@pytest.mark.slow
 def test_the_spinning_ball_rolls() -> None:
     run = run_of("spinning-ball")
     assert changes(run, "floor") == pytest.approx([2 * 2 / (7 * 0.2 * 9.81)], abs=1e-12)
     assert run["x_dot"][-1] == pytest.approx(4 / 7, abs=1e-12)
 
 
+@pytest.mark.slow
 def test_the_ladder_leaves_the_wall() -> None:
     run = run_of("ladder-leaves-wall")
     left = np.argmax(run.contacts["wall"].mode == "open")
@@ -92,6 +100,7 @@ def test_the_ladder_leaves_the_wall() -> None:
     assert [contact.mode[-1] for contact in run.contacts.values()] == ["closed", "open", "closed"]
 
 
+@pytest.mark.slow
 def test_the_block_rocks_as_housner_found() -> None:
     run = run_of("rocking-block")
     hits = np.flatnonzero(np.diff(run.t) == 0)
@@ -105,6 +114,7 @@ def test_the_billiard_keeps_its_integral() -> None:
     assert np.ptp(product) < 1e-12
 
 
+@pytest.mark.slow
 def test_the_cradle_sends_off_the_last_ball() -> None:
     run, period = run_of("newtons-cradle"), 2 * np.pi / np.sqrt(9.81)
     impacts = run.contacts["pair4"].impacts
@@ -114,6 +124,7 @@ def test_the_cradle_sends_off_the_last_ball() -> None:
     assert np.abs([impact.energy_lost for impact in impacts]).max() < 1e-12
 
 
+@pytest.mark.slow
 def test_the_woodpecker_falls_into_the_published_cycle() -> None:
     """Glocker and Studer start on the cycle, with phiM = -0.1036 where the sleeve touches: three digits compare."""
     passes = [lg.event(lg.coordinate("phiS") + 0.2788, direction=-1)]
@@ -126,6 +137,7 @@ def test_the_woodpecker_falls_into_the_published_cycle() -> None:
     assert np.diff(strikes) == pytest.approx([0.146] * (len(strikes) - 1), abs=2e-4)
 
 
+@pytest.mark.slow
 def test_the_tippe_top_turns_over_and_keeps_the_integral_of_jellett() -> None:
     run = run_of("tippe-top")
     theta, rates = run["theta"], (run["phi_dot"], run["psi_dot"])
@@ -136,6 +148,7 @@ def test_the_tippe_top_turns_over_and_keeps_the_integral_of_jellett() -> None:
     assert theta.max() > 2.5
 
 
+@pytest.mark.slow
 def test_the_box_rests_on_its_side() -> None:
     run = run_of("box-on-corner")
     assert [contact.mode[-1] for contact in run.contacts.values()] == ["sticking", "sticking", "open", "open"]

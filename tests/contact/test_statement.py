@@ -71,6 +71,7 @@ def test_impacts_at_one_instant_need_a_stated_law() -> None:
     assert ends[None][0] is lg.Status.SINGULAR
 
 
+@pytest.mark.slow
 def test_copies_and_scene_files_run_alike(tmp_path: Any) -> None:
     floor = lg.contact(Y, slip=X.dot, restitution=E / (1 + lg.impact_speed), friction=(MU, MU / 2))
     stated = system({"floor": floor, "wall": lg.contact(3 - X)}, simultaneous="newton")
@@ -112,7 +113,9 @@ def test_flows_and_ensembles_go_through_contacts() -> None:
     assert runs.y[:, 1] == pytest.approx(run.y[:, -1])
 
 
-@pytest.mark.parametrize("method", ["taylor", "dop853", "tsit5", "radau5", "rk4"])
+@pytest.mark.parametrize(
+    "method", ["taylor", "dop853", *(pytest.param(name, marks=pytest.mark.slow) for name in ("tsit5", "radau5", "rk4"))]
+)
 def test_every_method_finds_the_same_impacts(method: str) -> None:
     options: dict[str, Any] = {"step": 1e-3} if method == "rk4" else {"rtol": 1e-10}
     run = system().run(1.5, method=method, **options).require()
