@@ -133,17 +133,3 @@ def test_a_light_body_tied_to_a_heavy_one_has_its_acceleration(light: float, tar
     assert held.accelerations(zero, zero) == pytest.approx([exact, exact], rel=1e-11)
     many = held.accelerations(np.zeros((2, 9)), np.zeros((2, 9)))
     assert many == pytest.approx(np.full((2, 9), exact), rel=1e-11)
-
-
-def test_units_of_a_constraint_do_not_cost_digits() -> None:
-    """A bead on y = x**2/l far from the vertex, in small units: derivatives by x.dot lost five digits with numpy."""
-    (x, y), (l, k) = lg.coordinates("x y"), lg.parameters("l k")
-    values = {m: 2.54e-9, l: 7.71e-5, k: 2.99e-16}
-    kinetic, wire = m * (x.dot**2 + y.dot**2) / 2, {"wire": y - x**2 / l}
-    statement = stated(kinetic=kinetic, potential=k * x**2 / 2, constraints=wire, parameters=values)
-    a, b = (
-        model_of(statement, machine(target)).jacobian(0.0, [0.54, 3761.0, -1.15e-8, -1.61e-4])
-        for target in ("llvm", "numpy")
-    )
-    # Rounding of a system of order 3 is some 1e-15; the lost digits were 2e-9.
-    np.testing.assert_allclose(b[2:, 2], a[2:, 2], rtol=1e-12)

@@ -82,19 +82,9 @@ def _solve(n: int, matrix: FloatArray, *right: Any) -> FloatArray:
 
 
 def _scale(a: FloatArray) -> FloatArray:
-    """Return factors (n, k) that scale positive definite matrices to a unit diagonal.
-
-    A matrix with constraints is [[M, G^T], [G, 0]]: the largest entry of each row of G becomes that of M. Coordinates
-    keep their units there: a light body tied to a heavy one needs the constraint as its pivot.
-    """
+    """Return factors (n, k) that scale positive definite matrices to a unit diagonal, and ones for other matrices."""
     diagonal = np.einsum("iik->ik", a)
-    constraint = diagonal == 0
-    row = np.where(constraint, np.abs(a).max(axis=1), 1.0)
-    largest = np.abs(np.where(constraint | constraint[:, None], 0.0, a)).max(axis=(0, 1))
-    usable = constraint & (row > 0) & (largest > 0)
-    scale: FloatArray = np.divide(largest, row, out=np.ones_like(row), where=usable)
-    definite = (diagonal > 0).all(axis=0)
-    return np.where(definite, 1 / np.sqrt(np.abs(diagonal)), scale)
+    return np.where((diagonal > 0).all(axis=0), 1 / np.sqrt(np.abs(diagonal)), 1.0)
 
 
 def _check_pivot(pivot: FloatArray, largest: FloatArray, finite: NDArray[np.bool_], columns: tuple[int, ...]) -> None:
