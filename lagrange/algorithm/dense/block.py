@@ -1,8 +1,8 @@
-"""What the polynomials of steps are made with: laws over columns, and where the steps stand.
+"""Memory of the polynomials of steps: a block of steps by columns, and laws evaluated over columns.
 
 Steps are taken in blocks of `columns`, and each vector of a block is by columns: entry j of step b stands at
-j * columns + b. So what is done for an entry of a step is done for many at once. Machine code has blocks of `LANES`
-steps, of which the last may stand there more than once; another machine has as many columns as there are steps.
+j * columns + b. So an operation on an entry of a step serves many steps at once. Machine code has blocks of `LANES`
+steps, of which the last may be repeated. The numpy machine has as many columns as there are steps.
 """
 
 from __future__ import annotations
@@ -31,12 +31,14 @@ COLUMNS = Callee((WHOLE, READ, READ, READ, READ, Array()), (WHOLE,))
 results. It gives the first column in the block in which a matrix is singular, or -1."""
 
 INVERT = Callee((WHOLE, WHOLE, Array(), Array()), ())
-"""What inverts the matrix of each column; see `invert_columns`."""
+"""A function that inverts the matrix of each column; see `invert_columns`."""
 
 POLYNOMIAL = Callee((READ, WHOLE, READ, READ, Array(), Array()), ())
-"""What writes the polynomials of a block of steps, whatever the kind of path: of what the machine has prepared for the
-kind, the number of columns, the steps and those beside them (see `OwnStep`), the memory that it works in, and the
-coefficients: that of power k and entry j in the fraction of step b stands at (k * 2n + j) * columns + b."""
+"""A function that writes the polynomials of a block of steps, for any kind of path.
+
+Its arguments: data that the machine has prepared for the kind of path, the number of columns, the steps and their
+neighbours (see `OwnStep`), work memory, and the coefficients. The coefficient of power k and entry j, in the fraction
+of step b, has the index (k * 2n + j) * columns + b."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,8 +47,8 @@ class StepPolynomial:
 
     One procedure, which `write` returns, serves all systems and all methods with this kind of path: of a method it is
     given `table`, its numbers, and how many `stages` it has. The `degree` is at most 16. With `derivative` it is given
-    the derivative of the law as well, and the steps beside those of a block. It works in so many `vectors` beside its
-    own, and in `matrices` times 2n more.
+    the derivative of the law as well, and the neighbours of the steps of a block. `vectors` is the number of work
+    vectors beside its own, `matrices` that of work matrices of 2n vectors each.
     """
 
     write: Callable[[], Written]
@@ -59,11 +61,11 @@ class StepPolynomial:
 
     @property
     def procedure(self) -> Procedure:
-        """What writes the polynomials; its arguments are those of `Block`."""
+        """The procedure that writes the polynomials; its arguments are those of `Block`."""
         return self.write().procedure
 
     def size(self, dimension: int, columns: int) -> int:
-        """Return how many doubles the procedure works in, for states (2n,)."""
+        """Return the number of doubles of work memory of the procedure, for states (2n,)."""
         written = self.write()
         vectors = written.vectors + self.vectors + self.matrices * dimension
         return (vectors * dimension + written.rows) * columns + LANES
@@ -79,14 +81,14 @@ class Written:
 
 
 def block_size(dimension: int, columns: int) -> int:
-    """Return how many doubles the steps of a block take, as `gather` writes them."""
+    """Return the number of doubles of the steps of a block, as `gather` writes them."""
     return (2 * dimension + 3) * columns
 
 
 class OwnStep:
     """The steps of a block: their times t and lengths h, and the states y at their starts and `new` at their ends.
 
-    `side` says of a step beside another where it lies: -1.0 before, 1.0 behind; 0.0 where there is none.
+    `side` is the position of a neighbour: -1.0 before the step, 1.0 after it, 0.0 if there is no neighbour.
     """
 
     def __init__(self, memory: Memory, dimension: Whole, columns: Whole) -> None:
@@ -98,7 +100,7 @@ class OwnStep:
 
 @shared
 def slopes() -> Procedure:
-    """Return what evaluates a law over columns; where a matrix is singular each column is tried by itself."""
+    """Return the procedure that evaluates a law over columns; if a matrix is singular, each column by itself."""
     p = Builder("slopes", "Write the right-hand side of each column, NaN where the mass matrix is singular.")
     law, parameters = p.function("law", COLUMNS), p.array("parameters", read=True)
     dimension, columns = p.given("dimension", WHOLE), p.given("columns", WHOLE)
@@ -141,7 +143,7 @@ class Block:
         self.total: Whole = (self.dimension * self.columns).called("total")
         """The numbers of a vector of the block."""
         self.spare = self.work
-        """Memory for what is done where a mass matrix is singular."""
+        """Work memory for columns with a singular mass matrix."""
         self.own, self.beside = (OwnStep(memory, self.dimension, self.columns) for memory in (own, beside))
         self._vectors, self._rows = 2, 1
 
@@ -165,11 +167,11 @@ class Block:
         return self.work.at(self.total * vectors + self.columns * rows)
 
     def others(self) -> Memory:
-        """Return memory for as many vectors as the method wants, behind all others; see `nth`."""
+        """Return the memory of the method's own vectors, after all others; see `nth`."""
         return self._behind(self._vectors, self._rows)
 
     def nth(self, vectors: Memory, place: Any) -> Memory:
-        """Return one of some vectors of the block that stand one behind the other."""
+        """Return vector number `place` of consecutive vectors of the block."""
         return vectors.at(self.total * place)
 
     def coefficients(self, power: Any) -> Memory:
@@ -215,8 +217,8 @@ class Block:
 def mend(block: Block, first: Memory) -> None:
     """Write a parabola where a coefficient is not finite.
 
-    It has the slope `first` / h at the start. That is the last step of a run that ended for want of a slope: its end is
-    known, and the slope there is not.
+    It has the slope `first` / h at the start. It serves the last step of a run that ended because the slope has no
+    value at its end.
     """
     p = block.p
     with block.entries() as x:
@@ -231,7 +233,7 @@ def mend(block: Block, first: Memory) -> None:
 
 @shared
 def parabola() -> Procedure:
-    """Return what writes a parabola with the slope `first` / h at the start in columns that are not finite."""
+    """Return the procedure that writes a parabola with the slope `first` / h at the start, in columns not finite."""
     p = Builder("parabola", "Write the parabola with the slope of the start where a coefficient is not finite.")
     dimension, columns, degree = (p.given(name, WHOLE) for name in ("dimension", "columns", "degree"))
     y, new = p.array("y", read=True), p.array("new", read=True)

@@ -3,8 +3,8 @@
 The last stage is the end of the step, which is known; the others are solved for. Their values are of order s alone, and
 so is their polynomial. But their slopes are as well, and one more slope makes the integral of the slopes a path of
 order s + 1: that at the start, which is the last one of the step before; the first step takes the first one of the step
-behind it. All slopes are those of the polynomials: the law itself would not do, for on a stiff system round-off in the
-state is no round-off in the slope. A step that stands alone keeps its polynomial.
+after it. All slopes are those of the polynomials and not of the law: on a stiff system round-off in the state makes a
+large error in the slope. A step without a neighbour keeps its polynomial.
 """
 
 from __future__ import annotations
@@ -58,9 +58,9 @@ def _lagrange(points: NDArray[np.float64], which: int) -> Polynomial:
 
 @shared
 def increments() -> Written:
-    """Return what writes by how much the state has changed at each of the points c in the steps of a block, its own.
+    """Return the procedure that writes the change of the state at each of the points c, in the steps of a block.
 
-    Where the law is not a number the polynomial is a straight line.
+    If the law is not finite, the polynomial is a straight line.
     """
     return _Increments().build()
 
@@ -267,7 +267,7 @@ class _Collocation:
                 out[x] = p.fma(self.missing[x], share, out[x])
 
     def at_place(self, coefficients: Memory, count: Whole) -> None:
-        """Write the value at the place of each column of a polynomial with so many coefficients."""
+        """Write the value of a polynomial with `count` coefficients at the place of each column."""
         p = self.p
         with self.block.each_column() as b:
             total = p.variable(0.0)

@@ -9,14 +9,14 @@ from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Memory, Whole
 
 CHUNK = 256
-"""So many times on one step are evaluated at once."""
+"""Most times on one step that are evaluated at once."""
 
 
 @shared
 def horner() -> Procedure:
-    """Return what evaluates a polynomial by Horner's rule at fractions theta, two entries at once.
+    """Return the procedure that evaluates a polynomial by Horner's rule at fractions theta, two entries at once.
 
-    The coefficient of power k and entry j stands at k * row + j * column.
+    The coefficient of power k and entry j has the index k * row + j * column.
     """
     p = Builder("horner", "Write the values of a polynomial, entries `stride` apart, at fractions of a step.")
     degree, dimension, row, column = (p.given(name, WHOLE) for name in ("degree", "dimension", "row", "column"))
@@ -38,9 +38,9 @@ def horner() -> Procedure:
 
 @shared
 def gather() -> Procedure:
-    """Return what gathers steps of a run into a block, and the step beside each where it is asked for.
+    """Return the procedure that gathers steps of a run into a block, with the neighbour of each if `both` is not 0.
 
-    That is the step before, for the first step the one behind it.
+    The neighbour is the step before; of the first step it is the step after.
     """
     p = Builder("gather", "Write some steps of a run by columns, and the step beside each.")
     dimension, columns = p.given("dimension", WHOLE), p.given("columns", WHOLE)
@@ -61,7 +61,7 @@ def gather() -> Procedure:
 
 @shared
 def gather_one() -> Procedure:
-    """Return what writes one step into a column of a block."""
+    """Return the procedure that writes one step into a column of a block."""
     p = Builder("gather_one", "Write a step of a run into a column.")
     dimension, columns, b, s = (p.given(name, WHOLE) for name in ("dimension", "columns", "b", "s"))
     times, states, block = p.array("times", read=True), p.array("states", read=True), p.array("block")
@@ -78,7 +78,7 @@ def gather_one() -> Procedure:
 
 @shared
 def polynomials() -> Procedure:
-    """Return what writes the coefficients of so many blocks of steps, one block behind the other."""
+    """Return the procedure that writes the coefficients of consecutive blocks of steps."""
     p = Builder("polynomials", "Write the polynomials of some steps of a run, block by block.")
     polynomial, given = p.function("polynomial", POLYNOMIAL), p.array("given", read=True)
     dimension, degree, columns = (p.given(name, WHOLE) for name in ("dimension", "degree", "columns"))
@@ -95,7 +95,7 @@ def polynomials() -> Procedure:
 
 @shared
 def locate() -> Procedure:
-    """Return what finds the step that a time lies in, from an earlier one on: the last that begins at or before it.
+    """Return the procedure that finds the step of a time from an earlier step on: the last one begun at or before it.
 
     Times rise with `sign` 1.0 and fall with -1.0. The search doubles its reach, and halves it again.
     """
@@ -121,7 +121,7 @@ def locate() -> Procedure:
 
 @shared
 def outputs() -> Procedure:
-    """Return what evaluates a run at many times, sorted along it: each step that is used has its polynomial once.
+    """Return the procedure that evaluates a run at many sorted times; the polynomial of a step is made once.
 
     The accepted states are exact; of two at one time that of the later step counts. `sign` is that of the run.
     """
@@ -169,7 +169,7 @@ def outputs() -> Procedure:
 
 @shared
 def on_step() -> Procedure:
-    """Return what evaluates one step at times in it, and puts the accepted states where they are wanted."""
+    """Return the procedure that evaluates one step at times in it; accepted states are copied exactly."""
     p = Builder("on_step", "Write the states at times of one step.")
     degree, dimension, columns = (p.given(name, WHOLE) for name in ("degree", "dimension", "columns"))
     c, times, states = (p.array(name, read=True, room=LANES) for name in ("c", "times", "states"))

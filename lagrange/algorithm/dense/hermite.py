@@ -185,7 +185,7 @@ def nodes(count: int) -> FloatArray:
 def weights(count: int) -> FloatArray:
     """Return powers of theta (count, count + 2): the integral of a node's share of a change of slopes.
 
-    What it misses of zero at the end is taken back along the step.
+    The value of the integral at the end is subtracted along a cubic, so that each share is zero there.
     """
     found = nodes(count)
     shares = np.zeros((count, count + 2))

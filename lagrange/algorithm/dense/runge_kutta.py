@@ -65,7 +65,7 @@ def runge_kutta() -> Written:
 
 
 def _add(block: Block, weights: Memory, slopes: Memory, count: Whole, out: Memory) -> None:
-    """Write the weighted sum of so many slopes."""
+    """Write the weighted sum of `count` slopes."""
     p = block.p
     with block.entries() as x:
         total = p.variable(0.0)

@@ -15,10 +15,10 @@ HALF = 2**0.5
 
 @shared
 def series_polynomial() -> Procedure:
-    """Return what writes the series of steps in the fraction of the step, NaN where a matrix is singular.
+    """Return the procedure that writes the series of steps in the fraction of the step, NaN if a matrix is singular.
 
-    A state takes `padded` doubles, and rows are `width` doubles apart. The work memory has the state, what rounding
-    lost of it, which is nothing, and behind them the rows.
+    A state takes `padded` doubles, and rows are `width` doubles apart. The work memory has the state, its rounding
+    error (zero), and then the rows.
     """
     p = Builder("series_polynomial", "Write the polynomials of a block of steps by their Taylor series.")
     jet, prepared, constants = p.function("jet", JET), p.array("prepared", read=True), p.array("constants", read=True)
@@ -47,7 +47,7 @@ def series_polynomial() -> Procedure:
 
 @shared
 def nearest_scale() -> Procedure:
-    """Return what gives the power of two nearest to the length of a step; 1 for a step of no length."""
+    """Return the procedure that returns the power of two nearest to the length of a step, 1 for length zero."""
     p = Builder("nearest_scale", "Return the power of two nearest to the size of a number.")
     h: Real = p.given("h", REAL)
     exponent = p.operation("exponent", h)

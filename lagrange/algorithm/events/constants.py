@@ -12,7 +12,7 @@ coefficients are wrong by 3.6 (4.6) EPSILON at most, and those that are within 6
 """
 
 DEEPEST = 50
-"""Halvings of the step, at most: what is narrower is a single place."""
+"""Largest number of halvings of a step; a narrower interval is a single point."""
 
 MOST_COEFFICIENTS = 65
 """Coefficients of an event function on a step, at most."""
@@ -39,10 +39,10 @@ SURELY = 1.001
 """A sum outweighs another beyond the round-off of both where it does so by this factor."""
 
 UNFIT, TOO_MANY = -1, -2
-"""In place of the number of roots: what is given is not finite, or there are more than there is room for."""
+"""Codes in place of the number of roots: coefficients that are not finite, and more roots than the arrays can hold."""
 
 NOISE = 4 * 2.0**-52
-"""Rounding of the state, here and where the step before ended, times what an expression owes to it."""
+"""Rounding error of the state, here and at the end of the step before, as a factor of an expression's sensitivity."""
 
 DENSE_ROUND_OFF = 64 * EPSILON
 """Round-off of a dense output relative to the variation of the function on a step.
@@ -54,7 +54,7 @@ CERTAINTY = 1.001
 """A function keeps its sign where its mean outweighs all else by so much."""
 
 TAIL = 8.0
-"""So many times its last coefficients stand for what is not resolved of a function."""
+"""Estimate of the unresolved part of a function, as a multiple of its last coefficients."""
 
 TINY = 64 * 2.0**-1074
 """Some spacings of the smallest doubles."""
@@ -69,20 +69,21 @@ TOGETHER = 4 * 2.0**-52
 """Zeros closer than this part of the time happen at once."""
 
 CLEAR_FACTOR = 16.0
-"""An event that starts at zero but for rounding is compared with its value there until it is so many times as large:
-a ball that lies lower than the floor by rounding would be met by it again while it rises."""
+"""An event function within rounding of zero at its start is compared with that value until it is this factor larger.
+
+A ball that lies below the floor by rounding would otherwise meet the floor again while it rises."""
 
 CLOSEST = 64 * 2.0**-52
 """An event or surface that is met again and again closer than this part of the time accumulates."""
 
 NOISE_HALVES = 8.0
-"""So many halves of a spacing are in the noise of one state."""
+"""Noise of one state, in half spacings of doubles."""
 
 LONGEST_LOOK = 256
-"""Steps between two reviews, at most, where an event may end the motion: those behind it are taken in vain."""
+"""Most steps between two reviews if an event may end the motion: steps after that event are wasted."""
 
 FIRST_LOOK = 4
-"""Steps up to the first review where an event resets the state: what is taken beyond it is taken in vain."""
+"""Steps before the first review if an event resets the state: steps after the reset are wasted."""
 
 AHEAD = 2.0
 """After a reset an adaptive method starts with this part of the time since the last: such intervals are alike."""
@@ -94,7 +95,7 @@ ALONG = 2.0**-16
 """The part of a step over which it is seen that the motion passes zero as its path does."""
 
 CLEARLY = 8.0
-"""An event moves there by more than so many times its noise."""
+"""An event function must move by more than this multiple of its noise there."""
 
 JUMP = 1e-4
-"""What is watched is not zero where it is larger than this part of its largest term."""
+"""A watched function above this fraction of its largest term is not zero."""

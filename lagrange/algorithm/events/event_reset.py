@@ -1,4 +1,4 @@
-"""What happens at an event to which steps have led: the state is reset, and the motion starts anew."""
+"""Reset the state at an event that steps have reached, and start a new motion."""
 
 from __future__ import annotations
 
@@ -25,15 +25,15 @@ from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 @shared
 def reset() -> Procedure:
-    """Return what does what is due at the state, if that is a reset and nothing about it is irregular.
+    """Return the procedure that applies the reset that is due at the state, if it is regular.
 
-    It returns whether that was done; otherwise nothing has changed.
+    Its result is true if the reset was applied. If it is false, nothing has changed.
     """
     return _Reset().build()
 
 
 class _Reset:
-    """Builds the procedure. What is `scratch` is the new state, the events before and behind, and all resets."""
+    """Builds the procedure. Its `scratch` holds the new state, the events before and after, and all resets."""
 
     def __init__(self) -> None:
         self.p = p = Builder("reset_at_event", "Reset the state at an event, if that is regular.", apart=True)
@@ -65,11 +65,11 @@ class _Reset:
         return p.finish(FLAG)
 
     def leave_if(self, condition: Flag) -> None:
-        """Leave what is due to the caller on a condition."""
+        """Return false on a condition, so that the caller handles the event."""
         self.p.leave_if(condition, self.p.false, likely=False)
 
     def write_new_state(self, event: Whole, size: Whole) -> None:
-        """Write the state behind the reset."""
+        """Write the state after the reset."""
         given, found = self.given, self.values.at(self.samples.events)
         given.copy(given.y, self.after, given.dimension)
         self.leave_if(given.resets(self.t, given.y, given.reset_numbers, found))
@@ -79,7 +79,7 @@ class _Reset:
             self.leave_if(~(abs(found[j]) < math.inf))
 
     def leave_unless_passing(self, event: Whole) -> None:
-        """Leave unless the motion passes zero as its path does; and where a mass matrix is singular behind it.
+        """Return false unless the motion passes zero as its path does, and if the mass matrix is singular after it.
 
         The path of a long step may come down to the floor with a velocity that rises already: reset, it would fall.
         """

@@ -1,4 +1,4 @@
-"""What a run by a step program with events knows between its steps, and the arguments of the loop over them."""
+"""State of a run by a step program with events between its steps, and the arguments of the loop over them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,10 @@ from lagrange.procedure.values import Memory, Whole
 READ = Array(read=True)
 
 STEPS = Callee((Array(WHOLE, read=True), Array(), Array(WHOLE), Array(), WHOLE, Array(), Array()), (WHOLE,))
-"""What takes steps: of what the machine has prepared for them, the numbers and counts of the run, the memory that the
-steps work in, how many are to be tried, and where times and states are written to; it gives an `Outcome`."""
+"""A function that takes steps and returns an `Outcome`.
+
+Its arguments: data that the machine has prepared, the numbers and counts of the run, work memory, the number of tries,
+and the arrays for times and states."""
 
 FUNCTION = Callee((REAL, READ, READ, Array()), (FLAG,))
 """A function of a time, a state and numbers that the machine has prepared; it says whether it has no value."""
@@ -25,7 +27,7 @@ MOST_STEPS = 1024
 """Steps that are taken, at most, before they are reviewed: their times and states are kept until then."""
 
 LOOK, READ_EVENTS = 16, 17
-"""Beside an `Outcome`: a step is irregular, and there is no room for more events or changes of the motion."""
+"""Codes beside those of `Outcome`: a step is irregular; the arrays of events or of changes of the motion are full."""
 
 EVENT_RUN = Record.of(
     "EventRun",
@@ -53,26 +55,26 @@ EVENT_RUN = Record.of(
     changed=REAL,
     interval=REAL,
 )
-"""What a run with events knows.
+"""State of a run with events.
 
     count        how many steps were taken since all were reviewed; step i of them leads from row i to the next
     begin        the first of them, from 1 on, that is to be reviewed
     before       1 where row 0 is the state before row 1, of the same motion
-    outcome      what came of them
+    outcome      their `Outcome`
     rows         how many rows were written before them
     proven       how many zeros were written before them
-    budget       how many steps the caller wants to be tried, and `left` how many are left
+    budget       number of steps that the caller allows, of which `left` are left
     longest      how many steps may be taken before they are reviewed
     ahead        how many are next, and `since` how many the motion has
     fixed        1 for steps of equal length
-    both         1 where the path of a step wants the one beside it: the first of a motion waits for the second
+    both         1 if the dense output of a step needs the next step: the first step of a motion waits for the second
     resets       1 where the state may be reset in the loop
     starts       1 where the motion starts at row 1
     jumps        how often the state was reset
     changed      when the motion began, or changed last, and `changed_at` how many steps there were by then
     interval     the time between the last two resets
     breaks       how many changes of the motion are written, with `break_room` for so many
-    due          what changes the motion at the state, its number and 1, or 0, and `way` the direction of its zero
+    due          1 + the index of the event that changes the motion at the state, or 0; `way` is its direction
 """
 
 RESET_AT, RESET_SIZE, UNTIL_END, SETTINGS = range(4)
@@ -137,7 +139,7 @@ class EventRun:
 
 
 NUMBERS, COUNTED = len(RUN.fields), len(COUNTS.fields)
-"""How many numbers and counts a run has; behind the numbers stand the floors."""
+"""Number of reals and counts of a run. The floors follow the reals."""
 
 
 def number(name: str) -> int:

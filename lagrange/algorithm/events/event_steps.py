@@ -1,6 +1,6 @@
 """The loop over the steps of a step program with events: take some, review them, go back to the first change.
 
-A reset behind which the motion leaves zero is done here; what is irregular is left to the caller, with the steps that
+A reset after which the motion leaves zero is applied here. Irregular events are left to the caller, with the steps that
 wait for it.
 """
 
@@ -25,7 +25,7 @@ def event_steps() -> Procedure:
     """Return the loop; it gives an `Outcome`, `LOOK` or `READ_EVENTS`.
 
     `Outcome.WATCHED` says that the state stands at a change of the motion that is due. The loop goes on where it ended:
-    what was reviewed elsewhere in the meantime is no more to be reviewed.
+    steps that the caller has reviewed in the meantime are not reviewed again.
     """
     return _EventSteps().build()
 
@@ -93,7 +93,7 @@ class _EventSteps:
             p.leave_if(~outcome.value.equals(Outcome.PAUSED), outcome.value)
 
     def drive(self, tries: Whole) -> Whole:
-        """Try so many steps, and return what came of them."""
+        """Try a number of steps, and return their `Outcome`."""
         given = self.given
         self.run.left = self.run.left - tries
         rows: tuple[Memory, Memory] = given.times.at(2), given.row(2)
@@ -128,7 +128,7 @@ class _EventSteps:
         p.leave_if(~run.outcome.equals(Outcome.PAUSED), run.outcome)
 
     def write_rows(self, kept: Whole) -> None:
-        """Write the first so many steps that wait as rows of the run."""
+        """Write the first `kept` waiting steps as rows of the run."""
         run, given = self.run, self.given
         given.copy(given.times.at(2), given.row_times.at(run.rows), kept)
         given.copy(given.row(2), given.row_states.at(run.rows * given.dimension), kept * given.dimension)

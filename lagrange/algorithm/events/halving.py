@@ -20,7 +20,7 @@ AT_ONCE = 4
 
 @shared
 def bernstein() -> Procedure:
-    """Return what writes the Bernstein coefficients on [0, 1] of a polynomial.
+    """Return the procedure that writes the Bernstein coefficients on [0, 1] of a polynomial.
 
     Those of s**k of degree n are the forward differences of the rank k over the binomial coefficient of n and k.
     """
@@ -40,7 +40,7 @@ def bernstein() -> Procedure:
 
 
 def _summed(p: Builder, b: Memory, done: Whole, count: Whole, passes: int) -> None:
-    """Add to each number the one before it, in so many passes: each leaves out one more at the beginning."""
+    """Add to each number the one before it, in a number of passes: each pass leaves out one more at the beginning."""
     before = [p.variable(b[done]) for _ in range(passes)]
     for behind in range(1, passes):
         total = b[done + behind]
@@ -58,10 +58,10 @@ def _summed(p: Builder, b: Memory, done: Whole, count: Whole, passes: int) -> No
 
 @shared
 def signs() -> Procedure:
-    """Return what says whether some coefficients leave at most one passage through zero.
+    """Return the procedure that tests whether coefficients allow at most one passage through zero.
 
-    It gives the sign of the last one, and the size of the largest. `first` is the sign of the first, as it was decided
-    for the part before: round-off must not decide it twice.
+    It also returns the sign of the last coefficient and the size of the largest. `first` is the sign of the first one,
+    as decided for the interval before: round-off must not decide it twice.
     """
     p = Builder("signs", "Return whether signs change once at most, the last sign, and the largest size.")
     b, count = p.array("b", read=True), p.given("count", WHOLE)
@@ -76,7 +76,7 @@ def signs() -> Procedure:
             changes.value = changes.value + 1
             before.value = now.value
             now.value = sign
-    # Through zero from one side to the other is one passage; out of it and back is none or two.
+    # From one side through zero to the other is one passage; from zero and back to it is zero or two.
     through = changes.value.equals(2) & before.value.equals(0) & now.value.equals(-first)
     p.leave((changes.value < 2) | through, now.value, size.value)
     return p.finish(FLAG, WHOLE, REAL)

@@ -18,7 +18,7 @@ PADDED = (MOST_COEFFICIENTS + CHAINS - 1) // CHAINS * CHAINS
 
 
 def blocks(count: Whole) -> Whole:
-    """Return how many blocks some coefficients take."""
+    """Return the number of blocks of `count` coefficients."""
     found: Whole = (count + (CHAINS - 1)) // CHAINS
     return found
 
@@ -31,7 +31,7 @@ def pad(p: Builder, c: Memory, start: Whole, count: Whole) -> None:
 
 @shared
 def value() -> Procedure:
-    """Return what evaluates a polynomial."""
+    """Return the procedure that evaluates a polynomial."""
     p = Builder("value", "Return a polynomial's value at a place.", apart=True)
     c, count, s = p.array("c", read=True), p.given("count", WHOLE), p.given("s", REAL)
     (found,) = _evaluated(p, [c], blocks(count), s)
@@ -40,7 +40,7 @@ def value() -> Procedure:
 
 
 def _evaluated(p: Builder, polynomials: Sequence[Memory], count: Whole, s: Real) -> list[Real]:
-    """Return the values of polynomials of so many blocks at a place."""
+    """Return the values at s of polynomials with `count` blocks of coefficients."""
     square = s * s
     fourth = square * square
     last = (count - 1) * CHAINS
@@ -61,7 +61,7 @@ def _joined(p: Builder, sums: Sequence[Variable], s: Real, square: Real) -> Real
 
 @shared
 def derivative() -> Procedure:
-    """Return what writes the coefficients of a derivative, padded like those of the polynomial."""
+    """Return the procedure that writes the coefficients of a derivative, padded like those of the polynomial."""
     p = Builder("derivative", "Write the coefficients of a polynomial's derivative.", apart=True)
     c, count, slopes = p.array("c", read=True), p.given("count", WHOLE), p.array("slopes")
     with p.loop(1, count) as k:
@@ -73,7 +73,7 @@ def derivative() -> Procedure:
 
 @shared
 def crossing() -> Procedure:
-    """Return what finds where a polynomial takes on a sign between two places, or the end that nearly does so."""
+    """Return the procedure that finds where a polynomial takes a sign between two points, or the end closest to it."""
     p = Builder("crossing", "Return where a polynomial takes on a sign between two places.", apart=True)
     c, slopes, count = p.array("c", read=True), p.array("slopes", read=True), p.given("count", WHOLE)
     begin, end, sign = p.given("begin", REAL), p.given("end", REAL), p.given("sign", WHOLE)
@@ -113,7 +113,7 @@ def inverse_cubic(p: Builder, places: Pair, values: Pair, slopes: Pair) -> Real:
 
 @shared
 def approach() -> Procedure:
-    """Return what finds where a polynomial takes on a sign between two places, next to another one between them.
+    """Return the procedure that finds where a polynomial takes a sign between two points, from a point near it.
 
     Newton's method, and bisection where it would leave the bracket or does not halve its steps.
     """
@@ -149,7 +149,7 @@ def approach() -> Procedure:
 
 @shared
 def passage() -> Procedure:
-    """Return what finds where a polynomial takes on a sign, from its coefficients alone."""
+    """Return the procedure that does the same as `crossing`, from the coefficients of the polynomial alone."""
     p = Builder("passage", "Return where a polynomial takes on a sign between two places.", apart=True)
     c, count = p.array("c", read=True), p.given("count", WHOLE)
     low, high, sign = p.given("low", REAL), p.given("high", REAL), p.given("sign", WHOLE)
@@ -161,7 +161,7 @@ def passage() -> Procedure:
 
 @shared
 def turn() -> Procedure:
-    """Return what finds where sign times a polynomial is least, next to a place where it has a depth."""
+    """Return the procedure that finds the minimum of sign times a polynomial near a point with value `depth`."""
     p = Builder("turn", "Return where a polynomial turns back next to a place.", apart=True)
     c, count = p.array("c", read=True), p.given("count", WHOLE)
     low, place, high = p.given("low", REAL), p.given("place", REAL), p.given("high", REAL)
@@ -179,7 +179,7 @@ def turn() -> Procedure:
 
 @shared
 def slope_at_end() -> Procedure:
-    """Return what evaluates a polynomial's derivative at 1."""
+    """Return the procedure that evaluates a polynomial's derivative at 1."""
     p = Builder("slope_at_end", "Return a polynomial's slope at 1.", apart=True)
     c, count = p.array("c", read=True), p.given("count", WHOLE)
     total = p.variable(0.0)

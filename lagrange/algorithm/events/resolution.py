@@ -34,9 +34,9 @@ def transform(p: Builder, values: Sequence[Real]) -> list[Real]:
 
 
 def keeps_sign(p: Builder, coefficients: Sequence[Real], noise: Real) -> Flag:
-    """Whether a function is certain to keep its sign, as far as its coefficients show.
+    """Return true if the Chebyshev coefficients of a function show that it keeps its sign.
 
-    What is not resolved yet is taken for eight times the last coefficients.
+    The unresolved part is estimated as eight times the last coefficients.
     """
     others = abs(coefficients[1])
     for one in coefficients[2:]:
@@ -48,7 +48,7 @@ def keeps_sign(p: Builder, coefficients: Sequence[Real], noise: Real) -> Flag:
 
 @shared
 def chebyshev() -> Procedure:
-    """Return what writes the Chebyshev coefficients of a function from its values, and returns the largest of these."""
+    """Return the procedure that writes Chebyshev coefficients from values of a function, and returns the largest."""
     p = Builder("chebyshev", "Write Chebyshev coefficients; return the size of the values.", apart=True)
     values, out = p.array("values", read=True), p.array("out")
     found = [values[k] for k in range(DEGREE + 1)]
@@ -60,12 +60,12 @@ def chebyshev() -> Procedure:
 
 @shared
 def local_polynomial() -> Procedure:
-    """Return what writes the coefficients of powers of a function that is resolved, or of its sign if that is certain.
+    """Return the procedure that writes a resolved function as a polynomial in powers, or its sign if that is certain.
 
-    Coefficients below round-off, or the `least`, are left out, and counted as noise; so are those beyond, which at a
-    kink fall so slowly that they add up to the last one times some degrees. What halving did not make smaller than
-    `before` is noise that was not known of. It gives how many coefficients there are, 0 if the function is not
-    resolved, by how much they may be wrong, and the size of the last coefficients.
+    Coefficients below round-off, or below `least`, are left out and counted as noise. So are those beyond the degree:
+    at a kink they fall so slowly that their sum is the last one times some degrees. Last coefficients that halving did
+    not make smaller than `before` are noise too. It returns the number of coefficients (0 if the function is not
+    resolved), their error, and the size of the last coefficients.
     """
     p = Builder("local_polynomial", "Write a function as powers; return their number and noise.", apart=True)
     given, size = p.array("given", read=True), p.given("size", REAL)

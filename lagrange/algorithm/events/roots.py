@@ -1,4 +1,4 @@
-"""Where an event function, a polynomial on each step, passes through zero: each root once, in order, with direction.
+"""Zeros of an event function that is a polynomial on each step: each root once, in order, with its direction.
 
 The contract is that of a relay. A sign counts once it is beyond the noise, a crossing is reported by the step in
 which the opposite sign first counts, and a touch by the step in which g, having come within its noise of zero,
@@ -32,17 +32,16 @@ from lagrange.procedure.values import Real, Whole
 
 @shared
 def roots() -> Procedure:
-    """Return what finds the roots of sum c[k] tau**k for tau from 0 to h, as the integration meets them.
+    """Return the procedure that finds the roots of sum c[k] tau**k for tau from 0 to h, as the integration meets them.
 
-    `sign` and `near` are the side of zero before the step and are returned for its end: `sign` is the last sign, 1 or
-    -1, that was beyond doubt, 0 as long as there was none, and then g starts here, and a root at the start is no
-    event; `near` says that since then g has come to zero within its noise. `noise`, in the units of g, is by how much g
-    may be wrong besides the round-off of its coefficients. `last` says that no step follows: a root at the very end is
-    then decided here, by the slope.
+    `sign` and `near` are the side of zero before the step, and are returned for its end. `sign` is the last sign beyond
+    doubt, 1 or -1. It is 0 if there was none: g starts here, and a root at the start is not an event. `near` is true if
+    g has come to zero within its noise since then. `noise`, in the units of g, is the error of g besides the round-off
+    of its coefficients. `last` is true if no step follows: the slope then decides a root at the very end.
 
     `times` and `rising` take up to `room` roots: tau, and 1 where g rises with the integration, -1 where it falls, 0
-    where it turns back. The first result is how many they are: -1 where what is given is not finite, -2 where there
-    are more than `room`, and then nothing else is to be relied on.
+    where it turns back. The first result is their number: -1 if a coefficient is not finite, -2 if there are more than
+    `room`. In both cases the other results are undefined.
     """
     return _Roots().build()
 
@@ -89,7 +88,7 @@ class _Roots:
         leaving = (slope >= 0.0).called("leaving")
         self.first = sign_of(p, self.c[0], self.doubt).called("first")
         zero = self.first.equals(0)
-        # Without `near`, what leaves zero at a joint was counted by the step before, and what comes to it is new.
+        # Without `near`, a root that g leaves at a joint was counted by the step before; one that it comes to is new.
         # With it, a start that counts and leaves is a touch at the joint, and one still on its way there is not yet.
         fresh = p.choose(zero, self.came_near | ~leaving, self.came_near & leaving).called("fresh")
         self.found, self.sign = p.variable(0, "found"), p.variable(self.before, "side")
@@ -126,7 +125,7 @@ class _Roots:
                 self.judge(self.reached.value)
 
     def judge(self, first: Whole) -> None:
-        """Say of the present part whether it is decided, its last sign, and the size of what is there."""
+        """Set, for the present interval, whether it is decided, its last sign, and the size of its coefficients."""
         b = self.parts.at(self.part.value * MOST_COEFFICIENTS)
         decided, there, size = self.p.call(signs(), b, self.count, first, self.doubt)
         self.decided.value, self.sign_there.value, self.size.value = decided, there, size

@@ -41,22 +41,22 @@ class _Sums:
 
 
 RESULTS = REAL, REAL, REAL, REAL
-"""The noise, which is infinite or NaN where what is given is not finite; sums of sizes; the value at the end."""
+"""Kinds of the results: the noise (infinite or NaN if an input is not finite), sums of sizes, the value at the end."""
 
 
 def is_plain_step(h: Real, count: Whole) -> Flag:
-    """Whether powers of a step can be computed as they are."""
+    """Return true if powers of a step are far from overflow and underflow."""
     return (abs(h) > 1e-6) & (abs(h) < 1e6) & (count <= MODEST)
 
 
 def is_plain(total: Real, noise: Real) -> Flag:
-    """Whether terms with a sum of sizes, and their noise, are far from the ends of the range of doubles."""
+    """Return true if terms with a sum of sizes `total`, and their noise, are far from overflow and underflow."""
     return (total > 1e-100) & (total < 1e100) & (noise >= 0.0) & (noise < 1e100)
 
 
 @shared
 def scaled() -> Procedure:
-    """Return what writes c[k] h**k, with zeros up to whole blocks, over a power of two that keeps it from overflow."""
+    """Return the procedure that writes c[k] h**k over a power of two that prevents overflow, padded with zeros."""
     p = Builder("scaled", "Write coefficients in units of the step; return their noise, two sums and the end value.")
     coefficients, count = p.array("coefficients", read=True), p.given("count", WHOLE)
     h, noise, c = p.given("h", REAL), p.given("noise", REAL), p.array("c")
@@ -77,7 +77,7 @@ def scaled() -> Procedure:
 
 @shared
 def split() -> Procedure:
-    """Return what takes a number apart into a size from 1 up to 2, with its sign, and a power of two."""
+    """Return the procedure that splits a number into a signed significand from 1 up to 2, and a power of two."""
     p = Builder("split", "Return a number as a size from 1 to 2, with its sign, and a power of two.", apart=True)
     x = p.given("x", REAL)
     tiny = abs(x) < SMALLEST
@@ -91,7 +91,7 @@ def split() -> Procedure:
 
 @shared
 def scaled_far() -> Procedure:
-    """Return what does the same for numbers that come near the ends of the range of doubles."""
+    """Return the procedure that does the same as `scaled` for numbers near overflow or underflow."""
     p = Builder("scaled_far", "Write coefficients in units of the step over a power of two.", apart=True)
     coefficients, count = p.array("coefficients", read=True), p.given("count", WHOLE)
     h, noise, c = p.given("h", REAL), p.given("noise", REAL), p.array("c")
@@ -122,7 +122,7 @@ def scaled_far() -> Procedure:
 
 
 def _lowered(p: Builder, x: Real, exponent: Whole) -> Any:
-    """Return a number times a power of two up to 1; what is far below the largest vanishes."""
+    """Return a number times a power of two up to 1; a result far below the largest becomes zero."""
     far = exponent < -1000
     # The exponent of zero may be above that of the largest.
     bounded = p.smaller(p.larger(exponent, -1000), 0)

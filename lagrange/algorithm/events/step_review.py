@@ -1,7 +1,7 @@
 """Events along many steps, block by block: most keep their sign on a step, and zeros of the others are isolated.
 
-What is irregular ends the review in front of its step: an event that has no value or is not resolved, one that starts
-at zero and does not leave at once, several that change the motion at one time.
+An irregular event ends the review before its step: one without a value, one that is not resolved, one that starts at
+zero and does not leave at once, or several that change the motion at one time.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ QUEUE = 256
 
 @shared
 def review() -> Procedure:
-    """Return what goes through steps, times (S+1,) and states (S+1, 2n), and says why it ended; see `REVIEW`.
+    """Return the procedure that reviews steps, times (S+1,) and states (S+1, 2n), and returns its end; see `REVIEW`.
 
-    It writes the zeros that count: of each the event, the time and the state. Behind them, and not counted, stands the
-    zero that changes the motion, if that ended it.
+    It writes the event, the time and the state of each zero that counts. If a zero that changes the motion ended the
+    review, it is written after them and not counted.
     """
     return _Review().build()
 
@@ -65,7 +65,7 @@ class _Review:
         return p.finish(WHOLE)
 
     def queue_block(self, first: Whole) -> None:
-        """Put those of a block of steps that want a closer look into the queue: the first step always does."""
+        """Put the doubtful steps of a block into the queue, and always the first step of all."""
         p, samples = self.p, self.samples
         with p.loop(0, LANES) as b:
             samples.places[b] = p.smaller(first + b, self.end - 1)

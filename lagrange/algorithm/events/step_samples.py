@@ -21,13 +21,13 @@ Written = Callable[..., Any]
 """A function of the builder's values: a parameter of the procedure, or a procedure that is called."""
 
 SLOPE_AT = 0.5 - 12**-0.5
-"""Where the slope of s**2 (1 - s)**2 is largest."""
+"""Point of the largest slope of s**2 (1 - s)**2."""
 
 MISSED = 1 / 16 / (2 * SLOPE_AT * (1 - SLOPE_AT) * (1 - 2 * SLOPE_AT))
 """The largest value of s**2 (1 - s)**2 in units of its largest slope."""
 
 SAFELY = 4.0
-"""What a cubic misses of an event is taken for so many times its estimate, and four times that as all noise is."""
+"""Safety factor of the estimated error of a cubic; like all noise it is multiplied by four as well."""
 
 UNRESOLVED = 0.02
 """A cubic that misses more than this part of how far an entry of the state moves says nothing of a step."""
@@ -46,12 +46,12 @@ class Widths(NamedTuple):
 
     @classmethod
     def of(cls, columns: int) -> Widths:
-        """Return them for blocks of so many steps."""
+        """Return the widths for blocks of `columns` steps."""
         return cls((COARSE + 3) * columns, (DEGREE + 1) * columns, (DEGREE // columns + 1) * columns)
 
 
 def work_size(dimension: int, events: int, columns: int = LANES) -> int:
-    """Return how many doubles the review works in, for blocks of so many steps."""
+    """Return the number of doubles of work memory of the review, for blocks of `columns` steps."""
     widths = Widths.of(columns)
     lines = widths.wide + 2 * widths.full + widths.part + 6 * columns
     return 2 * columns + (widths.full + widths.part) * (dimension + 1) + lines * events + LANES
@@ -61,7 +61,7 @@ class Samples:
     """The arguments of a procedure that samples events, with its memory, and what it does with a block of steps.
 
     Vectors are by columns, as in `dense.block`; so are the lines of events. `places` are the steps of the block, and
-    `lines` have what is known of each event on them. A procedure that takes steps has them `written`.
+    `lines` have the bounds of each event on them. `written` is true for a procedure that takes steps: they are outputs.
     """
 
     columns = LANES
@@ -196,7 +196,7 @@ class Samples:
                 doubtful[b] = p.choose(sure, 0.0, 1.0)
 
     def is_doubtful(self, b: Whole) -> Flag:
-        """Whether an event may vanish on a step."""
+        """Return true if an event may vanish on a step."""
         p, found = self.p, self.p.variable(self.bad.value)
         with p.loop(0, self.events) as e:
             found.value = found.value | ~self.lines["doubtful"][e * self.columns + b].equals(0.0)
@@ -247,7 +247,7 @@ class Samples:
         return [one.value for one in sums]
 
     def range(self, values: Sequence[Real]) -> tuple[Real, Real]:
-        """Return the least and the largest of some numbers; what is NaN is left out."""
+        """Return the least and the largest of some numbers, without NaN."""
         low = high = values[0]
         for value in values[1:]:
             low, high = self.p.choose(value < low, value, low), self.p.choose(value > high, value, high)
@@ -267,7 +267,8 @@ class Samples:
     def owed(self, values: Sequence[Real], moved: Real) -> Real:
         """Return by how much an event may be wrong on a step for the round-off of its dense output.
 
-        It owes that to the motion of the state: x**2 + v**2 may stay as it is while x and v do not.
+        The error scales with the change of the state, not of the event function: x**2 + v**2 may be constant while x
+        and v change.
         """
         p = self.p
         low, high = self.range(values)

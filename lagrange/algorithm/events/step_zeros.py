@@ -27,8 +27,8 @@ from lagrange.procedure.form import FLAG, REAL, WHOLE, Record
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 ENDED, IRREGULAR, CHANGED, CROWDED = range(4)
-"""Why a review ended: behind the last step, or in front of a step that is irregular, on which the motion changes, or
-for which there may be no room to write zeros."""
+"""Reasons for the end of a review: after the last step; before an irregular step; before a step on which the motion
+changes; before a step whose zeros may not fit into the arrays."""
 
 REVIEW = Record.of(
     "Review",
@@ -44,11 +44,11 @@ REVIEW = Record.of(
     way=WHOLE,
     place=REAL,
 )
-"""What a review is told, and gives.
+"""Inputs and outputs of a review.
 
     begin, end   the steps that it goes through
     starts       1 where the motion starts at the first of them
-    last         the step behind which none follows, -1 for none
+    last         the step after which none follows, -1 if there is none
     rounded      how much rounding has moved an event by then, in units of its noise
     room         how many zeros there is room for
     found        how many zeros that count are written, with those from before
@@ -61,11 +61,11 @@ UNKNOWN, ANYHOW = 0, 5
 """In place of a direction: it is for others to say what happens where an event starts at zero, and nothing does."""
 
 MOST_ZEROS = 128
-"""So many zeros on one step are dealt with here."""
+"""Most zeros on one step that a review handles."""
 
 
 class ReviewArguments:
-    """The arguments of a review beside its samples: the record, what is known of each event, and where zeros go.
+    """The arguments of a review beside its samples: the record, the side of each event, and the arrays for zeros.
 
     `sign` and `near` are the sides of the events, settled or not. `direction` says which zeros count, 0 for all, and
     `remaining` how many of them until the motion changes, 0 or below for never. Where the motion starts, some events
@@ -91,7 +91,7 @@ class ReviewArguments:
 class StepZeros:
     """Goes through the zeros on a step, with memory for them.
 
-    The `noted` are by event: the sides and counts behind the step, and whether the event starts at zero.
+    `noted` has, for each event, the sides and counts after the step, and whether the event starts at zero.
     """
 
     def __init__(self, p: Builder, samples: Samples, given: ReviewArguments) -> None:
@@ -139,12 +139,12 @@ class StepZeros:
                     self.starting[e], self.given.levels[e] = 1, start
 
     def may_vanish(self, b: Whole, e: Whole) -> Flag:
-        """Whether an event may vanish on a step, or its side is not settled."""
+        """Return true if an event may vanish on a step, or if its side is not settled."""
         doubtful = ~self.samples.lines["doubtful"][e * self.samples.columns + b].equals(0.0)
         return Flag.of(doubtful | self.given.sign[e].equals(0) | ~self.given.near[e].equals(0))
 
     def visit(self, step: Whole, b: Whole) -> None:
-        """Isolate the zeros on a step, in its column. What ends the review leaves everything as it was before it."""
+        """Isolate the zeros on a step, in its column. A step that ends the review leaves all records unchanged."""
         p, record = self.p, self.record
         self.leave(CROWDED, step, condition=record.found + MOST_ZEROS >= record.room)
         self.count.value, self.limit.value = 0, 1.0
@@ -249,7 +249,7 @@ class StepZeros:
         """Find the side to which an event leaves zero, which its slope tells; return by how much that may be wrong.
 
         The slope of Chebyshev's polynomial of rank k at the end of [0, 1] is 2 k**2. An event that goes on to where it
-        came from, or whose slope is none, is irregular.
+        came from, or whose slope is zero within its error, is irregular.
         """
         p = self.p
         rank = p.real(p.larger(count - 1, 1))
@@ -283,14 +283,14 @@ class StepZeros:
         return p.whole(found.value)
 
     def counts(self, j: Whole) -> Flag:
-        """Whether a zero is one that counts."""
+        """Return true if a zero has the direction that counts."""
         wanted = self.given.direction[self.events[j]]
         return Flag.of(wanted.equals(0) | wanted.equals(self.directions[j]))
 
     def change(self, step: Whole, b: Whole, change: Whole, kept: Whole) -> None:
         """End the review at a zero that changes the motion, behind those before it.
 
-        What else is zero there to within its noise is met there too: with another motion it would not be met later.
+        Other events that are zero there within their noise occur there too: the next motion would not find them.
         """
         p, record = self.p, self.record
         s, event, way = self.times[change], self.events[change], self.directions[change]
@@ -323,7 +323,7 @@ class StepZeros:
             self.leave(IRREGULAR, step, condition=~(clear & same))
 
     def write(self, b: Whole, count: Whole, before: Real) -> None:
-        """Write those of so many zeros that count, before a time."""
+        """Write those of `count` zeros that count and lie before a time."""
         p, record = self.p, self.record
         with p.loop(0, count) as j, p.when(self.counts(j) & (self.times[j] < before)):
             self.write_one(b, record.found, self.events[j], self.times[j])
