@@ -23,11 +23,11 @@ from lagrange.procedure.form import FLAG, Procedure
 from lagrange.procedure.values import Whole
 
 LARGEST_INVERSE = 12
-"""The inverse of a mass matrix is written out up to this size: for members side by side loops over vectors are none."""
+"""Largest inverse of a mass matrix that is written out. Lanes already hold members, so inner loops do not vectorize."""
 
 
 class Row:
-    """Where operands stand in a row: the state and what is watched, and behind them what later orders read."""
+    """Layout of a row: the state and the watched values, then the operands that later orders read."""
 
     def __init__(self, packing: Packing, watched_at: int) -> None:
         self.places: dict[Operand, int] = {}
@@ -55,7 +55,7 @@ def by_order_layout(packing: Packing) -> TaylorLayout:
 
 
 def by_order_scratch(packing: Packing) -> int:
-    """Return how many numbers follow the rows."""
+    """Return the number of doubles of work memory after the rows."""
     return sum(system_size(stage.plan, LARGEST_INVERSE) for stage in packing.program.stages)
 
 
@@ -111,7 +111,7 @@ class ByOrderJet(LoopJet):
             self.x[chunk] = of_width(self.p, coefficient(_ByOrder(self, chunk)), len(chunk.values))
 
     def know(self, place: int, found: Sequence[Term]) -> None:
-        """Set the unknowns of a stage, and forget operands that have others in their place."""
+        """Set the unknowns of a stage, and drop operands that were built with trial values in their place."""
         depth = self.program.depth
         self.operands = {
             operand: x
@@ -121,7 +121,7 @@ class ByOrderJet(LoopJet):
         self.x |= zip(self.packing.stages[place].unknowns, found, strict=True)
 
     def solve(self, place: int, stage: PackedStage, guess: Sequence[Any] | None, iteration: Whole) -> None:
-        """Build the unknowns of a stage, and what follows from them."""
+        """Build the unknowns of a stage, and the values that depend on them."""
         p = self.p
         guesses = [None if guess is None else one.value for one in guess or [None] * len(stage.unknowns)]
         self.know(place, guesses)
@@ -136,7 +136,7 @@ class ByOrderJet(LoopJet):
         self.fill(stage.found)
 
     def write_first(self) -> None:
-        """Write order 0, and zero for what is multiplied by the order."""
+        """Write order 0, and zero for operands that are multiplied by the order."""
         self.write_state(self.at_zero)
         for operand, place in self.places.items():
             lanes = len(operand.values)
@@ -196,7 +196,7 @@ class _ByOrder(ChunkAt):
 
 
 def _kept(packing: Packing) -> Iterator[Operand]:
-    """Return what later orders read: the factors of sums, and what is read one order later."""
+    """Return the operands that later orders read: the factors of sums, and those read one order later."""
     yield from (operand for chunk in packing.computed for pair in chunk.sums for operand in pair)
     yield from (*packing.delayed, *packing.rates)
     if packing.lanes > 1:

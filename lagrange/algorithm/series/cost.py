@@ -15,7 +15,7 @@ HIGHEST_ORDER = 32
 
 @dataclass(frozen=True)
 class Cost:
-    """What a step of order p costs, in nanoseconds or so: fixed + each p + pairs p**2."""
+    """Cost of a step of order p, about in nanoseconds: fixed + each p + pairs p**2."""
 
     fixed: float
     each: float
@@ -76,7 +76,7 @@ def inversion_size(packing: Packing, *, looped: bool) -> int:
 
 
 def factored_entries(packing: Packing) -> int:
-    """Return how many entries the factors have that are solved with at each order, in loops."""
+    """Return the number of entries of the factors with which loops solve at each order."""
     plans = [stage.plan for stage in packing.stages if is_factored(stage.plan)]
     return sum(len(block.places) for plan in plans for block in block_eliminations(plan))
 

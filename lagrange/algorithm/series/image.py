@@ -13,7 +13,7 @@ from lagrange.procedure.values import Memory, Real, Whole
 from lagrange.program.series import SeriesProgram
 
 ALIGNED = 8
-"""Vectors begin at multiples of so many reals in the work array, where they are read quickest."""
+"""Alignment of vectors in the work array, in doubles, for the fastest reads."""
 
 
 NOWHERE = -1
@@ -24,16 +24,16 @@ class Image:
     """The places of values at an order: the state, operands that later orders read, and behind `width` all others.
 
     Later orders read the first `width` numbers only, which are a row. Rows begin at `first` in an aligned array. A
-    chunk whose values stand in their order somewhere is read there; others are `gathered`, one value after the other.
+    chunk whose values are adjacent and in order somewhere is read there; others are `gathered` value by value.
     """
 
     def __init__(self, packing: Packing, first: int) -> None:
         self.packing, self.first = packing, first
         n = packing.program.dimension
         self.homes: dict[int, int] = {i: i for i in range(2 * n)}
-        """Where each value stands."""
+        """The index of each value."""
         self.repeated: dict[int, int] = {i: i for i in range(2 * n)}
-        """Which value stands at each place of a home."""
+        """The value at each index of a home."""
         self.places: dict[Operand, int] = {}
         self.gathered: dict[Operand, None] = {}
         self.end = 2 * n
@@ -66,7 +66,7 @@ class Image:
         return begin
 
     def place(self, operand: Operand) -> None:
-        """Place an operand: where its values stand in their order already, or behind all others."""
+        """Place an operand: where its values are adjacent and in order already, or after all others."""
         if operand in self.places:
             return
         begin = self.homes.get(operand.values[0], NOWHERE)
@@ -116,7 +116,7 @@ def arguments(chunk: Chunk) -> tuple[Operand, ...]:
 
 
 class Orders(Protocol):
-    """What lanes read of a series in a loop over orders."""
+    """The parts of a series in a loop over orders that lanes read."""
 
     p: Builder
     program: SeriesProgram

@@ -40,20 +40,20 @@ MOST_WRITTEN_OUT = 5000
 """Most operations of a series that is written out up to its highest order.
 
 A double pendulum has 2,700, 130 kB of C, which gcc compiles in 3 s; in a loop over orders it takes 1.2 times as long.
-With more, what is written out does not stay in registers: the outer solar system would take 2.5 times as long.
+With more, the values do not fit into registers: the outer solar system would take 2.5 times as long.
 """
 
 DIGITS, GRID = 53, 1060
-"""The orders are compared at so many tolerances from 1 to 2**-53, so that each lasts for some of them."""
+"""Orders are compared at `GRID` + 1 tolerances from 1 to 2**-`DIGITS`, so that each order holds for several of them."""
 
 
 @dataclass(frozen=True)
 class TaylorProcedures:
     """The integrator of a series program whose numbers stand from `begin` on in the prepared array.
 
-    With `steps_at_least` the run takes at least so many steps. `projection` are the corrections of a state of a system
-    with constraints, see `CORRECTIONS`, from the same array. With `watches` the series has event functions, for who
-    calls its parts. Raises StatementError for what it cannot integrate.
+    The run takes at least `steps_at_least` steps. `projection` are the corrections of a state onto its constraints, see
+    `CORRECTIONS`, from the same array. With `watches` the series has event functions, for callers of its parts. Raises
+    StatementError for a system with switching surfaces.
     """
 
     program: SeriesProgram
@@ -88,7 +88,7 @@ class TaylorProcedures:
 
     @cached_property
     def numbers(self) -> SeriesNumbers:
-        """The numbers behind the parameters; `size` is how many they are, and `prepare` writes them."""
+        """The numbers after the parameters: `size` of them, written by `prepare`."""
         return SeriesNumbers(self.program, self.begin)
 
     @cached_property
@@ -115,12 +115,12 @@ class TaylorProcedures:
 
     @cached_property
     def looped(self) -> bool:
-        """Whether the series is computed in a loop over orders."""
+        """True if the series is computed in a loop over orders."""
         return single_operations(self.packing, self.highest) > MOST_WRITTEN_OUT
 
     @cached_property
     def jet(self) -> tuple[Procedure, TaylorLayout]:
-        """The series, and where things stand in its memory."""
+        """The procedure of the series, and the layout of its memory."""
         jet: LoopedJet | WrittenJet
         if self.looped:
             jet = LoopedJet(self.aligned, self.numbers)
@@ -129,7 +129,7 @@ class TaylorProcedures:
         return jet.build(), jet.layout
 
     def prepare(self, others: Procedure) -> Procedure:
-        """Return what prepares the numbers of other functions, and behind them those of the series."""
+        """Return the procedure that prepares the numbers of other functions, followed by those of the series."""
         first = replace(others, name=f"{others.name}_functions")
         p = Builder(others.name, others.about)
         parameters = p.array("parameters", size=self.numbers.given, read=True)

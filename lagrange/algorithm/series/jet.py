@@ -1,4 +1,4 @@
-"""What the two forms of a series have in common: its start, its constants and its systems.
+"""The common part of the two forms of a series: its start, its constants and its systems.
 
     jet(t, scale, y, prepared, constants, rows, order) -> whether a matrix is singular
 
@@ -63,7 +63,7 @@ class Jet:
         self.joined: dict[tuple[int, ...], Term] = {}
         """Coefficients side by side, by their places in the table."""
         self.reciprocals: dict[Operand, Term] = {}
-        """One over what is divided by at order 0."""
+        """Reciprocals of the divisors at order 0."""
         style = ALONE if self.packing.lanes > 1 else SOURCE
         start = Start(p, self.numbers, self.prepared, self.constants, self.t, self.y, self.layout.padded, style)
         start.run_moving(ANGLES_AT_ONCE if self.packing.lanes > 1 else 1)
@@ -93,7 +93,7 @@ class Jet:
         return joined(self.p, [zero if value == ZERO_LANE else (self.origin.get(value), 0) for value in operand.values])
 
     def matrices(self) -> Memory:
-        """Return memory for matrices, behind the rows."""
+        """Return memory for matrices, after the rows."""
         return self.rows.at((self.order + 1) * self.layout.width)
 
 

@@ -2,8 +2,8 @@
 
 Each order has two phases: the sums over lower orders, some vectors at a time in a loop that multiplies and adds and
 does nothing else; then the short chain of values that depend on one another, a chunk of like values at a time. Values
-of the order at hand, and those of order 0, stand in arrays of the procedure's own; a row of the work array keeps what
-later orders read.
+of the order at hand, and those of order 0, are in local arrays of the procedure. A row of the work array keeps those
+that later orders read.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ Piece = tuple[Chunk, int, int, int]
 """A part of the sums of a chunk: which of its pairs, the first lane, and how many."""
 
 SHORTEST_RUN = 4
-"""So many values that stand side by side are copied in a loop, which becomes vectors."""
+"""Shortest run of adjacent values that is copied in a loop, which compilers vectorize."""
 
 TILE = 48
-"""So many sums run in one loop: their totals stay in registers."""
+"""Most sums in one loop: their totals stay in registers."""
 
 
 def looped_layout(packing: Packing) -> tuple[TaylorLayout, Image]:
@@ -51,11 +51,11 @@ class LoopedJet(LoopJet):
         self.parts: dict[tuple[str, int], Memory] = {}
         self.arrays: dict[str, Memory] = {}
         self.vectors: dict[tuple[int, ...], int] = {}
-        """Where the coefficients of a chunk stand among the constants, by their places in the table."""
+        """Index of a chunk's coefficients among the constants, by their indices in the table."""
         self.sums: dict[tuple[Chunk, int], int] = {}
-        """Where the sums stand among the totals."""
+        """Index of each sum among the totals."""
         self.divisors: dict[Operand, int] = {}
-        """Where one over an operand at order 0 stands among the reciprocals."""
+        """Index of the reciprocal of an operand at order 0 among the reciprocals."""
         self.current: dict[Operand, None] = {}
         """The operands that have been gathered at the order at hand."""
         self.solutions: list[tuple[Memory, Memory, Memory | None]] = []
@@ -128,7 +128,7 @@ class LoopedJet(LoopJet):
             self.prepare_systems()
 
     def find_divisors(self, chunks: Iterable[Chunk]) -> None:
-        """Write one over what is divided by at order 0."""
+        """Write the reciprocals of the divisors at order 0."""
         wanted = dict.fromkeys(operand for chunk in chunks if (operand := divisor(chunk)) is not None)
         self.arrays["reciprocals"] = self.p.reserve(max(sum(len(o.values) for o in wanted), 1), name="reciprocals")
         place = 0
@@ -152,7 +152,7 @@ class LoopedJet(LoopJet):
             self.solutions.append((p.reserve(n, name="right"), p.reserve(n, name="solution"), inverse))
 
     def part_of(self, array: str, place: int) -> Memory:
-        """Return an array from a place on; of the order at hand, what later orders read stands in the row."""
+        """Return an array from an index on; values of the order at hand that later orders read are in the row."""
         return self.arrays["row" if array == "now" and place < self.image.width else array].at(place)
 
     def array_of(self, place: int) -> Memory:
@@ -234,7 +234,7 @@ class LoopedJet(LoopJet):
             self.current[chunk.whole] = None
 
     def is_scattered(self, chunk: Chunk) -> bool:
-        """Return whether a chunk adds up values that stand apart, and that no later order reads side by side."""
+        """Return True if a chunk adds values that are not adjacent, and that no later order reads as a vector."""
         places = self.image.places
         apart = [operand for operand in chunk.args if operand in self.image.gathered]
         return chunk.op == "linear" and any(places[operand] >= self.image.width for operand in apart)
@@ -277,7 +277,7 @@ class LoopedJet(LoopJet):
             self.p.copy(self.part_of("now", home), self.part_of("now", place), count, width=1, spill=False)
 
     def know(self, place: int, stage: PackedStage, found: Memory | None) -> None:
-        """Enter the unknowns of a stage, and forget what was gathered with others in their place."""
+        """Enter the unknowns of a stage, and drop operands that were gathered with trial values in their place."""
         depth, begin = self.program.depth, 0
         self.current = {
             operand: None

@@ -1,4 +1,4 @@
-"""The numbers of a series that depend on parameters alone, and where they stand behind the parameters."""
+"""The numbers of a series that depend on parameters alone, and their layout after the parameters."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 
 
 class SeriesNumbers:
-    """Where the numbers of a series stand from `begin` on in the prepared array, which begins with the parameters.
+    """Layout of the numbers of a series, from `begin` on, in the prepared array, which starts with the parameters.
 
     First come the constants that are not known now, then what the start has hoisted, then the inverses of constant
     matrices, then, for series of vectors, constants side by side as the vectors of a `packing` read them.
@@ -35,7 +35,7 @@ class SeriesNumbers:
         unknown = [place for place, number in enumerate(program.numbers) if number is None]
         self.places = {place: k for k, place in enumerate(unknown)}
         self.slots: dict[int, int] = {}
-        """Where the hoisted results of the start stand in the prepared array."""
+        """Index of the hoisted results of the start in the prepared array."""
         end = begin + len(unknown)
         for ref in program.start.saved:
             self.slots[ref] = end
@@ -44,7 +44,7 @@ class SeriesNumbers:
         constant = [stage.plan for stage in program.stages if not stage.plan.moving]
         self.size = self.inverses + sum(map(constant_size, constant))
         self.vectors: dict[tuple[int, ...], int] = {}
-        """Where constants stand side by side, by their places in the table."""
+        """Index of adjacent constants, by their indices in the table."""
         for places in () if packing is None else (c for chunk in packing.computed for c in chunk.coefficients):
             known = all(program.numbers[place] is not None for place in places)
             if len(dict.fromkeys(places)) > 1 and not known and places not in self.vectors:
@@ -53,11 +53,11 @@ class SeriesNumbers:
 
     @property
     def given(self) -> int:
-        """How many parameters there are."""
+        """The number of parameters."""
         return self.program.constants.parameters - self.program.sides
 
     def prepare(self) -> Procedure:
-        """Return the procedure that writes the numbers behind the parameters, where these stand."""
+        """Return the procedure that writes the numbers after the parameters in the same array."""
         program = self.program
         p = Builder("prepare_taylor", "Write the numbers of the series, and say whether a constant matrix is singular.")
         held = p.array("p")
@@ -80,7 +80,7 @@ class SeriesNumbers:
         return p.finish(FLAG)
 
     def array(self, parameters: FloatArray, table: FloatArray, inverses: Sequence[FloatArray]) -> FloatArray:
-        """Return the numbers behind the parameters, but for what the start has hoisted.
+        """Return the prepared array: the parameters and the numbers, without the hoisted results of the start.
 
         `table` are the constants, and `inverses` the constant matrices (n, n) inverted.
         """
@@ -153,7 +153,7 @@ class Start(Body):
         padded: int = 0,
         style: Style = SOURCE,
     ) -> None:
-        """See `Body`; what rounding lost of the state stands `padded` numbers behind it."""
+        """See `Body`. The rounding error of the state is `padded` numbers after the state."""
         slots = {} if state is None else numbers.slots
         super().__init__(p, numbers.program.start, Inputs(prepared, slots, time, state), style)
         self.count, self.constants = numbers.program.constants.parameters, constants

@@ -1,8 +1,8 @@
-"""The sums over lower orders of a series whose operands stand in rows.
+"""The sums over lower orders of a series whose operands are in rows.
 
 Two orders are summed at once, an odd one and the next, over the orders before them: each number that is read from
 memory then serves two sums. The products with the odd order itself are added at the even one. The sums run a tile at a
-time, whose totals stay in registers; those with a factor in common stand together, and read it once.
+time, whose totals stay in registers; those with a common factor are adjacent, and read it once.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ Pair = tuple[Operand, Operand]
 """The factors x and y of a sum of x[j] y[k-j] over 0 < j < k."""
 
 TILE = 24
-"""So many totals stay in registers: of 32 the others hold factors."""
+"""Accumulators per tile: 24 of 32 vector registers; the others hold factors."""
 
 
 class OrderSum(NamedTuple):

@@ -18,7 +18,7 @@ from lagrange.program.series import SeriesProgram, SeriesRule, Stage
 Members = Sequence[int]
 
 MOST_VECTORS = 1.1
-"""A group is divided if that takes at most so many times as many vectors, whose last lanes are empty."""
+"""A group is divided if this multiplies its number of vectors by at most this factor; last lanes may be empty."""
 
 
 class Alignment:
@@ -119,7 +119,7 @@ class Chunk:
 
 @dataclass(frozen=True)
 class PackedStage:
-    """A stage as chunks: its unknowns, what is found with these zero, and once they are known.
+    """A stage as chunks: its unknowns, the chunks computed with trial values of zero, and those computed after it.
 
     `left` and `right` are operands for each chunk of unknowns, None where they are zero in all of it.
     """
@@ -160,7 +160,7 @@ class Packing:
 
     @cached_property
     def unknowns(self) -> tuple[Chunk, ...]:
-        """What the stages solve for."""
+        """The unknowns of all stages."""
         return tuple(chunk for stage in self.stages for chunk in stage.unknowns)
 
     @cached_property
@@ -182,7 +182,7 @@ class Packing:
 
     @cached_property
     def delayed(self) -> tuple[Operand, ...]:
-        """The operands that are read one order later: what is integrated, and the forces."""
+        """The operands that are read one order later: integrands and forces."""
         integrated = [chunk.args[0] for chunk in self.computed if chunk.op == "integral"]
         forces = [force for stage in self.stages for force in stage.right if force is not None]
         return tuple(dict.fromkeys([*integrated, *forces]))
@@ -195,7 +195,7 @@ class Packing:
 
 
 ALIGNED_BLOCK = 4
-"""Parts of an aligned chunk are so many values long, or a multiple of it: a vector of most processors."""
+"""Parts of an aligned chunk have a multiple of this many values: a vector of most processors."""
 
 ZERO_LANE = -1
 """Marks a lane of an operand that is zero."""
@@ -204,8 +204,8 @@ ZERO_LANE = -1
 def pack(program: SeriesProgram, lanes: int, *, aligned: bool = False) -> Packing:
     """Return the program packed into vectors of up to `lanes` values.
 
-    If `aligned`, values with one rule are one chunk of any length, what is read together stands together, and values
-    may stand in it twice: for compilers that make vectors of loops.
+    If `aligned`, values with one rule are one chunk of any length, values that are read together are adjacent, and a
+    value may be in it twice: for compilers that vectorize loops.
     """
     packer = _Packer(program, lanes)
     groups = _groups(program, packer.level)
@@ -251,7 +251,7 @@ def _groups(program: SeriesProgram, level: Sequence[tuple[int, int]]) -> dict[_G
 
 
 def _outputs(chunks: Sequence[Chunk], stage: Stage, outputs: Sequence[int | None]) -> tuple[Operand | None, ...]:
-    """Return what stands for each chunk of unknowns of a stage."""
+    """Return the operand of each chunk of unknowns of a stage, None if all its outputs are None."""
     known = dict(zip(stage.unknowns, outputs, strict=True))
     lanes = [[known[value] for value in chunk.values] for chunk in chunks]
     return tuple(
@@ -274,7 +274,7 @@ class _Group(NamedTuple):
 
 
 def widths(count: int, lanes: int) -> list[int]:
-    """Return the widths of the vectors that hold so many values."""
+    """Return the widths of the vectors that hold `count` values."""
     found = [lanes] * (count // lanes)
     rest = count % lanes
     if rest:
@@ -322,7 +322,7 @@ class _Packer:
         return sorted(members, key=key.__getitem__)
 
     def place(self, members: Sequence[int]) -> None:
-        """Let values stand behind all that are packed."""
+        """Append values after all that are packed."""
         for value in members:
             self.position[value] = len(self.position)
 
@@ -345,7 +345,7 @@ class _Packer:
         return Chunk(op, tuple(padded), count, args, coefficients)
 
     def canonical(self, rule: SeriesRule) -> SeriesRule:
-        """Return the rule with arguments that may be exchanged in order: what is known last comes first."""
+        """Return the rule with its exchangeable arguments in a fixed order: the one that is known last comes first."""
         if rule.op == "mul":
             return rule._replace(args=tuple(sorted(rule.args, key=lambda i: (self.level[i], self.at(i)), reverse=True)))
         if rule.op == "linear":

@@ -1,6 +1,6 @@
 """The rules of a series: a coefficient of one order from those before.
 
-`At` says where the coefficients of one value, or of a chunk of like values, come from. None stands for exactly zero.
+`At` is the source of the coefficients of one value, or of a chunk of like values. None is exactly zero.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ OWN = -1
 
 
 class At(Protocol):
-    """What a rule asks of a value at an order; `which` is the number of an argument or of a coefficient."""
+    """The inputs of a rule at an order; `which` is the number of an argument or of a coefficient."""
 
     p: Builder
     chunk: Chunk
@@ -143,7 +143,7 @@ def _sqrt(at: At) -> Term:
 
 
 def _flat(at: At, zeroed: Term, found: Term) -> Term:
-    """Return what was found for a root, or where it begins at zero: zero while its argument stays zero, else NaN."""
+    """Return the coefficient of a root. If the root begins at zero: zero while its argument stays zero, else NaN."""
     p, now = at.p, at.now(0)
     still = p.true if now is None else now.equals(0.0)
     dead = p.choose(still, 0.0, p.real(float("nan")))

@@ -45,7 +45,7 @@ ALL = 1_000_000
 
 
 def system_size(plan: SolvePlan, largest: int = WRITTEN_OUT) -> int:
-    """Return how many reals a moving matrix takes in memory; inverses are written out up to the largest size."""
+    """Return the number of doubles that a moving matrix takes in memory; inverses up to `largest` are written out."""
     if not plan.inverted or largest == ALL:
         return 0
     if is_factored(plan):
@@ -79,7 +79,7 @@ def moving_system(
 
 
 def constant_size(plan: SolvePlan) -> int:
-    """Return how many numbers the inverse of a constant matrix takes."""
+    """Return the number of doubles of the inverse of a constant matrix."""
     return plan.size if plan.diagonal else plan.size**2
 
 
@@ -98,7 +98,7 @@ def constant_inverse(p: Builder, plan: SolvePlan, entries: Iterator[Real], to: M
 
 
 def constant_system(p: Builder, plan: SolvePlan, memory: Memory) -> System:
-    """Return a constant matrix whose inverse stands in memory."""
+    """Return a constant matrix whose inverse is in memory."""
     n = plan.size
     if plan.diagonal:
         return Diagonal(p, {i: memory[i] for i in range(n)})
@@ -118,7 +118,7 @@ def _apart(p: Builder, rows: Rows, right: Sequence[Term]) -> list[Term]:
 
 
 def _repeating(p: Builder, chunk: Sequence[int], x: Term) -> Term:
-    """Return a vector that was read from memory with its last row in all entries behind it."""
+    """Return a vector from memory with its last value repeated in all later entries."""
     last = len(dict.fromkeys(chunk)) - 1
     return x if last == len(chunk) - 1 else p.permuted([x], [min(lane, last) for lane in range(len(chunk))])
 
@@ -246,7 +246,7 @@ class Factored:
 
 
 def _is_small(plan: SolvePlan, largest: int) -> bool:
-    """Whether the inverses of all blocks are written out."""
+    """Return True if the inverses of all blocks are written out."""
     return max(map(len, plan.blocks)) <= largest and plan.size <= 2 * largest
 
 

@@ -13,7 +13,7 @@ from lagrange.program.series import SeriesProgram
 
 
 class Coefficients(Protocol):
-    """What chunks read of a series at an order: operands at the order at hand, the one before, and order 0."""
+    """The operands of a series that chunks read: at the present order, the one before, and order 0."""
 
     p: Builder
     program: SeriesProgram
@@ -104,7 +104,7 @@ def solved(series: Coefficients, place: int, packed: PackedStage, guesses: Seque
 
 
 def divisor(chunk: Chunk) -> Operand | None:
-    """Return what a chunk divides by at order 0."""
+    """Return the operand by whose order 0 a chunk divides, or None."""
     if chunk.op in ("div", "against"):
         return chunk.args[1]
     if chunk.op in ("inverse", "power"):

@@ -25,7 +25,7 @@ A later coefficient contributes so little to a step that the bias of its roundin
 """
 
 PART, LATEST = 4, 2
-"""A sum is made of parts of about so many products, but for its `LATEST` ones, which are added last.
+"""Products in each part of a sum, and the number of latest products, which are added last.
 
 The products of a part wait for one another. In one chain a sum of order 26 waits longer than all else at that order
 takes: eight members of a pendulum took 154 ns, in parts 128 ns. The latest products wait for the order before.
@@ -94,13 +94,13 @@ class WrittenJet(Jet):
             self.end_order()
 
     def end_order(self) -> None:
-        """Write the row of an order, and return behind it if no more is wanted; the highest one is the last."""
+        """Write the row of an order, and return after it if it is the last; the highest order always is."""
         self.write()
         if self.lowest <= self.k < self.highest:
             self.p.leave_if(self.order.equals(self.k), self.singular)
 
     def know(self, place: int, found: Sequence[Term]) -> None:
-        """Set the unknowns of a stage, and forget operands that have others in their place."""
+        """Set the unknowns of a stage, and drop operands that were built with trial values in their place."""
         depth = self.program.depth
         for key in [key for key in self.operands if key[1] == self.k]:
             if any(value != ZERO_LANE and depth[value] > place for value in key[0].values):
