@@ -46,12 +46,10 @@ class Row:
 
 
 def by_order_layout(packing: Packing) -> TaylorLayout:
-    """Return where things stand, for members side by side."""
-    program = packing.program
-    n, watched = 2 * program.dimension, len(program.watched)
-    ways = {"projected": program.projection is not None, "crossing": program.may_cross, "by_rows": True}
-    scratch = by_order_scratch(packing)
-    return TaylorLayout(n, Row(packing, n).size, watched, n, block=1, scratch=scratch, observes=watched > 0, **ways)
+    """Return the layout for members side by side."""
+    program, width = packing.program, Row(packing, 2 * packing.program.dimension).size
+    ways = {"by_rows": True, "observes": len(program.watched) > 0}
+    return TaylorLayout.of(program, width, scratch=by_order_scratch(packing), **ways)
 
 
 def by_order_scratch(packing: Packing) -> int:

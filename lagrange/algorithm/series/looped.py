@@ -9,6 +9,7 @@ that later orders read.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 from lagrange.algorithm.blocks import whole_blocks
 from lagrange.algorithm.series.image import ALIGNED, NOWHERE, ChunkLane, Image, ScatteredLane, arguments
@@ -33,13 +34,11 @@ TILE = 48
 
 
 def looped_layout(packing: Packing) -> tuple[TaylorLayout, Image]:
-    """Return where things stand."""
+    """Return the layout of a series without watched values, and that of the values at one order."""
     program = packing.program
-    n = 2 * program.dimension
-    image = Image(packing, 5 * n)
+    image = Image(packing, 10 * program.dimension)
     scratch = whole_blocks(sum(system_size(stage.plan) for stage in program.stages), ALIGNED)
-    ways = {"projected": program.projection is not None, "crossing": program.may_cross, "by_rows": True}
-    return TaylorLayout(n, image.width, 0, n, block=1, scratch=scratch, **ways), image
+    return replace(TaylorLayout.of(program, image.width, scratch=scratch, by_rows=True), watched=0), image
 
 
 class LoopedJet(LoopJet):

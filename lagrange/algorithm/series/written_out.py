@@ -33,13 +33,10 @@ takes: eight members of a pendulum took 154 ns, in parts 128 ns. The latest prod
 
 
 def written_layout(packing: Packing) -> TaylorLayout:
-    """Return where things stand."""
+    """Return the layout of a series with single values, for exports and members."""
     program = packing.program
-    n, watched = 2 * program.dimension, len(program.watched)
     scratch = sum(system_size(stage.plan) for stage in program.stages)
-    projected, crossing = program.projection is not None, program.may_cross
-    ways = {"projected": projected, "crossing": crossing, "observes": watched > 0}
-    return TaylorLayout(n, n + watched, watched, n, block=1, scratch=scratch, chains=True, **ways)
+    return TaylorLayout.of(program, scratch=scratch, chains=True, observes=len(program.watched) > 0)
 
 
 class WrittenJet(Jet):

@@ -18,6 +18,7 @@ from lagrange.algorithm.blocks import whole_blocks
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Record
 from lagrange.procedure.values import Memory, Real, Whole
+from lagrange.program.series import SeriesProgram
 
 READ = Array(read=True)
 
@@ -119,6 +120,17 @@ class TaylorLayout(Offsets):
     crossing: bool = False
     by_rows: bool = False
     observes: bool = False
+
+    @classmethod
+    def of(cls, program: SeriesProgram, width: int = 0, *, block: int = 1, **parts: Any) -> TaylorLayout:
+        """Return the layout of the series of a program; without `width` a row has the state and the watched values.
+
+        `parts` are other fields, such as `scratch`.
+        """
+        dimension, watched = 2 * program.dimension, len(program.watched)
+        end = whole_blocks(dimension, block)
+        ways = {"projected": program.projection is not None, "crossing": program.may_cross}
+        return cls(dimension, width or end + watched, watched, end, block, **ways, **parts)
 
     @cached_property
     def padded(self) -> int:

@@ -137,11 +137,8 @@ class NumpyTaylorDriver:
 
     def __init__(self, series: NumpySeries, order: int, parameters: FloatArray) -> None:
         self._series, self._order, self._parameters = series, order, parameters
-        dimension, watched = 2 * series.program.dimension, len(series.program.watched)
         self._projection = series.projection
-        projected = self._projection is not None
-        ways = {"projected": projected, "crossing": series.program.may_cross}
-        self._layout = TaylorLayout(dimension, dimension + watched, watched, dimension, block=1, **ways)
+        self._layout = TaylorLayout.of(series.program)
         self._work = np.zeros(self._layout.size(order))
         self._held, self._sizes = HELD.structure(), self._layout.sizes
         self._memory: EventMemory | None = None

@@ -215,16 +215,14 @@ class CompiledJet:
 
 
 def layout_of(packing: Packing, order: int) -> TaylorLayout:
-    """Return where things stand for a series at one order, or with an order of 0 at any."""
+    """Return the layout of a series at one order, or with an order of 0 at any."""
     program = packing.program
-    dimension, watched = 2 * program.dimension, len(program.watched)
+    dimension = 2 * program.dimension
     block = 2 if dimension <= 2 else 4 if dimension <= 4 else 8
-    end = whole_blocks(dimension, block)
-    ways = {"projected": program.projection is not None, "crossing": program.may_cross}
     if order:
-        return TaylorLayout(dimension, end + watched, watched, end, block, chains=True, **ways)
-    width = whole_blocks(Row(packing, end).size, MOST_LANES)
-    return TaylorLayout(dimension, width, watched, end, block, by_order_scratch(packing), **ways)
+        return TaylorLayout.of(program, block=block, chains=True)
+    width = whole_blocks(Row(packing, whole_blocks(dimension, block)).size, MOST_LANES)
+    return TaylorLayout.of(program, width, block=block, scratch=by_order_scratch(packing))
 
 
 def series_ir(jet: Procedure, prepare: Procedure) -> str:
