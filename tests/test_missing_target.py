@@ -22,7 +22,7 @@ class Broken(ModuleType):
 
 @pytest.fixture(params=["a module is missing", "a shared library is missing"])
 def broken(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
-    """Break llvmlite, and forget the modules that have loaded it; return what the message must name."""
+    """Break llvmlite, unload the modules that use it, and return the text that the message must contain."""
     users = [name for name in sys.modules if name.startswith("lagrange.machine.llvm_machine")]
     for name in users:
         monkeypatch.delitem(sys.modules, name)

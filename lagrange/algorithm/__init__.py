@@ -1,1 +1,1 @@
-"""How a run is computed: the algorithms, each stated once as procedures for every machine."""
+"""The algorithms of a run, each stated once as procedures for every machine."""

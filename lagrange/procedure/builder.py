@@ -166,7 +166,7 @@ class Builder:
         return found
 
     def permuted(self, parts: Sequence[Any], places: Sequence[int]) -> Any:
-        """Return entries of vectors and single values, counted one behind the other; one place gives one value."""
+        """Return the entries at `places` of vectors and single values, numbered consecutively; one gives one value."""
         kind = parts[0].kind
         if len(places) > 1:
             vector, refs = Vector(kind, len(places)), tuple(one.ref for one in parts)

@@ -135,7 +135,7 @@ class SineCosine(NamedTuple):
 class VectorLet(NamedTuple):
     """A vector: an operation on vectors of one width entry by entry, or `permute`.
 
-    `permute` has the entries at `places` of its operands one behind the other, which are vectors and single values.
+    The operands of `permute` are vectors and single values. It has their entries at `places`, numbered consecutively.
     """
 
     ref: int

@@ -186,7 +186,7 @@ class Entries:
         return self.builder.entrywise("not", self)
 
     def equals(self, other: Any) -> Entries:
-        """Whether entries are the same; False where one is NaN."""
+        """Return a flag for each entry: True if the two are equal, False if one is NaN."""
         return self.builder.entrywise("equal", self, other)
 
     def permuted(self, *places: int) -> Any:

@@ -217,7 +217,11 @@ def uses_of(program: Program) -> list[int]:
 
 
 class SolveGroup(NamedTuple):
-    """Instructions `solves` with one `factor`, in order, with all right-hand sides known before the first solution."""
+    """Instructions `solves` with one `factor`, in order, with all right-hand sides known before the first solution.
+
+    No right-hand side depends on another solution of the group. A Jacobian has a group with one solve for each entry of
+    the state.
+    """
 
     factor: int
     solves: tuple[int, ...]

@@ -11,7 +11,7 @@ from typing import Any
 from lagrange.errors import LagrangeError
 
 COMPILE_SECONDS = 5.0
-"""Seconds that preparation may take even if `max_wall` is smaller, since what is compiled serves many runs."""
+"""Seconds that preparation may take even if `max_wall` is smaller: compiled code serves many runs."""
 
 CHECKED_EVERY = 512
 """Number of nodes, rules or instructions between two checks of the clock: some 5 ms of work."""
@@ -20,7 +20,7 @@ CHECKED_EVERY = 512
 class PreparationTooLongError(LagrangeError):
     """Deriving or compiling exceeded the time limit; `model` is the one to run, None before its equations are known.
 
-    It is no RunError: where that means "no value here", this one must pass.
+    It is not a RunError, which some callers catch as "no value here".
     """
 
     model: Any = None
@@ -51,7 +51,7 @@ def _limited(began: float, seconds: float) -> Iterator[None]:
 
 
 def preparation_ends() -> None:
-    """Remove the limit in the current block: the steps begin, and what is compiled on their way is not limited."""
+    """Remove the limit in the current block when the steps begin; later compilation is not limited."""
     _LIMIT.set(None)
 
 

@@ -156,7 +156,7 @@ def test_constraints_that_are_derived_wrong_are_found(fault: str, monkeypatch: p
     ],
 )
 def test_coordinates_without_inertia_that_constraints_hold_are_checked(held: dict[str, Any]) -> None:
-    """What differencing leaves of their inertia is not a pivot."""
+    """The rounding errors that differences leave in place of their inertia must not be taken as pivots."""
     system = lg.System(
         kinetic=m * (x.dot**2 + y.dot**2) / 2,
         potential=m * g * y,

@@ -16,11 +16,11 @@ from tests.faults.fault import Fault
 y = lg.coordinate("y")
 
 NOT_MADE_FOR = "does not locate events|leave out the forces of the constraints|moves coordinates and velocities in turn"
-"""What methods say that cannot run to an impact, or with a closed gap as a constraint."""
+"""Parts of the messages of methods that cannot run to an impact, or with a closed gap as a constraint."""
 
 
 def ball(initial: Any = None, **law: Any) -> Callable[[], Model]:
-    """Return what makes the model of a unit mass that falls under unit gravity on a floor."""
+    """Return a function that makes the model of a unit mass falling under unit gravity on a floor."""
 
     @cache
     def made() -> Model:

@@ -47,7 +47,7 @@ def factor_size(n: int) -> int:
 
 @inline
 def is_trusted(pivot: float, diagonal: float) -> bool:
-    """Whether a pivot of L D L^T is above round-off of the diagonal entry that it comes from."""
+    """Return True if a pivot of L D L^T is above round-off of its diagonal entry in A."""
     return pivot > abs(diagonal) * PIVOT
 
 

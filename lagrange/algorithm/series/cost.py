@@ -1,4 +1,8 @@
-"""Cost of a step of a Taylor series, about in nanoseconds: it selects the form of the series, and its order."""
+"""Cost of a step of a Taylor series, about in nanoseconds: it selects the form of the series, and its order.
+
+The figures are fits to the steps of nine systems, from a pendulum to 64 masses, at orders 6 to 24 (AMD Zen 4). Their
+ratios matter, and are accurate to a fifth.
+"""
 
 from __future__ import annotations
 

@@ -22,7 +22,11 @@ MOST_VECTORS = 1.1
 
 
 class Alignment:
-    """Divides groups of like values into parts, where that takes few more vectors; `vectors` counts those of a part."""
+    """Divides groups of like values into parts, where that takes few more vectors; `vectors` counts those of a part.
+
+    A part has values that the same rules read at the same argument, and values that are made of such. For distances the
+    squares of all x are one part and those of all y the next, in the same order: sums read whole vectors.
+    """
 
     def __init__(self, program: SeriesProgram, groups: Sequence[Members], vectors: Callable[[int], int]) -> None:
         self.program, self.vectors = program, vectors

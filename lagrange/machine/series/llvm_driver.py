@@ -226,7 +226,7 @@ def layout_of(packing: Packing, order: int) -> TaylorLayout:
 
 
 def series_ir(jet: Procedure, prepare: Procedure) -> str:
-    """Return the IR of a whole module around a series; the procedures of other modules that it calls are compiled."""
+    """Return the IR of the module of a series, and compile the procedures of other modules that it calls."""
     called = dict.fromkeys((*prepare.callees, *jet.callees))
     if invert.form() in called:
         inversion()
