@@ -11,7 +11,7 @@ import sympy
 
 from lagrange.errors import StatementError, formula, listing, shown
 from lagrange.statement.coordinate import check_name, multiplier, t, velocity_of
-from lagrange.statement.expression import expression
+from lagrange.statement.expression import expression, vector
 from lagrange.statement.number import one_of
 from lagrange.statement.parameters import table_of
 from lagrange.statement.survey import Survey
@@ -103,10 +103,8 @@ def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str,
 
     Raises StatementError for fewer than two balls, and for centres of different dimensions.
     """
-    centres = {
-        name: tuple(at) if isinstance(at, (tuple, list, sympy.MatrixBase)) else (at,)
-        for name, at in table_of(balls, "balls", "name to centre").items()
-    }
+    stated = table_of(balls, "balls", "name to centre")
+    centres = {name: vector(at, f"the centre of {name!r}") for name, at in stated.items()}
     if len(centres) < 2 or len({len(at) for at in centres.values()}) != 1:
         raise StatementError(
             f"balls has the centres {shown(balls)}: give two or more, of the same dimension, such as "
@@ -117,10 +115,7 @@ def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str,
         raise StatementError(f"radius has no entry for {listing(map(repr, missing))}: give each ball a radius.")
     contacts = {}
     for (a, at), (b, to) in combinations(centres.items(), 2):
-        across = [
-            expression(y, f"the centre of {b!r}") - expression(x, f"the centre of {a!r}")
-            for x, y in zip(at, to, strict=True)
-        ]
+        across = [y - x for x, y in zip(at, to, strict=True)]
         distance = across[0] if len(across) == 1 else sympy.sqrt(sympy.Add(*(part**2 for part in across)))
         contacts[f"{a}_{b}"] = contact(distance - radii[a] - radii[b], restitution=restitution)
     return contacts
