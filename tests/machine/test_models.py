@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import sympy as sp
+from llvmlite.binding.executionengine import ExecutionEngine
 from sympy import cos, sin
 
 import lagrange as lg
@@ -260,6 +261,23 @@ def test_threads_share_a_model(target: str) -> None:
         for many, one in results:
             assert (many == together).all()
             assert one == pytest.approx(together[:, 0], rel=1e-12)
+
+
+def test_machine_code_that_is_being_freed_is_not_given_to_another_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """LLVM lets other threads run while it frees code: until then the code is out of the list of what is in use."""
+    kept: list[bytes] = []
+    dispose = ExecutionEngine._dispose
+
+    def freed(self: ExecutionEngine) -> None:
+        kept.extend(key for key, loaded in engine._ENGINES.items() if loaded._engine is self)
+        dispose(self)
+
+    monkeypatch.setattr(ExecutionEngine, "_dispose", freed)
+    code = engine.Module("define double @freed_soon(double %x) {\n  ret double %x\n}")
+    keys = set(engine._ENGINES)
+    address = code.address("freed_soon")
+    del code
+    assert address and len(keys - set(engine._ENGINES)) == 1 and not kept
 
 
 def test_threads_compile_their_first_models_at_once() -> None:

@@ -26,7 +26,7 @@ from lagrange.statement.preparation import check_time
 
 _LOADING, _LINKING = threading.Lock(), threading.Lock()
 
-_ENGINES: WeakValueDictionary[bytes, Any] = WeakValueDictionary()
+_ENGINES: WeakValueDictionary[bytes, _Engine] = WeakValueDictionary()
 """The engines in use, by the checksum of their object code."""
 
 COMPILED = ObjectCode()
@@ -66,7 +66,7 @@ class Module(Shared):
     def address(self, name: str) -> int:
         """Return the address of a function."""
         if name not in self._addresses:
-            self._addresses[name] = int(self._engine.get_function_address(name))
+            self._addresses[name] = self._engine.address(name)
         return self._addresses[name]
 
 
@@ -81,7 +81,21 @@ def _compiled(text: str, effort: int, passes: Callable[[Any, Any], None] | None)
     return bytes(machine.emit_object(parsed))
 
 
-def _loaded(code: bytes) -> Any:
+class _Engine:
+    """The owner of an LLVM engine. Weak references to it die before LLVM frees the engine.
+
+    A weak reference to the engine itself still gives it to other threads while LLVM frees it.
+    """
+
+    def __init__(self, engine: Any) -> None:
+        self._engine = engine
+
+    def address(self, name: str) -> int:
+        """Return the address of a function."""
+        return int(self._engine.get_function_address(name))
+
+
+def _loaded(code: bytes) -> _Engine:
     """Return an engine that has linked some object code and owns its memory: the same engine while it is in use.
 
     If threads compile the same text concurrently, two modules exist and the cache keeps one. The addresses of both stay
@@ -93,10 +107,10 @@ def _loaded(code: bytes) -> Any:
         if engine is None:
             # An engine destroys its target machine with itself, so it gets one that compiles nothing.
             idle = llvm.Target.from_default_triple().create_target_machine()
-            engine = llvm.create_mcjit_compiler(llvm.parse_assembly(""), idle)
-            engine.add_object_file(llvm.ObjectFileRef.from_data(code))
-            engine.finalize_object()
-            _ENGINES[key] = engine
+            linked = llvm.create_mcjit_compiler(llvm.parse_assembly(""), idle)
+            linked.add_object_file(llvm.ObjectFileRef.from_data(code))
+            linked.finalize_object()
+            _ENGINES[key] = engine = _Engine(linked)
     return engine
 
 
