@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache, partial
+from itertools import pairwise
 from typing import Any
 
 import mpmath
@@ -13,7 +14,7 @@ import pytest
 import sympy
 
 import lagrange as lg
-from lagrange.show.notation.formula import LineWriter
+from lagrange.show.notation.formula import FormulaLine, LineWriter
 from lagrange.show.notation.latex_notation import LatexNotation
 from lagrange.show.notation.mathml_notation import MathmlNotation
 from lagrange.show.notation.sections import (
@@ -220,6 +221,17 @@ NOTATIONS: dict[Any, Any] = {
 }
 
 
+def printed(row: Formula, lines: list[FormulaLine], join: str) -> Iterator[tuple[sympy.Expr, str]]:
+    """The expressions of a formula with their texts: the last side, the one before it if it has its own lines, or the
+    left side if nothing stands before it."""
+    starts = [place for place, line in enumerate(lines) if not line.goes_on]
+    texts = [join.join(line.right for line in lines[a:b]) for a, b in pairwise([*starts, len(lines)])]
+    sides = row.sides[-len(texts) :]
+    if not lines[0].left:
+        sides, texts = row.sides[:1], [re.split("<mo>=</mo>| = ", join.join(texts))[0]]
+    yield from ((side, text) for side, text in zip(sides, texts, strict=True) if isinstance(side, sympy.Expr))
+
+
 @pytest.mark.parametrize("notation", NOTATIONS)
 @pytest.mark.parametrize("name", SCENES)
 def test_what_is_printed_reads_back_as_the_same_numbers(name: str, notation: Any) -> None:
@@ -228,11 +240,7 @@ def test_what_is_printed_reads_back_as_the_same_numbers(name: str, notation: Any
     draw = np.random.default_rng(2)
     point = {symbol: sympy.Float(float(draw.uniform(0.3, 1.7)), 30) for symbol in writer.setter.letters}
     for row in rows:
-        lines = writer.formula(row)
-        side, text = row.sides[-1], ("" if notation is MathmlNotation else " ").join(line.right for line in lines)
-        if not lines[0].left:
-            side, text = row.sides[0], re.split("<mo>=</mo>| = ", text)[0]
-        if isinstance(side, sympy.Expr):
+        for side, text in printed(row, writer.formula(row), "" if notation is MathmlNotation else " "):
             expected = side.xreplace(system.statement.plain).xreplace(point)
             found = NOTATIONS[notation](writer.setter, text).xreplace(point)
             assert abs(sympy.N(found - expected, 25)) <= 1e-12 * max(1, abs(sympy.N(expected, 25))), (text, side)
