@@ -281,7 +281,10 @@ class SolvePlan:
             check_time()
             solution: dict[int, Node] = {}
             for block, square, known in zip(self.blocks, squares, earlier, strict=True):
-                rest = [graph.sum([(1, right[i]), *((-1, matrix[i][j] * solution[j]) for j in known)]) for i in block]
+                rest = [right[i] for i in block]
+                if known:
+                    moved = [[(-1, matrix[i][j] * solution[j]) for j in known] for i in block]
+                    rest = [graph.sum([(1, entry), *terms]) for entry, terms in zip(rest, moved, strict=True)]
                 solution.update(zip(block, graph.solve(square, rest, self.negative(block)), strict=True))
             return [solution[i] for i in range(len(right))]
 

@@ -15,7 +15,7 @@ the terms of a sum with its variable. So the cost of a check is proportional to 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -185,7 +185,7 @@ class Sources:
     forces: StateFunction
     dissipation: Callable[[int], StateFunction] | None
     nudge: Nudge
-    read: Callable[[int], Iterable[int]]
+    read: Callable[[int], Collection[int]]
     touched: Callable[[int], Sequence[int]]
 
 
@@ -267,10 +267,17 @@ def residual(
     t: Any,
     steps: DifferenceSteps,
     rows: Sequence[int] | None = None,
+    entry: int | None = None,
 ) -> Numbers:
-    """Return dp/dt - f, which is zero if a are the accelerations: n numbers, or only the entries listed in `rows`."""
-    rate = momentum_rate(source, q, v, a, t, steps, rows)
-    return [b - f for b, f in zip(rate, forces(source, q, v, t, steps, rows), strict=True)]
+    """Return dp/dt - f, which is zero if a are the accelerations: n numbers, or only the entries listed in `rows`.
+
+    With `entry`, an index in (q, v), the rates dp/dt that do not depend on this entry are left out.
+    """
+    n = len(q)
+    rows = range(n) if rows is None else rows
+    rated = [i for i in rows if entry is None or entry in source.read(i) or entry - n in source.read(i)]
+    rate = dict(zip(rated, momentum_rate(source, q, v, a, t, steps, rated), strict=True))
+    return [rate.get(i, 0) - f for i, f in zip(rows, forces(source, q, v, t, steps, rows), strict=True)]
 
 
 def energy(source: Sources, v: Numbers, p: Numbers, lagrangian: Any) -> Any:

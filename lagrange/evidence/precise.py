@@ -397,6 +397,16 @@ def _scaled(step: _Instruction, delta: Any, slope: Any, bases: dict[int, Any], p
     return scaled
 
 
+@lru_cache(maxsize=1)
+def _inputs(statement: Statement) -> Mapping[Any, tuple[str, Any]]:
+    """Return the kind and key of each symbol of a statement: t, a parameter, or the index in q or v."""
+    leaves: dict[Any, tuple[str, Any]] = {time: ("t", None)}
+    leaves.update((p, ("p", p)) for p in statement.parameters)
+    leaves.update((q, ("q", i)) for i, q in enumerate(statement.coordinates))
+    leaves.update((v, ("v", i)) for i, v in enumerate(statement.velocities))
+    return leaves
+
+
 class _Recorder:
     """Translates expressions into instructions, children first; equal subexpressions share a slot."""
 
@@ -408,10 +418,7 @@ class _Recorder:
         self.switches: dict[Any, tuple[int, tuple[int, ...]]] = {}
         self._slots: dict[Any, int] = {}
         self._needs: list[int] = []
-        self._leaves: dict[Any, tuple[str, Any]] = {time: ("t", None)}
-        self._leaves.update((p, ("p", p)) for p in statement.parameters)
-        self._leaves.update((q, ("q", i)) for i, q in enumerate(statement.coordinates))
-        self._leaves.update((v, ("v", i)) for i, v in enumerate(statement.velocities))
+        self._leaves = _inputs(statement)
 
     def record(self, expression: Any) -> int:
         """Return the slot that holds the expression's value."""

@@ -289,7 +289,7 @@ class Reference:
             return range(len(matrix)) if self.first_order or self.holonomic else source.touched(j)
 
         def residual(q: Numbers, v: Numbers, j: int) -> Numbers:
-            free = laws.residual(source, q, v, a, t, steps, rows(j)[:n])
+            free = laws.residual(source, q, v, a, t, steps, rows(j)[:n], j)
             rates = acceleration_level(relations, q, v, a, t, steps) if self.first_order else ()
             for i, rate in zip(self.first_order, rates, strict=True):
                 free[i] = rate

@@ -111,7 +111,7 @@ class Node:
         return self.graph.power(self, exact(exponent))
 
     def __neg__(self) -> Node:
-        return self.graph.sum(((-1, self),))
+        return self if self is self.graph.zero else self.graph.sum(((-1, self),))
 
 
 def exact(value: Exact | float) -> Exact:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from math import inf
 from types import MappingProxyType
@@ -104,8 +104,8 @@ class Statement:
         return f"<Statement of {self.name}: {abridged(self.names)}>"
 
     def __getstate__(self) -> dict[str, Any]:
-        # Read-only views of dicts do not pickle.
-        stored = {name: value for name, value in self.__dict__.items() if name != "plain"}
+        # Read-only views of dicts do not pickle, and cached properties are computed again.
+        stored = {one.name: getattr(self, one.name) for one in fields(self)}
         return stored | {name: dict(getattr(self, name)) for name in _VIEWS}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -126,7 +126,7 @@ class Statement:
             contacts=tuple(each.mapped(change) for each in self.contacts),
         )
 
-    @property
+    @cached_property
     def velocities(self) -> tuple[Any, ...]:
         """The generalized velocities, n of them."""
         return tuple(velocity_of(q) for q in self.coordinates)

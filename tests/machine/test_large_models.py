@@ -15,12 +15,14 @@ from lagrange.algorithm.series.packing import pack
 from lagrange.equations.euler_lagrange import Equations, euler_lagrange
 from lagrange.graph import rebuild as rebuilding
 from lagrange.graph.node import Node
+from lagrange.machine.kernel.llvm_module import KernelCode
 from lagrange.machine.llvm.emitter import MOST_ACCESSES, Emitter
 from lagrange.machine.llvm.engine import lanes
 from lagrange.machine.llvm.procedures import INLINE_ANGLES
 from lagrange.machine.model import Model
 from lagrange.machine.series.interpreted_driver import NumpySeries
 from lagrange.machine.series.llvm_driver import CompiledJet
+from lagrange.program.catalogue import program_of
 from lagrange.program.taylor import series_program
 
 
@@ -157,3 +159,18 @@ def test_many_angles_share_a_function() -> None:
     expected = NumpySeries(many).rows(6, 0.0, y, 0.01, none)
     # Sums of 108 terms of either sign, in another order: a few hundred rounding errors of the largest.
     np.testing.assert_allclose(jets[1].rows(6, 0.0, y, 0.01, none), expected, rtol=1e-10, atol=1e-10)
+
+
+@pytest.mark.parametrize("quantity", ["jacobian", "mass_matrix"])
+def test_zeros_of_matrices_take_no_code_in_batches(quantity: str) -> None:
+    """Twice the masses have twice the entries that are not zero: the kernel over columns is twice as long."""
+    sizes = [
+        len(KernelCode(program_of(quantity, chain(count).compile("numpy").equations)).column_module(4).splitlines())
+        for count in (20, 40)
+    ]
+    assert sizes[1] < 2.2 * sizes[0]
+    model, rng = chain(20).compile(), np.random.default_rng(0)
+    q, v = rng.uniform(-1, 1, (2, 20, 9))
+    together = model.evaluate(quantity, q, v)
+    for k in range(9):
+        np.testing.assert_allclose(together[..., k], model.evaluate(quantity, q[:, k], v[:, k]), rtol=1e-13, atol=1e-13)

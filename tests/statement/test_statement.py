@@ -26,6 +26,8 @@ def statement() -> Statement:
 def test_names_and_velocities(statement: Statement) -> None:
     assert statement.names == ("x", "y")
     assert statement.velocities == (x.dot, y.dot)
+    assert statement.velocities is statement.velocities, "a check reads them for each of its programs"
+    assert "velocities" not in statement.__getstate__()
     assert statement.run == RunSettings(10.0, None, None, None, None)
 
 

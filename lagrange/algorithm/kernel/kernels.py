@@ -26,6 +26,12 @@ MANY_ZEROS = 32
 """Number of zero results from which they are cleared in a loop: many stores take compilers long."""
 
 
+def cleared_outputs(program: Program) -> frozenset[int]:
+    """Return the indices of outputs that are zero by structure and cleared in a loop; none if they are few."""
+    zeros = [place for place, ref in enumerate(program.outputs) if program.instructions[ref] == ZERO]
+    return frozenset(zeros if len(zeros) >= MANY_ZEROS else ())
+
+
 def prepare(
     prepared: Prepared,
     about: str,
@@ -75,8 +81,7 @@ def kernel(
     inputs = Inputs(held, slots, t, y, names or {}, prepared.largest)
     body = Body(p, program, inputs, style)
     body.run(range(program.hoisted, len(program.instructions)))
-    zeros = [place for place, ref in enumerate(program.outputs) if program.instructions[ref] == ZERO]
-    cleared = frozenset(zeros if len(zeros) >= MANY_ZEROS else ())
+    cleared = cleared_outputs(program)
     if cleared:
         with p.each(len(program.outputs), width=1) as k:
             out[k] = 0.0

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from lagrange.algorithm.kernel.body import Style
-from lagrange.algorithm.kernel.kernels import kernel, kernel_by_value, kernel_through_values, prepare
+from lagrange.algorithm.kernel.kernels import cleared_outputs, kernel, kernel_by_value, kernel_through_values, prepare
 from lagrange.algorithm.kernel.prepared import Prepared
 from lagrange.machine.llvm.emitter import Emitter
 from lagrange.machine.llvm.procedures import declaration, function, joined
@@ -137,24 +137,32 @@ class KernelCode:
     def _columns(self, members: MemberProgram) -> str:
         e, name, lanes = Emitter(), self.program.name, members.lanes
         given = ", ".join(f"ptr {base}" for base in (*self._bases, "%p", "%out"))
+        cleared = cleared_outputs(self.program) if lanes > 1 else frozenset()
+        if cleared:
+            with e.loop(0, e.value(f"mul nsw i64 %count, {len(self.program.outputs)}")) as k:
+                e.put("0.0", "%out", k)
         with e.loop(0, "%count", lanes) as i:
             if lanes == 1:
                 _leave_if(e, e.value(f"call i32 @{name}_alone(i64 %count, i64 {i}, {given})"), i)
             else:
-                self._block(e, i, members, given)
+                self._block(e, i, members, given, cleared)
         e.do("ret i64 -1")
         return e.function(f"define i64 @{name}_columns(i64 %count, {given.replace('ptr', 'ptr noalias')}) #0")
 
-    def _block(self, e: Emitter, i: str, members: MemberProgram, given: str) -> None:
-        """Emit the evaluation of `lanes` columns from column `i` on. Columns that need pivoting are repeated alone."""
+    def _block(self, e: Emitter, i: str, members: MemberProgram, given: str, cleared: frozenset[int]) -> None:
+        """Emit the evaluation of `lanes` columns from column `i` on, except for outputs that are `cleared`.
+
+        Columns that need pivoting are repeated alone.
+        """
         program, lanes = self.program, members.lanes
-        by_value = kernel_by_value(program, self.prepared, program.outputs, style=LANES)
+        places = [k for k in range(len(program.outputs)) if k not in cleared]
+        by_value = kernel_by_value(program, self.prepared, [program.outputs[k] for k in places], style=LANES)
         kind = f"<{lanes} x double>"
         rows = [(f"%{block.name}", place) for block in program.inputs for place in range(block.size)]
         times = e.load(e.address("%t", i), kind)
         state = [e.load(e.address(base, _row(e, place, i)), kind) for base, place in rows]
         *results, bad = Spliced(e, members, by_value).results([times, *state, "%p"])
-        for place, value in enumerate(results):
+        for place, value in zip(places, results, strict=True):
             e.store(value, e.address("%out", _row(e, place, i)), kind)
         if not bad.startswith("%"):
             return
