@@ -10,6 +10,8 @@ from sympy import cos, sin, sqrt
 
 import lagrange as lg
 from lagrange.statement.contact import Contact
+from lagrange.trajectory.contact.kinematics import Kinematics
+from lagrange.trajectory.contact.transition import Transitions
 
 LAWS = ("newton", "sequence")
 
@@ -70,3 +72,46 @@ def test_a_run_that_stops_at_a_limit_keeps_its_energy(steps: int) -> None:
     run = random_discs(4).run(3.0, max_steps=steps)
     assert run.status is lg.Status.MAX_STEPS
     assert np.ptp(run.energy + run.energy_lost) < 1e-11 * np.abs(run.energy).max()
+
+
+def random_slider(seed: int) -> lg.System:
+    """Return a block or a ball on a tilted belt that shakes, with a spring and a driving force, all at random."""
+    rng = np.random.default_rng(seed)
+    (x, y, phi), t = lg.coordinates("x y phi"), lg.t
+    mass, tilt, spin = float(rng.uniform(0.5, 2)), float(rng.uniform(-0.3, 0.3)), float(rng.choice([0, 0.1]))
+    along, height = x * cos(tilt) + y * sin(tilt), y * cos(tilt) - x * sin(tilt)
+    belt = float(rng.normal()) / 3 + float(rng.choice([0, 0.3])) * cos(2 * t)
+    static, share = float(rng.uniform(0.2, 0.7)), float(rng.choice([0.5, 1.0]))
+    floor = lg.contact(height, along.diff(t) + spin * phi.dot - belt, friction=(static, share * static))
+    drive = float(rng.uniform(0, 8)) * cos(float(rng.uniform(1, 3)) * t)
+    start = {x: float(rng.normal()), x.dot: float(rng.normal()), phi.dot: float(rng.normal())}
+    return lg.System(
+        mass * (x.dot**2 + y.dot**2) / 2 + mass * phi.dot**2 / 50,
+        mass * 9.81 * y + float(rng.uniform(2, 20)) * along**2 / 2,
+        forces={x: drive * cos(tilt), y: drive * sin(tilt)},
+        contacts={"belt": floor},
+        initial=start | {y: start[x] * np.tan(tilt), y.dot: start[x.dot] * np.tan(tilt)},
+    )
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(k, marks=pytest.mark.slow) for k in (3, 4, 9, 17, 18))])
+def test_friction_inside_the_loop_is_that_of_a_look_at_each_change(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    looks, behind = list[float](), Transitions.behind
+
+    def counted(self: Transitions, t: float, *state: Any, **ends: Any) -> Any:
+        looks.append(t)
+        return behind(self, t, *state, **ends)
+
+    monkeypatch.setattr(Transitions, "behind", counted)
+    system = random_slider(seed)
+    inside = system.run(8.0, rtol=1e-12).require()
+    assert looks == [0.0]
+    monkeypatch.setattr(Kinematics, "held", lambda *_: False)
+    outside = system.run(8.0, rtol=1e-12).require()
+    found, reference = inside.trajectory.contacts, outside.trajectory.contacts
+    assert found is not None and reference is not None
+    assert len(looks) == 1 + len(reference.begins)
+    assert [mode.states for mode in found.modes] == [mode.states for mode in reference.modes]
+    # A time is known to the tolerance divided by the slope of the slip or of the force at its end, some 0.01 here.
+    assert np.abs(found.begins - reference.begins).max() < 1e-9
+    assert np.abs(inside.at(8.0) - outside.at(8.0)).max() < 1e-9

@@ -17,6 +17,7 @@ from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
 from lagrange.statement.contact import Contact, impact_speed
 from lagrange.statement.coordinate import t as time
+from lagrange.statement.statement import Statement
 from lagrange.trajectory.trajectory import FloatArray
 
 SMALLEST_BOUNCE = 1e-7
@@ -53,14 +54,11 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
     statement = model.statement
     if statement.constraints or any(each.slip and not each.friction[0].is_zero for each in statement.contacts):
         return None
-    rates = statement.velocities
-    momenta = [statement.lagrangian.diff(rate) for rate in rates]
-    mass = sympy.Matrix([[p.diff(rate) for rate in rates] for p in momenta])
-    if mass.has(*rates) or not (mass.is_diagonal() or len(rates) <= LARGEST_COUPLED):
+    mass, resets, results = coupling(statement), [], []
+    if mass is None:
         return None
-    resets, results = [], []
     for each in statement.contacts:
-        written, impulse, lost, speed = _impact(each, statement.coordinates, rates, mass)
+        written, impulse, lost, speed = _impact(each, statement.coordinates, statement.velocities, mass)
         # A series has the zero of another gap to the tolerance of the run alone, which is not enough.
         exact = each.gap.is_polynomial(*statement.coordinates, time)
         long = sum(int(value.count_ops()) for value in written.values()) > LONGEST
@@ -70,14 +68,26 @@ def written_impacts(model: Model) -> WrittenImpacts | None:
     return WrittenImpacts(tuple(resets), model.function("impacts", nodes)) if any(resets) else None
 
 
+def coupling(statement: Statement) -> Any:
+    """Return the mass matrix, or None where it depends on velocities or couples many coordinates."""
+    rates = statement.velocities
+    momenta = [statement.lagrangian.diff(rate) for rate in rates]
+    mass = sympy.Matrix([[p.diff(rate) for rate in rates] for p in momenta])
+    return None if mass.has(*rates) or not (mass.is_diagonal() or len(rates) <= LARGEST_COUPLED) else mass
+
+
+def response_of(mass: Any, direction: Any) -> Any:
+    """Return the accelerations M^-1 W (n,) of a unit force along a direction W (n,)."""
+    if mass.is_diagonal():
+        return sympy.Matrix([w / mass[i, i] for i, w in enumerate(direction)])
+    return mass.LUsolve(direction)
+
+
 def _impact(each: Contact, q: Sequence[Any], rates: Sequence[Any], mass: Any) -> tuple[dict[Any, Any], Any, Any, Any]:
     """Return the state behind an impact with a gap of zero, its impulse, the energy that it takes, and its speed."""
     direction = sympy.Matrix([each.gap.diff(x) for x in q])
-    speed = -sympy.Add(_partial_rate(each.gap, q), *(w * v for w, v in zip(direction, rates, strict=True)))
-    if mass.is_diagonal():
-        response = sympy.Matrix([w / mass[i, i] for i, w in enumerate(direction)])
-    else:
-        response = mass.LUsolve(direction)
+    speed = -sympy.Add(partial_rate(each.gap, q), *(w * v for w, v in zip(direction, rates, strict=True)))
+    response = response_of(mass, direction)
     compliance = (direction.T * response)[0]
     e = each.restitution.xreplace({impact_speed: speed})
     impulse = (1 + e) * speed / compliance
@@ -89,7 +99,7 @@ def _impact(each: Contact, q: Sequence[Any], rates: Sequence[Any], mass: Any) ->
     return behind, impulse, lost, speed
 
 
-def _partial_rate(gap: Any, q: Sequence[Any]) -> Any:
+def partial_rate(gap: Any, q: Sequence[Any]) -> Any:
     """Return the derivative of a gap by time with the coordinates held."""
     held = {x: sympy.Dummy() for x in q}
     return gap.xreplace(held).diff(time).xreplace({dummy: x for x, dummy in held.items()})

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from sympy import Float
 
 from lagrange.equations.constraints import constraint_equations
@@ -20,6 +21,9 @@ TOUCHING = 1e-13
 """A gap counts as zero below this fraction of the largest terms of any gap so far. Round-off is far below.
 
 Balls that rest where their coordinates are zero have no terms of their own."""
+
+HELD = 1e-12
+"""The gap of a contact that is closed without projection stays below this fraction of these terms."""
 
 STILL = 1e-11
 """A gap rate or slip counts as zero below this fraction of the largest terms of the contact's rates so far."""
@@ -102,6 +106,14 @@ class Kinematics:
         """Return the gaps (k, N) at times (N,) and states (2n, N), and the gap (k,) up to which each counts as zero."""
         found = np.asarray(self._kernel(times, states, self.parameters))[: len(self.normals)]
         return found.copy(), np.full(len(found), TOUCHING * max(self._places.max(), np.abs(found).max()))
+
+    def held(self, contact: int, times: FloatArray, states: FloatArray, sticking: NDArray[np.bool_]) -> bool:
+        """Return whether gap and gap rate of a contact are zero at states (2n, N), and slips where it is sticking."""
+        k, mine = len(self.normals), self.rows[contact]
+        values = np.asarray(self._kernel(times, states, self.parameters))
+        gap, rate, slips = values[contact], values[k + mine[0]], values[[k + row for row in mine[1:]]] * sticking
+        near, still = HELD * self._places.max(), STILL * self._speeds[mine].max()
+        return bool((np.abs(gap) <= near).all() and (np.abs(rate) <= still).all() and (np.abs(slips) <= still).all())
 
     def at(self, t: float, y: FloatArray, before: Touch | None = None) -> Touch:
         """Return the contacts at a state (2n,), with the responses `before` if only velocities or round-off differ."""

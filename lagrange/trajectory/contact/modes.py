@@ -14,11 +14,14 @@ from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
 from lagrange.statement.contact import Contact
 from lagrange.statement.coordinate import multiplier, velocity_of
+from lagrange.statement.coordinate import t as time
 from lagrange.statement.event import Event
 from lagrange.statement.statement import ALLOW, Constraint, Statement
 from lagrange.trajectory.contact.bounces import WrittenImpacts, written_impacts
-from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING
+from lagrange.trajectory.contact.complementarity import CLOSED, OPEN, SLIDING, STICKING
+from lagrange.trajectory.contact.friction import WrittenFriction, written_friction
 from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
 RELEASE, GAP, SLIP, CONE = "release", "gap", "slip", "cone"
 """Ends of a mode: the normal force or the gap becomes zero, the slip becomes zero, friction reaches its cone."""
@@ -63,22 +66,44 @@ class Mode:
         """The state of each contact as results show it."""
         return tuple(OPEN if i in self.bouncing else state for i, state in enumerate(self.states))
 
+    def going(self, which: int, way: int) -> Mode:
+        """Return the mode in which a contact slides a way, or sticks if that is 0."""
+        states, ways = list(self.states), list(self.ways)
+        states[which], ways[which] = SLIDING if way else STICKING, way or None
+        return replace(self, states=tuple(states), ways=tuple(ways))
+
 
 @dataclass(frozen=True, eq=False)
 class PreparedMode:
     """A mode compiled: its model, its events behind those of the user, and the contact and the kind of each.
 
-    `zeros` returns the values of its own events, (k,), by a time and a state.
+    `zeros` returns the values of the events that end it, (k,), by a time and a state. With a written `friction` its
+    events are last.
     """
 
     model: Model
     events: tuple[Event, ...]
     ends: tuple[tuple[int, str], ...]
+    friction: WrittenFriction | None
+
+    @property
+    def own(self) -> slice:
+        """The places of the events that end the mode."""
+        last = len(self.events) - (0 if self.friction is None else len(self.friction.events))
+        return slice(last - len(self.ends), last)
+
+    def plain(self, y: FloatArray) -> FloatArray:
+        """Return states (2n,) or (2n, N) of the system from those of the model."""
+        return y if self.friction is None else self.friction.plain(y)
+
+    def plain_run(self, part: Trajectory) -> Trajectory:
+        """Return a run of the system from one of the model."""
+        return part if self.friction is None else self.friction.plain_run(part)
 
     @cached_property
     def zeros(self) -> Kernel:
-        """The expressions of the events of the mode, compiled."""
-        own = self.events[len(self.events) - len(self.ends) :]
+        """The expressions of the events that end the mode, as a function."""
+        own = self.events[self.own]
         return self.model.function(
             "ends", tuple(node_of(event.expression, self.model.statement, self.model.equations) for event in own)
         )
@@ -90,23 +115,37 @@ class Modes:
     def __init__(self, model: Model) -> None:
         self.model, self.contacts = model, model.statement.contacts
         self._models: dict[Mode, Model] = {}
-        self._prepared: dict[tuple[Mode, tuple[Event, ...], int], PreparedMode] = {}
+        self._frictions: dict[int, WrittenFriction | None] = {}
+        self._prepared: dict[tuple[Any, ...], PreparedMode] = {}
 
     @cached_property
     def written(self) -> WrittenImpacts | None:
         """The impacts written out where all contacts are open, None if that is not possible."""
         return written_impacts(self.model)
 
-    def prepared(self, mode: Mode, problem: Problem, written: WrittenImpacts | None, most: int) -> PreparedMode:
+    def friction(self, mode: Mode) -> WrittenFriction | None:
+        """Return the written friction of the only closed contact of a mode, None if that is not possible."""
+        closed = mode.closed
+        if len(closed) != 1 or mode.states[closed[0]] == CLOSED or mode.bouncing or mode.kept is not None:
+            return None
+        which = closed[0]
+        if which not in self._frictions:
+            self._frictions[which] = written_friction(self.model, which)
+        return self._frictions[which]
+
+    def prepared(
+        self, mode: Mode, problem: Problem, written: WrittenImpacts | None, friction: WrittenFriction | None, most: int
+    ) -> PreparedMode:
         """Return a mode in which a problem goes on, with the events of the problem before its own.
 
-        Impacts that are `written` out are resets inside the loop over steps, up to the number `most` of a contact.
+        Impacts that are `written` out are resets inside the loop over steps, up to the number `most` of a contact. So
+        are the changes between sliding and sticking if `friction` is written out.
         """
-        events, plain = problem.events, replace(mode, bouncing=())
-        key = plain, events, 0 if written is None else most
+        plain = mode if friction is None else mode.going(friction.which, 0)
+        key = replace(plain, bouncing=()), friction, problem.events, 0 if written is None else most
         if key not in self._prepared:
-            model = self.model_of(mode)
-            if len(self._prepared) > EVENTS_KEPT * len(self._models):
+            model = self.model_of(mode) if friction is None else friction.model
+            if len(self._prepared) > EVENTS_KEPT * (1 + len(self._models)):
                 self._prepared.clear()
             own, ends = _ends(self.contacts, mode)
             absent = {each.normal: sympy.S.Zero for i, each in enumerate(self.contacts) if mode.states[i] == OPEN}
@@ -115,8 +154,15 @@ class Modes:
                     event if reset is None else replace(event, terminal=most, reset=reset)
                     for event, reset in zip(own, written.resets, strict=True)
                 )
-            stated = tuple(_present(event, absent) for event in events)
-            self._prepared[key] = PreparedMode(model, (*stated, *own), ends)
+            if friction is not None:
+                absent[self.contacts[friction.which].normal] = friction.normal
+                pairs = [(_present(event, absent), end) for event, end in zip(own, ends, strict=True)]
+                # A constant normal force never ends the mode.
+                pairs = [pair for pair in pairs if pair[1][1] in (RELEASE, GAP) and pair[0].expression.has(time)]
+                own = (*(event for event, _ in pairs), *friction.events)
+                ends = tuple(end for _, end in pairs)
+            stated = tuple(_present(event, absent) for event in problem.events)
+            self._prepared[key] = PreparedMode(model, (*stated, *own), ends, friction)
         return self._prepared[key]
 
     def model_of(self, mode: Mode) -> Model:

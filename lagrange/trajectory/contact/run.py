@@ -14,9 +14,10 @@ from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.errors import StatementError, counted, listing
 from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces, WrittenImpacts, flights
 from lagrange.trajectory.contact.complementarity import OPEN, SLIDING
+from lagrange.trajectory.contact.friction import SHORT, WrittenFriction
 from lagrange.trajectory.contact.history import ContactHistory
 from lagrange.trajectory.contact.kinematics import TOUCHING, Kinematics
-from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, modes_of
+from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, PreparedMode, modes_of
 from lagrange.trajectory.contact.transition import Behind, Impact, Transitions, Undetermined
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, number
@@ -42,6 +43,9 @@ MOST_AT_ONCE = 32
 SHORTEST_REST = 2.0**-36
 """Time until impacts have ended, as a fraction of the time, below which no segment is run for it."""
 
+FAILED = (Status.UNRELIABLE, Status.NON_FINITE, Status.SINGULAR, Status.STEP_TOO_SMALL, Status.DIVERGED)
+"""Statuses of a segment that is run again with a check of each impact and each change of the mode."""
+
 
 def run_through_contacts(problem: Problem, run: Callable[[Problem], Trajectory]) -> Trajectory:
     """Return the run of a problem whose statement has contacts; `run` runs a problem without.
@@ -52,7 +56,14 @@ def run_through_contacts(problem: Problem, run: Callable[[Problem], Trajectory])
 
 
 class _ContactRun:
-    """A run in progress: its parts, and the mode, time and state at which it goes on."""
+    """A run in progress: its parts, and the mode, time and state at which it goes on.
+
+    `prepared` is the last mode, `found` its segment, and `end_state` (2n,) the state there before any reset.
+    """
+
+    prepared: PreparedMode
+    found: Trajectory
+    end_state: FloatArray
 
     def __init__(self, problem: Problem, run: Callable[[Problem], Trajectory]) -> None:
         if problem.t1 < problem.t0:
@@ -72,7 +83,9 @@ class _ContactRun:
         self.impacts: list[list[Impact]] = [[] for _ in self.contacts]
         self.rests: list[list[float]] = [[] for _ in self.contacts]
         self.bounces = Bounces()
-        self.written = self._written_impacts()
+        self.frictions = not any(event.reset or event.settings for event in problem.events)
+        self.written = self.modes.written if self.frictions else None
+        self.moment = SHORT * (problem.t1 - problem.t0)
         self.rest_time = math.inf
         self.freed: list[int] = []
         self.fired: list[tuple[int, str]] = []
@@ -147,11 +160,12 @@ class _ContactRun:
     def _segment(self, segment: Problem, mode: Mode) -> Mode:
         """Run a segment in a mode, keep it with the events of the user alone, and return the mode."""
         users, written = len(self.problem.events), None if mode.closed else self.written
+        friction = self.modes.friction(mode) if self.frictions else None
         until = min(self.rest_time, segment.t1) if mode.bouncing else segment.t1
         most = self.bounces.most(self.kinematics.restitutions)
-        tries, part = 0, None
+        tries, part, changes = 0, None, list[tuple[float, Mode]]()
         while part is None:
-            self.prepared = prepared = self.modes.prepared(mode, segment, written, most)
+            self.prepared = prepared = self.modes.prepared(mode, segment, written, friction, most)
             chosen = replace(
                 segment,
                 model=prepared.model,
@@ -159,18 +173,28 @@ class _ContactRun:
                 t1=until,
                 t_eval=None if segment.t_eval is None else segment.t_eval[segment.t_eval <= until],
             )
+            if friction is not None:
+                chosen = friction.of_whole(chosen, mode.ways[friction.which] or 0, self.moment)
             self.found, self.fired = self.run(chosen), []
+            if friction is not None:
+                passed = self._passed_changes(friction, mode)
+                if passed is None:
+                    friction, self.frictions = None, False
+                    continue
+                changes = passed
             if written is not None and not self._passed_impacts(written):
                 written = self.written = None
                 continue
             if tries < MOST_REPEATS and self._is_begin(segment.t0):
                 tries += 1
-                segment = replace(segment, y0=last_state(self.found))
+                segment = replace(segment, y0=prepared.plain(last_state(self.found)))
                 continue
             self._locate_end(chosen)
             part = replace(self.found, t_events=self.found.t_events[:users], y_events=self.found.y_events[:users])
         self._keep(segment.t0, mode, self._verified(part))
-        return mode
+        self.begins += [t for t, _ in changes]
+        self.kept += [following for _, following in changes]
+        return self.kept[-1]
 
     def _verified(self, part: Trajectory) -> Trajectory:
         """Return a segment, with the status UNRELIABLE if bodies overlap in it: an impact was missed."""
@@ -186,11 +210,23 @@ class _ContactRun:
         )
         return replace(part, status=Status.UNRELIABLE, message=f"{part.message} {note}")
 
-    def _written_impacts(self) -> WrittenImpacts | None:
-        """Return impacts that the loop over steps takes by itself, or None where each is looked at."""
-        if any(event.reset or event.settings for event in self.problem.events):
+    def _passed_changes(self, friction: WrittenFriction, mode: Mode) -> list[tuple[float, Mode]] | None:
+        """Return the changes between sliding and sticking in the last segment, each with its time and the mode after.
+
+        None if the segment must be run again without them: a step failed, or round-off opened the gap or began a slip.
+        """
+        found, last = self.found, last_state(self.found)
+        if found.status in FAILED:
             return None
-        return self.modes.written
+        times, before, ways = friction.ways(found, last)
+        states, at = np.column_stack([before.T, last]), np.append(times, found.span[1])
+        sticking = states[len(last) // 2 - 1] == 0
+        if not self.kinematics.held(friction.which, at, friction.plain(states), sticking):
+            return None
+        following = {way: mode.going(friction.which, way) for way in (-1, 0, 1)}
+        ends = bool(self._fired())
+        changes = zip(times.tolist(), ways.tolist(), strict=True)
+        return [(t, following[round(way)]) for t, way in changes if not (ends and t == found.span[1])]
 
     def _passed_impacts(self, written: WrittenImpacts) -> bool:
         """Book the impacts inside the last segment; return False if the segment must be run again without them.
@@ -198,7 +234,7 @@ class _ContactRun:
         Impacts of several contacts at one instant, and steps that fail, need a look at each impact.
         """
         found, users, end = self.found, len(self.problem.events), self.found.span[1]
-        if not found.status.complete:
+        if found.status in FAILED:
             return False
         times, states = found.t_events[users:], found.y_events[users:]
         inner = [when[: len(when) - (len(when) > 0 and when[-1] == end)] for when in times]
@@ -228,7 +264,7 @@ class _ContactRun:
         """Return the contacts whose events ended the last segment, with the kind of each."""
         if self.found.status is not Status.EVENT:
             return []
-        pairs = zip(self.prepared.ends, self.found.t_events[len(self.problem.events) :], strict=True)
+        pairs = zip(self.prepared.ends, self.found.t_events[self.prepared.own], strict=True)
         return [which for which, when in pairs if len(when) and when[-1] == self.found.span[1]]
 
     def _is_begin(self, begin: float) -> bool:
@@ -236,7 +272,8 @@ class _ContactRun:
         end, fired = self.found.span[1], self._fired()
         if not fired or abs(end - begin) > CLOSEST * max(abs(end), EARLIEST):
             return False
-        rates = self.kinematics.at(end, last_state(self.found)).rates[self.kinematics.normals]
+        y = self.prepared.plain(last_state(self.found))
+        rates = self.kinematics.at(end, y).rates[self.kinematics.normals]
         return all((kind == GAP and rates[i] >= 0) or (kind == SLIP and i in self.freed) for i, kind in fired)
 
     def _locate_end(self, segment: Problem) -> None:
@@ -247,16 +284,15 @@ class _ContactRun:
         found, (begin, end), y = self.found, self.found.span, self._end_state()
         self.fired = self._fired()
         if self.fired:
-            event, parameters = self.prepared.ends.index(self.fired[0]), self.kinematics.parameters
+            event, parameters = self.prepared.ends.index(self.fired[0]), segment.parameter_array
             rates, h = np.asarray(segment.model.kernel("rhs")(end, y, parameters)), NEARBY * (end - begin)
-            value, before = (
-                self.prepared.zeros(t, state, parameters)[event] for t, state in ((end, y), (end - h, y - h * rates))
-            )
+            times, states = np.array([end, end - h]), np.column_stack([y, y - h * rates])
+            value, before = self.prepared.zeros(times, states, parameters)[event].tolist()
             late = h * value / (value - before) if value != before else 0.0
             if CLOSEST * abs(end) < abs(late) < h and end - late < self.problem.t1:
                 y, end = y - late * rates, end - late
                 found = replace(found, t=np.where(found.t == found.span[1], end, found.t), span=(begin, end))
-        self.end_state, self.found = y, _ended(found, y)
+        self.end_state, self.found = self.prepared.plain(y), self.prepared.plain_run(_ended(found, y))
 
     def _end_state(self) -> FloatArray:
         """Return the state (2n,) at the events that ended the last segment, before any reset."""

@@ -11,6 +11,7 @@ from lagrange.equations.regularity import independent_rows
 from lagrange.errors import RunError, listing
 from lagrange.statement.contact import SEQUENCE
 from lagrange.trajectory.contact.complementarity import OPEN, SLIDING, STICKING, Balance, least_solution, solutions
+from lagrange.trajectory.contact.friction import SHORT, SLIGHT
 from lagrange.trajectory.contact.kinematics import STILL, TOUCHING, Kinematics, Touch
 from lagrange.trajectory.contact.modes import SLOWEST, Mode, Modes
 from lagrange.trajectory.trajectory import FloatArray
@@ -23,10 +24,6 @@ IMPACT_NOISE = 1e-13
 
 UNCOUPLED = 1e-12
 """Part of the largest response below which one contact does not move another."""
-
-SLIGHT, SHORT = 2.0**-48, 1e-3
-"""A slip or a gap begins with what the largest acceleration terms times this make, in the time so far or in a short
-part of the run: 16 units of their round-off."""
 
 SMALLEST_GAP = 64 * 2.0**-52
 """A contact whose gap would stay below this part of its terms does not open: the run could not see it close."""

@@ -1,0 +1,182 @@
+"""Friction along a line as resets of events: one model slides both ways and sticks, in one compiled loop over steps.
+
+The state has one more coordinate, the way w: 1 or -1 where the contact slides, 0 where it sticks. The equations are
+M a = h + W N + D f, with constant M, W = dgap/dq and D = dslip/dv, and W M^-1 D = 0. The normal force is then
+N = -(W M^-1 h + d2gap/dt2) / (W M^-1 W^T), and the force that holds the slip is F = -(D M^-1 h + dslip/dt) /
+(D M^-1 D^T). The friction force is f = (1 - w^2) F - mu w N.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import sympy
+
+from lagrange.machine.model import Model
+from lagrange.statement.contact import Contact
+from lagrange.statement.coordinate import coordinate_of, velocity_of
+from lagrange.statement.coordinate import t as time
+from lagrange.statement.event import Event
+from lagrange.trajectory.contact.bounces import coupling, partial_rate, response_of
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.trajectory import FloatArray, Trajectory
+
+SLIGHT, SHORT = 2.0**-48, 1e-3
+"""A slip or a gap begins with what the largest acceleration terms times this make, in the time so far or in a short
+part of the run: 16 units of their round-off."""
+
+UNCOUPLED = 1e-14
+"""A product of directions is zero below this part of its terms: round-off of the stated numbers."""
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenFriction:
+    """The friction of the contact `which`, written out: its model, and the parameter `moment`, a short time of a run.
+
+    `normal` is the normal force. `events` end sticking and sliding, and reset the way and the velocities.
+    """
+
+    which: int
+    model: Model
+    moment: Any
+    normal: Any
+    events: tuple[Event, ...]
+
+    def of_whole(self, problem: Problem, way: int, moment: float) -> Problem:
+        """Return a problem of the system as one of this model that begins with a way."""
+        n = len(problem.y0) // 2
+        y0, parameters = np.insert(problem.y0, [n, 2 * n], [way, 0.0]), {**problem.parameters, self.moment: moment}
+        return replace(problem, model=self.model, y0=y0, parameters=parameters)
+
+    def plain(self, y: FloatArray) -> FloatArray:
+        """Return states (2n,) or (2n, N) of the system from those of this model."""
+        return plain_states(self.model.dimension, y)
+
+    def plain_run(self, part: Trajectory) -> Trajectory:
+        """Return a run of this model as one of the system."""
+        events = tuple(self.plain(states.T).T for states in part.y_events)
+        dense = PlainPath(part.dense, self.model.dimension)
+        return replace(part, y=self.plain(part.y), dense=dense, y_events=events)
+
+    def ways(self, part: Trajectory, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Return the times (k,) at which a run changes, the states before (k, 2n + 2), and the ways after (k,)."""
+        place, row = -len(self.events), self.model.dimension - 1
+        times = np.concatenate(part.t_events[place:])
+        order = np.argsort(times, kind="stable")
+        states = np.concatenate(part.y_events[place:])[order]
+        return times[order], states, np.append(states[:, row], last[row])[1:]
+
+
+@dataclass(frozen=True)
+class PlainPath:
+    """Dense output of a system from that of a model with one more coordinate, n in all."""
+
+    path: Callable[[FloatArray], FloatArray]
+    n: int
+
+    def __call__(self, times: FloatArray) -> FloatArray:
+        """Return the states at the times, (2n - 2, K)."""
+        return plain_states(self.n, self.path(times))
+
+
+def plain_states(n: int, y: FloatArray) -> FloatArray:
+    """Return states without the last of n coordinates, and without its velocity."""
+    return np.delete(y, [n - 1, 2 * n - 1], axis=0)
+
+
+def written_friction(model: Model, which: int) -> WrittenFriction | None:
+    """Return the friction of a contact written out, or None where it is not along a line, or coupled to its gap."""
+    statement, each = model.statement, model.statement.contacts[which]
+    q, rates = statement.coordinates, statement.velocities
+    mass = coupling(statement)
+    if len(each.slip) != 1 or mass is None or statement.constraints or statement.inputs:
+        return None
+    normal, along = ([expression.diff(x) for x in of] for expression, of in ((each.gap, q), (each.slip[0], rates)))
+    rows = sympy.Matrix([*mass, *normal, *along])
+    if rows.has(time, *q, *rates) or any(each.slip[0].diff(x) != 0 for x in q) or mass.det() == 0:
+        return None
+    lines = [sympy.Matrix(line) for line in (normal, along)]
+    responses = [response_of(mass, line) for line in lines]
+    if _coupled(lines[0], responses[1], statement.parameters):
+        return None
+    free = [model.equations.express(node) for node in model.equations.bias]
+    stated = each.slip[0].xreplace(dict.fromkeys(rates, sympy.S.Zero))
+    drifts = partial_rate(partial_rate(each.gap, q), q), stated.diff(time)
+    sizes = [line.dot(response) for line, response in zip(lines, responses, strict=True)]
+    force, hold = (
+        -sympy.Add(drift, *(x * y for x, y in zip(response, free, strict=True))) / size
+        for drift, response, size in zip(drifts, responses, sizes, strict=True)
+    )
+    return _written(model, which, _Forces(each, force, hold, lines, responses, sizes))
+
+
+def _coupled(line: Any, response: Any, parameters: Sequence[Any]) -> bool:
+    """Return whether the product of a line and a response is not zero, at irrational values of the parameters."""
+    values = {symbol: sympy.sqrt(sympy.prime(k + 1)) for k, symbol in enumerate(parameters)}
+    terms = [float((x * y).xreplace(values)) for x, y in zip(line, response, strict=True)]
+    return abs(math.fsum(terms)) > UNCOUPLED * sum(map(abs, terms))
+
+
+@dataclass(frozen=True, eq=False)
+class _Forces:
+    """A contact with its normal force and the force that holds; lines, M^-1 lines and their products, by row."""
+
+    contact: Contact
+    normal: Any
+    hold: Any
+    lines: list[Any]
+    responses: list[Any]
+    sizes: list[Any]
+
+
+def _written(model: Model, which: int, forces: _Forces) -> WrittenFriction:
+    statement, each = model.statement, forces.contact
+    names = {*statement.names, *(symbol.name for symbol in statement.parameters)}
+    name = each.name + "_"
+    while name + "way" in names or name + "moment" in names:
+        name += "_"
+    way, moment = coordinate_of(name + "way"), sympy.Symbol(name + "moment", real=True)
+    slides, rate = way**2, velocity_of(way)
+    friction = (1 - slides) * forces.hold - each.friction[1] * way * forces.normal
+    applied = [
+        force + w * forces.normal + d * friction for force, w, d in zip(statement.forces, *forces.lines, strict=True)
+    ]
+    stated = replace(
+        statement,
+        coordinates=(*statement.coordinates, way),
+        kinetic=statement.kinetic + rate**2 / 2,
+        lagrangian=statement.lagrangian + rate**2 / 2,
+        forces=(*applied, sympy.S.Zero),
+        parameters=(*statement.parameters, moment),
+        defaults=MappingProxyType({**statement.defaults, moment: 0.0}),
+        initial=tuple(np.insert(statement.initial, [len(applied), 2 * len(applied)], 0.0).tolist()),
+        contacts=(),
+    )
+    cone = (each.friction[0] * forces.normal) ** 2 - forces.hold**2
+    onwards = -sympy.sign(forces.hold)
+    kept = sympy.Piecewise((0, cone >= 0), (1, True)) * onwards
+    events = (
+        Event((1 - slides) * cone + slides, direction=-1, reset=_behind(statement, forces, moment, way, onwards)),
+        Event(way * each.slip[0] + 1 - slides, direction=-1, reset=_behind(statement, forces, moment, way, kept)),
+    )
+    return WrittenFriction(which, model.on_same_machine(stated), moment, forces.normal, events)
+
+
+def _behind(statement: Any, forces: _Forces, moment: Any, way: Any, onwards: Any) -> dict[Any, Any]:
+    """Return the state in which a contact goes on: with a slip of zero, or a slight one onwards, on a closed gap."""
+    each, q = forces.contact, statement.coordinates
+    pace = 2 * SLIGHT * abs(forces.hold) * forces.sizes[1] * sympy.Max(abs(time), moment)
+    rate = partial_rate(each.gap, q) + forces.lines[0].dot(sympy.Matrix(statement.velocities))
+    errors = each.gap / forces.sizes[0], rate / forces.sizes[0], (each.slip[0] - onwards * pace) / forces.sizes[1]
+    behind = {way: onwards}
+    for x, v, up, along in zip(q, statement.velocities, *forces.responses, strict=True):
+        if up != 0:
+            behind[x] = x - up * errors[0]
+        if up != 0 or along != 0:
+            behind[v] = v - up * errors[1] - along * errors[2]
+    return behind
