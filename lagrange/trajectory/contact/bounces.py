@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
 import sympy
 
 from lagrange.machine.backend import Kernel
@@ -113,17 +114,16 @@ class Bounces:
 
     def clear(self) -> None:
         """Forget the impacts."""
-        self.times: list[float] = []
-        self.speeds: list[float] = []
+        self.times, self.speeds = np.empty(0), np.empty(0)
         self.contacts: list[frozenset[int]] = []
 
-    def add(self, t: float, speed: float, contacts: frozenset[int]) -> None:
-        """Add an impact; a flight that is not shorter than the one before begins anew."""
-        if len(self.times) > 1 and t - self.times[-1] >= self.times[-1] - self.times[-2]:
-            self.times, self.speeds, self.contacts = self.times[-1:], self.speeds[-1:], self.contacts[-1:]
-        self.times.append(t)
-        self.speeds.append(speed)
-        self.contacts.append(contacts)
+    def add(self, times: FloatArray, speeds: FloatArray, contacts: Sequence[frozenset[int]]) -> None:
+        """Add impacts (k,); a flight that is not shorter than the one before begins anew."""
+        whole = np.append(self.times, times)
+        again = np.flatnonzero(np.diff(whole, 2) >= 0)
+        first = int(again[-1]) + 1 if len(again) else 0
+        self.times, self.speeds = whole[first:], np.append(self.speeds, speeds)[first:]
+        self.contacts = [*self.contacts, *contacts][first:]
 
     def most(self, restitutions: Sequence[float | None]) -> int:
         """Return how many impacts a compiled loop may take before the run looks whether they accumulate.
@@ -135,24 +135,20 @@ class Bounces:
         weakest = min(known, default=1.0)
         if len(known) < len(restitutions) or weakest == 1.0:
             return UNKNOWN_IMPACTS if None in restitutions else ELASTIC_IMPACTS
-        share = self.speeds[-1] / max(self.speeds) if self.speeds else 1.0
+        share = self.speeds[-1] / self.speeds.max() if len(self.speeds) else 1.0
         return max(1, math.ceil(math.log(SMALLEST_BOUNCE / share) / math.log(weakest)))
 
     @property
     def end(self) -> float | None:
         """The time at which the impacts accumulate, by the ratio of the last flights; None if they do not."""
-        return self.limit if self.speeds and self.speeds[-1] <= SMALLEST_BOUNCE * max(self.speeds) else None
+        few = not len(self.speeds) or self.speeds[-1] > SMALLEST_BOUNCE * self.speeds.max()
+        return None if few else self.limit
 
     @property
     def limit(self) -> float | None:
         """The time to which the last flights lead, each shorter than the one before by the same ratio; None if not."""
         if len(self.times) < FEWEST_FLIGHTS + 1:
             return None
-        a, b, c = self.times[-3:]
+        a, b, c = self.times[-3:].tolist()
         ratio = (c - b) / (b - a)
         return c + (c - b) * ratio / (1 - ratio) if ratio < 1 else None
-
-
-def flights(parts: Sequence[FloatArray]) -> list[tuple[float, int, int]]:
-    """Return (time, contact, number) of impacts in order, from the times (k,) of each contact."""
-    return sorted((t, i, k) for i, times in enumerate(parts) for k, t in enumerate(times.tolist()))

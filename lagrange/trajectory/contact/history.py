@@ -29,53 +29,51 @@ GAUSS_POINTS = 12
 MOST_HALVINGS, AGREEMENT = 8, 1e-13
 """Most halvings of the intervals, and the relative difference of two results that ends them."""
 
+TIME, LOST, FRICTION = 0, 2, 3
+"""Columns of impacts: the time, the energy that is lost, and the first friction impulse."""
+
 
 @dataclass(frozen=True, eq=False)
 class ContactHistory:
     """The segments of a run with contacts: their `begins` (s,) and modes.
 
-    Impacts take energy at `lost_times` (k,); `lost` (k + 1,) is the energy before each, and in all. `impacts` has
-    those of each contact in order, and `rests` the times at which impacts of a contact accumulate. A run from a file
-    has the energy `rubbed` (N,) that sliding has taken at its outputs; others compute it.
+    `impacts` has those of each contact in order, (k, 3 + slips): time, normal impulse, energy that it takes, friction
+    impulse. `rests` are the times at which impacts of a contact accumulate. A run from a file has the energy `rubbed`
+    (N,) that sliding has taken at its outputs; others compute it.
     """
 
     begins: FloatArray
     modes: tuple[Mode, ...]
-    lost_times: FloatArray
-    lost: FloatArray
-    impacts: tuple[tuple[Impact, ...], ...]
+    impacts: tuple[FloatArray, ...]
     rests: tuple[tuple[float, ...], ...]
     rubbed: FloatArray | None = None
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays of a file by name; `stored_history` reads them."""
-        arrays: dict[str, Any] = {name: getattr(self, name) for name in ("begins", "lost_times", "lost")}
+        arrays: dict[str, Any] = {"begins": self.begins}
         arrays["modes"] = np.array(json.dumps([astuple(mode) for mode in self.modes]))
         for i, (impacts, rests) in enumerate(zip(self.impacts, self.rests, strict=True)):
-            arrays[f"rests_{i}"] = np.array(rests)
-            arrays[f"impacts_{i}"] = np.array(
-                [(each.t, each.impulse, each.energy_lost, *each.friction_impulse) for each in impacts]
-            )
+            arrays[f"rests_{i}"], arrays[f"impacts_{i}"] = np.array(rests), impacts
         return arrays
+
+    def lost_at(self, times: FloatArray) -> FloatArray:
+        """Return the energy that impacts have taken up to some times (K,)."""
+        booked = np.concatenate([impacts[:, [TIME, LOST]] for impacts in self.impacts])
+        when, lost = booked[np.argsort(booked[:, 0], kind="stable")].T
+        begins = np.concatenate([self.begins[:1], when])
+        return np.cumsum(np.append(0.0, lost))[segment_numbers(begins, times, forward=True)]
 
 
 def stored_history(arrays: Mapping[str, Any], contacts: Sequence[Contact]) -> ContactHistory:
     """Return the history of some contacts from the arrays of a file. Raises StatementError where it is not theirs."""
     modes = tuple(_stored_mode(*fields) for fields in json.loads(str(arrays["modes"])))
+    impacts = tuple(np.asarray(arrays[f"impacts_{i}"]) for i in range(len(contacts)))
     known = {len(mode.states) == len(contacts) == len(mode.ways) for mode in modes}
-    if known != {True} or len(arrays["begins"]) != len(modes) or len(arrays["lost"]) != len(arrays["lost_times"]) + 1:
+    wide = [each.shape[1:] == (FRICTION + len(stated.slip),) for each, stated in zip(impacts, contacts, strict=True)]
+    if known != {True} or len(arrays["begins"]) != len(modes) or not all(wide):
         raise StatementError("its modes are not those of the contacts of its system.")
-    count = range(len(contacts))
-    impacts = tuple(
-        tuple(
-            Impact(t, impulse, tuple(friction), lost) for t, impulse, lost, *friction in arrays[f"impacts_{i}"].tolist()
-        )
-        for i in count
-    )
-    rests = tuple(tuple(arrays[f"rests_{i}"].tolist()) for i in count)
-    return ContactHistory(
-        arrays["begins"], modes, arrays["lost_times"], arrays["lost"], impacts, rests, arrays["rubbed"]
-    )
+    rests = tuple(tuple(arrays[f"rests_{i}"].tolist()) for i in range(len(contacts)))
+    return ContactHistory(arrays["begins"], modes, impacts, rests, arrays["rubbed"])
 
 
 def _stored_mode(states: Any, ways: Any, kept: Any, bouncing: Any, slowest: float) -> Mode:
@@ -161,8 +159,7 @@ class ContactRun:
 
     def lost_at(self, times: FloatArray) -> FloatArray:
         """Return the energy that impacts and friction have taken up to some times (K,)."""
-        begins = np.concatenate([self.history.begins[:1], self.history.lost_times])
-        return self.history.lost[segment_numbers(begins, times, forward=True)] + self._rubbed(times)
+        return self.history.lost_at(times) + self._rubbed(times)
 
     def _rubbed(self, times: FloatArray) -> FloatArray:
         """Return the energy (K,) that sliding friction takes up to some times: the integral of its power."""
@@ -232,10 +229,11 @@ class ContactResult:
         found = self._run.friction(self._which)
         return found[0] if len(found) == 1 else found
 
-    @property
+    @cached_property
     def impacts(self) -> tuple[Impact, ...]:
         """The impacts in order: `.t`, `.impulse`, `.friction_impulse`, `.energy_lost` of each."""
-        return self._run.history.impacts[self._which]
+        rows = self._run.history.impacts[self._which].tolist()
+        return tuple(Impact(t, impulse, tuple(friction), lost) for t, impulse, lost, *friction in rows)
 
     @property
     def rests(self) -> tuple[float, ...]:

@@ -12,13 +12,13 @@ import numpy as np
 from lagrange.algorithm.events.constants import CLOSEST
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.errors import StatementError, counted, listing
-from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces, WrittenImpacts, flights
+from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces, WrittenImpacts
 from lagrange.trajectory.contact.complementarity import OPEN, SLIDING
 from lagrange.trajectory.contact.friction import SHORT, WrittenFriction
-from lagrange.trajectory.contact.history import ContactHistory
+from lagrange.trajectory.contact.history import FRICTION, ContactHistory
 from lagrange.trajectory.contact.kinematics import TOUCHING, Kinematics
 from lagrange.trajectory.contact.modes import CONE, GAP, RELEASE, SLIP, Mode, PreparedMode, modes_of
-from lagrange.trajectory.contact.transition import Behind, Impact, Transitions, Undetermined
+from lagrange.trajectory.contact.transition import Behind, Transitions, Undetermined
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import message, number
 from lagrange.trajectory.parts import before_outputs_at_end, joined, last_state, point_of, rest_of, status_at_end
@@ -79,8 +79,7 @@ class _ContactRun:
         self.parts: list[Trajectory] = []
         self.kept: list[Mode] = []
         self.begins: list[float] = []
-        self.lost: list[tuple[float, float]] = []
-        self.impacts: list[list[Impact]] = [[] for _ in self.contacts]
+        self.impacts = [[np.empty((0, FRICTION + len(each.slip)))] for each in self.contacts]
         self.rests: list[list[float]] = [[] for _ in self.contacts]
         self.bounces = Bounces()
         self.frictions = not any(event.reset or event.settings for event in problem.events)
@@ -99,7 +98,7 @@ class _ContactRun:
             behind = self.transitions.behind(problem.t0, problem.y0, Mode((OPEN,) * n, (None,) * n))
         except Undetermined as refusal:
             raise StatementError(f"the motion cannot start there: {refusal}") from refusal
-        self._book(problem.t0, behind)
+        self._book(behind)
         segment = replace(problem, y0=behind.y)
         while True:
             mode = self._segment(segment, behind.mode)
@@ -236,28 +235,31 @@ class _ContactRun:
         found, users, end = self.found, len(self.problem.events), self.found.span[1]
         if found.status in FAILED:
             return False
-        times, states = found.t_events[users:], found.y_events[users:]
-        inner = [when[: len(when) - (len(when) > 0 and when[-1] == end)] for when in times]
-        order = [(i, k) for _, i, k in flights(inner)]
-        if not order:
+        events = zip(found.t_events[users:], found.y_events[users:], strict=True)
+        inner = [(when[when != end], states[when != end]) for when, states in events]
+        times, which = (
+            np.concatenate([when for when, _ in inner]),
+            np.repeat(range(len(inner)), [len(w) for w, _ in inner]),
+        )
+        order = np.lexsort((which, times))
+        times, which, before = times[order], which[order], np.concatenate([states for _, states in inner])[order].T
+        if not len(times):
             return True
-        at = np.array([inner[i][k] for i, k in order])
-        before = np.array([states[i][k] for i, k in order]).T
-        gaps, near = self.kinematics.gaps(at, before)
-        which = np.array([i for i, _ in order])
+        gaps, near = self.kinematics.gaps(times, before)
         gaps[which, np.arange(len(which))] = np.inf
         if (gaps <= near[:, None]).any():
             return False
-        numbers = np.asarray(written.kernel(at, before, self.kinematics.parameters))
-        numbers = numbers.reshape(len(self.contacts), 3, -1)
-        known = self.kinematics.restitutions
-        for k, (i, t) in enumerate(zip(which.tolist(), at.tolist(), strict=True)):
-            impulse, lost, speed = numbers[i, :, k].tolist()
-            if known[i] is None:
-                self.kinematics.restitution(i, speed)
-            self.impacts[i].append(Impact(t, impulse, (0.0,) * len(self.contacts[i].slip), lost))
-            self.lost.append((t, lost))
-            self.bounces.add(t, speed, frozenset([i]))
+        numbers = np.asarray(written.kernel(times, before, self.kinematics.parameters))
+        impulses, lost, speeds = numbers.reshape(len(self.contacts), 3, -1)[which, :, np.arange(len(which))].T
+        for i, restitution in enumerate(self.kinematics.restitutions):
+            mine = which == i
+            if restitution is None:
+                for speed in speeds[mine].tolist():
+                    self.kinematics.restitution(i, speed)
+            frictionless = np.zeros((int(mine.sum()), len(self.contacts[i].slip)))
+            self.impacts[i].append(np.column_stack([times[mine], impulses[mine], lost[mine], frictionless]))
+        single = [frozenset([i]) for i in range(len(inner))]
+        self.bounces.add(times, speeds, [single[i] for i in which.tolist()])
         return True
 
     def _fired(self) -> list[tuple[int, str]]:
@@ -311,7 +313,8 @@ class _ContactRun:
         self.freed = [i for i, state in enumerate(behind.mode.states) if state == SLIDING and state != mode.states[i]]
         self.freed += [i for i in ends["stopped"] if behind.mode.states[i] == SLIDING]
         if behind.impacts:
-            self.bounces.add(t, max(behind.speeds), frozenset(i for i, _ in behind.impacts))
+            contacts = frozenset(i for i, _ in behind.impacts)
+            self.bounces.add(np.array([t]), np.array([max(behind.speeds)]), [contacts])
         accumulated = bool(behind.impacts) and self.bounces.end is not None
         plastic = frozenset().union(*self.bounces.contacts[-FEWEST_FLIGHTS:]) if accumulated else frozenset()
         while behind.unseen - plastic or (accumulated and not plastic & set(behind.mode.closed)):
@@ -326,13 +329,13 @@ class _ContactRun:
                 self.rest_time = rest
             for i in settled:
                 self.rests[i].append(rest)
-        self._book(t, behind)
+        self._book(behind)
         return behind
 
-    def _book(self, t: float, behind: Behind) -> None:
+    def _book(self, behind: Behind) -> None:
         for i, impact in behind.impacts:
-            self.impacts[i].append(impact)
-            self.lost.append((t, impact.energy_lost))
+            row = [impact.t, impact.impulse, impact.energy_lost, *impact.friction_impulse]
+            self.impacts[i].append(np.array([row]))
 
     def _check_start(self) -> None:
         """Raise StatementError for a start inside a body."""
@@ -373,9 +376,7 @@ class _ContactRun:
         return ContactHistory(
             np.array(self.begins),
             tuple(self.kept),
-            np.array([when for when, _ in self.lost]),
-            np.cumsum([0.0, *(lost for _, lost in self.lost)]),
-            tuple(map(tuple, self.impacts)),
+            tuple(map(np.concatenate, self.impacts)),
             tuple(map(tuple, self.rests)),
         )
 
