@@ -383,6 +383,6 @@ class _ContactRun:
 
 def _ended(part: Trajectory, y: FloatArray) -> Trajectory:
     """Return a segment whose state at its end, if that is an output, is y (2n,)."""
-    if not len(part.t) or part.t[-1] != part.span[1]:
+    if not len(part.t) or part.t[-1] != part.span[1] or (part.y[:, -1] == y).all():
         return part
     return replace(part, y=np.column_stack([part.y[:, :-1], y]))
