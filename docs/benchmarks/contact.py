@@ -1,6 +1,6 @@
 """Contact: a ball that bounces to rest beside MuJoCo, bounces beside resets of events, and stick-slip on a belt.
 
-pip install mujoco && python docs/benchmarks/contact.py
+python docs/benchmarks/contact.py    (with the package mujoco)
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
-from measure import Page, best, microseconds, milliseconds, shown, verdict
+from measure import FOLDER, Page, best, microseconds, milliseconds, shown, verdict
 
 import lagrange as lg
 
@@ -17,6 +17,7 @@ REST_BAR, BOUNCE_BAR, CHANGE_BAR = 0.1, 1.0, 1e-5
 STEPS, UNDAMPED, DAMPED = (2e-3, 1e-3, 1e-4), "-100000 0", "-100000 -45"
 """Steps of MuJoCo in seconds, and the stiffness and damping of its contacts; ours has a restitution of 0.8."""
 
+SCENES = FOLDER.parents[1] / "examples" / "contact"
 G, SECONDS, BOUNCES, BELT = 9.81, 10.0, 20_000.0, 20_000.0
 
 
@@ -61,10 +62,17 @@ def apex(step: float) -> float:
     return float(max(heights[int(np.argmin(heights)) :]))
 
 
+def changes_of(run: lg.Solution) -> int:
+    """Return the number of modes of a run."""
+    history = run.trajectory.contacts
+    return 0 if history is None else len(history.begins)
+
+
 def main() -> None:
     """Write the tables."""
     page = Page("Contact", __file__)
     resting, elastic, (free, floor), moved = ball(0.8), ball(1.0), reset_ball(), belt()
+    box = lg.System.from_scene(SCENES / "box-on-corner.toml")
     page.table(("MuJoCo's step, s", "first apex of 1 m, m"), [(f"{step:g}", f"{apex(step):.4f}") for step in STEPS])
     model, data = rival(STEPS[-1], DAMPED)
 
@@ -79,12 +87,12 @@ def main() -> None:
             "contact": lambda: elastic.run(BOUNCES),
             "event": lambda: free.run(BOUNCES, events=[floor]),
             "belt": lambda: moved.run(BELT),
+            "box": box.run,
         },
         rounds=7,
     )
     bounces = len(elastic.run(BOUNCES).contacts["floor"].impacts)
-    history = moved.run(BELT).trajectory.contacts
-    changes = 0 if history is None else len(history.begins)
+    changes, others = changes_of(moved.run(BELT)), changes_of(box.run())
     rest, bounce, change = t["rest"] / t["MuJoCo"], t["contact"] / t["event"], t["belt"] / changes
     rows = [
         ("ball to rest, 10 s, ms", milliseconds(t["rest"]), milliseconds(t["MuJoCo"]), rest, REST_BAR),
@@ -96,7 +104,8 @@ def main() -> None:
     )
     page.text(
         f"Stick-slip on a belt: {changes} changes at {microseconds(change)} us each; at most "
-        f"{microseconds(CHANGE_BAR)}: {verdict(change, CHANGE_BAR)}."
+        f"{microseconds(CHANGE_BAR)}: {verdict(change, CHANGE_BAR)}. A box on its corner: {others} changes at "
+        f"{microseconds(t['box'] / others)} us each."
     )
     page.write()
 
