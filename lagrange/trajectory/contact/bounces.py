@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import sympy
+from numpy.typing import NDArray
 
 from lagrange.machine.backend import Kernel
 from lagrange.machine.model import Model
@@ -152,3 +153,12 @@ class Bounces:
         a, b, c = self.times[-3:].tolist()
         ratio = (c - b) / (b - a)
         return c + (c - b) * ratio / (1 - ratio) if ratio < 1 else None
+
+
+def in_order(
+    times: Sequence[FloatArray], states: Sequence[FloatArray]
+) -> tuple[FloatArray, NDArray[np.intp], FloatArray]:
+    """Return the times (N,) of some events in order, their numbers (N,), and the states (N, 2n) there."""
+    when, which = np.concatenate(times), np.repeat(np.arange(len(times)), list(map(len, times)))
+    order = np.lexsort((which, when))
+    return when[order], which[order], np.concatenate(states)[order]

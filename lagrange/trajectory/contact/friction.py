@@ -22,7 +22,7 @@ from lagrange.statement.contact import Contact
 from lagrange.statement.coordinate import coordinate_of, velocity_of
 from lagrange.statement.coordinate import t as time
 from lagrange.statement.event import Event
-from lagrange.trajectory.contact.bounces import coupling, partial_rate, response_of
+from lagrange.trajectory.contact.bounces import coupling, in_order, partial_rate, response_of
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.trajectory import FloatArray, Trajectory
 
@@ -66,10 +66,8 @@ class WrittenFriction:
     def ways(self, part: Trajectory, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the times (k,) at which a run changes, the states before (k, 2n + 2), and the ways after (k,)."""
         place, row = -len(self.events), self.model.dimension - 1
-        times = np.concatenate(part.t_events[place:])
-        order = np.argsort(times, kind="stable")
-        states = np.concatenate(part.y_events[place:])[order]
-        return times[order], states, np.append(states[:, row], last[row])[1:]
+        times, _, states = in_order(part.t_events[place:], part.y_events[place:])
+        return times, states, np.append(states[:, row], last[row])[1:]
 
 
 @dataclass(frozen=True)

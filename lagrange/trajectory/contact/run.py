@@ -12,7 +12,7 @@ import numpy as np
 from lagrange.algorithm.events.constants import CLOSEST
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.errors import StatementError, counted, listing
-from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces, WrittenImpacts
+from lagrange.trajectory.contact.bounces import FEWEST_FLIGHTS, Bounces, WrittenImpacts, in_order
 from lagrange.trajectory.contact.complementarity import OPEN, SLIDING
 from lagrange.trajectory.contact.friction import SHORT, WrittenFriction
 from lagrange.trajectory.contact.history import FRICTION, ContactHistory
@@ -235,16 +235,11 @@ class _ContactRun:
         found, users, end = self.found, len(self.problem.events), self.found.span[1]
         if found.status in FAILED:
             return False
-        events = zip(found.t_events[users:], found.y_events[users:], strict=True)
-        inner = [(when[when != end], states[when != end]) for when, states in events]
-        times, which = (
-            np.concatenate([when for when, _ in inner]),
-            np.repeat(range(len(inner)), [len(w) for w, _ in inner]),
-        )
-        order = np.lexsort((which, times))
-        times, which, before = times[order], which[order], np.concatenate([states for _, states in inner])[order].T
-        if not len(times):
+        times, which, before = in_order(found.t_events[users:], found.y_events[users:])
+        inner = np.searchsorted(times, end)
+        if not inner:
             return True
+        times, which, before = times[:inner], which[:inner], before[:inner].T
         gaps, near = self.kinematics.gaps(times, before)
         gaps[which, np.arange(len(which))] = np.inf
         if (gaps <= near[:, None]).any():
@@ -258,7 +253,7 @@ class _ContactRun:
                     self.kinematics.restitution(i, speed)
             frictionless = np.zeros((int(mine.sum()), len(self.contacts[i].slip)))
             self.impacts[i].append(np.column_stack([times[mine], impulses[mine], lost[mine], frictionless]))
-        single = [frozenset([i]) for i in range(len(inner))]
+        single = [frozenset([i]) for i in range(len(self.contacts))]
         self.bounces.add(times, speeds, [single[i] for i in which.tolist()])
         return True
 
