@@ -74,6 +74,14 @@ def test_a_run_that_stops_at_a_limit_keeps_its_energy(steps: int) -> None:
     assert np.ptp(run.energy + run.energy_lost) < 1e-11 * np.abs(run.energy).max()
 
 
+def test_a_limit_inside_the_loop_is_told_in_coordinates_of_the_system() -> None:
+    run = random_slider(1).run(8.0, max_steps=5)
+    assert run.status is lg.Status.MAX_STEPS
+    assert (
+        run.steps == 5 and "used up max_steps = 5 at t =" in run.message and "way" not in run.message.split("where")[1]
+    )
+
+
 def random_slider(seed: int) -> lg.System:
     """Return a block or a ball on a tilted belt that shakes, with a spring and a driving force, all at random."""
     rng = np.random.default_rng(seed)

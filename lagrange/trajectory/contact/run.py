@@ -190,10 +190,17 @@ class _ContactRun:
                 continue
             self._locate_end(chosen)
             part = replace(self.found, t_events=self.found.t_events[:users], y_events=self.found.y_events[:users])
+        if friction is not None and not part.status.complete:
+            part = self._told(part)
         self._keep(segment.t0, mode, self._verified(part))
         self.begins += [t for t, _ in changes]
         self.kept += [following for _, following in changes]
         return self.kept[-1]
+
+    def _told(self, part: Trajectory) -> Trajectory:
+        """Return a segment that reached a limit with a message on the coordinates of the system alone."""
+        at_end = part.status, self.problem, part.span[1], last_state(part)
+        return replace(part, message=message(*at_end, part.method, rtol=part.rtol))
 
     def _verified(self, part: Trajectory) -> Trajectory:
         """Return a segment, with the status UNRELIABLE if bodies overlap in it: an impact was missed."""
