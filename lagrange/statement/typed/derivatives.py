@@ -122,6 +122,10 @@ _Rate = tuple[int, list[Token], int]
 
 def _quotient(tokens: Sequence[Token], i: int) -> _Rate | None:
     """Return the derivative d^n x / dt^n that begins at index i, or None."""
+    if tokens[i].is_sign("(") and i + 1 < len(tokens):  # (d^2/dt^2) x
+        rate = _quotient(tokens, i + 1)
+        ends = rate is not None and not rate[1] and tokens[rate[2] : rate[2] + 1]
+        return (rate[0], [], rate[2] + 1) if rate and ends and ends[0].is_sign(")") else None
     top = _top(tokens, i, len(tokens))
     if top is None or top[2] >= len(tokens) or not tokens[top[2]].is_sign("/"):
         return None

@@ -57,9 +57,13 @@ LINE_BREAK = re.compile(r"\\\\(?:\[[^\]\n]*\])?|\$\s+\$|\\\]\s*\\\[|\\\)\s*\\\("
 """A new line of LaTeX, or the end of one formula and the beginning of the next."""
 
 FRAME = re.compile(
-    r"\\(?:begin|end|label|tag)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\[\[\]()]|\\item\b|\$+|(?<=[\s&])\{\s*\}"
+    r"\\(?:begin|end|label|tag|[hv]space|color)\*?\{[^{}\n]*\}(?:\{[^{}\n]*\})?|\\[\[\]()]|\\item\b|\$+"
+    r"|(?<=[\s&])\{\s*\}|\\left\s*\\\{(?=\s*\\begin)|\\right\s*\."
 )
 """Marks around formulas: environments, labels, dollar signs, and an empty group before a sign."""
+
+FRAMED = re.compile(r"\\(?:boxed|fbox|underline|textcolor\{[^{}\n]*\})[ \t]*\{|(?<![A-Za-z0-9_])Eq\(")
+"""The begin of a frame around an equation, up to its bracket."""
 
 PROSE = re.compile(r"(?<![_{])\\(?:text|mbox|textrm|textit|intertext)\s*\{([^{}\n]*)\}")
 """A group of words outside of subscripts."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 
-from lagrange.statement.typed.latex import FRAME, LINE_BREAK, OPERATOR, PROSE
+from lagrange.statement.typed.latex import FRAME, FRAMED, LINE_BREAK, OPERATOR, PROSE
 
 _COMMENT = re.compile(r"(?:(?<!\\)[#%]|(?<=\s)//)[^\n]*")
 _LABEL = re.compile(
@@ -38,7 +38,7 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
     it is back at the indentation of an equation whose further lines are indented.
     """
     blanked = _blank(_COMMENT, text)
-    blanked = LINE_BREAK.sub(lambda match: "\n" + _spaces(match.group()[1:]), blanked)
+    blanked = _unframed(LINE_BREAK.sub(lambda match: "\n" + _spaces(match.group()[1:]), blanked))
     blanked = PROSE.sub(lambda match: match.group(1).center(len(match.group())), blanked)
     framed = blanked.split("\n")
     blanked = _blank(FRAME, blanked)
@@ -59,6 +59,28 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
             spans.append((begin, end))
     clean = "\n".join(lines)
     return clean, [part for span in spans for part in _separated(clean, *span)]
+
+
+def _unframed(text: str) -> str:
+    r"""Return a text with blanks for frames: \boxed{...}, and brackets around all equations.
+
+    Eq(a, b) becomes a = b.
+    """
+    frames = {match.end() - 1: match.start() for match in FRAMED.finditer(text)}
+    first, last = len(text) - len(text.lstrip()), len(text.rstrip()) - 1
+    frames |= {first: first} if text[first : first + 1] in ("{", "[") else {}
+    marks, opened = list(text), list[int]()
+    for i, mark in enumerate(text if frames else ""):
+        if mark in _OPEN:
+            opened.append(i)
+        elif mark == "," and opened and text.startswith("Eq", frames.get(opened[-1], i)):
+            marks[i] = "="
+        elif mark in _CLOSE and opened:
+            begin = opened.pop()
+            start = frames.get(begin, i)
+            if start < begin or (start == first and i == last and "=" in marks):
+                marks[start : begin + 1], marks[i] = _spaces(text[start : begin + 1]), " "
+    return "".join(marks)
 
 
 def _without_bullets(lines: Sequence[str]) -> list[str]:

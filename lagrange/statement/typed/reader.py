@@ -231,7 +231,8 @@ class TypedReader:
         match = _ABBREVIATION.match(text, clause.begin, clause.end)
         if match is None or self._reads(match.group(1)):
             return {}
-        if not re.search(rf"\b{match.group(1)}\b", text[: clause.begin] + text[clause.end :]):
+        name = rf"(?<![A-Za-z0-9_]){match.group(1)}(?![A-Za-z0-9_])"
+        if not re.search(name, text[: clause.begin] + text[clause.end :]):
             return {}
         try:
             (readings,) = self._readings(text, match.end(), clause.end)

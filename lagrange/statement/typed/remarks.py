@@ -185,7 +185,7 @@ class Line:
         """Return True if brackets at the end of a part contain words, or one word of more than three letters."""
         inside = [word for word in self.words if word.begin >= begin]
         spaced = self.text[begin - 1 : begin].isspace()
-        alone = len(inside) == 1 and inside[0].end - inside[0].begin > 3
+        alone = len(inside) == 1 and (inside[0].end - inside[0].begin > 3 or self._links(inside[0]))
         plain = not re.search(r"[-+*/^=]", self.text[begin : self.end])
         strange = len(inside) > 1 and all(self._is_word(word) for word in inside)
         return spaced and (self._has_sentence(begin) or (alone and plain) or strange)

@@ -22,7 +22,7 @@ from lagrange.statement.typed.latex import (
 DOTS = {"\N{COMBINING DOT ABOVE}": 1, "\N{COMBINING DIAERESIS}": 2}
 """Combining marks above a letter, and the order of the time derivative that each means."""
 
-PRIMES = {"'": 1, "’": 1, "‘": 1, "′": 1, "´": 1, "`": 1, '"': 2, "″": 2, "”": 2, "“": 2}
+PRIMES = {**dict.fromkeys("'’‘′´`˙", 1), **dict.fromkeys('"″”“¨', 2)}
 """Marks after a letter that mean derivatives, and their order."""
 
 SIGNS = {
