@@ -25,6 +25,9 @@ LARGEST_MULTIPLE = 20
 MOST_TERMS = 2_000
 """Largest number of terms of an expanded sum in which a wrong term is searched."""
 
+MOST_PAIRS = 10_000
+"""Largest number of pairs of a typed and a right term that are compared; each takes 10 us."""
+
 LARGEST_POWER = 4
 """Largest power of a sum that is multiplied out."""
 
@@ -130,19 +133,21 @@ def _one_term(
 
     `off` has the values of typed minus right coefficient.
     """
-    for term in wanted:
-        factor = ratio_of(off, numbers(term))
+    typed, right = ([(term, numbers(term)) for term in terms] for terms in (there, wanted))
+    for term, value in right:
+        factor = ratio_of(off, value)
         if factor == -1:
             return Difference(MISSING, sympy.S.Zero, term)
         if factor is not None:
             return Difference(SCALED, _times(factor + 1, term), term, factor + 1)
-    for term in there:
-        if ratio_of(off, numbers(term)) == 1:
+    for term, value in typed:
+        if ratio_of(off, value) == 1:
             return Difference(EXTRA, term, sympy.S.Zero)
-    for term in there:
-        for other in wanted:
-            if term != other and ratio_of(off, numbers(term - other)) == 1:
-                return Difference(WRONG, term, other)
+    for (term, value), (other, expected) in islice(every_choice(typed, right), MOST_PAIRS):
+        if term == other or off is None or value is None or expected is None:
+            continue
+        if same(off, [a - b for a, b in zip(value, expected, strict=True)]):
+            return Difference(WRONG, term, other)
     return None
 
 
@@ -189,8 +194,13 @@ def _opened(expression: Any) -> tuple[Any, ...]:
 
 
 def _expanded(expression: Any) -> tuple[Any, ...]:
-    """Return the terms of an expression after full expansion, powers and denominators included."""
-    terms: tuple[Any, ...] = sympy.Add.make_args(sympy.expand(_without_sums(expression)))
+    """Return the terms of an expression after full expansion, powers and denominators included.
+
+    An expression with a large power of a sum is its only term.
+    """
+    powers = (power for power in expression.atoms(sympy.Pow) if power.base.is_Add)
+    large = any(power.exp.is_Integer and abs(power.exp) > LARGEST_POWER for power in powers)
+    terms: tuple[Any, ...] = sympy.Add.make_args(expression if large else sympy.expand(_without_sums(expression)))
     return terms
 
 

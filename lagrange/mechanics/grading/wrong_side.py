@@ -52,7 +52,7 @@ def _wrong_denominator(row: EquationRow, derivation: Derivation, samples: Sequen
             continue
         expected = sympy.Add(*summands(quotient * denominator))
         same = quotient in (1, -1) and (typed.is_Add or above.is_Add)
-        if expected == -typed:
+        if sympy.expand(expected + typed) == 0:
             continue  # the right side has the wrong sign
         if not same and not set(summands(typed)) & set(sympy.Add.make_args(expected)):
             continue

@@ -213,7 +213,7 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
         if meant is None or meant.differing_terms > NEAR * meant.agreeing:
             others += _candidates(given, _solved_rows(derivation))
         nearest = [match for match in (meant, _nearest(given, others)) if match is not None]
-        meant = min(nearest, key=lambda match: _rank(match)[:3], default=None)
+        meant = min(nearest, key=lambda match: match.rank[:3], default=None)
     if meant is None or not meant.agreeing:
         return WrongTerm(f"{label} does not hold, and no term of it is that of an equation of motion.")
     product, difference = meant.finding()
@@ -360,10 +360,20 @@ Candidate = tuple[str, _Sorted, _Factor]
 
 
 def _nearest(given: _Sorted, candidates: Iterable[Candidate]) -> _Meant | None:
-    """Return the candidate with the fewest differences from an equation, or None if there are no candidates."""
-    return min(
-        (_Meant(name, given, expected, factor) for name, expected, factor in candidates), key=_rank, default=None
-    )
+    """Return the candidate with the fewest differences from an equation, or None if there are no candidates.
+
+    A rank begins with at least the number of differing products. Candidates with more than the best one are not ranked.
+    """
+    best: _Meant | None = None
+    every = (_Meant(name, given, expected, factor) for name, expected, factor in candidates)
+    for meant in sorted(every, key=lambda meant: len(meant.differing)):
+        if best is None:
+            best = meant
+        elif len(meant.differing) > best.rank[0]:
+            break
+        elif meant.differing_terms <= best.rank[0] and meant.rank < best.rank:
+            best = meant
+    return best
 
 
 def _candidates(given: _Sorted, rows: Sequence[tuple[str, Any]]) -> Iterator[Candidate]:
@@ -460,11 +470,25 @@ class _Meant:
         self.name, self.expected, self.given, self.factor = name, expected, given, factor
         products = list(dict.fromkeys([*expected.coefficients, *given.coefficients]))
         self.differing = [product for product in products if not self._agrees(product)]
-        agreeing = [product for product in products if product not in self.differing]
-        self.agreeing = len(agreeing)
-        self.agreeing_terms = sum(len(given.terms.get(product, [])) for product in agreeing)
-        self.agreeing_terms += sum(map(self._agreeing_terms, self.differing))
-        self.differing_terms = sum(map(self._terms, self.differing))
+        self.agreeing = len(products) - len(self.differing)
+
+    @cached_property
+    def differing_terms(self) -> int:
+        """Number of terms that differ from the expected ones."""
+        return sum(map(self._terms, self.differing))
+
+    @cached_property
+    def rank(self) -> tuple[Any, ...]:
+        """Sort key: fewest differing terms, a factor of 1 or -1, most agreeing terms, the simplest factor."""
+        constant, given = self.factor.constant, self.given
+        simple = (1, -1).index(int(constant)) if constant in (1, -1) else 2
+        accelerates = 0 if self.factor.product in _leading(given.samples[0], given.statement) else 1
+        doubts = BENT * self.bent
+        for unknown in given.solved.intersection(self.differing):
+            doubts += SOLVED if given.coefficients[unknown] == 1 else BENT
+        agreeing = sum(len(terms) for product, terms in given.terms.items() if product not in self.differing)
+        agreeing += sum(map(self._agreeing_terms, self.differing))
+        return self.differing_terms + doubts, simple, -agreeing, constant is None, accelerates, self.length
 
     @property
     def bent(self) -> bool:
@@ -569,18 +593,6 @@ class _Meant:
         wanted = self.multiple * self.expected.coefficients.get(product, sympy.S.Zero)
         wanted = wanted if self.factor.constant is not None else simplest(wanted)
         return difference_of(there, wanted, self.given.numbers)
-
-
-def _rank(meant: _Meant) -> tuple[Any, ...]:
-    """Sort key of candidates: fewest differing terms, a factor of 1 or -1, most agreeing terms, the simplest factor."""
-    constant = meant.factor.constant
-    simple = (1, -1).index(int(constant)) if constant in (1, -1) else 2
-    leading = _leading(meant.given.samples[0], meant.given.statement)
-    accelerates = 0 if meant.factor.product in leading else 1
-    doubts = BENT * meant.bent
-    for unknown in meant.given.solved.intersection(meant.differing):
-        doubts += SOLVED if meant.given.coefficients[unknown] == 1 else BENT
-    return meant.differing_terms + doubts, simple, -meant.agreeing_terms, constant is None, accelerates, meant.length
 
 
 def _rational(value: Fraction) -> Any:
