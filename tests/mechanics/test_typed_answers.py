@@ -9,7 +9,7 @@ import pytest
 import sympy as sp
 
 import lagrange as lg
-from lagrange.mechanics.grading import wrong_term
+from lagrange.mechanics.grading import term_difference, wrong_term
 from lagrange.mechanics.grading.student_equations import read_equations
 from lagrange.show.derivation_page import NO_HEADING, PAGES
 from lagrange.show.notation.sections import sections
@@ -76,6 +76,9 @@ NAMED = {
     "(m1 + m2 + I/R^2) x'' - m1 g = m2 g": "on the right side the term m2*g has the wrong sign: it is m2*g, and",
     "x'' = -(m1 - m2) g/(m1 + m2 + I/R^2)": "has the wrong sign: it is ",
     "(m1 + m2) x'' = (m1 - m2) g": "the term I*x_ddot/R**2 is missing.",
+    "(m1 + m2 + I/R^2) x'' = (m2 - m1) g": "it is (m2 - m1)*g, and should be (m1 - m2)*g.",
+    "(m1 + m2 + I/R^2) x'' = -(m1 - m2) g": "it is -(m1 - m2)*g, and should be (m1 - m2)*g.",
+    "x'' = (m2 - m1) g R^2/((m1 + m2) R^2 + I)": "the right side has the wrong sign",
 }
 """Wrong equations of two masses on a pulley with inertia, and what is said of each: form and signs as typed."""
 
@@ -242,6 +245,11 @@ def cart() -> lg.System:
     return lg.System(M * x.dot**2 / 2 + lg.kinetic_energy(m, bob), lg.gravity(m, bob, g))
 
 
+def driven() -> lg.System:
+    theta, (m, l, g, A, gamma) = lg.coordinate("theta"), lg.parameters("m l g A gamma")
+    return lg.System(m * l**2 * theta.dot**2 / 2, -m * l * (g + A * sp.sin(theta - gamma * lg.t)) * sp.cos(theta))
+
+
 def strung() -> lg.System:
     x, y = lg.coordinates("x y")
     m1, m2, g, L = lg.parameters("m1 m2 g L")
@@ -295,6 +303,9 @@ LARGER: list[tuple[Callable[[], lg.System], str, str]] = [
     (wedge, "s'' = (m + M) g sin a/(m + M sin(a)^2)", "the denominator M*sin(a)**2 + m is wrong: it should be M + m*"),
     (wedge, "m (X'' + s'') = m g sin a", "the term m*X_ddot is wrong: it should be m*X_ddot*cos(a)."),
     (strung, "m1 x'' + m2 y'' = m1 g - m2 g + 2 T", "the term -m2*g has the wrong sign: it is -m2*g, and should be"),
+    (driven, "l theta'' = 3 A cos(theta - gamma t)^2", "the term 3*A*cos(theta - gamma*t)**2"),
+    (driven, "l theta'' = 3 A sin(theta - gamma t)", "the term 3*A*sin(theta - gamma*t)"),
+    (driven, "l theta'' = 3 A sin(gamma t - theta)", "the term 3*A*sin(gamma*t - theta)"),
     (oscillator, "m x'' + c x + k x = m g + F cos(w t)", "the term c*x is wrong: it should be c*x_dot."),
     (oscillator, "m x'' + c x' + 2 k x = m g + F cos(w t)", "2 times what it should be, k*x."),
     (orbit, "(m - M) g + (m + M) r'' = m r phi'^2", "the term (m - M)*g is wrong"),
@@ -348,3 +359,19 @@ def test_a_factor_of_a_high_power_is_not_factored() -> None:
     """Factors of x**729 + 1 take SymPy some 20 seconds."""
     result = oscillator().compare("m x'' + c x' + x^9^9^9kx = m g + F cos(w t)")
     assert "the term k*x**730 is wrong: it should be k*x." in result.message
+
+
+def test_a_high_power_of_a_sum_is_not_expanded() -> None:
+    """The thousand terms of (x + g)**999, each evaluated alone, take two seconds."""
+    power = (sp.Symbol("x") + sp.Symbol("g")) ** 999
+    assert term_difference._expanded(power) == (power,)
+
+
+def test_candidates_with_more_differences_are_not_ranked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The factor of a candidate is simplified for its rank, which takes most of the time for a chain of pendulums."""
+    ranked = []
+    rank = wrong_term._Meant.rank.func
+    monkeypatch.setattr(wrong_term._Meant, "rank", property(lambda meant: ranked.append(meant) or rank(meant)))
+    result = cart().compare("(M + m) x'' + m l theta'' cos theta + m l theta'^2 sin theta = 0")
+    assert "the term m*l*theta_dot**2*sin(theta) has the wrong sign" in result.message
+    assert {len(meant.differing) for meant in ranked} == {1}

@@ -21,6 +21,7 @@ OTHERS = LETTERS.index("")
 CLASS_OF = {letter: place for place, letters in enumerate(LETTERS) for letter in letters.split()}
 PARAMETER, MULTIPLIER, POSITION, VELOCITY, ACCELERATION, FUNCTION = range(6)
 GRAVITY = (PARAMETER, LETTERS.index("g"))
+MASS = (PARAMETER, LETTERS.index("m M mu"))
 LAST = (POSITION, 0, 1_000_000)
 """Rank of time and of symbols that are not in the statement: after the coordinates."""
 
@@ -42,6 +43,8 @@ class BookOrder:
             self.rank[one.multiplier] = (MULTIPLIER, 0, place)
         for place, symbol in enumerate(plain):
             self.rank[symbol] = (POSITION + place % 3, 0, place // 3)
+        self.typed: frozenset[Any] = frozenset()
+        """Sums and products of an answer, whose signs are kept, too."""
         self._statement = statement
         self._factors: dict[Any, Key] = {}
 
@@ -155,13 +158,17 @@ class BookOrder:
         """Return True if a term is written with a minus sign; a sum that is a factor may be written as its negative."""
         sums = [factor for factor in Mul.make_args(term) if factor.is_Add] if term.is_Mul else []
         negative = _negative(term) != (sum(map(self.turned, sums)) % 2 == 1)
-        return negative and not any(map(self.reversible, sums))
+        return negative and not any(self.reversible(-total if self.turned(total) else total, term) for total in sums)
 
-    def reversible(self, total: Any) -> bool:
-        """Return True for a difference of constants that is not in the statement: -(m1 - m2) becomes m2 - m1."""
+    def reversible(self, total: Any, term: Any) -> bool:
+        """Return True for a difference of masses, or of constants that is not stated, in a term that was not typed.
+
+        A term -(m1 - m2)*g then becomes (m2 - m1)*g. A stated difference of lengths is usually positive: -(R - r).
+        """
         if not total.is_Add or len(total.args) != 2 or sum(map(_negative, total.args)) != 1 or self.moves(total):
             return False
-        return total not in self.sums and -total not in self.sums
+        masses = all(rank[:2] == MASS for rank in self.symbols(total))
+        return (masses or total not in self.sums) and term not in self.typed
 
     def turned(self, total: Any) -> bool:
         """Return True if a sum in parentheses is better written as its negative.
@@ -172,11 +179,32 @@ class BookOrder:
         negative = sum(map(_negative, total.args))
         if negative == len(total.args):
             return True
-        if (total in self.sums) != (-total in self.sums):
-            return total not in self.sums
+        preferred = self._preferred(total)
+        if preferred is not None:
+            return bool(preferred != total)
         if 2 * negative != len(total.args):
             return 2 * negative > len(total.args)
         return _negative(min(total.args, key=self.term))
+
+    def oriented(self, factor: Any) -> tuple[int, Any]:
+        """Return a sign and a factor, whose product is a factor of a term, with the signs of textbooks.
+
+        SymPy turns cos(a - b) and sin(a - b) to cos(b - a) and -sin(b - a). If only a - b was typed, this undoes it.
+        """
+        if factor.is_Add:
+            return (-1, -factor) if self.turned(factor) else (1, factor)
+        argument = factor.args[0] if factor.is_Function else factor
+        if not argument.is_Add or self._preferred(argument) in (None, argument):
+            return 1, factor
+        sign = {factor: 1, -factor: -1}.get(factor.func(-argument, *factor.args[1:]))
+        return (1, factor) if sign is None else (sign, factor.func(-argument, evaluate=False))
+
+    def _preferred(self, total: Any) -> Any:
+        """Return a sum, or its negative, whichever alone was typed or else stated; None if neither."""
+        for known in (self.typed, self.sums):
+            if (total in known) != (-total in known):
+                return total if total in known else -total
+        return None
 
 
 def given_function(node: Any) -> str:

@@ -102,14 +102,15 @@ class Typesetter:
         below: list[Any] = []
         for factor in sorted(factors, key=self.order.factor):
             base, exponent = _base_and_exponent(factor)
-            if base.is_Add and exponent.is_Integer and self.order.turned(base):
-                base, number = -base, -number if exponent.is_odd else number
+            if exponent.is_Integer:
+                sign, base = self.order.oriented(base)
+                number *= sign**exponent
             if base != 1:
                 side, power = (below, -exponent) if exponent.is_negative else (above, exponent)
                 side.append((base, power))
-        place = next((i for i, (base, power) in enumerate(above) if power == 1 and self.order.reversible(base)), None)
-        if number.is_negative and place is not None:
-            above[place], number = (-above[place][0], sympy.S.One), -number
+        for place, (base, power) in enumerate(above):
+            if number.is_negative and power == 1 and self.order.reversible(base, node):
+                above[place], number = (-base, power), -number
         return bool(number.is_negative), above, below, abs(number)
 
     def under_one_root(self, product: Any) -> tuple[Any, list[Any]]:
