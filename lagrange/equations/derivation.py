@@ -20,6 +20,8 @@ from sympy import (
     Piecewise,
     expand,
     factor_terms,
+    fraction,
+    preorder_traversal,
     sign,
 )
 
@@ -291,8 +293,18 @@ class Derivation:
 
 def _shorter(collected: Any, stated: Any) -> Any:
     """Return the form with fewer operations, with fewer terms if these are equal, else the collected form."""
-    first, second = ((form.count_ops(), len(Add.make_args(form))) for form in (collected, stated))
-    return stated if second < first else collected
+    return stated if _length(stated) < _length(collected) else collected
+
+
+def _length(form: Any) -> tuple[int, int]:
+    """Return the number of operations and that of terms. A common denominator counts once more for each term it is in.
+
+    So I/R**2 + m is shorter than (I + m*R**2)/R**2.
+    """
+    nodes = [*preorder_traversal(form)]
+    below = [node.base for node in nodes if node.is_Pow and node.base.is_Symbol and node.exp.is_negative]
+    terms = [fraction(term)[0] for node in nodes if node.is_Add for term in node.args] if below else []
+    return int(form.count_ops()) + sum(term.has(*below) for term in terms), len(Add.make_args(form))
 
 
 def _by_terms(expression: Any) -> Any:

@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
+from itertools import groupby
 from typing import Any, ClassVar
 
 from lagrange.equations.derivation import Derivation
@@ -29,7 +30,7 @@ COMPACT = (
     "\\abovedisplayshortskip=\\abovedisplayskip \\belowdisplayshortskip=\\abovedisplayskip}",
     "\\makeatletter",
     "\\renewcommand{\\@maketitle}{\\begin{center}{\\Large\\@title\\par}\\@author\\par\\@date\\end{center}}",
-    "\\renewcommand{\\section}{\\@startsection{section}{1}{0pt}{1.2ex plus 1ex}{-1em}{\\normalfont\\large\\bfseries}}",
+    "\\renewcommand{\\section}{\\@startsection{section}{1}{0pt}{0.7ex plus 1ex}{-1em}{\\normalfont\\large\\bfseries}}",
     "\\makeatother",
 )
 """LaTeX for little space around the title, headings and formulas: derivations of three coordinates fill one page.
@@ -56,8 +57,8 @@ NO_HEADING = Heading()
 LEFT_OUT = {"full": (), "short": ("Positions and velocities", "Coordinate", "Matrix form", "Energy", "Jacobi integral")}
 """Sections that are left out at each level of detail."""
 
-BESIDE = ("Positions and velocities", "Coordinate", "Matrix form")
-"""Sections whose short formulas are printed side by side in LaTeX."""
+ALONE = "Equations of motion"
+"""Section whose formulas are each printed on a line of their own in LaTeX; others have short ones side by side."""
 
 
 def render(
@@ -176,7 +177,7 @@ class LatexPage(Page):
             "\\documentclass[a4paper]{article}",
             "\\usepackage[T1]{fontenc}",
             "\\usepackage{amsmath}",
-            "\\usepackage[margin=2cm, vmargin=1.6cm, footskip=7mm]{geometry}",
+            "\\usepackage[margin=2cm, vmargin=1.3cm, footskip=6mm]{geometry}",
             "\\allowdisplaybreaks",
             "\\raggedbottom",
             "\\setlength{\\parindent}{0pt}",
@@ -191,17 +192,19 @@ class LatexPage(Page):
             lines += ["", f"\\noindent\\textbf{{Problem.}} {latex_text(self.above.problem)}\\par"]
         for section in sections:
             lines += ["", f"\\section*{{{self.heading(section, latex_text, '${}$')}}}"]
-            lines += self.steps(section.rows) if section.heading in BESIDE else map(self.row, section.rows)
+            lines += map(self.row, section.rows) if section.heading == ALONE else self.rows(section.rows)
         # A formula at the begin of a paragraph has a blank line before it.
         text = re.sub(r"\\par\n(?=\\(?:\[|begin))", "\n", "\n".join(lines))
         return text + "\n\n\\end{document}\n"
 
-    def steps(self, rows: Sequence[Formula | str]) -> Iterator[str]:
-        """Yield the steps of a derivation, short ones side by side."""
-        for group in self.lines.beside([row for row in rows if isinstance(row, Formula)]):
-            beside = ", \\qquad ".join(map(self.formula, group))
-            yield self.row(group[0]) if len(group) == 1 else f"\\[ {beside} \\]"
-        yield from (self.row(row) for row in rows if isinstance(row, str))
+    def rows(self, rows: Sequence[Formula | str]) -> Iterator[str]:
+        """Yield sentences, and formulas, short ones side by side."""
+        for spoken, part in groupby(rows, lambda row: isinstance(row, str)):
+            if spoken:
+                yield from map(self.row, part)
+            for group in self.lines.beside([row for row in part if isinstance(row, Formula)]):
+                beside = ", \\qquad ".join(map(self.formula, group))
+                yield self.row(group[0]) if len(group) == 1 else f"\\[ {beside} \\]"
 
     def sentence(self, text: str, quoted: Callable[[str], str]) -> str:
         """Return a sentence with its symbols as formulas.

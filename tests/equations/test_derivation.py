@@ -335,3 +335,11 @@ def test_the_shorter_of_the_collected_and_the_stated_form_is_shown() -> None:
         spring.potential.has((s - d) ** 2, (d - s) ** 2) and sympy.expand(spring.potential - k * (s - d) ** 2 / 2) == 0
     )
     assert spring.equations()[0].lhs == m * s.ddot + k * (s - d)
+
+
+def test_no_common_denominator_is_made_of_what_was_stated_apart() -> None:
+    """A textbook does not print the energy of a pulley as (I + M*R**2)*v**2/(2*R**2)."""
+    x, (m1, m2, inertia, R, g) = coordinate("x"), parameters("m1 m2 I R g")
+    kinetic = (m1 + m2) * x.dot**2 / 2 + inertia * x.dot**2 / (2 * R**2)
+    derivation = derive(declare(kinetic=kinetic, potential=(m2 - m1) * g * x))
+    assert derivation.kinetic == kinetic and derivation.energy == kinetic + (m2 - m1) * g * x

@@ -369,9 +369,14 @@ def test_a_high_power_of_a_sum_is_not_expanded() -> None:
 
 def test_candidates_with_more_differences_are_not_ranked(monkeypatch: pytest.MonkeyPatch) -> None:
     """The factor of a candidate is simplified for its rank, which takes most of the time for a chain of pendulums."""
-    ranked = []
-    rank = wrong_term._Meant.rank.func
-    monkeypatch.setattr(wrong_term._Meant, "rank", property(lambda meant: ranked.append(meant) or rank(meant)))
+    ranked: list[int] = []
+    bent = wrong_term._Meant.__dict__["bent"].fget
+
+    def counted(meant: wrong_term._Meant) -> bool:
+        ranked.append(len(meant.differing))
+        return bool(bent(meant))
+
+    monkeypatch.setattr(wrong_term._Meant, "bent", property(counted))
     result = cart().compare("(M + m) x'' + m l theta'' cos theta + m l theta'^2 sin theta = 0")
     assert "the term m*l*theta_dot**2*sin(theta) has the wrong sign" in result.message
-    assert {len(meant.differing) for meant in ranked} == {1}
+    assert set(ranked) == {1}

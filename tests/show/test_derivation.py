@@ -216,7 +216,7 @@ def test_constraints_are_stated_and_follow_the_equations() -> None:
 
 def test_multipliers_have_their_constraint_for_an_index() -> None:
     page = render(constrained(), "latex")
-    assert r"\[ f_{\mathrm{rod}} = x^2 + y^2 - l^2 \]" in page
+    assert r" f_{\mathrm{rod}} = x^2 + y^2 - l^2 \]" in page
     assert r"\[ m \ddot{x} = 2 \lambda_{\mathrm{rod}} x + \lambda_{\mathrm{slide}} \]" in page
     assert r"\lambda_{\mathrm{rod}} = " in render(constrained(), "markdown")
 
@@ -303,6 +303,9 @@ def test_short_steps_stand_side_by_side_on_paper() -> None:
     s, m = lg.coordinate("s"), lg.parameters("m")
     steps = next(line for line in lg.System(m * s.dot**2 / 2, 0).derivation().latex().splitlines() if "p_s" in line)
     assert steps.count(r", \qquad ") == 3 and steps.endswith(r"\frac{d}{dt} p_s = 0 \]")
+    assert (
+        r"\[ T = \frac{1}{2} m \dot{s}^2, \qquad V = k s \]" in lg.System(m * s.dot**2 / 2, k * s).derivation().latex()
+    )
 
 
 def test_an_energy_is_merged_where_it_is_stated() -> None:

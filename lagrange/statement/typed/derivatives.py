@@ -122,7 +122,7 @@ _Rate = tuple[int, list[Token], int]
 
 def _quotient(tokens: Sequence[Token], i: int) -> _Rate | None:
     """Return the derivative d^n x / dt^n that begins at index i, or None."""
-    if tokens[i].is_sign("(") and i + 1 < len(tokens):  # (d^2/dt^2) x
+    if tokens[i].is_sign("(") and i + 1 < len(tokens) and tokens[i + 1].kind == "word":  # (d^2/dt^2) x
         rate = _quotient(tokens, i + 1)
         ends = rate is not None and not rate[1] and tokens[rate[2] : rate[2] + 1]
         return (rate[0], [], rate[2] + 1) if rate and ends and ends[0].is_sign(")") else None

@@ -289,6 +289,7 @@ ENDLESS = {
     "functions": ("theta'' = " + "sin " * 900 + "x", "more than 40 brackets, functions or exponents"),
     "exponents": ("x = " + "e^" * 900, "more than 40 brackets, functions or exponents"),
     "dots": (r"\dot{" * 900 + "x" + "}" * 900, "a mark follows no symbol"),
+    "brackets": ("x = " + "(" * 1000 + "x" + ")" * 1000, "more than 40 brackets, functions or exponents"),
     "derivatives": ("diff(" * 600 + "x" + ", t)" * 600, "'diff' is not a symbol"),
     "blanks": ("x" + " " * 50_000 + "x", "are the most of an equation"),
 }
