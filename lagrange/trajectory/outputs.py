@@ -13,6 +13,7 @@ from lagrange.machine.state import DriverState
 from lagrange.trajectory.constraints.approach import Approach
 from lagrange.trajectory.constraints.discontinuities import Discontinuities, Discontinuity
 from lagrange.trajectory.events.event_log import Breaks
+from lagrange.trajectory.events.time_switches import TimeSwitches
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray
@@ -35,7 +36,7 @@ class AcceptedStates:
     If `outputs_alone`, all but the last may be dropped when memory is used up; `dropped` says that they were, and
     `removed` is the number of dropped parts. `followed` evaluates output times during the run, or is None.
     `discontinuities` tests constraints that may jump; `passed` is the first discontinuity, which ends the run.
-    `approach` measures how close constraints come to dependence.
+    `approach` measures how close constraints come to dependence. `switches` ends steps at switches of time.
     """
 
     def __init__(self, t: float, y: FloatArray, *, outputs_alone: bool = False) -> None:
@@ -46,6 +47,7 @@ class AcceptedStates:
         self.discontinuities: Discontinuities | None = None
         self.approach: Approach | None = None
         self.passed: Discontinuity | None = None
+        self.switches: TimeSwitches | None = None
         self._looked_at = 1
         self._begin, self._each = self.parts[0], 8 * (len(y) + 1)
         self._sizes: FloatArray | None = None

@@ -24,6 +24,8 @@ from lagrange.trajectory.endings import (
 )
 from lagrange.trajectory.events.end_messages import EventResult
 from lagrange.trajectory.events.event_log import EventLog
+from lagrange.trajectory.events.step_watch import StepWatch
+from lagrange.trajectory.events.time_switches import TimeSwitches
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.messages import (
     UNPROJECTED,
@@ -39,6 +41,7 @@ from lagrange.trajectory.messages import (
 from lagrange.trajectory.outputs import AcceptedStates
 from lagrange.trajectory.pace import Pace, compiled_late, limiting_entry, memory_limit
 from lagrange.trajectory.paths.known import OutputPath
+from lagrange.trajectory.paths.step_paths import MotionsPath, StepPath
 from lagrange.trajectory.plan import PathFunction, Plan, Planned, Prepared, StepPlan, Watcher, prepared
 from lagrange.trajectory.sizes import raise_to_noise, survey
 from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
@@ -137,8 +140,10 @@ def _driven(problem: Problem, kept: Prepared, name: str) -> Trajectory:
             steps = plan.driver(problem.model, parameters) if idle is None else idle.driver
             watch = plan.watch(problem, steps, None if idle is None else idle.memory)
             driver = steps if watch is None else watch.driver
+            if isinstance(plan, StepPlan) and tolerances.rtol:
+                rows.switches = TimeSwitches.of(problem, state, watch if isinstance(watch, StepWatch) else None)
             if problem.t_eval is not None and isinstance(plan, StepPlan):
-                rows.followed = plan.followed(problem, problem.t_eval, watch)
+                rows.followed = plan.followed(problem, problem.t_eval, rows.switches or watch)
             late = compiled_late(problem)
             # Compilation is done once for many runs and is not counted.
             preparation_ends()
@@ -264,6 +269,8 @@ def _outputs(
     """Return the output times (N,), the states there (2n, N), and a dense output that returns exactly these states."""
     times, states = accepted
     path = None if rows.dropped else plan.path(problem, times, states, watch)
+    if watch is None and rows.switches is not None and isinstance(path, StepPath):
+        path = MotionsPath(times, states, rows.switches.breaks.since(0), path)
     if problem.t_eval is None and path is not None:
         return times, states.T, path
     wanted = times if problem.t_eval is None else problem.t_eval
@@ -349,7 +356,10 @@ def _advance_to_end(
             rows.collect(state, times, states, call)
             if lost := _lost_on_the_way(problem, rows, state):
                 return Status.SINGULAR, _taken_over(watch, state, lost)
-            if watch is not None and (outcome in (Outcome.WATCHED, Outcome.DONE) or watch.is_due(state)):
+            if outcome is Outcome.DONE and rows.switches is not None and rows.switches.passes(state):
+                rows.add(state.t, state.y)
+                result = GOES_ON
+            elif watch is not None and (outcome in (Outcome.WATCHED, Outcome.DONE) or watch.is_due(state)):
                 result = watch.end(state) if outcome is Outcome.DONE else watch.process(state)
                 if result.jumped:
                     rows.add(state.t, state.y)
@@ -358,14 +368,18 @@ def _advance_to_end(
             else:
                 result = pace.look(state, rows.parts, _after_call(problem, outcome, state))
             taken = time.perf_counter() - before
-            if taken < SECONDS_PER_CALL:
-                growth = MOST_GROWTH if MOST_GROWTH * taken < SECONDS_PER_CALL else 2
-                per_call = min(growth * per_call, MOST_STEPS_PER_CALL)
+            per_call = per_call if taken >= SECONDS_PER_CALL else _more(per_call, taken)
             if problem.progress is not None:
                 problem.progress(state.t)
     except KeyboardInterrupt:
         rows.collect(state, times, states, call)
         return Status.INTERRUPTED, _taken_over(watch, state)
+
+
+def _more(per_call: int, taken: float) -> int:
+    """Return the number of steps of the next call after one of `per_call` steps that took few seconds."""
+    growth = MOST_GROWTH if MOST_GROWTH * taken < SECONDS_PER_CALL else 2
+    return min(growth * per_call, MOST_STEPS_PER_CALL)
 
 
 def _lost_on_the_way(problem: Problem, rows: AcceptedStates, state: DriverState) -> str:

@@ -54,6 +54,7 @@ EVENT_RUN = Record.of(
     way=WHOLE,
     changed=REAL,
     interval=REAL,
+    final=REAL,
 )
 """State of a run with events.
 
@@ -73,6 +74,7 @@ EVENT_RUN = Record.of(
     jumps        how often the state was reset
     changed      when the motion began, or changed last, and `changed_at` how many steps there were by then
     interval     the time between the last two resets
+    final        end of the run: a function that comes to zero within its noise there counts as zero
     breaks       how many changes of the motion are written, with `break_room` for so many
     due          1 + the index of the event that changes the motion at the state, or 0; `way` is its direction
 """

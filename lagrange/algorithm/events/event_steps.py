@@ -107,7 +107,7 @@ class _EventSteps:
         steps: Whole = (run.count + 1 - shift).called("steps")
         review_of.begin, review_of.end = run.begin - shift, steps
         review_of.starts = p.choose(run.begin.equals(1), run.starts, p.whole(0))
-        ends = given.times[run.count + 1].equals(self.reals[number("end")])
+        ends = given.times[run.count + 1].equals(run.final)
         review_of.last = p.choose(ends, steps - 1, p.whole(-1))
         taken = given.kept_counts[count("steps")] + run.count - 1
         review_of.rounded = p.real(taken) * (1.0 / NOISE_HALVES)

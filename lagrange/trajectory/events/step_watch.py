@@ -119,6 +119,7 @@ class StepWatch(EventLog):
         self._deadline = math.inf if limit is None else time.perf_counter() + limit
         path = self.path_of(np.array([state.t]), state.y[None].copy())
         self.memory.dense = self.path_of.known
+        self.shared.run.final = self.problem.t1
         self.shared.run.both = int(isinstance(path, StepPath) and path.joins)
         return self._defined(state)
 

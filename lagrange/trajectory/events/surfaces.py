@@ -144,8 +144,8 @@ IN_A_ROW = 3
 SHORTER, ATTEMPTS = 1 / 16, 6
 """Factor by which a rejected leap is shortened, and number of attempts."""
 
-MOST_STEPS = 1000
-"""Largest number of steps in a leap; a successful leap takes hardly more than one."""
+MOST_STEPS = 2000
+"""Largest number of steps in a leap: one, or a thousand under a force that may act for a moment only."""
 
 
 @dataclass

@@ -1,0 +1,143 @@
+"""Switching surfaces that depend on time alone, such as those of Mod(t, T): steps end before them and begin after them.
+
+A step over a jump of the forces is rejected until it is as short as its error demands. The surfaces of time are known
+without the motion, so no step has to cross one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from weakref import WeakKeyDictionary
+
+import numpy as np
+
+from lagrange.graph.node import Binding, Node
+from lagrange.machine.model import Model
+from lagrange.machine.state import DriverState
+from lagrange.program.switching import switch
+from lagrange.trajectory.events.event_log import Breaks
+from lagrange.trajectory.events.step_watch import StepWatch
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.trajectory import FloatArray
+
+SAMPLES = 4
+"""Number of times within a longest step at which the sides of surfaces are compared; a step has at least as many
+stages."""
+
+MARGIN = 2.0
+"""Distance before a surface at which a step ends, in spacings of times: times of stages are rounded by one."""
+
+TOGETHER = 4
+"""Largest distance of the first time after a surface from the last before it, in spacings of times."""
+
+LEAST = 2.0**-80
+"""Shortest stretch over a surface as a fraction of the run: spacings of times near 0 are too small for a path."""
+
+SPREAD = 2.0 ** np.arange(32)
+"""Distances from the estimate of a zero, in spacings of times, at which sides are tested at once."""
+
+_SURFACES: WeakKeyDictionary[Model, tuple[Node, ...]] = WeakKeyDictionary()
+
+
+def surfaces_of_time(model: Model) -> tuple[Node, ...]:
+    """Return the switching surfaces of the accelerations that depend on time and parameters alone."""
+    if model not in _SURFACES:
+        expressions = switch(model.equations.graph, model.equations.accelerations).expressions
+        _SURFACES[model] = tuple(g for g in expressions if g.binding is Binding.TIME)
+    return _SURFACES[model]
+
+
+class TimeSwitches:
+    """Leads the driver of a run over the surfaces of time: the end of its next call is always the next surface."""
+
+    def __init__(
+        self, problem: Problem, surfaces: tuple[Node, ...], state: DriverState, watch: StepWatch | None
+    ) -> None:
+        self._problem, self._watch = problem, watch
+        self.breaks = Breaks(len(problem.y0)) if watch is None else watch.breaks
+        self._kernel = problem.model.function("surfaces", surfaces)
+        self._forward = 1.0 if problem.t1 >= problem.t0 else -1.0
+        count = SAMPLES * math.ceil(abs(problem.t1 - problem.t0) / state.reals[DriverState.LONGEST])
+        self._coming = self._switches(np.linspace(problem.t0, problem.t1, count + 1))
+        self._after = problem.t0
+        self._look_ahead(state)
+
+    @classmethod
+    def of(cls, problem: Problem, state: DriverState, watch: StepWatch | None) -> TimeSwitches | None:
+        """Return the switches of a run from its first state, or None if no surface depends on time alone.
+
+        `watch` watches the events of the run, or is None.
+        """
+        limited = state.reals[DriverState.LONGEST] < math.inf
+        surfaces = surfaces_of_time(problem.model) if limited else ()
+        return cls(problem, surfaces, state, watch) if surfaces else None
+
+    def _look_ahead(self, state: DriverState) -> None:
+        """End the next calls of the driver before the next surface, or at the end of the run."""
+        for before, after in self._coming:
+            if self._forward * (after - state.t) > 0:
+                end = before - self._forward * MARGIN * float(np.spacing(max(abs(before), abs(state.t))))
+                state.reals[DriverState.END] = self._forward * max(self._forward * end, self._forward * state.t)
+                self._after = after
+                return
+        state.reals[DriverState.END] = self._after = self._problem.t1
+
+    def passes(self, state: DriverState) -> bool:
+        """Set a driver at the end of its call to the other side of the surface; return False at the end of the run.
+
+        The state stays the same over these few spacings of time.
+        """
+        if state.t == self._problem.t1:
+            return False
+        jumps = 0
+        if self._watch is not None:
+            jumps, self._watch.shared.run.before = self._watch.jumps, 0
+        self.breaks.append(state.count(DriverState.STEPS) + jumps, None)
+        least = state.t + self._forward * LEAST * abs(self._problem.t1 - self._problem.t0)
+        state.reals[DriverState.T] = self._forward * max(self._forward * self._after, self._forward * least)
+        # A first step chosen by slopes is too short where a force grows like the root of the time since the switch.
+        state.reals[DriverState.H] = self._forward * state.reals[DriverState.LONGEST]
+        state.reals[DriverState.PREVIOUS] = 1.0
+        state.counts[[DriverState.SLOPE_KNOWN, DriverState.AFTER_REJECT, DriverState.KEPT]] = 0
+        state.counts[DriverState.STEPS] += 1
+        self._look_ahead(state)
+        return True
+
+    def _switches(self, grid: FloatArray) -> Iterator[tuple[float, float]]:
+        """Yield the last time before each switch between the times `grid` (k,), and the first after it.
+
+        A surface that is zero at the start or at the end of the run only is a switch there.
+        """
+        sides = np.sign(self._values(grid))
+        known = np.maximum.accumulate(np.where(sides != 0, np.arange(len(grid)), 0), axis=1)
+        filled = np.take_along_axis(sides, known, axis=1)
+        changes = filled[:, 1:] * filled[:, :-1] < 0
+        changes[:, 0] |= (sides[:, 0] == 0) & (sides[:, 1] != 0)
+        changes[:, -1] |= (sides[:, -1] == 0) & (sides[:, -2] != 0)
+        for place in np.flatnonzero(changes.any(axis=0)).tolist():
+            low, high = float(grid[place]), float(grid[place + 1])
+            switches = [self._between(i, low, high) for i in np.flatnonzero(changes[:, place]).tolist()]
+            yield from sorted(switches, key=lambda switch: self._forward * switch[0])
+
+    def _between(self, surface: int, low: float, high: float) -> tuple[float, float]:
+        """Return the last time with the side of a surface at `low`, and the first with that at `high`."""
+        first, last = self._values(np.array([low, high]))[surface]
+        old, new = np.sign(first), np.sign(last)
+        while np.nextafter(low, high) != high:
+            zero = low + first / (first - last) * (high - low) if first != last else low
+            spread = SPREAD * np.spacing(abs(zero))
+            tested = np.concatenate([zero - spread, zero + spread, [zero, low, 0.5 * (low + high), high]])
+            grid = np.unique(np.clip(tested, min(low, high), max(low, high)))[:: int(self._forward)]
+            values = self._values(grid)[surface]
+            place = int(np.argmax(np.sign(values) != old))
+            low, high = float(grid[place - 1]), float(grid[place])
+            first, last = values[place - 1], values[place]
+        beyond: FloatArray = low + np.arange(1.0, TOGETHER + 1.0) * (high - low)
+        return low, float(beyond[np.argmax(np.sign(self._values(beyond)[surface]) == new)])
+
+    def _values(self, times: FloatArray) -> FloatArray:
+        """Return the values of the surfaces at times (k,), (surfaces, k), 0 where there is none."""
+        states = np.broadcast_to(0.0, (len(self._problem.y0), len(times)))
+        with np.errstate(all="ignore"):
+            return np.nan_to_num(self._kernel(times, states, self._problem.parameter_array))
