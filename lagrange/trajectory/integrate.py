@@ -196,6 +196,10 @@ def output_times(t_eval: ArrayLike | None, t0: float, t1: float, width: int) -> 
             f"t_eval has shape {times.shape}: give a list of times, such as np.linspace({t0:g}, {t1:g}, 1000)."
         )
     low, high = min(t0, t1), max(t0, t1)
+    sorted_along = times[1:] >= times[:-1] if t1 >= t0 else times[1:] <= times[:-1]
+    ends = (float(times[0]), float(times[-1])) if times.size and sorted_along.all() else (-math.inf, math.inf)
+    if low <= min(ends) and max(ends) <= high:
+        return times
     slack = SPAN_ROUND_OFF * (high - low)
     if times.size and not (times.min() >= low and times.max() <= high):
         times = np.where((times > high) & (times <= high + slack), high, times)

@@ -276,10 +276,10 @@ def _outputs(
     wanted = times if problem.t_eval is None else problem.t_eval
     t = wanted[(wanted - times[-1]) * (1 if problem.t1 >= problem.t0 else -1) <= 0]
 
-    def at_end(rest: FloatArray) -> FloatArray:
-        return np.repeat(states[-1:].T, len(rest), axis=1)
+    def at_end(_rest: FloatArray) -> FloatArray:
+        return states[-1:].T
 
-    # If outputs are written during the run, the remaining output times are the end itself.
+    # If outputs are written during the run, all remaining output times are the end itself.
     if rows.followed is not None:
         y = rows.followed.joined(len(t), states[-1])
     elif plan.writes_outputs or path is None:
