@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import Annotated
 
@@ -21,6 +21,7 @@ from lagrange.procedure.front.vocabulary import (
     larger,
     likely,
     magnitude,
+    operation,
     quotient,
     reals,
     record,
@@ -150,6 +151,17 @@ def spliced(n: int, x: float, a: Out, *, weights: Weights, twice: bool = False) 
 
     first, second = halved(total), shifted(0.5)
     return weights.applied(first) + second
+
+
+@procedure
+def by_name(x: float, pair: Pair, *, ops: tuple[str, ...]) -> float:
+    """Apply operations by their names, to a bundle with another field, and read values by key."""
+    later = replace(pair, source=pair.source[1:])
+    values = dict(zip(ops, [operation(op, x, later.source[k]) for k, op in enumerate(ops)], strict=True))
+    total: float = operation("neg", 1.0)
+    for op in reversed(ops):
+        total = total - values[op]
+    return total
 
 
 @procedure

@@ -24,6 +24,7 @@ from tests.procedure.plain_functions import (
     Weights,
     applied,
     arithmetic,
+    by_name,
     caller,
     gathered,
     guarded,
@@ -101,6 +102,7 @@ CASES: dict[str, tuple[Plain[Any, Any], dict[str, Any], Callable[[int], list[Any
     "guarded": (guarded, {}, lambda s: [s % 8, np.abs(numbers(s)) if s % 3 == 0 else numbers(s), np.zeros(8)]),
     "spliced": (spliced, {"weights": WEIGHTS, "twice": False}, lambda s: [s % 7, 0.25, numbers(s)]),
     "spliced twice": (spliced, {"weights": WEIGHTS, "twice": True}, lambda s: [s % 7, 0.25, numbers(s)]),
+    "by name": (by_name, {"ops": ("mul", "max", "sub")}, lambda s: [0.3 * s, Pair(numbers(s), _zeros(16), 3)]),
     "arithmetic": (arithmetic, {}, lambda s: [s * 7 - 25, s - 3 or 2, s * 0.7 - 1.0]),
     "scratch": (scratch, {}, lambda s: [s % 6, numbers(s), np.zeros(8)]),
     # Whole blocks: numbers of the last block beyond the size are undefined.

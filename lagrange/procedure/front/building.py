@@ -30,6 +30,7 @@ from lagrange.procedure.front.vocabulary import (
     OPERATION_OF,
     generated,
     likely,
+    operation,
     reals,
     record_of,
     unlikely,
@@ -41,8 +42,8 @@ from lagrange.procedure.values import Fields, Flag, Memory, Value, Whole
 UNSAFE = ("quotient", "whole")
 """Operations that machine code must not run for every operand: they are computed under their condition only."""
 
-CONTAINERS: tuple[Any, ...] = (tuple, list, zip, enumerate, reversed, len)
-"""Python functions that do not use the values in a container."""
+CONTAINERS: tuple[Any, ...] = (tuple, list, dict, zip, enumerate, reversed, len, dataclasses.replace)
+"""Python functions that do not use the values in a container, or in a bundle."""
 
 
 class Local:
@@ -337,6 +338,8 @@ class Tracer(Names):
             return self.extreme(function, args)
         if function in OPERATION_OF:
             return self.p.operation(OPERATION_OF[function], *args)
+        if function is operation:
+            return self.p.operation(*args)
         if function in CONTAINERS or (isinstance(function, type) and dataclasses.is_dataclass(function)):
             return function(*args, **options)
         name = getattr(function, "__name__", repr(function))

@@ -28,6 +28,8 @@ class Carried(NamedTuple):
 
 def carried(body: Sequence[ast.stmt]) -> Mapping[ast.stmt, Carried]:
     """Return the carried names of each branch and loop of a function."""
+    if not any(isinstance(statement, (ast.If, ast.For, ast.While)) for statement in body):
+        return {}
     kept = frozenset(name for statement in body for name in mentions(statement).later)
     found: dict[ast.stmt, Carried] = {}
     _Walk(kept, found).block(body, kept)

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 import enum
+import gc
 import inspect
 import sys
 import threading
 import traceback
 import typing
-from collections.abc import Callable, Hashable, Mapping, MutableMapping
-from contextlib import suppress
+from collections.abc import Callable, Hashable, Iterator, Mapping, MutableMapping
+from contextlib import contextmanager, suppress
 from functools import cached_property
 from types import CodeType, FunctionType, MethodType
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar, overload
@@ -33,6 +34,19 @@ Rest = ParamSpec("Rest")
 
 _BUILDING = threading.RLock()
 """Reentrant lock for building all procedures, because building one also builds its callees."""
+
+
+@contextmanager
+def _building() -> Iterator[None]:
+    """Hold the lock, and collect no garbage: a collection walks through all objects, and takes longer than building."""
+    with _BUILDING:
+        was_enabled = gc.isenabled()
+        gc.disable()
+        try:
+            yield
+        finally:
+            if was_enabled:
+                gc.enable()
 
 
 @dataclasses.dataclass(frozen=True)
@@ -160,7 +174,7 @@ class Plain(Written[Args, Result]):
         key = tuple((type(value), value) for value in values.values())
         form = self._forms.get(key)
         if form is None:
-            with _BUILDING:
+            with _building():
                 form = self._forms.get(key)
                 if form is None:
                     form = self._forms[key] = self._build(values)

@@ -148,6 +148,11 @@ def wholes(size: int, *, room: int = 1) -> Writable[int]:
     return array
 
 
+def operation(name: str, *values: Any) -> Any:
+    """Return an operation of the form, by its name there, on numbers."""
+    return EXACT[name](*values)
+
+
 def generated(form: Procedure, *args: Any) -> Any:
     """Return the results of a procedure that a generator has built."""
     results = run(form, *leaves(args))
