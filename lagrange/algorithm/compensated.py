@@ -5,11 +5,14 @@ Source: D. E. Knuth, The Art of Computer Programming, vol. 2, 3rd ed., 1997, 4.2
 
 from __future__ import annotations
 
-from lagrange.procedure.values import Real
+from typing import Any
+
+from lagrange.procedure.front.plain import inline
 
 
-def compensated(y: Real, move: Real) -> tuple[Real, Real]:
-    """Return the rounded sum and its exact rounding error: y + move = total + lost."""
+@inline
+def compensated(y: Any, move: Any) -> tuple[Any, Any]:
+    """Return the rounded sum of two reals and its exact rounding error: y + move = total + lost."""
     total = y + move
     back = total - y
     return total, (y - (total - back)) + (move - back)

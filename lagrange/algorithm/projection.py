@@ -7,12 +7,15 @@ in second order only.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from lagrange.algorithm.blocks import whole_blocks
 from lagrange.algorithm.compensated import compensated
 from lagrange.algorithm.outcome import Outcome
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee, Procedure
-from lagrange.procedure.shared import shared
+from lagrange.procedure.form import FLAG, REAL, Array, Callee
+from lagrange.procedure.front.plain import procedure
+from lagrange.procedure.front.vocabulary import In, Out, each, likely, reals, unlikely
 
 CORRECTIONS = Callee((REAL, Array(read=True), Array(read=True), Array()), (FLAG,))
 """The program of the corrections: from a time, a state [q, v] and prepared parameters to [dq, dv], the relative
@@ -42,48 +45,44 @@ MOST_WRITTEN_BEYOND = 8
 """Doubles that a program may write after its results, since machines write in blocks."""
 
 
-@shared
-def project(dimension: int, block: int) -> Procedure:
-    """Return the procedure that projects a state and its compensation `lost`, and changes both.
+def state_array(block: int) -> Array:
+    """Return the type of a state without a size: entries after those of the state must stay unchanged."""
+    return Array(room=block)
 
-    Its results are an outcome, and whether the state has moved. The correction is added to the compensated state, so
-    that its rounding error is compensated as well.
+
+@procedure(apart=True, corrections=lambda: CORRECTIONS, state=state_array, lost=state_array)
+def project(
+    corrections: Callable[..., Any], numbers: In, t: float, state: Out, lost: Out, *, dimension: int, block: int
+) -> tuple[Outcome, bool]:
+    """Move a state onto its constraints; return an outcome, and whether the state has moved.
+
+    `numbers` are the prepared parameters of the corrections. A correction is added to the state and its compensation
+    `lost`, so that its rounding error is compensated as well.
     """
-    p = Builder("project", "Move a state onto its constraints; return an outcome, and if it moved.", apart=True)
-    corrections, numbers = p.function("corrections", CORRECTIONS), p.array("numbers", read=True)
-    t = p.given("t", REAL)
-    # Arrays without a size: entries after those of the state must stay unchanged.
-    state, lost = (p.array(name, room=block) for name in ("state", "lost"))
-    size = whole_blocks(dimension + 2, block) + MOST_WRITTEN_BEYOND
-    found = p.reserve(size, room=block, name="found")
-    moved = p.variable(p.false, "moved")
-    with p.loop(0, MOST_CORRECTIONS):
-        p.note(
-            "Where the matrix is singular the state stays: what comes next finds it singular there too, and says so."
-        )
-        p.leave_if(corrections(t, state, numbers, found), p.whole(Outcome.DONE), moved.value, likely=False)
-        violation, left = found[dimension], found[dimension + 1]
-        p.leave_if(violation <= ROUND_OFF, p.whole(Outcome.DONE), moved.value)
-        better = left <= 0.5 * violation
-        unresolved = p.choose(violation <= RESOLVED, p.whole(Outcome.DONE), p.whole(Outcome.UNPROJECTED))
-        p.leave_if(~better, unresolved, moved.value, likely=False)
-        moved.value = p.true
-        with p.each(dimension) as i:
-            state[i], lost[i] = compensated(state[i], found[i] + lost[i])
-        p.leave_if(left <= ROUND_OFF, p.whole(Outcome.DONE), moved.value, likely=True)
-    p.leave(p.whole(Outcome.UNPROJECTED), moved.value)
-    return p.finish(WHOLE, FLAG)
+    move = reals(whole_blocks(dimension + 2, block) + MOST_WRITTEN_BEYOND, room=block)
+    has_moved = False
+    for _ in range(MOST_CORRECTIONS):
+        # The state stays if the matrix is singular: the next evaluation meets the same matrix, and reports it.
+        if unlikely(corrections(t, state, numbers, move)):
+            return Outcome.DONE, has_moved
+        violation, left = move[dimension], move[dimension + 1]
+        if violation <= ROUND_OFF:
+            return Outcome.DONE, has_moved
+        if unlikely(not left <= 0.5 * violation):
+            return Outcome.DONE if violation <= RESOLVED else Outcome.UNPROJECTED, has_moved
+        has_moved = True
+        for i in each(dimension):
+            state[i], lost[i] = compensated(state[i], move[i] + lost[i])
+        if likely(left <= ROUND_OFF):
+            return Outcome.DONE, has_moved
+    return Outcome.UNPROJECTED, has_moved
 
 
-@shared
-def starts_on_constraints(dimension: int) -> Procedure:
-    """Return the procedure that tests whether a state satisfies its constraints up to `MOST_AT_START`."""
-    about = "Say whether a state is near enough to its constraints to start there."
-    p = Builder("starts_on_constraints", about, apart=True)
-    corrections, numbers = p.function("corrections", CORRECTIONS), p.array("numbers", read=True)
-    t, state = p.given("t", REAL), p.array("state", read=True)
-    found = p.reserve(dimension + 2 + MOST_WRITTEN_BEYOND, name="found")
-    p.note("A matrix that is singular here is so in the first step, which says it.")
-    p.leave_if(corrections(t, state, numbers, found), p.true)
-    p.leave(found[dimension] <= MOST_AT_START)
-    return p.finish(FLAG)
+@procedure(apart=True, corrections=lambda: CORRECTIONS)
+def starts_on_constraints(corrections: Callable[..., Any], numbers: In, t: float, state: In, *, dimension: int) -> bool:
+    """Return whether a state violates its constraints by at most `MOST_AT_START`; see `project`."""
+    move = reals(dimension + 2 + MOST_WRITTEN_BEYOND)
+    # A singular matrix here is singular in the first step, which reports it.
+    if corrections(t, state, numbers, move):
+        return True
+    return move[dimension] <= MOST_AT_START

@@ -12,6 +12,7 @@ from lagrange.algorithm.kernel.kernels import kernel, prepare
 from lagrange.algorithm.kernel.prepared import Prepared
 from lagrange.algorithm.series.integrator import TaylorProcedures
 from lagrange.algorithm.step.integrate import adaptive_run, one_step
+from lagrange.algorithm.step.memory import Layout
 from lagrange.errors import StatementError, listing, shown, suggestion
 from lagrange.export.descriptions import WIDTH, statement_lines
 from lagrange.export.identifiers import ascii_name
@@ -302,10 +303,12 @@ def _integrator(
     prune: Callable[[Procedure], Procedure],
 ) -> ExportedIntegrator:
     """Return the integrator of a method: one step, or a run with error control. It calls the procedures `laws`."""
-    adaptive, own = step.control is not None, name.replace("-", "_")
-    make: Callable[..., Procedure] = adaptive_run if adaptive else one_step
-    made = bound(make(step, dimension, own, projected="projection" in laws), laws, prefix=f"{own}_")
-    return ExportedIntegrator(own, made.about, prune(replace(made, name=own)), adaptive)
+    own = name.replace("-", "_")
+    layout, control = Layout(step, dimension, block=1, projected="projection" in laws), step.control
+    form = one_step.form(layout=layout) if control is None else adaptive_run.form(layout=layout, control=control)
+    about = f"{form.about} The method is {step.name}."
+    made = replace(bound(form, laws, prefix=f"{own}_"), name=own, about=about)
+    return ExportedIntegrator(own, about, prune(made), control is not None)
 
 
 def _taylor(model: Model, begin: int, projection: Procedure | None) -> TaylorProcedures:

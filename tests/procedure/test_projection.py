@@ -33,7 +33,7 @@ def projected(
         return answer is None
 
     y, low = list(state), [0.0] * len(state) if lost is None else list(lost)
-    outcome, moved = run(project(len(state), 1), corrections, [], 0.5, y, low)
+    outcome, moved = run(project.form(dimension=len(state), block=1), corrections, [], 0.5, y, low)
     return Outcome(outcome), bool(moved), y, low, asked
 
 
@@ -89,7 +89,7 @@ def test_printed_python_does_the_same() -> None:
         out[0], out[1], out[2] = 0.25, 1e-6, 1e-17
         return False
 
-    made: Callable[..., Any] = called(project(1, 1))
+    made: Callable[..., Any] = called(project.form(dimension=1, block=1))
     state, lost = np.array([1.0]), np.array([0.0])
     assert made(corrections, np.empty(0), 0.0, state, lost) == (Outcome.DONE, True)
     assert state == [1.25]

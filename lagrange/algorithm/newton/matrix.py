@@ -8,202 +8,239 @@ argument of c. A law of momenta has J in four blocks, each with its own g, and o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
-from lagrange.algorithm.linear.gauss_jordan import inversion, row_stride
-from lagrange.algorithm.newton.rounding import weigh_by_rounding
+from lagrange.algorithm.linear.gauss_jordan import invert_matrix, row_stride
+from lagrange.algorithm.newton.constants import LEAST_ROUND_OFF, UNIT_ROUND_OFF
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.memory import Layout, SolveLayout
-from lagrange.algorithm.step.vectors import Given, Vectors
+from lagrange.algorithm.step.run import Running, running
+from lagrange.algorithm.step.vectors import Vectors, copy_vector, vectors_of
 from lagrange.graph.node import Node
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import WHOLE, Procedure
-from lagrange.procedure.values import Flag, Memory, Real, Whole
-from lagrange.program.actions import LAWS, Combination, LawCall, Solve
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, each, fma, reals, unrolled
+from lagrange.program.actions import LAWS, Combination, LawCall
 
-
-def build_matrix(layout: Layout, solve: SolveLayout, prefix: str) -> Procedure:
-    """Return the construction of the matrix of a step, with the known derivative of the law or a new one."""
-    return _MatrixBuilder(layout, solve, prefix).build()
-
-
-def factor_of(combination: Combination, vector: int) -> Node | None:
-    """Return the factor of a vector in a combination, or None."""
-    return next((factor for i, factor in combination if i == vector), None)
-
-
-def coefficients(layout: Layout, solve: Solve) -> tuple[list[Node], list[Node]]:
-    """Return beta by rows (i, j), and g by rows (i, j, result, argument)."""
-    zero, law = layout.step.graph.zero, LAWS[layout.step.law]
-    unknowns = range(solve.first, solve.first + solve.count)
-    identity = [factor_of(residual, z) or zero for residual in solve.residuals for z in unknowns]
-    factors = []
-    for residual in solve.residuals:
-        for z in unknowns:
-            for result in range(law.results):
-                for argument in range(law.arguments):
-                    total = zero
-                    for call in solve.calls:
-                        outer = factor_of(residual, call.first + result)
-                        inner = factor_of(call.arguments[argument], z)
-                        total = total if outer is None or inner is None else total + outer * inner
-                    factors.append(total)
-    return identity, factors
-
-
-def shares_of(layout: Layout, solve: Solve) -> list[Node]:
-    """Return the factor of each result of each call in each residual, by rows (i, result, call)."""
-    zero, results = layout.step.graph.zero, range(LAWS[layout.step.law].results)
-    return [
-        factor_of(residual, call.first + result) or zero
-        for residual in solve.residuals
-        for result in results
-        for call in solve.calls
-    ]
-
-
-_INERTIA = {"momentum": (((0, 1),),), "constrained": (((0, 1), (2, 2)), ((4, 1), (4, 2)))}
+INERTIA = {"momentum": (((0, 1),),), "constrained": (((0, 1), (2, 2)), ((4, 1), (4, 2)))}
 """The matrix that must be regular for a law to determine the motion: rows of blocks by result and argument.
 
 It is M = dp/dv, and with constraints [[M, G^T], [G, 0]], which has ones on its diagonal where multipliers are padding.
 """
 
 
-class _MatrixBuilder:
-    """Builds the procedure. Matrices are in the work array, the derivative by columns."""
+class Coefficients:
+    """The coefficients of the matrix of a solve, as nodes, by rows (residual, unknown)."""
 
-    def __init__(self, layout: Layout, solve: SolveLayout, prefix: str) -> None:
-        self.p = p = Builder(
-            f"{prefix}build_matrix{solve.index}",
-            "Make the matrix of corrections anew, and return an outcome.",
-            apart=True,
-        )
-        self.layout, self.solve, self.law = layout, solve, LAWS[layout.step.law]
-        self.given = Given(p, layout, solve)
-        stated = solve.solve
+    def __init__(self, layout: Layout, solve: SolveLayout) -> None:
+        stated, law, zero = solve.solve, LAWS[layout.step.law], layout.step.graph.zero
+
+        def factor(combination: Combination, vector: int) -> Node:
+            return dict(combination).get(vector, zero)
+
+        def product(residual: Combination, r: int, s: int, z: int) -> Node:
+            factors = [(factor(residual, call.first + r), factor(call.arguments[s], z)) for call in stated.calls]
+            return sum((outer * inner for outer, inner in factors), zero)
+
+        pairs = [(residual, stated.first + j) for residual in stated.residuals for j in range(stated.count)]
+        self.identity = [factor(residual, z) for residual, z in pairs]
+        """beta."""
+
+        blocks = {
+            (r, s): [product(residual, r, s, z) for residual, z in pairs]
+            for r in range(law.results)
+            for s in range(law.arguments)
+        }
+        self.blocks = {block: nodes for block, nodes in blocks.items() if any(node is not zero for node in nodes)}
+        """g, by the result and the argument of a block of the derivative, without blocks that no residual has."""
+
+        self.shares = [
+            [factor(residual, call.first + r) for call in stated.calls]
+            for residual in stated.residuals
+            for r in range(law.results)
+        ]
+        """The factor of each result of each call in each residual, by rows (residual, result)."""
+
         middle = stated.calls[(len(stated.calls) - 1) // 2]
-        given_by_state = self.law.arguments <= self.law.states
-        self.point: LawCall | None = None if solve.adaptive and given_by_state else middle
-        self.identity, self.factors = coefficients(layout, stated)
-        self.shares = shares_of(layout, stated)
-        blocks = [(r, s) for r in range(self.law.results) for s in range(self.law.arguments)]
-        zero = layout.step.graph.zero
-        used = [any(factor is not zero for factor in self.factors[k :: len(blocks)]) for k in range(len(blocks))]
-        self.blocks = [(k, *block) for k, block in enumerate(blocks) if used[k]]
-        """The number, the result and the argument of each block of the derivative that stands in a residual."""
-        self.pairs = len(blocks)
-        combined = [*stated.residuals, *(self.point.arguments if self.point else ())]
-        nodes = [*self.identity, *self.factors, *self.shares, *(damp.factor for damp in solve.damped)]
-        self.vectors = Vectors(self.given, combined, [*nodes, *([self.point.time] if self.point else [])])
-        self.matrix = self.given.work.at(solve.matrix)
-        self.derivative = self.given.work.at(solve.derivative)
+        self.point: LawCall | None = None if solve.adaptive and law.arguments <= law.states else middle
+        """The call at which the law is differentiated, or None for the start of the step."""
 
-    def build(self) -> Procedure:
-        p, given, solve = self.p, self.given, self.solve
-        newton = given.newton
-        if self.point is not None and solve.adaptive:
-            p.note("Gradients of constraints turn from step to step: a derivative of a step before costs corrections.")
-            self.differentiate()
-        else:
-            with p.when(newton.differentiated.equals(0)):
-                self.differentiate()
-        self.fill(self.table(self.identity), self.table(self.factors))
-        singular = self.invert(solve.unknowns)
-        self.spread()
-        if self.layout.step.law in _INERTIA:
-            with p.when(singular):
-                self.leave_if_inertia_singular(_INERTIA[self.layout.step.law])
-        for damp in solve.damped:
-            self.damper(self.vectors.numbers[damp.factor], given.work.at(solve.damper(damp)))
-        if self.point is not None and not solve.adaptive:
-            weigh_by_rounding(self.vectors, solve, self.point, self.table(self.shares, size=True))
-            newton.rate = 1.0
-            newton.noise = 1.0
-            newton.age = 0
-        newton.matrix_step = given.h
-        p.leave(Outcome.DONE)
-        return p.finish(WHOLE)
+    @property
+    def nodes(self) -> list[Node]:
+        """All coefficients."""
+        return [node for nodes in (self.identity, *self.blocks.values(), *self.shares) for node in nodes]
 
-    def table(self, values: Sequence[Node], *, size: bool = False) -> Memory:
-        """Return numbers of the step, or their absolute values, as an array."""
-        memory = self.p.reserve(len(values))
-        for i, value in enumerate(values):
-            number = self.vectors.numbers[value]
-            memory[i] = abs(number) if size else number
-        return memory
 
-    def differentiate(self) -> None:
-        """Evaluate the derivative of the law: at the middle call of the residuals, or at the start of the step."""
-        given, layout, rows, columns = self.given, self.layout, self.layout.rows, self.layout.columns
-        if self.point is None:
-            time, where = given.t, given.work.at(layout.argument)
-            for i in range(layout.step.states):
-                self.p.copy(self.vectors.at(i), where.at(i * layout.length), layout.width)
-        else:
-            time, where = self.vectors.numbers[self.point.time], self.vectors.arguments(self.point)
-        failed = given.laws.jacobian(time, where, given.laws.constants, self.matrix)
-        self.p.leave_if(failed, Outcome.SINGULAR)
-        with self.p.loop(0, rows) as a, self.p.loop(0, columns) as b:
-            self.derivative[b * rows + a] = self.matrix[a * columns + b]
-        given.newton.differentiated = 1
+@procedure(apart=True, given=running)
+def build_matrix(given: Running, t: float, h: float, *, layout: Layout, solve: SolveLayout) -> Outcome:
+    """Build the inverse matrix of corrections, with the known derivative of the law or a new one; return an outcome."""
+    work, newton, terms = given.work, given.newtons[solve.index], Coefficients(layout, solve)
+    inverse, point, nodes = work[solve.inverse :], terms.point, [*terms.nodes, *[damp.factor for damp in solve.damped]]
+    calls = [] if point is None else [point]
+    vectors = vectors_of(given, t, h, layout, calls, solve.solve.residuals, nodes)
+    matrix = Matrix(layout, solve, work[solve.matrix :], work[solve.derivative :], work[solve.pivots :])
+    # Gradients of constraints turn from step to step: a derivative of a step before costs corrections.
+    if (solve.adaptive and point is not None) or newton.differentiated == 0:
+        if evaluate_derivative(vectors, t, matrix.entries, point):
+            return Outcome.SINGULAR
+        for a in range(layout.rows):
+            for b in range(layout.columns):
+                matrix.derivative[b * layout.rows + a] = matrix.entries[a * layout.columns + b]
+        newton.differentiated = 1
+    identity = table(vectors, terms.identity)
+    matrix.fill(identity, [(r, s, table(vectors, factors)) for (r, s), factors in terms.blocks.items()])
+    is_singular = matrix.invert(solve.unknowns)
+    for column in range(solve.unknowns):
+        for i in range(solve.solve.count):
+            row = matrix.entries[column * solve.stride + i * solve.length :]
+            matrix.keep(row, inverse[column * solve.all + i * solve.width :])
+    if layout.step.law in INERTIA and is_singular and matrix.inertia_is_singular(INERTIA[layout.step.law]):
+        return Outcome.SINGULAR
+    for damp in solve.damped:
+        matrix.write_damper(vectors.numbers[damp.factor], work[solve.damper(damp) :])
+    if point is not None and not solve.adaptive:
+        weigh_by_rounding(vectors, solve, point, terms.shares)
+        newton.rate = 1.0
+        newton.noise = 1.0
+        newton.age = 0
+    newton.matrix_step = h
+    return Outcome.DONE
 
-    def line(self, column: Whole, r: int, s: int) -> Memory:
+
+@inline
+def evaluate_derivative(vectors: Vectors, t: float, out: Out, point: LawCall | None) -> bool:
+    """Write the derivative of the law by rows, at a call or at the start of the step; return whether it is singular."""
+    given, layout = vectors.given, vectors.layout
+    if point is None:
+        time, arguments = t, given.work[layout.argument :]
+        for i in unrolled(layout.step.states):
+            copy_vector(vectors.at(i), arguments[i * layout.length :], layout.width)
+    else:
+        time, arguments = vectors.numbers[point.time], vectors.arguments(point)
+    is_singular: bool = given.jacobian(time, arguments, given.constants, out)
+    return is_singular
+
+
+@inline
+def table(vectors: Vectors, nodes: Sequence[Node]) -> Out:
+    """Return an array of numbers of the step."""
+    values = reals(len(nodes))
+    for i, node in enumerate(nodes):
+        values[i] = vectors.numbers[node]
+    return values
+
+
+@dataclass(frozen=True)
+class Matrix:
+    """A matrix by rows in the work array, and the derivative of the law by columns."""
+
+    layout: Layout
+    solve: SolveLayout
+    entries: Out
+    derivative: Out
+    pivots: Out
+
+    @inline
+    def line(self, column: int, r: int, s: int) -> In:
         """Return a column of a block of the derivative: of result r by argument s."""
         length = self.solve.length
-        return self.derivative.at((column + s * length) * self.layout.rows + r * length)
+        return self.derivative[(column + s * length) * self.layout.rows + r * length :]
 
-    def fill(self, identity: Memory, factors: Memory) -> None:
+    @inline
+    def invert(self, order: int) -> bool:
+        """Invert the matrix in place; return whether it is singular."""
+        return invert_matrix(self.entries, self.pivots, n=order)
+
+    @inline
+    def keep(self, row: In, target: Out) -> None:
+        """Copy a part of a row, padded with zeros to whole blocks."""
+        solve = self.solve
+        for a in each(solve.width, spill=True, disjoint=True):
+            entry = row[a]
+            target[a] = entry if solve.width == solve.length or a < solve.length else 0.0
+
+    @inline
+    def fill(self, identity: In, blocks: Sequence[tuple[int, int, In]]) -> None:
         """Write the negative transposed matrix by rows; the rows of its inverse are the columns that are kept.
 
-        The last block of a part may overwrite what follows, which is written later.
+        `identity` is beta, and `blocks` have a result, an argument and g. The last vector of a part of a row may
+        overwrite the start of the next part, which is written later.
         """
-        p, solve, count, length = self.p, self.solve, self.solve.solve.count, self.solve.length
-        with p.loop(0, count) as j, p.loop(0, length) as b, p.loop(0, count) as i:
-            pair = i * count + j
-            own = [-factors[pair * self.pairs + k] for k, _, _ in self.blocks]
-            one = -identity[pair]
-            row = self.matrix.at((j * length + b) * solve.stride + i * length)
-            lines = [self.line(b, r, s) for _, r, s in self.blocks]
-            with p.each(solve.width, spill=True) as a:
-                value = p.choose(a.equals(b), one, 0.0)
-                for factor, line in zip(own, lines, strict=True):
-                    value = p.fma(factor, line[a], value)
-                row[a] = value
+        solve, count, length = self.solve, self.solve.solve.count, self.solve.length
+        for j in range(count):
+            for b in range(length):
+                for i in range(count):
+                    pair = i * count + j
+                    diagonal = -identity[pair]
+                    row = self.entries[(j * length + b) * solve.stride + i * length :]
+                    lines = [(-factors[pair], self.line(b, r, s)) for r, s, factors in blocks]
+                    for a in each(solve.width, spill=True, disjoint=True):
+                        value = diagonal if a == b else 0.0
+                        for factor, line in lines:
+                            value = fma(factor, line[a], value)
+                        row[a] = value
 
-    def invert(self, order: int) -> Flag:
-        """Invert the matrix in place; return whether it is singular."""
-        singular = self.p.call(inversion(order), self.matrix, self.given.work.at(self.solve.pivots))
-        return Flag.of(singular)
-
-    def spread(self) -> None:
-        """Write the inverse by padded columns: its product with a residual is the correction."""
-        solve, inverse = self.solve, self.given.work.at(self.solve.inverse)
-        with self.p.loop(0, solve.unknowns) as column, self.p.loop(0, solve.solve.count) as i:
-            source = self.matrix.at(column * solve.stride + i * solve.length)
-            self.keep_column(source, inverse.at(column * solve.all + i * solve.width))
-
-    def keep_column(self, source: Memory, target: Memory) -> None:
-        """Copy a column, padded with zeros to whole blocks."""
-        p, solve = self.p, self.solve
-        with p.each(solve.width, spill=True) as a:
-            target[a] = source[a] if solve.width == solve.length else p.choose(a < solve.length, source[a], 0.0)
-
-    def leave_if_inertia_singular(self, blocks: Sequence[Sequence[tuple[int, int]]]) -> None:
-        """Leave if the matrix of these blocks of the derivative is singular, and not only the matrix of the step."""
+    @inline
+    def inertia_is_singular(self, blocks: Sequence[Sequence[tuple[int, int]]]) -> bool:
+        """Return whether the matrix of blocks of the derivative is singular, not only the matrix of the step."""
         length, order = self.solve.length, len(blocks) * self.solve.length
         for i, line in enumerate(blocks):
             for j, (r, s) in enumerate(line):
-                with self.p.loop(0, length) as a, self.p.loop(0, length) as b:
-                    place = (i * length + a) * row_stride(order) + j * length + b
-                    self.matrix[place] = self.line(b, r, s)[a]
-        self.p.leave_if(self.invert(order), Outcome.SINGULAR)
+                for a in range(length):
+                    for b in range(length):
+                        place = (i * length + a) * row_stride(order) + j * length + b
+                        self.entries[place] = self.line(b, r, s)[a]
+        return self.invert(order)
 
-    def damper(self, factor: Real, target: Memory) -> None:
+    @inline
+    def write_damper(self, factor: float, target: Out) -> None:
         """Write (I - factor J)^-1 by columns."""
-        p, solve, length, stride = self.p, self.solve, self.solve.length, row_stride(self.solve.length)
-        with p.loop(0, length) as b:
-            row, line = self.matrix.at(b * stride), self.line(b, 0, 0)
-            with p.each(solve.width, spill=True) as a:
-                row[a] = p.fma(-factor, line[a], p.choose(a.equals(b), 1.0, 0.0))
+        solve, length, stride = self.solve, self.solve.length, row_stride(self.solve.length)
+        for b in range(length):
+            row, line = self.entries[b * stride :], self.line(b, 0, 0)
+            for a in each(solve.width, spill=True, disjoint=True):
+                row[a] = fma(-factor, line[a], 1.0 if a == b else 0.0)
         self.invert(length)
-        with p.loop(0, length) as b:
-            self.keep_column(self.matrix.at(b * stride), target.at(b * solve.width))
+        for b in range(length):
+            self.keep(self.entries[b * stride :], target[b * solve.width :])
+
+
+@inline
+def weigh_by_rounding(vectors: Vectors, solve: SolveLayout, point: LawCall, factors: Sequence[Sequence[Node]]) -> None:
+    """Set the weights of corrections: the effect of rounding a residual and the arguments of its calls on the unknowns.
+
+    The sizes of the terms of a residual, and J times those of the arguments, are an error of one unit of round-off. The
+    inverse maps it to the unknowns. In any units, no iteration can reach a smaller error. `factors` are those of each
+    result in each residual, by rows (residual, result), a list with the factor of every call.
+    """
+    work, rows, length, width = vectors.given.work, vectors.layout.rows, solve.length, solve.width
+    count, law, shares = solve.solve.count, LAWS[vectors.layout.step.law], reals(len(factors))
+    sizes, places, derivative = work[solve.sizes :], work[solve.places :], work[solve.derivative :]
+    for k, residual in enumerate(solve.solve.residuals):
+        vectors.combine(residual, sizes[k * width :], sizes=True)
+    for k, argument in enumerate(point.arguments):
+        vectors.combine(argument, places[k * width :], sizes=True)
+    for k, nodes in enumerate(factors):
+        share = 0.0
+        for node in nodes:
+            share += abs(vectors.numbers[node])
+        shares[k] = share
+    for i in range(count):
+        for r in range(law.results):
+            share = shares[i * law.results + r]
+            for a in range(length):
+                total = sizes[i * width + a]
+                for s in range(law.arguments):
+                    for b in range(length):
+                        entry = abs(derivative[(s * length + b) * rows + r * length + a])
+                        total = fma(share, entry * places[s * width + b], total)
+                sizes[i * width + a] = total
+    inverse, weights = work[solve.inverse :], work[solve.weights :]
+    for i in range(count):
+        for a in range(length):
+            row = i * width + a
+            moved = 0.0
+            for j in range(count):
+                for b in range(length):
+                    entry = abs(inverse[(j * length + b) * solve.all + row])
+                    moved = fma(entry, sizes[j * width + b], moved)
+            weights[row] = 1.0 / fma(moved, UNIT_ROUND_OFF, LEAST_ROUND_OFF)

@@ -6,86 +6,92 @@ sum of the differences; the k-th difference at the next step is the error of tha
 
 from __future__ import annotations
 
-from functools import reduce
-from typing import Any
-
 from lagrange.algorithm.newton.constants import HISTORY, ORDERS
-from lagrange.algorithm.step.memory import NEWTON, Layout, SolveLayout
-from lagrange.algorithm.step.vectors import Given, Vectors
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import Procedure
-from lagrange.procedure.values import Memory, Real
+from lagrange.algorithm.step.memory import Layout, Newton, SolveLayout, work_array
+from lagrange.algorithm.step.run import Running
+from lagrange.algorithm.step.vectors import copy_vector, vectors_of
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import Out, Writable, each, fma, unrolled
 
 
-def predict(given: Given, solve: SolveLayout) -> None:
+@inline
+def predict(given: Running, t: float, h: float, layout: Layout, solve: SolveLayout) -> None:
     """Write the initial guess of the unknowns: as the method states, or by extrapolation."""
-    p, work = given.p, given.work
-    unknowns = work.at(solve.first)
+    work, newton, predicted = given.work, given.newtons[solve.index], solve.solve.predicted
+    unknowns, residual = work[solve.first :], work[solve.residual :]
     if not solve.adaptive:
-        _extrapolate(given, solve, unknowns)
-        return
-    vectors = Vectors(given, solve.solve.predicted, ratio=given.h / given.newton.old_step)
-    p.copy(work.at(solve.history), unknowns, solve.all)
-    if solve.solve.predicted:
-        residual = work.at(solve.residual)
-        for i, combination in enumerate(solve.solve.predicted):
-            vectors.combine(combination, residual.at(i * solve.width))
-        p.copy(residual, unknowns, solve.all)
-    p.note("The unknowns of the step before stood where those of this one are put.")
+        extrapolate(newton.order, differences_of(work, solve), unknowns, solve.all)
+    else:
+        vectors = vectors_of(given, t, h, layout, (), predicted, ratio=h / newton.old_step)
+        # The predicted unknowns are combinations of those of the previous step, which have the same vectors.
+        copy_vector(work[solve.history :], unknowns, solve.all)
+        for i, combination in enumerate(predicted):
+            vectors.combine(combination, residual[i * solve.width :])
+        if predicted:
+            copy_vector(residual, unknowns, solve.all)
 
 
-def _extrapolate(given: Given, solve: SolveLayout, unknowns: Memory) -> None:
-    """Write the sum of the selected number of differences, the smallest first."""
-    p, order = given.p, given.newton.order
-    differences = [given.work.at(solve.history + i * solve.all) for i in range(HISTORY)]
+@inline
+def differences_of(work: Out, solve: SolveLayout) -> tuple[Writable[float], ...]:
+    """Return the backward differences of the unknowns, from the unknowns themselves on."""
+    return tuple([work[solve.history + k * solve.all :] for k in unrolled(HISTORY)])
+
+
+@inline
+def extrapolate(order: int, differences: tuple[Writable[float], ...], unknowns: Out, count: int) -> None:
+    """Write the sum of the first `order` differences, the smallest first."""
     for k in reversed(ORDERS):
-        with p.when(order.equals(k)), p.each(solve.all, spill=True) as i:
-            values: list[Any] = [one[i] for one in reversed(differences[:k])]
-            unknowns[i] = reduce(lambda total, larger: larger + total, values)
+        if order == k:
+            for i in each(count, spill=True, disjoint=True):
+                total = differences[k - 1][i]
+                for difference in reversed(differences[: k - 1]):
+                    total = total + difference[i]
+                unknowns[i] = total
 
 
-def keep(layout: Layout, solve: SolveLayout) -> Procedure:
-    """Return the update of the stored unknowns when a step is accepted."""
-    p = Builder(f"keep{solve.index}", "Keep the unknowns of an accepted step, to extrapolate from.")
-    newton: Any = p.record("newton", NEWTON)
-    work = p.array("work", size=layout.size, room=layout.block)
-    with p.when(newton.solved.equals(1)):
+@procedure(work=work_array)
+def keep_unknowns(newton: Newton, work: Out, *, layout: Layout, solve: SolveLayout) -> None:
+    """Keep the unknowns of an accepted step, to extrapolate from."""
+    if newton.solved == 1:
         newton.solved = 0
-        if solve.adaptive:
-            unknowns, history = work.at(solve.first), work.at(solve.history)
-            p.copy(unknowns, history, solve.all)
+        unknowns, weights = work[solve.first :], work[solve.weights :]
+        if layout.step.control is not None:
+            copy_vector(unknowns, work[solve.history :], solve.all)
             newton.known = 1
         else:
-            _choose_order(p, newton, _difference(p, solve, work))
+            differences = differences_of(work, solve)
+            of_1, of_3, of_6, of_12 = 0.0, 0.0, 0.0, 0.0
+            for i in each(solve.all, spill=True, disjoint=True):
+                weight = weights[i]
+                errors = update_differences(differences, unknowns[i], i)
+                error_1, error_3, error_6, error_12 = [error * weight for error in errors]
+                of_1 = fma(error_1, error_1, of_1)
+                of_3 = fma(error_3, error_3, of_3)
+                of_6 = fma(error_6, error_6, of_6)
+                of_12 = fma(error_12, error_12, of_12)
+            choose_order(newton, (of_1, of_3, of_6, of_12))
         newton.old_step = newton.tried_step
-    return p.finish()
 
 
-def _difference(p: Builder, solve: SolveLayout, work: Memory) -> dict[int, Real]:
-    """Write the differences with the new unknowns; return the weighted squares of those that are errors of a guess."""
-    unknowns, weights = work.at(solve.first), work.at(solve.weights)
-    differences = [work.at(solve.history + i * solve.all) for i in range(HISTORY)]
-    squares = {}
-    with p.each(solve.all, spill=True) as i:
-        weight, value = weights[i], unknowns[i]
-        for k, difference in enumerate(differences, 1):
-            old = difference[i]
-            difference[i] = value
-            value = value - old
-            if k in ORDERS:
-                weighted = value * weight
-                squares[k] = p.dot(weighted, weighted)
-    return {k: found.value for k, found in squares.items()}
+@inline
+def update_differences(differences: tuple[Writable[float], ...], value: float, i: int) -> list[float]:
+    """Write the differences with a new value of unknown i; return those that are errors of a guess, by `ORDERS`."""
+    errors: list[float] = []
+    for k, difference in enumerate(differences, 1):
+        old = difference[i]
+        difference[i] = value
+        value = value - old
+        errors = [*errors, value] if k in ORDERS else errors
+    return errors
 
 
-def _choose_order(p: Builder, newton: Any, errors: dict[int, Real]) -> None:
+@inline
+def choose_order(newton: Newton, errors: tuple[float, ...]) -> None:
     """Set the order of the next guess: that of the least error, or one more if it has just become available."""
-    known = newton.known
-    following = known + 1
-    best, least = p.whole(ORDERS[0]), errors[ORDERS[0]]
-    for k in ORDERS[1:]:
-        taken = (following >= k) & ((known < k) | (errors[k] < least))
-        best = p.choose(taken, k, best)
-        least = p.choose(taken, errors[k], least)
-    newton.known = p.smaller(following, HISTORY)
+    known, following = newton.known, newton.known + 1
+    best, least = ORDERS[0], errors[0]
+    for k, error in zip(ORDERS[1:], errors[1:], strict=True):
+        is_better = following >= k and (known < k or error < least)
+        best, least = k if is_better else best, error if is_better else least
+    newton.known = min(following, HISTORY)
     newton.order = best

@@ -150,7 +150,7 @@ class TaylorProcedures:
         y, prepared = p.array("y", size=n), p.array("p", read=True)
         rtol, atol, most = p.given("rtol", REAL), p.given("atol", REAL), p.given("max_steps", WHOLE)
         if self.projection is not None:
-            near = bound(starts_on_constraints(n), {"corrections": self.projection}, prefix="taylor_")
+            near = bound(starts_on_constraints.form(dimension=n), {"corrections": self.projection}, prefix="taylor_")
             p.leave_if(~p.call(near, prepared, time[0], y), Outcome.UNPROJECTED)
         work = p.reserve(layout.size(self.highest), room=BLOCK, name="work")
         asked = p.choose(rtol < SMALLEST_RTOL, SMALLEST_RTOL, rtol).called("asked")

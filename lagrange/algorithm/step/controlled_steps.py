@@ -25,8 +25,8 @@ from lagrange.algorithm.step.equal_steps import discard_history, equal_steps, is
 from lagrange.algorithm.step.error_norm import error_norm, raise_floors, reject
 from lagrange.algorithm.step.first_step import first_step
 from lagrange.algorithm.step.memory import Layout
-from lagrange.algorithm.step.projection import project_new_state
-from lagrange.algorithm.step.trial import Running, accept_step, rows_array, running, try_step
+from lagrange.algorithm.step.run import Running, running
+from lagrange.algorithm.step.trial import accept_step, project_new_state, rows_array, try_step
 from lagrange.procedure.form import Procedure
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import Out, larger, likely, smaller
@@ -72,7 +72,7 @@ def controlled_steps(
         length = after - t if is_last or abs(h) < abs(t) * FAR_FROM_ZERO else h
         outcome = try_step(given, t, length, entries, layout=layout)
         if is_finite(given, layout, errors=True) and outcome == Outcome.DONE:
-            norm = error_norm(run, given.floors, given.work, layout=layout, control=control)
+            norm = error_norm(given, layout=layout, control=control)
             exponent = -(1 / control.exponent - PI_SHARE * control.memory)
             factor = larger(norm, LEAST_NORM) ** exponent * control.safety
             if norm <= 1.0:
@@ -81,24 +81,20 @@ def controlled_steps(
                     cause, moved = project_within_tolerance(given, after, entries, layout, control)
                     if likely(cause == Outcome.DONE):
                         accept(given, norm, next_h, layout)
-                        accept_step(
-                            run, counts, given.newtons, given.work, entries, moved, after, times, rows, layout=layout
-                        )
-                    elif retry(given, float(cause), length * AFTER_DIVERGED, layout, moved=False):
+                        accept_step(given, entries, moved, after, times, rows, layout=layout)
+                    elif reject(given, float(cause), length * AFTER_DIVERGED, moved=False, layout=layout):
                         return Outcome.UNSCALED
                 else:
                     accept(given, norm, next_h, layout)
-                    accept_step(
-                        run, counts, given.newtons, given.work, entries, None, after, times, rows, layout=layout
-                    )
+                    accept_step(given, entries, None, after, times, rows, layout=layout)
             else:
                 shorter = smaller(larger(factor, control.least), LARGEST_RETRY)
-                if retry(given, float(Outcome.STEP_TOO_SMALL), length * shorter, layout, moved=True):
+                if reject(given, float(Outcome.STEP_TOO_SMALL), length * shorter, moved=True, layout=layout):
                     return Outcome.UNSCALED
         else:
             cause = Outcome.NON_FINITE if outcome == Outcome.DONE else outcome
             part = AFTER_DIVERGED if outcome == Outcome.DIVERGED else AFTER_BROKEN
-            if retry(given, float(cause), length * part, layout, moved=False):
+            if reject(given, float(cause), length * part, moved=False, layout=layout):
                 return Outcome.UNSCALED
     return Outcome.DONE if run.t == end else Outcome.PAUSED
 
@@ -138,7 +134,7 @@ def project_within_tolerance(
     outcome, moved = project_new_state(given, after, entries, layout)
     correction = 0.0
     if moved:
-        correction = error_norm(given.run, given.floors, given.work, layout=layout, control=control)
+        correction = error_norm(given, layout=layout, control=control)
     begun_off = larger(ROUNDED_START / given.run.rtol, LARGEST_CORRECTION)
     most = begun_off if given.counts.after_reject >= SHORTENINGS else LARGEST_CORRECTION
     cause = Outcome.STEP_TOO_SMALL if outcome == Outcome.DONE and not correction <= most else outcome
@@ -152,9 +148,3 @@ def accept(given: Running, norm: float, h: float, layout: Layout) -> None:
     given.run.h = h
     given.counts.after_reject = 0
     raise_floors(given.run.share, given.floors, given.work, layout)
-
-
-@inline
-def retry(given: Running, cause: float, h: float, layout: Layout, *, moved: bool) -> bool:
-    """Try again with a step of h; return whether the sizes of the entries are needed first."""
-    return reject(given.run, given.counts, given.floors, given.work, cause, h, moved, layout=layout)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from lagrange.algorithm.outcome import Outcome
 from lagrange.algorithm.step.constants import SHORTEST_LAST_STEP
 from lagrange.algorithm.step.memory import Layout, Newton
-from lagrange.algorithm.step.projection import project_new_state
-from lagrange.algorithm.step.trial import Running, accept_step, rows_array, running, try_step
+from lagrange.algorithm.step.run import Running, running
+from lagrange.algorithm.step.trial import accept_step, project_new_state, rows_array, try_step
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import Out, each, fma, reals, unrolled
 
@@ -44,7 +44,7 @@ def equal_steps(given: Running, budget: int, times: Out, rows: Out, *, layout: L
             projected, moved = project_new_state(given, after, entries, layout)
             if projected != Outcome.DONE:
                 return projected
-        accept_step(run, counts, given.newtons, given.work, entries, moved, after, times, rows, layout=layout)
+        accept_step(given, entries, moved, after, times, rows, layout=layout)
     return Outcome.DONE if run.t == end else Outcome.PAUSED
 
 

@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from lagrange.algorithm.step.constants import DAMPING, LEAST_FLOOR, MOST_SURVEYS, REJECTIONS_BEFORE_SURVEY, ROUNDED
-from lagrange.algorithm.step.memory import Layout, floors_array, work_array
-from lagrange.algorithm.step.run import Counts, Run
+from lagrange.algorithm.step.memory import Layout
+from lagrange.algorithm.step.run import Running, running
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import (
@@ -24,10 +24,10 @@ from lagrange.procedure.values import Real
 from lagrange.program.step import Control
 
 
-@procedure(floors=floors_array, work=lambda layout: work_array(layout, read=True))
-def error_norm(run: Run, floors: In, work: In, *, layout: Layout, control: Control) -> float:
+@procedure(given=running)
+def error_norm(given: Running, *, layout: Layout, control: Control) -> float:
     """Return the error of the trial step against its tolerances; with two error vectors, the norm of DOP853."""
-    rtol, squares, others = run.rtol, 0.0, 0.0
+    rtol, floors, work, squares, others = given.run.rtol, given.floors, given.work, 0.0, 0.0
     for state in unrolled(layout.step.states):
         old, new = work[layout.place(state) :], work[layout.place(layout.new + state) :]
         floor, errors = floors[state * layout.length :], errors_of(work, state, layout)
@@ -51,16 +51,15 @@ def errors_of(work: In, state: int, layout: Layout) -> tuple[Readable[float], ..
     return tuple([work[layout.place(layout.errors + k) :] for k in unrolled(state, len(step.errors), step.states)])
 
 
-@procedure(apart=True, floors=floors_array, work=lambda layout: work_array(layout, read=True))
-def reject(
-    run: Run, counts: Counts, floors: In, work: In, cause: float, h: float, moved: bool, *, layout: Layout
-) -> bool:
+@procedure(apart=True, given=running)
+def reject(given: Running, cause: float, h: float, moved: bool, *, layout: Layout) -> bool:
     """Have a step tried again with another length, and say whether to ask how large the entries are.
 
     They are asked for after several consecutive rejections, or if an entry has no size yet. If the trial `moved` the
     state, an entry that it left at zero does not count. They are also asked for at the first, second, fourth, eighth,
     ... rejection if the entry with the largest error may be the rounding of larger ones; see `ROUNDED`.
     """
+    run, counts, floors, work = given.run, given.counts, given.floors, given.work
     run.cause = cause
     run.h = h
     counts.after_reject += 1

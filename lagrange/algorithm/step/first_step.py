@@ -25,7 +25,8 @@ from lagrange.algorithm.step.constants import (
     perturbation_factors,
 )
 from lagrange.algorithm.step.memory import Layout
-from lagrange.algorithm.step.trial import Running, copy_vector, running
+from lagrange.algorithm.step.run import Running, running
+from lagrange.algorithm.step.vectors import copy_vector
 from lagrange.procedure.front.plain import inline, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, fma, larger, smaller, unrolled
 from lagrange.program.actions import LAWS

@@ -69,14 +69,9 @@ EFFORT, NEWTON = form_of(Effort), form_of(Newton)
 """The records in memory."""
 
 
-def floors_array(layout: Layout) -> Array:
-    """Return the type of the parameter with the absolute tolerance of each entry of the state."""
-    return Array(size=layout.dimension, read=True, room=layout.block)
-
-
-def work_array(layout: Layout, *, read: bool = False) -> Array:
+def work_array(layout: Layout) -> Array:
     """Return the type of the parameter with the vectors of a step and the data of its solves."""
-    return Array(size=layout.size, read=read, room=layout.block)
+    return Array(size=layout.size, room=layout.block)
 
 
 class Layout:
@@ -98,6 +93,7 @@ class Layout:
     ) -> None:
         self.step, self.dimension, self.block, self.in_registers = step, dimension, block, in_registers
         self.projected = projected
+        self.procedure_name = "" if alone else "starter"
         self.length = dimension // 2 if step.partitioned else dimension
         law = LAWS[step.law]
         self.rows, self.columns = law.results * self.length, law.arguments * self.length
@@ -128,12 +124,18 @@ class Layout:
         self.starting: Layout = self
         self.size = self.end
         if step.starter is not None:
-            self.starting = Layout(step.starter, dimension, block=block, in_registers=in_registers, alone=False)
+            self.starting = Layout(
+                step.starter, dimension, block=block, in_registers=in_registers, alone=False, projected=projected
+            )
             self.size += self.starting.size
 
     def place(self, vector: int) -> int:
         """Return the offset of a vector."""
         return vector * self.width
+
+    def solve_of(self, solve: Solve) -> SolveLayout:
+        """Return the layout of a solve of the step."""
+        return self.solves[self.step.solves.index(solve)]
 
 
 class SolveLayout:
@@ -146,9 +148,10 @@ class SolveLayout:
 
     def __init__(self, layout: Layout, start: int, index: int, solve: Solve, damped: list[Damp]) -> None:
         self.index, self.solve, self.damped = index, solve, damped
+        self.procedure_name = str(index)
         self.adaptive = layout.step.control is not None
         block, length = layout.block, layout.length
-        self.length, self.width = length, layout.width
+        self.block, self.length, self.width = block, length, layout.width
         self.unknowns = solve.count * length
         self.all = solve.count * self.width
         self.stride = row_stride(self.unknowns)

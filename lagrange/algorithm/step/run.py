@@ -1,8 +1,22 @@
-"""The state of a run: the entries of `DriverState`, in its order, as records of the procedures."""
+"""The arguments of procedures that take steps, and the state of a run: the entries of `DriverState`, in its order."""
 
 from __future__ import annotations
 
-from lagrange.procedure.front.vocabulary import form_of, record
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from lagrange.algorithm.projection import CORRECTIONS
+from lagrange.algorithm.step.memory import Effort, Layout, Newton, work_array
+from lagrange.procedure.form import FLAG, REAL, Array, Callee
+from lagrange.procedure.front.plain import Bundle, Stated
+from lagrange.procedure.front.vocabulary import In, Out, form_of, record
+from lagrange.program.actions import LAWS
+
+READ = Array(read=True)
+
+BY_PLACE = Callee((REAL, READ, READ, Array()), (FLAG,))
+"""A law between arrays: of a time, a state and the parameters, to the results; it says whether a matrix is singular."""
 
 
 @record
@@ -77,3 +91,61 @@ class Counts:
 
 RUN, COUNTS = form_of(Run), form_of(Counts)
 """The records in memory."""
+
+
+def law_type(layout: Layout) -> Callee:
+    """Return the type of the law. In registers it takes and returns numbers, and whether a matrix is singular."""
+    results = LAWS[layout.step.law].results * (layout.dimension // 2)
+    by_number = Callee((REAL,) * (1 + layout.dimension) + (READ,), (REAL,) * results + (FLAG,))
+    return by_number if layout.in_registers else BY_PLACE
+
+
+@dataclass(frozen=True)
+class Running:
+    """The arguments of a procedure that takes steps of a run."""
+
+    law: Callable[..., Any]
+    parameters: In
+    jacobian: Callable[..., Any]
+    """The derivative of the law."""
+
+    constants: In
+    """The parameters of the derivative."""
+
+    run: Run
+    counts: Counts
+    floors: Out
+    """The absolute tolerance of each entry of the state, (dimension,)."""
+
+    effort: Effort
+    newtons: tuple[Newton, ...]
+    """The records of the solves of the step."""
+
+    starters: tuple[Newton, ...]
+    """The records of the solves of the starter."""
+
+    work: Out
+    """The vectors of the step and the data of its solves; see `Layout`."""
+
+    projection: Any
+    """The corrections of constraints, None without constraints."""
+
+    projection_numbers: Any
+    """The parameters of the projection."""
+
+
+def running(layout: Layout) -> Bundle:
+    """Return the type of the arguments of a run."""
+    newton = form_of(Newton)
+    starters = len(layout.starting.solves) if layout.step.starter is not None else 0
+    types: dict[str, Stated] = {
+        "law": law_type(layout),
+        "jacobian": BY_PLACE,
+        "floors": Array(size=layout.dimension, room=layout.block),
+        "newtons": (newton,) * len(layout.solves),
+        "starters": (newton,) * starters,
+        "work": work_array(layout),
+        "projection": CORRECTIONS if layout.projected else None,
+        "projection_numbers": READ if layout.projected else None,
+    }
+    return Bundle(Running, types)

@@ -1,261 +1,229 @@
-"""The parts of a procedure of a step: its arguments, its numbers, and combinations of its vectors.
+"""Vectors of a step in the work array: their linear combinations, and evaluations of the law.
 
-A vector has its place in the work array. A combination of vectors is computed entry by entry, in whole blocks; the
-entries beyond the end of a vector are arbitrary.
+A combination is computed entry by entry, in whole blocks; the entries beyond the end of a vector are arbitrary.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.outcome import Outcome
-from lagrange.algorithm.step.memory import EFFORT, NEWTON, Layout, SolveLayout
+from lagrange.algorithm.step.memory import Layout
+from lagrange.algorithm.step.run import Running
 from lagrange.graph.node import Node
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, Array, Callee
-from lagrange.procedure.values import Flag, Memory, Real, Variable, Whole
+from lagrange.procedure.front.plain import inline
+from lagrange.procedure.front.vocabulary import In, Out, each, fma, operation, reals, unrolled
 from lagrange.program.actions import LAWS, Combination, LawCall, in_doubles, parts
+from lagrange.program.program import Program
 
-READ = Array(read=True)
+Registers = Mapping[int, Sequence[float]]
+"""The entries of vectors that have just been computed, by number. Reading them from memory takes some cycles."""
 
-BY_PLACE = Callee((REAL, READ, READ, Array()), (FLAG,))
-"""A law between arrays: of a time, a state and the parameters, to the results; it says whether a matrix is singular."""
-
-
-def in_registers(layout: Layout) -> Callee:
-    """Return the type of a law that takes and returns numbers, and whether a matrix is singular."""
-    results = LAWS[layout.step.law].results * (layout.dimension // 2)
-    return Callee((REAL,) * (1 + layout.dimension) + (READ,), (REAL,) * results + (FLAG,))
+NO_REGISTERS: Registers = {}
+"""No vector is in registers."""
 
 
-def law_of(layout: Layout) -> Callee:
-    """Return the type of the law that steps call."""
-    return in_registers(layout) if layout.in_registers else BY_PLACE
+@inline
+def vectors_of(
+    given: Running,
+    t: float,
+    h: float,
+    layout: Layout,
+    calls: Sequence[LawCall] = (),
+    combinations: Iterable[Combination] = (),
+    nodes: Iterable[Node] = (),
+    *,
+    ratio: float = 1.0,
+    state: Out | None = None,
+) -> Vectors:
+    """Return the vectors of a step with the numbers that calls and combinations contain, and `nodes`.
 
-
-def floors_of(p: Builder, layout: Layout, *, read: bool = True) -> Memory:
-    """Return the parameter with the absolute tolerance of each entry of the state."""
-    return p.array("floors", size=layout.dimension, room=layout.block, read=read)
-
-
-def newton_records(p: Builder, layout: Layout, prefix: str = "") -> list[Any]:
-    """Return the records of the solves of a step, as parameters."""
-    return [p.record(f"{prefix}newton{solve.index}", NEWTON) for solve in layout.solves]
-
-
-class Laws:
-    """The law of a step and its derivative, each with its parameters."""
-
-    def __init__(self, p: Builder, layout: Layout) -> None:
-        self.law, self.parameters = p.function("law", law_of(layout)), p.array("parameters", read=True)
-        self.jacobian, self.constants = p.function("jacobian", BY_PLACE), p.array("constants", read=True)
-
-    @property
-    def handed(self) -> tuple[Any, ...]:
-        """The arguments for another procedure of the same step."""
-        return self.law, self.parameters, self.jacobian, self.constants
-
-
-class Given:
-    """The arguments of a procedure of a step, which it passes on to other procedures of the same step.
-
-    These are the law and its derivative, each with its parameters; time, length of the step, relative tolerance and
-    floors; the cost of the step; the records of all solves, or of the one that the procedure is for; and the work
-    array.
+    Numbers depend on t, h and the `ratio` of h to the step before. `state` has the entries of the state, if they are
+    kept in registers.
     """
-
-    def __init__(self, p: Builder, layout: Layout, solve: SolveLayout | None = None) -> None:
-        self.p, self.layout, self.solve = p, layout, solve
-        self.laws = Laws(p, layout)
-        self.t, self.h = p.given("t", REAL), p.given("h", REAL)
-        self.rtol = p.given("rtol", REAL)
-        self.floors = floors_of(p, layout)
-        self.effort = p.record("effort", EFFORT)
-        self.newtons = newton_records(p, layout) if solve is None else [p.record(f"newton{solve.index}", NEWTON)]
-        self.work = p.array("work", size=layout.size, room=layout.block)
-
-    @property
-    def newton(self) -> Any:
-        """The record of the solve that the procedure is for."""
-        return self.newtons[0]
-
-    def handed(self, *newtons: Any) -> tuple[Any, ...]:
-        """Return the arguments for another procedure of the same solve, or of some of the step."""
-        numbers = self.t, self.h, self.rtol, self.floors
-        return (*self.laws.handed, *numbers, self.effort, *(newtons or self.newtons), self.work)
-
-    def leave_unless_done(self, outcome: Whole) -> None:
-        """Return an outcome of another procedure unless it is DONE."""
-        self.p.leave_if(~outcome.equals(Outcome.DONE), outcome)
+    combined = [*[argument for call in calls for argument in call.arguments], *combinations]
+    factors = [factor for combination in combined for _, factor in combination]
+    numbers = list(dict.fromkeys([*factors, *[call.time for call in calls], *nodes, layout.step.graph.one]))
+    values = evaluated(layout.step.scalars(numbers), t, h, ratio)
+    return Vectors(given, layout, h, dict(zip(numbers, values, strict=True)), state)
 
 
-class Vectors:
-    """The vectors of a step in a procedure, and the numbers that they are combined with.
-
-    Numbers depend on t, h and the ratio of steps: those of `nodes` are known, and all in `combinations`. `state` has
-    the entries of the state, if they are kept. `known` has those of vectors that have just been computed: reading them
-    back from memory takes some cycles.
-    """
-
-    def __init__(
-        self,
-        given: Given,
-        combinations: Iterable[Combination],
-        nodes: Iterable[Node] = (),
-        *,
-        ratio: Real | None = None,
-        state: Memory | None = None,
-    ) -> None:
-        self.state = state
-        self.known: dict[int, list[Real]] = {}
-        self.given, self.p, self.layout, self.work = given, given.p, given.layout, given.work
-        step = self.layout.step
-        factors = [factor for one in combinations for _, factor in one if factor is not step.graph.one]
-        wanted = list(dict.fromkeys([*factors, *nodes, step.graph.one]))
-        program = step.scalars(wanted)
-        values: list[Real] = []
-        inputs = {"h": given.h, "ratio": ratio}
-        for op, args, place, value, *_ in program.instructions:
-            if op == "time":
-                values.append(given.t)
-            elif op == "state":
-                values.append(self.p.real(inputs[program.inputs[place].name]))
-            elif op == "constant":
-                values.append(self.p.constant(float(value), REAL))
-            else:
-                values.append(self.p.operation(op, *(values[arg] for arg in args)))
-        self.numbers = {node: values[ref] for node, ref in zip(wanted, program.outputs, strict=True)}
-
-    def at(self, vector: int) -> Memory:
-        """Return a vector."""
-        return self.work.at(self.layout.place(vector))
-
-    def combine(self, combination: Combination, target: Memory, *, sizes: bool = False) -> None:
-        """Write a linear combination of vectors, or with `sizes` that of their absolute values."""
-        sum_ = Sum(self, combination, sizes=sizes)
-        with self.p.each(self.layout.width, spill=True) as i:
-            target[i] = sum_[i]
-
-    def entries(self, combination: Combination) -> list[Real]:
-        """Return the entries of a linear combination, each in a register of its own.
-
-        What was computed last is added last, entry by entry, so that no addition waits for a value that it does not
-        need.
-        """
-        step = self.layout.step
-        known = [] if step.exact else [term for term in combination if term[0] in self.known]
-        last = max(known, default=None, key=lambda term: term[0])
-        before = tuple(term for term in combination if term is not last)
-        totals = self._apart(before) if last is None or before else []
-        if last is None:
-            return totals
-        values, node = self.known[last[0]], last[1]
-        if node is step.graph.one:
-            return [a + b for a, b in zip(totals, values, strict=True)] if totals else values
-        factor = self.numbers[node]
-        if not totals:
-            return [factor * value for value in values]
-        return [self.p.fma(factor, value, total) for value, total in zip(values, totals, strict=True)]
-
-    def _apart(self, combination: Combination) -> list[Real]:
-        """Return the entries of a combination that is computed in blocks, or read if it is one vector."""
-        length, one = self.layout.length, self.layout.step.graph.one
-        if len(combination) == 1 and combination[0][1] is one:
-            vector = combination[0][0]
-            kept = self.state is not None and vector < self.layout.step.states
-            found = self.state.at(vector * length) if self.state is not None and kept else self.at(vector)
+@inline
+def evaluated(program: Program, t: float, h: float, ratio: float) -> list[float]:
+    """Return the results of a straight-line program of t, h and the ratio of steps."""
+    values: list[float] = []
+    for one in program.instructions:
+        if one.op == "time":
+            value = t
+        elif one.op == "state":
+            value = h if program.inputs[one.place].name == "h" else ratio
+        elif one.op == "constant":
+            value = float(one.value)
         else:
-            found = self.p.reserve(self.layout.width, room=self.layout.block)
-            self.combine(combination, found)
-        return [found[i] for i in range(length)]
+            value = operation(one.op, *[values[arg] for arg in one.args])
+        values = [*values, value]
+    return [values[place] for place in program.outputs]
 
-    def keep_entries(self, values: Sequence[Real], target: Memory) -> None:
-        """Write entries from registers as a vector, padded with zeros."""
-        block = self.p.reserve(self.layout.width, room=self.layout.block)
-        for i in range(self.layout.width):
-            block[i] = values[i] if i < len(values) else 0.0
-        self.p.copy(block, target, self.layout.width)
 
-    def evaluate(self, call: LawCall, singular: Variable, *, always: bool = False) -> None:
-        """Evaluate the law, keep its results as vectors, and record whether a matrix is singular.
+@inline
+def plus(total: float | None, factor: float | None, value: float) -> float:
+    """Return total + factor * value, rounded once. A total of None is zero, and a factor of None is one."""
+    if total is None:
+        return value if factor is None else factor * value
+    return total + value if factor is None else fma(factor, value, total)
 
-        Results that are `always` computed can be used by all that follows.
-        """
-        failed = self._by_number(call, always=always) if self.layout.in_registers else self._by_place(call)
-        singular.value = singular.value | failed
 
-    def arguments(self, call: LawCall) -> Memory:
-        """Write the arguments of a call one after the other."""
+@inline
+def copy_vector(source: In, target: Out, width: int) -> None:
+    """Copy a vector of the work array in whole blocks."""
+    for i in each(width, spill=True, disjoint=True):
+        target[i] = source[i]
+
+
+@dataclass(frozen=True)
+class Vectors:
+    """The vectors of a step, and the numbers that they are multiplied by; see `vectors_of`."""
+
+    given: Running
+    layout: Layout
+    h: float
+    numbers: Mapping[Node, float]
+    state: Out | None
+
+    @inline
+    def at(self, vector: int) -> Out:
+        """Return a vector."""
+        return self.given.work[self.layout.place(vector) :]
+
+    @inline
+    def factor(self, node: Node, *, size: bool = False) -> float | None:
+        """Return a factor or its size, None for one."""
+        is_one = node is self.layout.step.graph.one
+        return None if is_one else abs(self.numbers[node]) if size else self.numbers[node]
+
+    @inline
+    def terms(self, combination: Combination, *, sizes: bool = False) -> Terms:
+        """Return the terms of a combination, or those of the sum of their sizes; terms of factor one are first."""
+        step, one = self.layout.step, self.layout.step.graph.one
+        plain, scaled = parts(combination, step.h) if step.exact and not sizes else (combination, ())
+        ordered = [*[term for term in plain if term[1] is one], *[term for term in plain if term[1] is not one]]
+        return Terms(
+            [(self.at(vector), self.factor(node, size=sizes)) for vector, node in ordered],
+            [(self.at(vector), in_doubles(share)) for vector, share in scaled],
+            self.h,
+            sizes,
+        )
+
+    @inline
+    def combine(self, combination: Combination, target: Out, *, sizes: bool = False) -> None:
+        """Write a combination, or the sum of the sizes of its terms."""
+        terms = self.terms(combination, sizes=sizes)
+        for i in each(self.layout.width, spill=True, disjoint=True):
+            target[i] = terms.entry(i)
+
+    @inline
+    def arguments(self, call: LawCall) -> Out:
+        """Write the arguments of a call one after the other, and return them."""
+        arguments = self.given.work[self.layout.argument :]
         for i, argument in enumerate(call.arguments):
-            self.combine(argument, self.work.at(self.layout.argument + i * self.layout.length))
-        return self.work.at(self.layout.argument)
+            self.combine(argument, arguments[i * self.layout.length :])
+        return arguments
 
-    def _by_place(self, call: LawCall) -> Flag:
-        layout, step, given = self.layout, self.layout.step, self.given
-        where, out = self.arguments(call), self.work.at(layout.result)
-        failed = given.laws.law(self.numbers[call.time], where, given.laws.parameters, out)
-        first = layout.result + (layout.length if step.law == "accelerations" else 0)
-        for i in range(LAWS[step.law].results):
-            self.p.copy(self.work.at(first + i * layout.length), self.at(call.first + i), layout.width)
-        return Flag.of(failed)
+    @inline
+    def evaluate(self, call: LawCall, registers: Registers = NO_REGISTERS) -> tuple[bool, Registers]:
+        """Evaluate the law and keep its results as vectors; return whether a matrix is singular, and the results."""
+        layout, given, law = self.layout, self.given, LAWS[self.layout.step.law]
+        time, length = self.numbers[call.time], layout.length
+        if layout.in_registers:
+            state = [entry for argument in call.arguments for entry in self.entries(argument, registers)]
+            zeros = [0.0] * (layout.dimension - len(state))
+            results = given.law(time, *state, *zeros, given.parameters)
+            values = [*(state[layout.dimension // 2 :] if law.states == 1 else ()), *results[:-1]]
+            vectors = [values[i * length : (i + 1) * length] for i in unrolled(law.results)]
+            for i, vector in enumerate(vectors):
+                self.store(vector, self.at(call.first + i))
+            return results[-1], dict(zip(unrolled(call.first, call.first + law.results), vectors, strict=True))
+        arguments, results = self.arguments(call), given.work[layout.result :]
+        is_singular = given.law(time, arguments, given.parameters, results)
+        first = length if layout.step.law == "accelerations" else 0
+        for i in unrolled(law.results):
+            copy_vector(results[first + i * length :], self.at(call.first + i), layout.width)
+        return is_singular, NO_REGISTERS
 
-    def _by_number(self, call: LawCall, *, always: bool) -> Flag:
-        layout, law, half = self.layout, LAWS[self.layout.step.law], self.layout.dimension // 2
-        state = [value for argument in call.arguments for value in self.entries(argument)]
-        zeros = [self.p.constant(0.0, REAL)] * (layout.dimension - len(state))
-        laws = self.given.laws
-        *found, failed = laws.law(self.numbers[call.time], *state, *zeros, laws.parameters)
-        values = [*state[half:], *found] if law.states == 1 else found
-        for i in range(law.results):
-            found = values[i * layout.length : (i + 1) * layout.length]
-            self.keep_entries(found, self.at(call.first + i))
-            if always:
-                self.known[call.first + i] = found
-        return Flag.of(failed)
+    @inline
+    def evaluate_all(self, calls: Sequence[LawCall]) -> bool:
+        """Evaluate the law for calls that do not depend on each other; return whether a matrix is singular."""
+        is_singular = False
+        for call in calls:
+            failed, _ = self.evaluate(call)
+            is_singular = is_singular or failed
+        given = self.given
+        given.effort.evaluations += len(calls)
+        return is_singular
+
+    @inline
+    def entries(self, combination: Combination, registers: Registers) -> Sequence[float]:
+        """Return the entries of a combination.
+
+        The vector that was computed last is added last, so that no addition waits for a value that it does not need.
+        """
+        step = self.layout.step
+        present = [] if step.exact else [term for term in combination if term[0] in registers]
+        if not present:
+            return self.loaded(combination)
+        vector, node = max(present)
+        rest = tuple([term for term in combination if term[0] != vector])
+        factor, values = self.factor(node), registers[vector]
+        totals = self.loaded(rest) if rest else [None] * len(values)
+        return [plus(total, factor, value) for total, value in zip(totals, values, strict=True)]
+
+    @inline
+    def loaded(self, combination: Combination) -> Sequence[float]:
+        """Return the entries of a combination from memory; one that is not a single vector is computed in blocks."""
+        layout = self.layout
+        if len(combination) != 1 or combination[0][1] is not layout.step.graph.one:
+            source = reals(layout.width, room=layout.block)
+            self.combine(combination, source)
+        elif self.state is not None and combination[0][0] < layout.step.states:
+            source = self.state[combination[0][0] * layout.length :]
+        else:
+            source = self.at(combination[0][0])
+        return [source[i] for i in unrolled(layout.length)]
+
+    @inline
+    def store(self, values: Sequence[float], target: Out) -> None:
+        """Write entries as a vector, padded with zeros."""
+        padded = reals(self.layout.width, room=self.layout.block)
+        for i in unrolled(self.layout.width):
+            padded[i] = values[i] if i < len(values) else 0.0
+        copy_vector(padded, target, self.layout.width)
 
 
-class Sum:
-    """A linear combination of vectors, entry by entry inside an `each`.
+@dataclass(frozen=True)
+class Terms:
+    """The terms of a linear combination: vectors with factors, and vectors that h multiplies as one sum.
 
-    For a step that keeps its rounding errors random (Brouwer's law), h multiplies the sum of its terms once, in two
-    doubles.
+    For a step that keeps its rounding errors random (Brouwer's law), the factors of that sum are pairs of doubles.
     """
 
-    def __init__(self, vectors: Vectors, combination: Combination, *, sizes: bool = False) -> None:
-        self.p, step, self.sizes = vectors.p, vectors.layout.step, sizes
-        self.h = vectors.given.h
-        one = step.graph.one
-        plain, scaled = parts(combination, step.h) if step.exact and not sizes else (combination, ())
-        terms = sorted(plain, key=lambda term: term[1] is not one)
-        self.terms: list[tuple[Memory, Real | None]] = []
-        for vector, node in terms:
-            factor = None if node is one else vectors.numbers[node]
-            self.terms.append((vectors.at(vector), abs(factor) if sizes and factor is not None else factor))
-        self.scaled = [(vectors.at(vector), in_doubles(factor)) for vector, factor in scaled]
+    plain: Sequence[tuple[In, float | None]]
+    scaled: Sequence[tuple[In, tuple[float, float]]]
+    h: float
+    sizes: bool
+    """True if the sizes of entries are added."""
 
-    def __getitem__(self, i: Whole) -> Real:
-        """Return an entry."""
-        p, total = self.p, None
-        for memory, factor in self.terms:
-            value = abs(memory[i]) if self.sizes else memory[i]
-            if factor is None:
-                total = value if total is None else total + value
-            else:
-                total = factor * value if total is None else p.fma(factor, value, total)
-        slope = self._slope(i)
-        if slope is not None:
-            total = self.h * slope if total is None else p.fma(self.h, slope, total)
-        return p.real(0.0 if total is None else total)
-
-    def _slope(self, i: Whole) -> Real | None:
-        """Return the sum of the terms that h multiplies."""
-        sums: list[Real | None] = [None, None]
-        for memory, doubles in self.scaled:
-            value = memory[i]
-            for k, part in enumerate(doubles):
-                if part:
-                    before = sums[k]
-                    sums[k] = value * part if before is None else self.p.fma(self.p.constant(part, REAL), value, before)
-        first, second = sums
-        return first if first is None or second is None else first + second
+    @inline
+    def entry(self, i: int) -> float:
+        """Return an entry of the combination."""
+        total, high, low = None, None, None
+        for vector, factor in self.plain:
+            total = plus(total, factor, abs(vector[i]) if self.sizes else vector[i])
+        for vector, (first, second) in self.scaled:
+            value = vector[i]
+            high = plus(high, first, value) if first else high
+            low = plus(low, second, value) if second else low
+        slope: Any = high if low is None else low if high is None else high + low
+        if self.scaled:
+            total = plus(total, self.h, slope)
+        return 0.0 if total is None else total

@@ -200,7 +200,13 @@ class _TaylorStep:
         """Project the compensated state onto the constraints; if that fails, try a shorter step."""
         p, layout, work = self.p, self.layout, self.series.work
         state, lost = work.at(0), work.at(layout.lost)
-        outcome, _ = p.call(project(layout.dimension, layout.block), *self.given.projection, self.run.t, state, lost)
+        outcome, _ = p.call(
+            project.form(dimension=layout.dimension, block=layout.block),
+            *self.given.projection,
+            self.run.t,
+            state,
+            lost,
+        )
         with p.when(outcome.equals(Outcome.UNPROJECTED), likely=False):
             p.leave_if(retries_exhausted(self.taylor), outcome)
             p.call(reject_step(layout), self.run, self.counts, self.taylor, self.held, work)
