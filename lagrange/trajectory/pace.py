@@ -26,16 +26,20 @@ from lagrange.trajectory.trajectory import FloatArray, Status
 ROWS = 64
 """Number of last accepted states that are tested for sticking."""
 
+UNSOLVED_ROWS, UNSOLVED_REACH = 8, 2.0
+"""Number of last accepted states that are tested if an implicit step did not converge, and the time within which their
+rates lead to the surface, relative to the time from the first to the last."""
 
-def stuck(problem: Problem, t: float, parts: Sequence[Part], covered: float) -> EventResult | None:
+
+def stuck(problem: Problem, t: float, parts: Sequence[Part], covered: float, rows: int = ROWS) -> EventResult | None:
     """Return the end of a run at t if its last accepted states stick to a surface, else None.
 
-    `covered` is the duration of the run since the last test.
+    `covered` is the duration of the run since the last test, and `rows` the largest number of states.
     """
     switched = switch(problem.model.equations.graph, problem.model.equations.accelerations)
     if not switched.stated:
         return None
-    last = parts[-1].times[-ROWS:], np.ascontiguousarray(parts[-1].states[-ROWS:].T)
+    last = parts[-1].times[-rows:], np.ascontiguousarray(parts[-1].states[-rows:].T)
     which = _led_back(problem, switched.stated, last, covered)
     if which is None:
         return None
@@ -100,9 +104,12 @@ class Pace:
     def look(self, state: DriverState, parts: Sequence[Part], result: EventResult) -> EventResult:
         """Raise the floors of a slow run, and return its end if it sticks, else the result of its last steps.
 
-        A run may stick if it would use up its steps at the rate since the last look, or if its steps vanish. `parts`
-        are its accepted states.
+        A run may stick if it would use up its steps at the rate since the last look, if its steps vanish, or if an
+        implicit step of any length did not converge. `parts` are its accepted states.
         """
+        if result.status is Status.DIVERGED and not result.detail and state.reals[DriverState.RTOL]:
+            reach = UNSOLVED_REACH * abs(state.t - float(parts[-1].times[-UNSOLVED_ROWS:][0]))
+            return stuck(self._problem, state.t, parts, reach, UNSOLVED_ROWS) or result
         tries = state.count(DriverState.STEPS) + state.count(DriverState.REJECTED)
         vanished = result.status is Status.STEP_TOO_SMALL
         if result.detail or not (vanished or (result.status is None and tries >= self.next_look)):

@@ -98,6 +98,18 @@ def test_a_body_that_sticks_is_named_long_before_the_step_limit(method: str) -> 
     assert "switch where x_dot is zero, and at t = 6.28" in found.message and "both sides lead back" in found.message
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize("method", ["radau3", "radau5"])
+def test_an_implicit_step_without_a_solution_names_the_surface_that_holds_a_body(method: str, unit: float) -> None:
+    """A block slides to a halt: the equations of a step over it have no solution, and Newton's method diverges."""
+    block = lg.System(
+        kinetic=x.dot**2 / 2, potential=0, coordinates=[x], forces={x: -sign(x.dot) * 7 / 10}, initial={x.dot: unit}
+    )
+    found = block.run(5 * unit, method=method)
+    assert found.status is lg.Status.STEP_TOO_SMALL
+    assert "switch where x_dot is zero" in found.message and "both sides lead back" in found.message
+
+
 @pytest.mark.parametrize("method", [name for name in ("scipy-lsoda", "scipy-dop853") if name in OUTSIDE])
 def test_an_entry_without_a_tolerance_is_named(method: str) -> None:
     failed = OSCILLATOR.run(5, method=method, rtol=1e-9, atol=0.0)
