@@ -152,14 +152,8 @@ class LatexPage(Page):
 
     def aligned(self, lines: Sequence[FormulaLine], environment: str) -> str:
         """Return lines below one another."""
-        rows = [
-            f"{line.left} &= {line.right}"
-            if line.left
-            else f"&\\quad {line.right}"
-            if line.goes_on
-            else f"&{line.right}"
-            for line in lines
-        ]
+        starts = (f"{line.left} &= " if line.left else "&\\quad " if line.goes_on else "&" for line in lines)
+        rows = [start + line.right for start, line in zip(starts, lines, strict=True)]
         return f"\\begin{{{environment}}} " + " \\\\ ".join(rows) + f" \\end{{{environment}}}"
 
     def formula(self, row: Formula) -> str:

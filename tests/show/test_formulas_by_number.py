@@ -25,7 +25,6 @@ from lagrange.show.notation.sections import (
     Rate,
     ShownQuantity,
     SignedTerms,
-    Square,
     Transpose,
     sections,
 )
@@ -116,9 +115,8 @@ class Motion:
     def side(self, side: Any) -> Any:
         match side:
             case ShownQuantity():
-                return self.quantity(side.letter, side.indices)
-            case Square():
-                return float(np.dot(*[np.asarray(self.side(side.quantity)).ravel()] * 2))
+                value = self.quantity(side.letter, side.indices)
+                return float(np.dot(*[np.asarray(value).ravel()] * 2)) if side.squared else value
             case Partial():
                 return float(self.slope(self.stated(side.quantity), side.by))
             case Rate(inside=inside):
@@ -153,7 +151,7 @@ class Motion:
             return self.point_of(letter, indices[0])
         if letter == "T" and indices:
             masses = {point.name: point.mass for point in self.system.derivation().points}
-            return self.number(masses[indices[0]]) * self.side(Square(ShownQuantity("v", indices))) / 2
+            return self.number(masses[indices[0]]) * self.side(ShownQuantity("v", indices, squared=True)) / 2
         if letter in ("L", "T", "V", "D", "f"):
             return self.number(self.stated(ShownQuantity(letter, indices)))
         rows = [one.name for one in s.constraints] if letter == "G" else list(names)

@@ -19,10 +19,10 @@ from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.evidence.sample import SamplePoint, Sampler
-from lagrange.mechanics.grading.motion_samples import MotionSample, MotionStates, motion_samples
+from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
 from lagrange.mechanics.grading.student_equations import HELD, EquationRow, StudentEquation, row_of
 from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, Write
-from lagrange.mechanics.grading.wrong_term import SINGULAR, slip_of, wrong_term
+from lagrange.mechanics.grading.wrong_term import slip_of, wrong_term
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
@@ -111,7 +111,7 @@ def multiples_of_multipliers(rows: Sequence[EquationRow], samples: Sequence[Moti
     return ratios if all(ratios) else None
 
 
-def told_of(multiples: Sequence[Sequence[Any]]) -> str:
+def sentence_on_multipliers(multiples: Sequence[Sequence[Any]]) -> str:
     """Return a sentence on the ratio of the multipliers in right equations to those of the system."""
     every = [multiple for row in multiples for multiple in row]
     ratio = Fraction(str(every[0])).limit_denominator(LARGEST_FACTOR)
@@ -152,7 +152,7 @@ def _multiples(rows: Sequence[EquationRow], sample: MotionSample) -> list[Any]:
     return [multiple for multiple in multiples if multiple is not None]
 
 
-MOST_TOLD = 4
+MOST_LISTED = 4
 """Largest number of coordinates for which a message lists the whole state."""
 
 MOST_READ = 2
@@ -281,7 +281,7 @@ def _compared(
     if free:
         return EquationsComparison(right=False, message=_incomplete(statement, rows, free)), False
     right = f"The equations are right: they are equivalent to those of the system, at the {len(samples)} states tried."
-    message = right + (told_of(multiples) if multiples else "") + _without_sample(untried, statement)
+    message = right + (sentence_on_multipliers(multiples) if multiples else "") + _without_sample(untried, statement)
     return EquationsComparison(right=True, message=message), False
 
 
@@ -382,7 +382,7 @@ def _told(row: EquationRow, sample: MotionSample) -> str:
     """Return the counterexample as a sentence."""
     left, _ = row.residual(sample)
     names = row.statement.names
-    if len(names) > MOST_TOLD:
+    if len(names) > MOST_LISTED:
         return f"At the state in .counterexample the two sides of {row.label} differ by {float(left):.5g}."
     motion = listing(f"{name}_ddot = {float(a):.5g}" for name, a in zip(names, sample.accelerations, strict=True))
     state = sample.point.describe(names, 5)

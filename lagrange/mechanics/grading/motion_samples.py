@@ -27,7 +27,7 @@ LEFT = 1e-40
 """Largest residual of a relation that is linear in the velocities, relative to its terms: rounding with 60 digits."""
 
 SINGULAR = 1e-12
-"""Pivot, relative to its row, below which the relations do not determine the velocities."""
+"""Pivot, relative to its row, below which a matrix of relations or masses counts as singular."""
 
 
 class FirstOrderStates:

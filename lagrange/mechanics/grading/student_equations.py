@@ -311,7 +311,7 @@ def row_of(equation: StudentEquation, statement: Statement) -> EquationRow:
     if bent:
         raise StatementError(
             f"{equation.label} is not linear in {listing(map(str, bent))}: equations of motion are compared as linear "
-            "equations for the accelerations. Solve it for them, or clear what stands around them."
+            "equations for the accelerations. Solve it for them, outside of functions and powers."
         )
     zeros = dict.fromkeys(present, sympy.S.Zero)
     slopes = {symbol: slope.xreplace(zeros) for symbol, slope in slopes.items()}

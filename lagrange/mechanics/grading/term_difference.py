@@ -219,9 +219,8 @@ def _times(number: Fraction, expression: Any) -> Any:
 
     Common factors of denominators are taken out: 3*R - 3*r becomes 3*(R - r).
     """
-    factor = sympy.Rational(number.numerator, number.denominator)
     quotients = map(sympy.fraction, sympy.Add.make_args(expression))
-    return sympy.Add(*(factor * above / sympy.factor_terms(below) for above, below in quotients))
+    return sympy.Add(*(sympy.Rational(number) * above / sympy.factor_terms(below) for above, below in quotients))
 
 
 def ratio_of(above: Numbers | None, below: Numbers | None) -> Fraction | None:

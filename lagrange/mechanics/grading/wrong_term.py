@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
@@ -10,15 +9,13 @@ from functools import cached_property
 from typing import Any
 
 import sympy
-from sympy.core.function import AppliedUndef
 
 from lagrange.equations.derivation import Derivation
-from lagrange.equations.solve_plan import distinct_values
 from lagrange.errors import StatementError, listing
 from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain
 from lagrange.mechanics.expansion import small
-from lagrange.mechanics.grading.motion_samples import MotionSample, motion_samples
+from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, motion_samples
 from lagrange.mechanics.grading.student_equations import (
     EquationRow,
     StudentEquation,
@@ -52,9 +49,6 @@ LONGEST_SLIP = 400
 
 MOST_SYMBOLS = 12
 """Largest number of coordinates and parameters for which slips are tried."""
-
-SIGNS_TRIED = 12
-"""Number of random points at which the sign of an expression is tested."""
 
 _CIRCULAR = (sympy.sin, sympy.cos, sympy.tan)
 
@@ -118,21 +112,9 @@ def _has_direction(parameter: Any, statement: Statement) -> bool:
         return False
     if any(slope != 0 for slope in slopes[1:]):
         return True
-    below = sympy.fraction(sympy.together(slopes[0]))[1]
-    return not below.has(*statement.coordinates) and slopes[0] != 0 and not _has_one_sign(slopes[0])
-
-
-def _has_one_sign(expression: Any) -> bool:
-    """Return True if an expression has the same sign at values of both signs of its symbols and functions."""
-    dice = random.Random(1)
-    leaves = sorted(expression.atoms(sympy.Symbol, AppliedUndef, sympy.Derivative), key=str)
-    points = (distinct_values(dice.sample(leaves, len(leaves))) for _ in range(SIGNS_TRIED))
-    values = (
-        sympy.N(expression.xreplace({leaf: dice.choice((-1, 1)) * value for leaf, value in point.items()}))
-        for point in points
-    )
-    signs = {value > 0 for value in values if value.is_real}
-    return len(signs) < 2
+    slope = slopes[0].xreplace(statement.plain)
+    below = sympy.fraction(sympy.together(slope))[1]
+    return not (below.has(*statement.plain.values()) or slope.is_nonnegative or slope.is_nonpositive)
 
 
 def _slips(equations: Sequence[StudentEquation], statement: Statement, *, alone: bool) -> Iterator[Slip]:
@@ -179,9 +161,6 @@ HIGHEST_POWER = 12
 BENT, SOLVED = 2, 100
 """Penalties, in differing terms, of a factor that depends on the state, and of a difference in the unknown alone on the
 left side, such as theta_ddot = ...: there the right side is wrong."""
-
-SINGULAR = 1e-12
-"""Pivot, relative to its row, below which a mass matrix counts as singular."""
 
 
 @dataclass(frozen=True)
@@ -432,7 +411,7 @@ def _weight(values: Numbers, derivation: Derivation, pair: tuple[int, int], give
     """
     constant = constant_of([value if abs(value) > SINGULAR else 0 * value for value in values])
     if constant is not None:
-        return _rational(constant)
+        return sympy.Rational(constant)
     first, other = pair
     mass = derivation.mass_matrix.xreplace(derivation.statement.plain)
     for above, below in ((mass[first, other], mass[other, other]), (mass[first, first], mass[other, first])):
@@ -558,7 +537,7 @@ class _Meant:
         """The factor as a simplified expression."""
         constant = self.factor.constant
         if constant is not None:
-            return sympy.Rational(constant.numerator, constant.denominator)
+            return sympy.Rational(constant)
         return simplest(self._quotient)
 
     @property
@@ -593,7 +572,3 @@ class _Meant:
         wanted = self.multiple * self.expected.coefficients.get(product, sympy.S.Zero)
         wanted = wanted if self.factor.constant is not None else simplest(wanted)
         return difference_of(there, wanted, self.given.numbers)
-
-
-def _rational(value: Fraction) -> Any:
-    return sympy.Rational(value.numerator, value.denominator)

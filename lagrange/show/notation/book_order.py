@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
 from functools import cached_property
 from typing import Any
 
-from sympy import Add, Derivative, Mul
+from sympy import Add, Derivative
 from sympy.core.function import AppliedUndef
 
 from lagrange.show.notation.symbols import index_parts
@@ -140,25 +141,19 @@ class BookOrder:
                 degree += int(exponent)
         return 1 if degree == 0 else 2 if degree == 1 else 0
 
-    def terms(self, parts: list[Any]) -> list[Any]:
+    def terms(self, parts: Iterable[Any], subtracted: Callable[[Any], bool]) -> list[Any]:
         """Return the terms of a sum in order, a positive one first unless the sum begins with accelerations.
 
-        A constant that is subtracted comes last, as in x + y - l.
+        `subtracted` returns True for a term with a minus sign. A constant with one comes last, as in x + y - l.
         """
         ordered = sorted(parts, key=self.term)
-        if not self.subtracted(ordered[0]) or self.term(ordered[0])[0] == -ACCELERATION:
+        if not subtracted(ordered[0]) or self.term(ordered[0])[0] == -ACCELERATION:
             return ordered
         if not self.moves(ordered[0]):
             ordered.sort(key=lambda part: not self.moves(part))
-        first = next((part for part in ordered if not self.subtracted(part)), ordered[0])
+        first = next((part for part in ordered if not subtracted(part)), ordered[0])
         ordered.remove(first)
         return [first, *ordered]
-
-    def subtracted(self, term: Any) -> bool:
-        """Return True if a term is written with a minus sign; a sum that is a factor may be written as its negative."""
-        sums = [factor for factor in Mul.make_args(term) if factor.is_Add] if term.is_Mul else []
-        negative = _negative(term) != (sum(map(self.turned, sums)) % 2 == 1)
-        return negative and not any(self.reversible(-total if self.turned(total) else total, term) for total in sums)
 
     def reversible(self, total: Any, term: Any) -> bool:
         """Return True for a difference of masses, or of constants that is not stated, in a term that was not typed.

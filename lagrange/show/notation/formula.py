@@ -18,7 +18,6 @@ from lagrange.show.notation.sections import (
     Rate,
     ShownQuantity,
     SignedTerms,
-    Square,
     Transpose,
 )
 from lagrange.show.notation.text import ATOM, POWER, PRODUCT, SUM, FormulaPiece, Notation, UnicodeNotation, width
@@ -64,23 +63,18 @@ class Typesetter:
 
     def terms(self, expression: Any) -> list[tuple[bool, str]]:
         """Return the terms of an expression in plain symbols, in order, each with True if it is subtracted."""
-        parts = self.order.terms(list(expression.args)) if expression.is_Add else [expression]
-        found = []
-        for part in parts:
-            negative, piece = self.signed(part)
-            found.append((negative, self.notation.grouped(piece, PRODUCT)))
-        return found
+        signed = map(self.signed, self.ordered(expression))
+        return [(negative, self.notation.grouped(piece, PRODUCT)) for negative, piece in signed]
+
+    def ordered(self, expression: Any) -> list[Any]:
+        """Return the terms of an expression in plain symbols, in order."""
+        return self.order.terms(sympy.Add.make_args(expression), lambda term: self.signed(term)[0])
 
     def piece(self, node: Any) -> FormulaPiece:
         """Return the text of an expression in plain symbols, with the strength of its outermost operation."""
-        if node.is_Add:
+        if node.is_Add or self.signed(node)[0]:
             return FormulaPiece(self.notation.signs(self.terms(node)), SUM)
-        negative, piece = self.signed(node)
-        return (
-            FormulaPiece(self.notation.signs([(True, self.notation.grouped(piece, PRODUCT))]), SUM)
-            if negative
-            else piece
-        )
+        return self.signed(node)[1]
 
     def signed(self, node: Any) -> tuple[bool, FormulaPiece]:
         """Return True if a term is subtracted, and the term without its sign. Terms recur: each is written once."""
@@ -302,8 +296,6 @@ class SideWriter:
         match side:
             case ShownQuantity():
                 return self.quantity(side)
-            case Square():
-                return self.notation.raised(self.quantity(side.quantity), "2").text
             case Partial():
                 return self.notation.partial(self.side(side.quantity), self.side(side.by))
             case Rate():
@@ -329,9 +321,9 @@ class SideWriter:
     def quantity(self, quantity: ShownQuantity) -> str:
         """Return a letter with its indices, or its word if a symbol of the statement looks like the letter."""
         spelled = self.notation.letter(quantity.letter, 0, quantity.indices)
-        if spelled not in self.taken:
-            return spelled
-        return self.notation.script(quantity.letter, MEANINGS[quantity.letter], quantity.indices)
+        if spelled in self.taken:
+            spelled = self.notation.script(quantity.letter, MEANINGS[quantity.letter], quantity.indices)
+        return self.notation.raised(spelled, "2").text if quantity.squared else spelled
 
 
 class LineWriter:
@@ -400,7 +392,7 @@ class LineWriter:
         """Yield the lines of a sum; a term wider than a line starts on a new line and is broken."""
         line: list[tuple[bool, str]] = []
         first = True
-        parts = self.setter.order.terms(list(total.args)) if total.is_Add else [total]
+        parts = self.setter.ordered(total)
         measures = (text for _, text in self.ruler.setter.terms(total))
         for part, term, measured in zip(parts, self.setter.terms(total), measures, strict=True):
             wide = width(measured) + 3

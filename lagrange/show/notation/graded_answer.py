@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import ast
-from collections.abc import Iterator, Mapping
+import re
 from contextlib import suppress
-from typing import Any, TypeGuard
+from typing import Any
 
 from sympy import Add, Mul
 
@@ -19,8 +18,8 @@ from lagrange.show.notation.text import Notation
 from lagrange.statement.scene.expressions import read_expression
 from lagrange.statement.statement import Statement
 
-LONGEST_DIFFERENCE = 60
-"""Most characters of a difference whose signs are quoted as typed."""
+_DIFFERENCE = re.compile(r"\(([^()]{1,30}-[^()]{1,30})\)")
+"""A difference in brackets, short enough to be quoted."""
 
 
 def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> EquationsComparison:
@@ -34,22 +33,11 @@ def graded_answer(statement: Statement, derivation: Derivation, answer: Any) -> 
     equations = read_equations(answer, statement)
     sides = [side for equation in equations for side in (equation.right, equation.zero + equation.right)]
     built = {node for side in sides for node in side.atoms(Add, Mul)}
+    # SymPy turns cos(a - b) to cos(b - a), and -(a - b) to b - a.
     symbols = {symbol.name: symbol for symbol in (*statement.plain.values(), *statement.parameters)}
-    differences = {node for equation in equations for node in _typed_differences(equation.read, symbols)}
+    differences = set()
+    for inside in _DIFFERENCE.findall("\n".join(equation.read for equation in equations)):
+        with suppress(SceneError):
+            differences.add(read_expression(inside, symbols))
     typeset.order.typed = frozenset(differences | {node for node in built if -node not in differences})
     return compare_equations(statement, derivation, equations, typeset.write)
-
-
-def _typed_differences(text: str, symbols: Mapping[str, Any]) -> Iterator[Any]:
-    """Yield the short differences in a text: SymPy turns cos(a - b) to cos(b - a), and -(a - b) to b - a."""
-    for side in text.split("="):
-        with suppress(SyntaxError, RecursionError, SceneError):
-            for node in ast.walk(ast.parse(side.strip(), mode="eval").body):
-                inside = ast.iter_child_nodes(node) if not _is_sum(node) else ()
-                for part in filter(_is_sum, inside):
-                    if (part.end_col_offset or LONGEST_DIFFERENCE) - part.col_offset <= LONGEST_DIFFERENCE:
-                        yield read_expression(ast.unparse(part), symbols)
-
-
-def _is_sum(node: ast.AST) -> TypeGuard[ast.BinOp]:
-    return isinstance(node, ast.BinOp) and isinstance(node.op, (ast.Add, ast.Sub))

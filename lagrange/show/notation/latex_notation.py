@@ -17,7 +17,7 @@ class LatexNotation(Notation):
     """LaTeX, in math mode."""
 
     opening, closing = r"\bigl(", r"\bigr)"
-    times = r"{} \times "
+    times, before_sign = r"{} \times ", "{} "
     in_one_line, fractions_in_front, product_sign = False, True, " "
     constants: ClassVar = {"pi": r"\pi", "infinity": r"\infty"}
     relations: ClassVar = {"<=": r"\le", ">=": r"\ge", "!=": r"\ne"}
@@ -99,12 +99,6 @@ class LatexNotation(Notation):
     def rate(self, inside: str) -> str:
         r"""Return \frac{d}{dt} \frac{\partial L}{\partial \dot{\theta}}."""
         return f"\\frac{{d}}{{dt}} {inside}"
-
-    def signs(self, terms: Sequence[tuple[bool, str]], *, leading: bool = True) -> str:
-        """Return a + b - c."""
-        (negative, first), *rest = terms
-        start = ("-" if negative else "") if leading else ("{} - " if negative else "{} + ")
-        return start + first + "".join(f" {'-' if sign else '+'} {term}" for sign, term in rest)
 
 
 def _argument(text: str, *, alone: bool = True) -> str:

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from html import escape
 
 from lagrange.show.notation.symbols import UNICODE_GREEK, index_parts, latin
-from lagrange.show.notation.text import ATOM, CIRCULAR, POWER, SUM, FormulaPiece, Notation
+from lagrange.show.notation.text import ATOM, CIRCULAR, POWER, SUM, FormulaPiece, Notation, UnicodeNotation
 
 DOTS = ("", "\N{DOT ABOVE}", "\N{DIAERESIS}")
-RELATIONS = {"<=": "≤", ">=": "≥", "!=": "≠"}
 APPLY = "<mo>\N{FUNCTION APPLICATION}</mo>"
 SPACE = '<mspace width="0.17em"/>'
 """Thin space around the name of a function; browsers add none."""
@@ -113,7 +112,7 @@ class MathmlNotation(Notation):
 
     def comparison(self, left: str, relation: str, right: str) -> str:
         """Return left ≤ right."""
-        return left + operator(RELATIONS.get(relation, relation)) + right
+        return left + operator(UnicodeNotation.relations.get(relation, relation)) + right
 
     def text(self, words: str) -> str:
         """Return words in a formula."""

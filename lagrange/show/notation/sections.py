@@ -31,17 +31,11 @@ WIDEST_VECTOR = 30
 
 @dataclass(frozen=True)
 class ShownQuantity:
-    """A letter such as T or phi, with coordinates, a constraint or a point as its indices."""
+    """A letter such as T or phi, or its square, with coordinates, a constraint or a point as its indices."""
 
     letter: str
     indices: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class Square:
-    """The square of a quantity."""
-
-    quantity: ShownQuantity
+    squared: bool = False
 
 
 @dataclass(frozen=True)
@@ -115,26 +109,20 @@ def sections(derivation: Derivation) -> Iterator[Section]:
     if derivation.refusal:
         yield Section("Equations of motion", (f"Not written out: {derivation.refusal}",))
         return
-    parts: list[tuple[str, Any, Callable[[], Iterator[Formula | str]]]] = [
-        ("Positions and velocities", None, lambda: _points(derivation)),
-        ("Lagrangian", None, lambda: _lagrangian(derivation)),
-    ]
-    for place, q in enumerate(statement.coordinates):
-        parts.append(("Coordinate", q, partial(_coordinate, derivation, place)))
-    parts += [
-        ("Equations of motion", None, lambda: _equations(derivation)),
-        ("Matrix form", None, lambda: _matrices(derivation)),
-        (
-            "Accelerations and multipliers" if statement.constraints else "Accelerations",
-            None,
-            lambda: _accelerations(derivation),
-        ),
-        ("Energy" if derivation.energy_is_sum else "Jacobi integral", None, lambda: _energy(derivation)),
+    solved = "Accelerations and multipliers" if statement.constraints else "Accelerations"
+    parts: list[tuple[str, Any, Callable[[Derivation], Iterator[Formula | str]]]] = [
+        ("Positions and velocities", None, _points),
+        ("Lagrangian", None, _lagrangian),
+        *(("Coordinate", q, partial(_coordinate, place=place)) for place, q in enumerate(statement.coordinates)),
+        ("Equations of motion", None, _equations),
+        ("Matrix form", None, _matrices),
+        (solved, None, _accelerations),
+        ("Energy" if derivation.energy_is_sum else "Jacobi integral", None, _energy),
     ]
     for heading, symbol, part in parts:
         rows: tuple[Formula | str, ...]
         try:
-            rows = tuple(part())
+            rows = tuple(part(derivation))
         except StatementError as refusal:
             rows = (f"Not written out: {refusal}",)
         if rows:
@@ -183,7 +171,7 @@ def _points(derivation: Derivation) -> Iterator[Formula | str]:
     for point in derivation.points:
         yield Formula((ShownQuantity("r", (point.name,)), _vector(point.position)))
         yield Formula((ShownQuantity("v", (point.name,)), _vector(point.velocity)))
-        squared = Square(ShownQuantity("v", (point.name,)))
+        squared = ShownQuantity("v", (point.name,), squared=True)
         half = Product((Rational(1, 2), point.mass, squared))
         yield Formula((squared, point.squared_speed))
         yield Formula((ShownQuantity("T", (point.name,)), half))

@@ -33,20 +33,7 @@ class FormulaPiece:
 
 SUPERSCRIPT = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
-VULGAR = {
-    (1, 2): "½",
-    (1, 3): "⅓",
-    (2, 3): "⅔",
-    (1, 4): "¼",
-    (3, 4): "¾",
-    (1, 5): "⅕",
-    (1, 6): "⅙",
-    (5, 6): "⅚",
-    (1, 8): "⅛",
-    (3, 8): "⅜",
-    (5, 8): "⅝",
-    (7, 8): "⅞",
-}
+VULGAR = {unicodedata.normalize("NFKC", mark).replace("⁄", "/"): mark for mark in "½⅓⅔¼¾⅕⅙⅚⅛⅜⅝⅞"}
 DOTS = ("", "\N{COMBINING DOT ABOVE}", "\N{COMBINING DIAERESIS}")
 RATES = ("", "_dot", "_ddot")
 SCRIPT = {"T": "𝒯", "V": "𝒱", "L": "ℒ", "D": "𝒟", "E": "ℰ", "J": "𝒥", "Q": "𝒬", "M": "ℳ"}
@@ -67,6 +54,8 @@ class Notation:
     """Parentheses around several lines."""
     times = "* "
     """Sign of a product whose second factor begins on a new line."""
+    before_sign = ""
+    """Text before the sign with which a line begins."""
     in_one_line = True
     """True if fractions are written with a stroke, so that the width of the text is the width of the formula."""
     fractions_in_front = False
@@ -177,7 +166,7 @@ class Notation:
         """
         (negative, first), *rest = terms
         minus = self.minus
-        start = (minus if negative else "") if leading else (f"{minus} " if negative else "+ ")
+        start = (minus if negative else "") if leading else f"{self.before_sign}{minus if negative else '+'} "
         return start + first + "".join(f" {minus if sign else '+'} {term}" for sign, term in rest)
 
     def equal(self, sides: Sequence[str]) -> str:
@@ -235,8 +224,8 @@ class UnicodeNotation(Notation):
 
     def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
         """Return ½, g/l or (a + b)/(c d)."""
-        if above.text.isdigit() and below.text.isdigit() and (int(above.text), int(below.text)) in VULGAR:
-            return FormulaPiece(VULGAR[int(above.text), int(below.text)])
+        if f"{above.text}/{below.text}" in VULGAR:
+            return FormulaPiece(VULGAR[f"{above.text}/{below.text}"])
         opened = any(f"{name} " in above.text or f"{name}²" in above.text for name in CIRCULAR)
         over = above.closed or (self.brackets(above.text) if opened or above.level == SUM else above.text)
         return FormulaPiece(f"{over}/{below.closed or self.grouped(below, POWER)}", FRACTION)
@@ -249,9 +238,8 @@ class UnicodeNotation(Notation):
 
     def root(self, inside: FormulaPiece) -> FormulaPiece:
         """Return √x or √(a + b)."""
-        return FormulaPiece(
-            "√" + (inside.text if inside.simple and len(inside.text) < 3 else self.brackets(inside.text))
-        )
+        short = inside.simple and len(inside.text) < 3
+        return FormulaPiece("√" + (inside.text if short else self.brackets(inside.text)))
 
     def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
         """Return sin² θ, cos(a − b), |x|, or e^(−t)."""
@@ -259,11 +247,8 @@ class UnicodeNotation(Notation):
         if name == "abs":
             return self.power_of(f"|{inside}|", exponent)
         if name == "exp":
-            return (
-                FormulaPiece(f"e^{self.brackets(inside)}", POWER)
-                if not exponent
-                else self.raised(f"exp({inside})", exponent)
-            )
+            power = FormulaPiece(f"e^{self.brackets(inside)}", POWER)
+            return self.raised(f"exp({inside})", exponent) if exponent else power
         shown = {"log": "ln"}.get(name, name)
         if name in CIRCULAR and len(arguments) == 1:
             head = shown + exponent.translate(SUPERSCRIPT)

@@ -198,9 +198,7 @@ class _Parser:
             if likely != bool(self.choices.take(f"division {'joined' if likely else 'apart'}", 2)):
                 while self.starts_value() and not (likely and self.tokens[self.place].spaced):
                     below = _times(below, self.factor())
-        return Part(
-            f"{above.at(PRODUCT)}/{below.at(POWER)}", PRODUCT, above.number and below.number, _moves(above, below)
-        )
+        return _over(above, below)
 
     def starts_value(self) -> bool:
         """Return True if the current token begins a factor."""
@@ -263,16 +261,13 @@ class _Parser:
         if isinstance(token, _Symbol):
             return self.symbol(token)
         if token.kind == "fraction":
-            above, below = self.group(), self.group()
-            return Part(
-                f"{above.at(PRODUCT)}/{below.at(POWER)}", PRODUCT, above.number and below.number, _moves(above, below)
-            )
+            return _over(self.group(), self.group())
         if token.kind == "rate":
             return self.rate(self.value(), int(token.text), token.begin)
         if token.is_sign("sqrt"):
             return self.called("sqrt", [self.value()])
         if token.is_sign(*OPENING):
-            return self.inside(token)
+            return self.inside(token)[0]
         if token.is_sign("|"):
             self.bars += 1
             inside = self.sum()
@@ -287,15 +282,18 @@ class _Parser:
             f"a value is missing before {shown[:20]!r}" if shown != "a mark" else "a mark follows no symbol"
         )
 
-    def inside(self, opened: Token) -> Part:
-        """Read the expression in brackets and the closing bracket; the opening one was read."""
+    def inside(self, opened: Token, *, several: bool = False) -> list[Part]:
+        """Read an expression, or several with commas, and the closing bracket; the opening one was read."""
         bars, self.bars = self.bars, 0
-        part = self.sum()
+        parts = [self.sum()]
+        while several and self.next_is(","):
+            self.place += 1
+            parts.append(self.sum())
         self.bars = bars
         if not self.next_is(OPENING[opened.text]):
             raise self.fault(f"{OPENING[opened.text]!r} is expected")
         self.place += 1
-        return part
+        return parts
 
     def group(self) -> Part:
         """Read one argument of a LaTeX command: a group, a digit of a number, or one value."""
@@ -324,26 +322,12 @@ class _Parser:
         exponent = self.exponent()
         if exponent is not None and exponent.text == "-1" and name in ("sin", "cos", "tan", "sinh", "cosh", "tanh"):
             name, exponent = f"a{name}", None
-        if self.next_is(*OPENING):
-            value = self.called(name, self.arguments())
+        if (opened := self.peek()) is not None and opened.is_sign(*OPENING):
+            self.place += 1
+            value = self.called(name, self.inside(opened, several=True))
         else:
             value = self.called(name, [self.bare_argument(token)])
         return value if exponent is None else Part(f"{value.text}**{exponent.at(ATOM)}", POWER, moves=value.moves)
-
-    def arguments(self) -> list[Part]:
-        """Read the arguments of a function, in brackets, with commas between them."""
-        opened = self.tokens[self.place]
-        self.place += 1
-        bars, self.bars = self.bars, 0
-        parts = [self.sum()]
-        while self.next_is(","):
-            self.place += 1
-            parts.append(self.sum())
-        self.bars = bars
-        if not self.next_is(OPENING[opened.text]):
-            raise self.fault(f"{OPENING[opened.text]!r} is expected")
-        self.place += 1
-        return parts
 
     def bare_argument(self, function: Token) -> Part:
         """Read an argument without brackets: factors up to the first that moves, such as `2 omega t` or `k x`."""
@@ -354,10 +338,9 @@ class _Parser:
         part = self.bare_factor()
         while self.goes_on(part):
             if self.next_is("*", "/"):
-                sign = self.tokens[self.place].text
+                joined = _times if self.next_is("*") else _over
                 self.place += 1
-                other = self.bare_factor()
-                part = Part(f"{part.at(PRODUCT)}{sign}{other.at(POWER)}", PRODUCT, moves=_moves(part, other))
+                part = joined(part, self.bare_factor())
             else:
                 part = _times(part, self.bare_factor())
         return Part(f"-{part.at(PRODUCT)}", SUM, moves=part.moves) if negative else part
@@ -405,6 +388,10 @@ class _Parser:
 
 def _times(left: Part, right: Part) -> Part:
     return Part(f"{left.at(PRODUCT)}*{right.at(PRODUCT)}", PRODUCT, left.number and right.number, _moves(left, right))
+
+
+def _over(above: Part, below: Part) -> Part:
+    return Part(f"{above.at(PRODUCT)}/{below.at(POWER)}", PRODUCT, above.number and below.number, _moves(above, below))
 
 
 def _moves(*parts: Part) -> bool:

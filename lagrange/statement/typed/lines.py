@@ -24,7 +24,7 @@ _GOES_ON = re.compile(rf"(?:[-+*/=^({{\[,\u2212·⋅×]|{OPERATOR})[&\s]*$")
 _CONTINUES = re.compile(rf"[\s&]*(?:[+*/=^\u2212·⋅×)\]}}-]|{OPERATOR}|\\(?:right|quad|qquad)\b)")
 _EQUALITY = re.compile(r"(?<![<>=!:])={1,2}(?!=)")
 _SEPARATOR = re.compile(r"[;,&]|\band\b|\bund\b|\\q?quad\b")
-_OPEN, _CLOSE = "([{", ")]}"
+OPEN, CLOSE = "([{", ")]}"
 
 
 def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str, list[tuple[int, int]]]:
@@ -48,7 +48,7 @@ def equation_spans(text: str, is_coordinate: Callable[[str], bool]) -> tuple[str
     unlabelled = _without_coordinates(_without_bullets(blanked.split("\n")), is_coordinate)
     for line, frame in zip(unlabelled, framed, strict=True):
         before = "" if not spans else "\n".join(lines)[spans[-1][0] : spans[-1][1]]
-        lines.append(line if _depth(before) > 0 else _without_label(line))
+        lines.append(line if depth_of(before) > 0 else _without_label(line))
         begin, end = place, place + len(line)
         place = end + 1
         if not lines[-1].strip():
@@ -71,11 +71,11 @@ def _unframed(text: str) -> str:
     frames |= {first: first} if text[first : first + 1] in ("{", "[") else {}
     marks, opened = list(text), list[int]()
     for i, mark in enumerate(text if frames else ""):
-        if mark in _OPEN:
+        if mark in OPEN:
             opened.append(i)
         elif mark == "," and opened and text.startswith("Eq", frames.get(opened[-1], i)):
             marks[i] = "="
-        elif mark in _CLOSE and opened:
+        elif mark in CLOSE and opened:
             begin = opened.pop()
             start = frames.get(begin, i)
             if start < begin or (start == first and i == last and "=" in marks):
@@ -110,7 +110,7 @@ def _without_coordinates(lines: Sequence[str], is_coordinate: Callable[[str], bo
 
 def _joined(before: str, line: str, *, anew: bool) -> bool:
     """Return True if a line continues the equation before it. `anew` is true at the begin of an environment."""
-    if _GOES_ON.search(before) or _depth(before) > 0:
+    if _GOES_ON.search(before) or depth_of(before) > 0:
         return True
     if not _CONTINUES.match(line):
         return False
@@ -119,8 +119,9 @@ def _joined(before: str, line: str, *, anew: bool) -> bool:
     return not (_EQUALITY.search(before) and (anew or back or _EQUALITY.search(line)))
 
 
-def _depth(text: str) -> int:
-    return sum((mark in _OPEN) - (mark in _CLOSE) for mark in text)
+def depth_of(text: str) -> int:
+    """Return the number of opening brackets minus that of closing brackets."""
+    return sum((mark in OPEN) - (mark in CLOSE) for mark in text)
 
 
 def _without_label(line: str) -> str:
@@ -142,7 +143,7 @@ def _separated(text: str, begin: int, end: int) -> list[tuple[int, int]]:
     spans, start = [], begin
     for match in _SEPARATOR.finditer(text, begin, end):
         left, right = text[start : match.start()], text[match.end() : end]
-        if _EQUALITY.search(left) and _EQUALITY.search(right) and _depth(left) == 0:
+        if _EQUALITY.search(left) and _EQUALITY.search(right) and depth_of(left) == 0:
             spans.append((start, match.start()))
             start = match.end()
     return [*spans, (start, end)]

@@ -7,7 +7,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from difflib import get_close_matches
 from functools import cached_property
-from itertools import product
 
 from lagrange.statement.vocabulary.letters import GREEK
 from lagrange.statement.vocabulary.words import ALIASES, FUNCTIONS
@@ -76,9 +75,8 @@ class Names:
         self.spellings |= {canonical(name): Piece(name) for name in self.names if name not in derivatives}
         self.exact = {piece.name: piece for piece in self.spellings.values()}
         self.exact |= {name: Piece(name) for name in self.names if name not in self.exact}
-        for base, (rate, order) in product(self.bases, (("t", 1), ("tt", 2))):
-            if base + RATES[order] in self.exact:
-                self.exact.setdefault(f"{base}_{rate}", self.exact[base + RATES[order]])
+        rates = [(f"{base}_{'t' * order}", base + RATES[order]) for base in self.bases for order in (1, 2)]
+        self.exact = {typed: self.exact[name] for typed, name in rates if name in self.exact} | self.exact
         self.words = {name: Piece(ALIASES.get(name, name), "function") for name in FUNCTIONS}
         self.words |= {name: Piece(strict, "function") for name, strict in FUNCTION_SPELLINGS.items()}
         self.words |= {"pi": Piece("pi", "pi"), "t": Piece("t", moves=True), "e": Piece("e", "e")}

@@ -22,7 +22,7 @@ from lagrange.statement.typed.derivatives import with_derivatives
 from lagrange.statement.typed.faults import TypedFault, faults_of
 from lagrange.statement.typed.grammar import Choices, Formula, parsed
 from lagrange.statement.typed.lines import equation_spans
-from lagrange.statement.typed.names import Names
+from lagrange.statement.typed.names import RATES, Names
 from lagrange.statement.typed.remarks import Clause, Line, Word, clauses_of
 from lagrange.statement.typed.tokens import Token, tokens_of
 from lagrange.statement.vocabulary.letters import WORD
@@ -318,23 +318,14 @@ class TypedReader:
             values = [read_expression(formula.text, names) for formula in formulas]
         except SceneError as error:
             read = " = ".join(formula.shown for formula in formulas)
-            raise _Faults(
-                [TypedFault(f"read as {read[:120]}: {error.reason.removesuffix('.')[:160]}", begin)]
-            ) from None
+            fault = TypedFault(f"read as {read[:120]}: {error.reason.removesuffix('.')[:160]}", begin)
+            raise _Faults([fault]) from None
         return _reading(values, " = ".join(formula.shown for formula in formulas), differentiated)
 
     def _rates(self) -> dict[Any, Any]:
         """Return {symbol: its time derivative} for coordinates, velocities and given functions."""
-        pairs = (
-            (name, f"{base}{ending}")
-            for base in self.names.bases
-            for name, ending in ((base, "_dot"), (f"{base}_dot", "_ddot"))
-        )
-        return {
-            self.symbols[name]: self.symbols[rate]
-            for name, rate in pairs
-            if name in self.symbols and rate in self.symbols
-        }
+        pairs = ((base + low, base + high) for base in self.names.bases for low, high in pairwise(RATES))
+        return {self.symbols[low]: self.symbols[high] for low, high in pairs if {low, high} <= self.symbols.keys()}
 
     def differentiated(self, expression: Any, order: int) -> Any:
         """Return the time derivative of that order along the motion. Raises SceneError if a symbol has none."""
@@ -391,12 +382,9 @@ class TypedReader:
         names = listing(name for name in self.symbols if not name.endswith(("_dot", "_ddot")))
         if len(names) > LONGEST_SYMBOLS:
             names = names[:LONGEST_SYMBOLS].rsplit(",", 1)[0] + " and others"
-        rates = (
-            f", with derivatives such as {self.names.bases[0]}'' or {self.names.bases[0]}_ddot"
-            if self.names.bases
-            else ""
-        )
-        return names + rates
+        for base in self.names.bases[:1]:
+            names += f", with derivatives such as {base}'' or {base}_ddot"
+        return names
 
 
 class _Faults(Exception):

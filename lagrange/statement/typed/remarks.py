@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from lagrange.statement.typed.latex import ARROW
+from lagrange.statement.typed.lines import CLOSE, OPEN, depth_of
 
 _ASIDES = (
     *("where", "with", "for", "if", "when", "since", "because", "as", "here", "assuming", "provided", "using", "by"),
@@ -34,7 +35,6 @@ _LAGRANGE = re.compile(r"∂|\\partial|\bd(?:L|T|V|U)\b")
 _DEFINITION = re.compile(r"\(\s*(?=([^\W\d_]\w*)\s*(?:\^2|\*\*2|²)?\s*=)")
 _DEFINED = re.compile(r"[\s(]*([^\W\d_]\w*)\s*(?:\([^()=]*\)\s*)?:?=")
 _AT_START = re.compile(r"\s*\w+['’]*\s*\(\s*0\s*\)\s*")
-_OPEN, _CLOSE = "([{", ")]}"
 
 
 @dataclass(frozen=True)
@@ -78,18 +78,18 @@ def clauses_of(text: str, begin: int, end: int, known: Callable[[str], bool]) ->
 
 def _trimmed(text: str, begin: int, end: int, aside: bool) -> Clause:
     """Return a clause without punctuation at its ends and without brackets whose other ends are in other clauses."""
-    depth = _depth(text[begin:end])
-    while end > begin and (text[end - 1] in " \t\r\n,;" or (text[end - 1] in _OPEN and depth > 0)):
+    depth = depth_of(text[begin:end])
+    while end > begin and (text[end - 1] in " \t\r\n,;" or (text[end - 1] in OPEN and depth > 0)):
         end -= 1
-        depth -= text[end] in _OPEN
+        depth -= text[end] in OPEN
     while aside and end > begin and text[end - 1] in ")] ." and (depth < 0 or text[end - 1] in " ."):
         end -= 1
-        depth += text[end] in _CLOSE
+        depth += text[end] in CLOSE
     while begin < end and text[begin] in " \t\r\n,;":
         begin += 1
     if text[begin : begin + 1] == "(" and text[end - 1] == ")" and "=" in text[begin:end]:
-        closed = next((i for i in range(begin, end) if _depth(text[begin : i + 1]) == 0), end)
-        return Clause(begin + (closed == end - 1), end - (closed == end - 1), aside)
+        enclosed = _brackets(text, begin, end)[begin] == end - 1
+        return Clause(begin + enclosed, end - enclosed, aside)
     return Clause(begin, end, aside)
 
 
@@ -171,7 +171,8 @@ class Line:
         if not strange:
             return
         place = strange[0].begin
-        bracket = _outermost(self.text, begin, place)
+        opened = (i for i, closing in _brackets(self.text, begin, place).items() if closing == place)
+        bracket = next(opened, None)
         if bracket is not None:
             if self._is_remark_in_brackets(bracket):
                 yield bracket
@@ -217,16 +218,13 @@ class Line:
         return self.text[word.begin : word.end].lower() in (*_LINKS, *_ASIDES)
 
 
-def _outermost(text: str, begin: int, place: int) -> int | None:
-    """Return the offset of the outermost bracket that is open at an offset, or None."""
-    opened: list[int] = []
-    for i in range(begin, place + 1):
-        if text[i] in _OPEN:
+def _brackets(text: str, begin: int, end: int) -> dict[int, int]:
+    """Return {offset of an opening bracket: offset of its closing one} in text[begin:end]; `end` if none closes it."""
+    pairs, opened = dict[int, int](), list[int]()
+    for i in range(begin, end):
+        if text[i] in OPEN:
             opened.append(i)
-        elif text[i] in _CLOSE and opened:
-            opened.pop()
-    return opened[0] if opened else None
-
-
-def _depth(text: str) -> int:
-    return sum((mark in _OPEN) - (mark in _CLOSE) for mark in text)
+            pairs[i] = end
+        elif text[i] in CLOSE and opened:
+            pairs[opened.pop()] = i
+    return pairs

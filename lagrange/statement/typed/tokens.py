@@ -129,7 +129,7 @@ class _Scanner:
             index, after = self._index(place)
             if index:
                 return self._add("index", index, place, after)
-        if _letter(mark):
+        if mark.isalpha():  # of any alphabet, so that messages name whole words
             return self._word(place)
         vulgar = unicodedata.normalize("NFKC", mark)
         if "⁄" in vulgar:
@@ -141,7 +141,7 @@ class _Scanner:
         begin, spelled, order = place, "", 0
         while place < self.end:
             mark = self.text[place]
-            if not (_letter(mark) or (mark.isascii() and mark.isdigit())):
+            if not (mark.isalpha() or (mark.isascii() and mark.isdigit())):
                 break
             letter, dots, after = _dotted(self.text, place, self.end)
             if (dots and spelled) or (mark.isdigit() and spelled in _BEFORE_DIGITS):
@@ -216,11 +216,6 @@ class _Scanner:
         return self._add("fault", f"the LaTeX command {_named(name[:30])} is not known here", place, after)
 
 
-def _letter(mark: str) -> bool:
-    """Return True if a character begins a word: a letter of any alphabet, so that messages name whole words."""
-    return mark.isalpha()
-
-
 def _dotted(text: str, place: int, end: int) -> tuple[str, int, int]:
     """Return the letter at an offset in the spelling of names, the number of dots above it, and the next offset."""
     begin, place = place, place + 1
@@ -236,9 +231,6 @@ def _named(mark: str) -> str:
     """Return a character or a command as printable text for a message, without control characters."""
     if len(mark) > 1 or (mark.isascii() and mark.isalpha()):
         return f"\\{mark}"
-    code = f"U+{ord(mark):04X}"
-    return (
-        f"{mark!r}"
-        if mark.isprintable() and mark.isascii()
-        else f"{code} ({unicodedata.name(mark, 'control character')})"
-    )
+    if mark.isprintable() and mark.isascii():
+        return repr(mark)
+    return f"U+{ord(mark):04X} ({unicodedata.name(mark, 'control character')})"
