@@ -83,24 +83,23 @@ class Names:
 
     def readings(self, word: str) -> list[list[Piece]]:
         """Return the readings of a word, the likeliest first: one symbol, or the factors of a product."""
-        if word in self.exact:
-            return [[self.exact[word]], *self._differential(word)]
-        key = canonical(word)
-        whole = self.spellings.get(key) or self.words.get(word)
-        if whole is not None:
-            return [[whole], *self._differential(word)]
-        return self._splits(key)
+        spelled = "".join(GREEK.get(mark, mark) for mark in word)
+        whole = self.exact.get(word) or self.exact.get(spelled)
+        whole = whole or self.spellings.get(canonical(word)) or self.words.get(word)
+        return self._splits(word) if whole is None else [[whole], *self._differential(word)]
 
     def _differential(self, word: str) -> list[list[Piece]]:
         """Return the reading d*theta of dtheta if the system has a symbol d; both readings are tried."""
-        return self._splits(canonical(word)) if word.startswith("d") and "d" in self.exact and word != "d" else []
+        return self._splits(word) if word.startswith("d") and "d" in self.exact and word != "d" else []
 
-    def _splits(self, key: str) -> list[list[Piece]]:
+    def _splits(self, word: str) -> list[list[Piece]]:
         """Return the products of known symbols whose joined names are the word, those of fewest factors first.
 
-        Of products with equal numbers of factors, the one with the longer first name comes first. No digit may follow a
-        factor.
+        Of products with equal numbers of factors, the one with the longer first name comes first. No factor begins with
+        a digit or a subscript: m_g is not the product of m and g.
         """
+        key = canonical(word)
+        subscripts = {len(canonical(word[:i])) for i, mark in enumerate(word) if mark == "_"}
         if len(key) > LONGEST_SPLIT:
             return []
         best: list[list[list[Piece]]] = [[] for _ in range(len(key) + 1)]
@@ -109,7 +108,7 @@ class Names:
             products: list[list[Piece]] = []
             for end in range(len(key), begin, -1):
                 piece = self._whole.get(key[begin:end])
-                if piece is None or not best[end] or key[end : end + 1].isdigit():
+                if piece is None or not best[end] or key[end : end + 1].isdigit() or end in subscripts:
                     continue
                 products += [[piece, *rest] for rest in best[end]]
             best[begin] = sorted(products, key=len)[:MOST_SPLITS]

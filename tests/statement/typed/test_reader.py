@@ -232,7 +232,7 @@ def test_refusals_have_all_faults_with_their_places(text: str, parts: list[str])
     assert len(message) <= 400 and message.isprintable()
 
 
-@pytest.mark.parametrize("word", ["xdotdotdot", "ddot", "mQ"])
+@pytest.mark.parametrize("word", ["m_g", "xdotdotdot", "ddot", "mQ"])
 def test_no_hint_offers_another_derivative_or_drops_a_factor(word: str) -> None:
     with pytest.raises(StatementError) as refusal:
         reader().equations(f"{word} + x = 0")
