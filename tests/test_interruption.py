@@ -19,11 +19,13 @@ SENTENCE = "lagrange: interrupted; no file was left half written.\n"
 START = """\
 import os, runpy, signal, sys
 from lagrange.cli.interruption import Interruption
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 interruption = Interruption()
 interruption.listen()
 runpy.run_path(sys.argv[1], dict(interruption=interruption), "lagrange.trial")
 """
-"""Runs a file as if it were a module of the package: what is not one is other people's code."""
+"""Runs a file as if it were a module of the package: what is not one is other people's code. Tests that run under nohup
+ignore SIGHUP, and their children would too."""
 
 
 def trial(tmp_path: Path, source: str, *signals: int, code: int = 0) -> str:
