@@ -39,6 +39,11 @@ from lagrange.statement.event import Event as Event
 from lagrange.statement.event import event as event
 from lagrange.statement.given.function import given as given
 from lagrange.statement.given.motion import table as table
+from lagrange.statement.rotation import rotation as rotation
+from lagrange.statement.rotation import turn as turn
+from lagrange.statement.rotation import x as x
+from lagrange.statement.rotation import y as y
+from lagrange.statement.rotation import z as z
 from lagrange.system import System as System
 from lagrange.system import scene as scene
 from lagrange.trajectory.integrator import Claims as Claims

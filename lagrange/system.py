@@ -171,7 +171,7 @@ class System:
 
     @cached_property
     def _derivation(self) -> ShownDerivation:
-        return written_derivation(self.statement)
+        return written_derivation(self.statement.as_read)
 
     def equations(self) -> list[Any]:
         """Return the Euler-Lagrange equations, a list of n SymPy Eq, one per coordinate, as in a textbook.
@@ -180,16 +180,16 @@ class System:
         constraints themselves are `derivation().constraints`. Goldstein, Poole, Safko, 3rd ed., sections 1.4, 2.4.
         """
         with deriving(self.statement.name):
-            return EquationList(self._derivation.equations, self.statement)
+            return EquationList(self._derivation.equations, self.statement.as_read)
 
     def accelerations(self) -> dict[Any, Any]:
         """Return the accelerations, {coordinate: SymPy expression}, with the multipliers eliminated.
 
         Raises StatementError for a singular mass matrix and formulas too long to print; compiled models have no limit.
         """
-        second = {q: acceleration_of(q) for q in self.statement.coordinates}
+        second = {q: acceleration_of(q) for q in self.statement.as_read.coordinates}
         with deriving(self.statement.name):
-            return ExpressionDict(self._derivation.accelerations, self.statement, second)
+            return ExpressionDict(self._derivation.accelerations, self.statement.as_read, second)
 
     @property
     def constraint_forces(self) -> dict[str, dict[Any, Any]]:
@@ -219,8 +219,9 @@ class System:
     @property
     def momenta(self) -> dict[Any, Any]:
         """Conjugate momenta dL/dv, {coordinate: SymPy expression}."""
-        letters = {q: ShownQuantity("p", (name_of(q),)) for q in self.statement.coordinates}
-        return ExpressionDict(self._derivation.momenta, self.statement, letters)
+        read = self.statement.as_read
+        letters = {q: ShownQuantity("p", (name_of(q),)) for q in read.coordinates}
+        return ExpressionDict(self._derivation.momenta, read, letters)
 
     @property
     def mass_matrix(self) -> Any:

@@ -20,6 +20,7 @@ FUNCTIONS = {
         "The symbols of a statement, and energies of common parts.",
         ("coordinate", "coordinates", "parameters", "t", "given", "table", "multiplier", "event"),
         ("kinetic_energy", "rotational_energy", "gravity", "spring"),
+        ("rotation", "turn", "x", "y", "z"),
         ("contact", "contacts_between", "gap", "impact_speed"),
         ("scene", "scenes"),
     ),
@@ -53,6 +54,9 @@ WRITING_METHODS = ("Claims", "Integrator", "Problem")
 ERRORS = ("LagrangeError", "StatementError", "SceneError", "RunError")
 DATA = {
     "t": "The time, a SymPy symbol, in statements, events and ``solution.evaluate``.",
+    "x": "The unit vector along the axis x, a SymPy matrix of three rows.",
+    "y": "The unit vector along the axis y, a SymPy matrix of three rows.",
+    "z": "The unit vector along the axis z, a SymPy matrix of three rows.",
     "impact_speed": "The speed -dgap/dt before an impact, a SymPy symbol, for the restitution of a contact.",
     "__version__": "The version of the package, a text.",
 }

@@ -18,6 +18,7 @@ SECTIONS = {
         "dynamics",
         "constraints",
         "contact",
+        "rotations",
         "events",
         "choosing-an-integrator",
         "scenes",

@@ -234,7 +234,7 @@ class Derivation:
     def _is_short(self) -> bool:
         """True if L as stated is short enough for SymPy to differentiate, and has no kinks."""
         stated = self.statement.lagrangian
-        return not stated.has(*KINKED) and bool(stated.count_ops() <= STATED)
+        return not self.statement.entries and not stated.has(*KINKED) and bool(stated.count_ops() <= STATED)
 
     @cached_property
     def _keeps_its_sum(self) -> bool:

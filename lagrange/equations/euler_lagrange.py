@@ -25,6 +25,7 @@ from lagrange.graph.to_sympy import to_sympy
 from lagrange.statement.coordinate import acceleration_of, check_multipliers, multiplier, t
 from lagrange.statement.energy import first_order_remedy
 from lagrange.statement.expression import expression as expression_of
+from lagrange.statement.expression import in_full
 from lagrange.statement.parameters import in_own_parameters
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
@@ -273,8 +274,8 @@ class Equations:
         return (*self.accelerations, *(-impulse for impulse in self.impulses))
 
     def translate(self, expression: Any) -> Node:
-        """Return the node of a SymPy expression in q, v, accelerations, parameters and t."""
-        return self._translator(expression)
+        """Return the node of a SymPy expression in q, v, accelerations, parameters, t and entries of rotations."""
+        return self._translator(in_full(expression))
 
     @cached_property
     def _translator(self) -> Translator:

@@ -12,7 +12,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, partial
 from math import gcd, lcm
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import sympy
 from sympy import Dummy, Float, Rational, S
@@ -30,7 +30,7 @@ from lagrange.equations.terms import (
     printable,
 )
 from lagrange.errors import StatementError, listing
-from lagrange.statement.coordinate import acceleration_of, t
+from lagrange.statement.coordinate import acceleration_of, name_of, t
 from lagrange.statement.statement import Statement
 
 JUMPING = (sympy.Piecewise, sympy.sign, sympy.Heaviside, sympy.Max, sympy.Min)
@@ -55,6 +55,10 @@ class StatedAlgebra:
             self.plain[coordinate] = self.q[i]
             self.plain[statement.velocities[i]] = self.v[i]
             self.plain[acceleration_of(coordinate)] = self.a[i]
+        self.entries = [tuple(Dummy(name_of(f), real=True) for f in entries) for entries in statement.entries]
+        """Entries of the rotations in a statement that is read in turns: nine of each, by rows."""
+        for functions, symbols in zip(statement.entries, self.entries, strict=True):
+            self.plain |= dict(zip(functions, symbols, strict=True))
         self.decimal = False
         self.algebra = Algebra(budget)
 
@@ -127,6 +131,18 @@ LARGEST_FRACTION = 10**6
 """Fractions with larger numbers are shown as decimals, where the statement has decimals."""
 
 
+class Turn(NamedTuple):
+    """A small turn of a body about its axis 0, 1 or 2: its place among the coordinates, and those of the next two.
+
+    `entries` are the symbols of R, nine by rows.
+    """
+
+    place: int
+    others: tuple[int, int]
+    entries: tuple[Any, ...]
+    axis: int
+
+
 class TextbookAlgebra(StatedAlgebra):
     """The derivation in `MonomialSum`, each part computed once."""
 
@@ -144,7 +160,34 @@ class TextbookAlgebra(StatedAlgebra):
     def pulls(self) -> list[MonomialSum]:
         """dL/dq, for each coordinate."""
         self.require_short_slopes()
-        return [self.algebra.merge_angles(self.algebra.differentiate(self.lagrangian, q)) for q in self.q]
+        along = [self.algebra.differentiate(self.lagrangian, q) for q in self.q]
+        for turn in self.turns:
+            x, y = turn.others
+            swept = (self.algebra.multiply(self.momenta[i], self.symbol(self.v[j])) for i, j in ((x, y), (y, x)))
+            ahead, behind = swept
+            turned = self.turned(self.lagrangian, turn)
+            along[turn.place] = self.algebra.add(turned, ahead, self.algebra.scale(behind, S.NegativeOne))
+        return [self.algebra.merge_angles(slope) for slope in along]
+
+    @cached_property
+    def turns(self) -> list[Turn]:
+        """The turns of a statement that is read in turns: the last coordinates, three for each rotation."""
+        first = len(self.q) - 3 * len(self.entries)
+        return [
+            Turn(begin + k, (begin + (k + 1) % 3, begin + (k + 2) % 3), entries, k)
+            for begin, entries in zip(range(first, len(self.q), 3), self.entries, strict=True)
+            for k in range(3)
+        ]
+
+    def turned(self, terms: MonomialSum, turn: Turn) -> MonomialSum:
+        """Return the derivative of a sum along a turn of the body, where dR is R times the turn's matrix."""
+        algebra, parts = self.algebra, []
+        for row in range(3):
+            ahead, behind = (turn.entries[3 * row + (turn.axis + step) % 3] for step in (1, 2))
+            parts.append(algebra.multiply(algebra.differentiate(terms, ahead), self.symbol(behind)))
+            slope = algebra.scale(algebra.differentiate(terms, behind), S.NegativeOne)
+            parts.append(algebra.multiply(slope, self.symbol(ahead)))
+        return algebra.add({}, *parts)
 
     def require_short_slopes(self) -> None:
         """Raise TooLargeError if dL/dq of all coordinates together is too long, before any is taken."""
@@ -227,6 +270,7 @@ class TextbookAlgebra(StatedAlgebra):
             algebra.multiply(algebra.differentiate(terms, q), self.symbol(v))
             for q, v in zip(self.q, self.v, strict=True)
         ]
+        moved += [algebra.multiply(self.turned(terms, turn), self.symbol(self.v[turn.place])) for turn in self.turns]
         return algebra.merge_angles(algebra.add({}, *moved, algebra.differentiate(terms, self.time)))
 
     @cached_property

@@ -32,6 +32,7 @@ from lagrange.machine.backend import MissingTargetError
 from lagrange.machine.model import Model, Stated
 from lagrange.statement.coordinate import acceleration_of
 from lagrange.statement.number import whole_number
+from lagrange.statement.rotation import of_quaternions
 from lagrange.statement.statement import Statement
 
 __all__ = ["check", "quick_check", "textbook_tape"]
@@ -308,6 +309,8 @@ def _textbook(system: Stated, prescribed: Mapping[Any, Any]) -> tuple[Mapping[An
         limit = f"which is done up to {MOST_DERIVED} coordinates."
         return None, (f"not compared with the textbook derivation, {limit}",)
     try:
-        return {q: a.xreplace(prescribed) for q, a in system.derivation().accelerations.items()}, ()
+        names = system.statement.rotations if system.statement.reading else ()
+        solved = of_quaternions(system.derivation().accelerations, names)
+        return {q: a.xreplace(prescribed) for q, a in solved.items()}, ()
     except StatementError as refusal:
         return None, (f"not compared with the textbook derivation: {refusal}",)

@@ -23,6 +23,7 @@ from lagrange.mechanics.symmetries import (
     Symmetry,
     SymmetryEquation,
     body_motions,
+    body_turns,
     described,
     oriented,
     place,
@@ -32,10 +33,11 @@ from lagrange.mechanics.symmetries import (
     untaken,
 )
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
-from lagrange.statement.expression import expression
+from lagrange.statement.expression import expression, in_full
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.number import ByName
 from lagrange.statement.parameters import in_own_parameters, label_of
+from lagrange.statement.rotation import AXES
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 from lagrange.trajectory.constraints.projection import Projection
@@ -121,7 +123,7 @@ def conserved_quantities(model: Model) -> list[Conserved]:
     """
     if "conserved" not in model.prepared:
         quantities = list(_proven_quantities(model))
-        check_constant(model, {quantity.name: quantity.expression for quantity in quantities})
+        check_constant(model, {quantity.name: in_full(quantity.expression) for quantity in quantities})
         model.prepared["conserved"] = quantities
     return list(model.prepared["conserved"])
 
@@ -131,13 +133,15 @@ def _proven_quantities(model: Model) -> Iterator[Conserved]:
     taken = [f"p_{structure.names[i]}" for i in structure.cyclic]
     if structure.conservative:
         taken.append(structure.energy_name)
-        yield Conserved(taken[-1], stated.show(stated.energy), f"{structure.energy_reason()}.", model.statement)
+        read = TextbookAlgebra(model.statement.as_read)
+        yield Conserved(taken[-1], read.show(read.energy), f"{structure.energy_reason()}.", model.statement)
     for name, i in zip(taken, structure.cyclic, strict=False):
         reason = f"{structure.names[i]} is not in the Lagrangian."
         yield Conserved(name, stated.show(stated.momenta[i]), reason, model.statement)
     if len(stated.q) > MOST_SEARCHED:
         return
     equation, body = SymmetryEquation(stated), place(stated)
+    yield from _momenta_of_turns(equation, stated)
     for proven in _symmetries(model, equation, body):
         symmetry, name = oriented(stated, proven, body, structure.energy_name)
         taken.append(untaken(name, taken))
@@ -149,6 +153,30 @@ def _proven_quantities(model: Model) -> Iterator[Conserved]:
         )
     for name, terms in runge_lenz(stated, body) if body is not None else ():
         yield Conserved(name, stated.show(terms), RUNGE_LENZ, model.statement)
+
+
+def _momenta_of_turns(equation: SymmetryEquation, stated: TextbookAlgebra) -> Iterator[Conserved]:
+    """Yield the conserved angular momenta about the axes of space and of the bodies of rotations."""
+    statement = stated.statement
+    read = TextbookAlgebra(statement.as_read)
+    for each, of_body, axis, candidate in body_turns(stated):
+        if _proven(equation, candidate) is None:
+            continue
+        if statement.reading is None:
+            momentum = stated.show(equation.quantity(candidate))
+        else:
+            places = [statement.reading.coordinates.index(turn) for turn in each.turns]
+            momenta = [read.show(read.momenta[place]) for place in places]
+            weights = [sympy.Integer(k == axis) for k in range(3)] if of_body else each.matrix.row(axis)
+            momentum = sum(weight * p for weight, p in zip(weights, momenta, strict=True))
+        about = f"{AXES[axis]} of {'the body' if of_body else 'space'}"
+        name = f"angular momentum {AXES[axis]}{' of the body' if of_body else ''}"
+        yield Conserved(
+            name if len(statement.rotations) == 1 else f"{name}, {each.name}",
+            momentum,
+            f"Turning {each.name} about the axis {about} leaves the Lagrangian as it is.",
+            statement,
+        )
 
 
 RUNGE_LENZ = "The force falls with the square of the distance, so the axis of the orbit does not turn."

@@ -15,7 +15,7 @@ import sympy
 from lagrange.errors import FAULT, RunError, StatementError, listing, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.mechanics.expansion import StatedPoint, stated_point
+from lagrange.mechanics.expansion import StatedPoint, stated_point, with_lengths
 from lagrange.mechanics.linearization import Linearization, linearized_at
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, number, simplest, size_of_terms
 from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
@@ -251,8 +251,8 @@ class _Problem:
     """The equations of equilibrium of a statement, in plain symbols."""
 
     def __init__(self, statement: Statement, rates: Any) -> None:
-        self.statement, self.form = statement, PlainForm(statement)
-        form = self.form
+        self.statement = statement = with_lengths(statement)
+        self.form = form = PlainForm(statement)
         self.free = ignorable(form)
         self.speeds = self.steady(rates)
         nonholonomic = [constraint.name for constraint in statement.constraints if not constraint.holonomic]

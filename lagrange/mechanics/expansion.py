@@ -17,7 +17,8 @@ from lagrange.statement.coordinate import name_of, velocity_of
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.number import whole_number
 from lagrange.statement.parameters import in_own_parameters, label_of
-from lagrange.statement.statement import Statement
+from lagrange.statement.rotation import ENTRIES, in_coordinates
+from lagrange.statement.statement import Constraint, Statement
 from lagrange.statement.survey import Survey
 
 _COMPARED = sympy.core.relational.Relational
@@ -160,19 +161,24 @@ def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tup
 def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint:
     """Return the point that the mapping `at` states. Coordinates, velocities and inputs that it omits are zero.
 
+    Rotations that it omits turn nothing. Quaternions of rotations are held at length one, so that their changes are
+    those of rotations.
+
     Raises StatementError for unknown keys, and for values that are not constant.
     """
     if at is not None and not isinstance(at, Mapping):
         raise StatementError(f"at is {shown(at)}: give a dict such as {{{statement.names[0]}: 0}}.")
     chosen = _inputs(statement, inputs)
+    rest = {**dict.fromkeys((*statement.coordinates, *statement.velocities), sympy.S.Zero), **identity(statement)}
+    statement = with_lengths(statement)
     rows: dict[Any, Any] = {}
     for q, name in zip(statement.coordinates, statement.names, strict=True):
         rows[q] = rows[name] = q
         rows[velocity_of(q)] = rows[f"{name}_dot"] = velocity_of(q)
     for symbol in chosen:
         rows[symbol] = rows[symbol.name] = symbol
-    values: dict[Any, Any] = {}
-    for key, value in (at or {}).items():
+    values = dict(rest)
+    for key, value in in_coordinates(at or {}, rest).items():
         known = [label for label in rows if isinstance(label, str)]
         if not isinstance(key, (str, sympy.Basic)) or key not in rows:
             label = label_of(key)
@@ -181,13 +187,28 @@ def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint
                 + suggestion(label, known)
             )
         values[rows[key]] = _constant(statement, value, f"the value of {key}")
-    form, zero = PlainForm(statement), sympy.S.Zero
     return StatedPoint(
-        form,
-        tuple(values.get(q, zero) for q in statement.coordinates),
-        tuple(values.get(v, zero) for v in statement.velocities),
-        {symbol: values.get(symbol, zero) for symbol in chosen},
+        PlainForm(statement),
+        tuple(values[q] for q in statement.coordinates),
+        tuple(values[v] for v in statement.velocities),
+        {symbol: values.get(symbol, sympy.S.Zero) for symbol in chosen},
     )
+
+
+def with_lengths(statement: Statement) -> Statement:
+    """Return the statement with a constraint on the length of the quaternion of each rotation, which is one."""
+    by_name = dict(zip(statement.names, statement.coordinates, strict=True))
+    lengths = []
+    for name in statement.rotations:
+        square = sum(by_name[f"{name}_{entry}"] ** 2 for entry in ENTRIES)
+        lengths.append(Constraint(f"{name}_length", (square - 1) / 2, holonomic=True))
+    return replace(statement, constraints=(*statement.constraints, *lengths), rotations=())
+
+
+def identity(statement: Statement) -> dict[Any, Any]:
+    """Return the quaternion of no rotation for each rotation: the entries that are not zero, by coordinate."""
+    scalars = [f"{name}_{ENTRIES[0]}" for name in statement.rotations]
+    return {q: sympy.S.One for q in statement.coordinates if name_of(q) in scalars}
 
 
 def _inputs(statement: Statement, given: Any) -> tuple[Any, ...]:

@@ -15,6 +15,8 @@ from lagrange.equations.terms import MonomialSum, printable
 from lagrange.equations.textbook_algebra import StatedAlgebra, canonical, is_identity
 from lagrange.errors import listing
 from lagrange.mechanics.plain_form import vanishes_in_symbols
+from lagrange.statement.coordinate import rotation_name
+from lagrange.statement.rotation import Rotation, product, rotation_of
 
 Placing = Callable[..., tuple[Any, ...]]
 
@@ -383,15 +385,17 @@ def shifts(stated: StatedAlgebra) -> Iterator[Symmetry]:
 def rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:
     """Yield rotations: of all bodies with coordinates such as x1 and y1 together, and of pairs of other coordinates."""
     bodies: dict[str, dict[str, int]] = {}
+    turning = [rotation_name(q) is not None for q in stated.statement.coordinates]
     for i, name in enumerate(stated.statement.names):
         axis = axis_of(name)
-        if axis in ("x", "y", "z"):
+        if axis in ("x", "y", "z") and not turning[i]:
             bodies.setdefault(name[1:], {})[axis] = i
     for first, second in (("x", "y"), ("y", "z"), ("z", "x")):
         pairs = [(axes[first], axes[second]) for axes in bodies.values() if first in axes and second in axes]
         if pairs:
             yield _turned(stated.q, pairs)
-    others = [i for i in range(len(stated.q)) if not any(i in axes.values() for axes in bodies.values())]
+    used = {i for axes in bodies.values() for i in axes.values()}
+    others = [i for i in range(len(stated.q)) if i not in used and not turning[i]]
     for pair in combinations(others, 2) if len(stated.q) <= MOST_PAIRED else ():
         yield _turned(stated.q, [pair])
 
@@ -409,6 +413,18 @@ def body_motions(stated: StatedAlgebra, place: BodyPosition) -> Iterator[Symmetr
     for motion in (*moved, *turned):
         parts = [_reduced(tangent.dot(motion)) / square for tangent, square in zip(tangents, squares, strict=True)]
         yield Symmetry(tuple(parts))
+
+
+def body_turns(stated: StatedAlgebra) -> Iterator[tuple[Rotation, bool, int, Symmetry]]:
+    """Yield each rotation, True for an axis of the body, the axis 0, 1 or 2, and the symmetry of turns about it."""
+    by_coordinate = dict(zip(stated.statement.coordinates, stated.q, strict=True))
+    for each in map(rotation_of, stated.statement.rotations):
+        q = [by_coordinate[entry] for entry in each.quaternion]
+        for axis in range(3):
+            unit = (S.Zero, *(sympy.Integer(axis == k) for k in range(3)))
+            for of_body, moved in ((False, product(unit, q)), (True, product(q, unit))):
+                xi = dict(zip(q, moved, strict=True))
+                yield each, of_body, axis, Symmetry(tuple(xi.get(x, S.Zero) / 2 for x in stated.q))
 
 
 def top_rotations(stated: StatedAlgebra) -> Iterator[Symmetry]:

@@ -112,8 +112,8 @@ def coordinate_of(name: str) -> Any:
 
 
 def declared(coordinate: Any) -> bool:
-    """Return True if a coordinate with the name of this function of time was made by `coordinate`."""
-    return name_of(coordinate) in _DECLARED
+    """Return True if this function of time, or a coordinate of its name, was made by this module."""
+    return name_of(coordinate) in _DECLARED or rotation_name(coordinate) is not None
 
 
 def is_ours(function: Any) -> bool:
@@ -137,6 +137,15 @@ def function_of_time(name: str, marks: Mapping[str, Any] | None = None) -> Any:
     shorthand |= {numpy: _refusing(numpy, ours) for numpy, ours in _NUMPY.items()}
     shorthand["__new__"] = inspect.unwrap(Application.__new__)
     return UndefinedFunction(name, bases=(AppliedUndef,), __dict__=shorthand, **(marks or {}))(t)
+
+
+ROTATION = "rotation"
+"""Attribute of the coordinates of a rotation, with its name."""
+
+
+def rotation_name(coordinate: Any) -> str | None:
+    """Return the name of the rotation to whose quaternion a coordinate belongs, or None."""
+    return getattr(coordinate.func, ROTATION, None)
 
 
 _NUMPY = {name: name for name in ("sin", "cos", "tan", "exp", "log", "sqrt", "sinh", "cosh", "tanh", "sign", "sinc")}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache, partial
 from types import MappingProxyType
 from typing import Any
@@ -22,15 +23,26 @@ from lagrange.statement.coordinate import (
     declared,
     is_ours,
     name_of,
+    rotation_name,
     t,
     velocity_of,
 )
 from lagrange.statement.energy import first_order_remedy, without_velocity
-from lagrange.statement.expression import TEXTS, entries, expression
+from lagrange.statement.expression import TEXTS, as_typed, entries, expression, in_full
 from lagrange.statement.given.function import check_given, coordinate_or_given
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.number import one_of, real_number, text
 from lagrange.statement.parameters import check_rate, default_values, label_of, parameter_symbols, table_of
+from lagrange.statement.rotation import (
+    ENTRIES,
+    check_moments,
+    explanation,
+    forces_on_coordinates,
+    in_coordinates,
+    reading,
+    with_length,
+    without_inertia,
+)
 from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Constraint, Link, Statement
 from lagrange.statement.survey import Survey
@@ -69,27 +81,26 @@ def declare(
     `check_inertia` differentiates in SymPy to find coordinates without inertia. The equations refuse them, too.
     """
     survey, main = Survey(), "the kinetic energy" if lagrangian is None else "the Lagrangian"
-    kinetic, potential, lagrangian = _energies(kinetic, potential, lagrangian, survey)
+    kinetic, potential, lagrangian = _in_full(typed := _energies(kinetic, potential, lagrangian), survey)
     moving = dict.fromkeys(survey.velocities)
     checked = declare_constraints(constraints, survey)
     chosen = _coordinates(coordinates, survey, _first_order(forces, dissipation))
     by_name = dict(zip(map(name_of, chosen), chosen, strict=True))
-    force_table, dissipation = _forces(forces, by_name, survey), _dissipation(dissipation, by_name, survey)
+    force_table, drag = _forces(forces, by_name, survey), _dissipation(dissipation, by_name, survey)
     if check_inertia:
-        _check_velocities(chosen, moving, checked, (kinetic, lagrangian), force_table, dissipation, main)
-    _check_constraints(checked, chosen, redundant)
+        _check_velocities(chosen, moving, checked, (kinetic, lagrangian), force_table, drag, main)
     points = _positions(positions, survey)
     bodies = declare_contacts(contacts, simultaneous, survey, checked)
-    _check_declared(survey, chosen)
+    _check_declared(survey, chosen, checked, redundant)
     known, unify = _parameters(parameters, survey, by_name)
     statement = Statement(
         coordinates=chosen,
         **dict(zip(("kinetic", "potential", "lagrangian"), (kinetic, potential, lagrangian), strict=True)),
         forces=tuple(force_table.get(q, sympy.S.Zero) for q in chosen),
-        dissipation=dissipation,
+        dissipation=drag,
         redundant=redundant,
         constraints=checked,
-        initial=initial_state({} if initial is None else initial, chosen, (0.0,) * (2 * len(chosen))),
+        initial=initial_state({} if initial is None else initial, chosen, _at_rest(chosen)),
         positions=MappingProxyType(points),
         links=_links(links, points),
         name=text(name, "name"),
@@ -99,8 +110,34 @@ def declare(
         **bodies,
         **known,
         **_functions(survey, chosen if coordinates is None else ()),
-    ).mapped(partial(_unified, unify))
+    )
+    statement = _with_rotations(statement, typed, forces, dissipation).mapped(partial(_unified, unify))
     return statement if dimensions is None else with_dimensions(statement, dimensions)
+
+
+def _with_rotations(statement: Statement, typed: Mapping[str, Any], forces: Any, dissipation: Any) -> Statement:
+    """Return a statement with the inertia of its rotations along their lengths, and as people read it.
+
+    `typed` are the energies by name, `forces` and `dissipation` what the user gave.
+    """
+    kinetic, names = with_length(statement.kinetic, statement.coordinates)
+    if not names:
+        return statement
+    check_moments(kinetic, names, statement.defaults)
+    lagrangian = statement.lagrangian + kinetic - statement.kinetic
+    whole = replace(statement, kinetic=kinetic, lagrangian=lagrangian, rotations=names)
+    parts = None if statement.constraints else reading(typed, forces, dissipation, statement.coordinates, names)
+    if parts is None:
+        return whole
+    about = " ".join([*([statement.about] if statement.about else []), *map(explanation, names)])
+    read = replace(whole, **parts, about=about, initial=(), positions=MappingProxyType({}), links=())
+    return replace(whole, reading=read)
+
+
+def _at_rest(coordinates: tuple[Any, ...]) -> tuple[float, ...]:
+    """Return the default state (q, v): zeros, and one for the scalars of quaternions, which turn nothing."""
+    turning = ((name_of(q), rotation_name(q)) for q in coordinates)
+    return (*(float(name == f"{turned}_{ENTRIES[0]}") for name, turned in turning), *(0.0 for _ in coordinates))
 
 
 def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
@@ -140,8 +177,8 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
             f"initial is {what}: give a dict such as {{{name_of(coordinates[0])}: 1.0}}; what is not named keeps its "
             "default."
         )
-    rows = state_rows(coordinates)
-    values = list(base)
+    rows, values = state_rows(coordinates), list(base)
+    given = in_coordinates(given, dict(zip((*coordinates, *map(velocity_of, coordinates)), base, strict=True)))
     for key, value in given.items():
         if key not in rows:
             known = [label for label in rows if isinstance(label, str)]
@@ -164,21 +201,28 @@ def state_rows(coordinates: tuple[Any, ...]) -> Mapping[Any, int]:
     return rows
 
 
-def _energies(kinetic: Any, potential: Any, lagrangian: Any, survey: Survey) -> tuple[Any, Any, Any]:
-    """Return (T, V, L), and add them to the survey; a system given by L alone has T = L and V = 0."""
+def _energies(kinetic: Any, potential: Any, lagrangian: Any) -> dict[str, Any]:
+    """Return T, V and L by name, as typed; a system given by L alone has L alone."""
     if lagrangian is not None:
         if kinetic is not None or potential is not None:
             raise StatementError("give either lagrangian=, or kinetic= and potential=, not both.")
-        whole = expression(lagrangian, "the Lagrangian")
-        survey.add(whole, "the Lagrangian")
-        return whole, sympy.S.Zero, whole
+        return {"lagrangian": as_typed(lagrangian, "the Lagrangian")}
     if kinetic is None:
         raise StatementError("no kinetic energy: give kinetic= and potential=, or lagrangian=.")
-    kinetic = expression(kinetic, "the kinetic energy")
-    potential = expression(0 if potential is None else potential, "the potential energy")
-    survey.add(kinetic, "the kinetic energy")
-    survey.add(potential, "the potential energy")
-    return kinetic, potential, kinetic - potential
+    kinetic = as_typed(kinetic, "the kinetic energy")
+    potential = as_typed(0 if potential is None else potential, "the potential energy")
+    return {"kinetic": kinetic, "potential": potential}
+
+
+def _in_full(typed: Mapping[str, Any], survey: Survey) -> tuple[Any, Any, Any]:
+    """Return (T, V, L), and add them to the survey; a system given by L alone has T = L and V = 0."""
+    full = {name: in_full(energy) for name, energy in typed.items()}
+    if "lagrangian" in full:
+        survey.add(full["lagrangian"], "the Lagrangian")
+        return full["lagrangian"], sympy.S.Zero, full["lagrangian"]
+    survey.add(full["kinetic"], "the kinetic energy")
+    survey.add(full["potential"], "the potential energy")
+    return full["kinetic"], full["potential"], full["kinetic"] - full["potential"]
 
 
 def _coordinates(given: Sequence[Any] | None, survey: Survey, first_order: Iterable[Any]) -> tuple[Any, ...]:
@@ -258,6 +302,8 @@ def _check_velocities(
     if still is None:
         return
     name = name_of(still)
+    if (turned := rotation_name(still)) is not None:
+        raise StatementError(without_inertia(turned))
     symbols = sorted(energies[1].free_symbols, key=str)
     bare = next((p.name for p in symbols if p.name in (f"{name}_dot", f"{name}dot")), None)
     if bare:
@@ -284,7 +330,11 @@ def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any
         )
 
 
-def _check_declared(survey: Survey, coordinates: tuple[Any, ...]) -> None:
+def _check_declared(
+    survey: Survey, coordinates: tuple[Any, ...], constraints: Sequence[Constraint], redundant: str
+) -> None:
+    """Raise StatementError for too many constraints, and for functions that are neither coordinates nor given."""
+    _check_constraints(constraints, coordinates, redundant)
     names = [name_of(q) for q in coordinates]
     declared = frozenset(coordinates)
     for q in survey.coordinates:
@@ -295,6 +345,7 @@ def _check_declared(survey: Survey, coordinates: tuple[Any, ...]) -> None:
 
 def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Survey) -> dict[Any, Any]:
     table: dict[Any, Any] = {}
+    given = forces_on_coordinates(given)
     for key, value in table_of(given, "forces", "coordinate to generalized force").items():
         label = label_of(key)
         if label not in by_name:

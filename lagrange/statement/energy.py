@@ -11,7 +11,7 @@ from sympy.functions.elementary.trigonometric import InverseTrigonometricFunctio
 
 from lagrange.errors import StatementError, formula, listing
 from lagrange.statement.coordinate import name_of, t, velocity_of
-from lagrange.statement.expression import entries, expression, vector
+from lagrange.statement.expression import entries, expression, in_full, vector
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.parameters import label_of
 
@@ -64,7 +64,7 @@ def kinetic_energy(mass: Any, position: Sequence[Any] | Any) -> Any:
     """
     point = vector(position, "the position")
     for place in point:
-        _check_place(place)
+        _check_place(in_full(place))
     return expression(mass, "the mass") * sum((sympy.diff(x, t) ** 2 for x in point), sympy.S.Zero) / 2
 
 
@@ -77,7 +77,7 @@ def rotational_energy(inertia: Any, angular_velocity: Any) -> Any:
     Classical Mechanics, 3rd ed., section 5.3.
     """
     rates = vector(angular_velocity, "the angular velocity")
-    for i, rate in enumerate(rates):
+    for i, rate in enumerate(map(in_full, rates)):
         _check_rate(rate, "the angular velocity" if len(rates) == 1 else f"component {i} of the angular velocity")
     omega = sympy.Matrix(rates)
     return (omega.T * _tensor(inertia, omega.rows) * omega)[0, 0] / 2

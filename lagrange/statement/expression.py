@@ -29,6 +29,11 @@ TEXTS = (str, bytes, bytearray, memoryview)
 
 def expression(value: Any, what: str) -> Any:
     """Return a SymPy expression with one value, from an expression or a number; `what` names it in the refusal."""
+    return in_full(as_typed(value, what))
+
+
+def as_typed(value: Any, what: str) -> Any:
+    """Return an expression as `expression` does, but with functions of time that stand for expressions, as R[0, 0]."""
     if isinstance(value, sympy.Basic) and is_too_deep(value):
         raise StatementError(
             f"{what} is an expression nested more than {DEEPEST} levels deep, which SymPy cannot read: give symbols to "
@@ -37,7 +42,7 @@ def expression(value: Any, what: str) -> Any:
     if isinstance(value, sympy.Expr) and not value.is_Matrix and not isinstance(value, sympy.Lambda):
         return real(without_modulo(value))
     if isinstance(value, np.ndarray) and value.shape == () and not isinstance(value, np.ma.MaskedArray):
-        return expression(value[()], what)
+        return as_typed(value[()], what)
     if isinstance(value, TEXTS):
         raise StatementError(
             f"{what} is the text {shown(value, 60)}: give a SymPy expression; texts belong in a scene file."
@@ -53,6 +58,35 @@ def expression(value: Any, what: str) -> Any:
     if isinstance(value, numbers.Rational):  # an int too, exactly
         return sympy.Rational(int(value.numerator), int(value.denominator))
     return sympy.Float(number)
+
+
+SHORTHAND = "shorthand"
+"""Attribute of a function of time that stands for an expression, such as an entry of a rotation; holds the latter."""
+
+RATE = "rate"
+"""Attribute of a small turn of a body, a function of time of which only the rate is defined; holds this rate."""
+
+
+def in_full(expression: Any) -> Any:
+    """Return an expression with what each function of time stands for in its place, also inside derivatives.
+
+    Rates of small turns are replaced by the rates of the body.
+    """
+    functions = expression.atoms(AppliedUndef)
+    known = {f: getattr(f.func, SHORTHAND) for f in functions if hasattr(f.func, SHORTHAND)}
+    for f in functions:
+        if (rate := getattr(f.func, RATE, None)) is not None:
+            value, (time,) = getattr(rate.func, SHORTHAND), f.args
+            known |= {sympy.Derivative(f, time): value, sympy.Derivative(f, (time, 2)): value.diff(time)}
+    return _differentiated(expression.xreplace(known)) if known else expression
+
+
+def _differentiated(expression: Any) -> Any:
+    """Return an expression with derivatives carried out, except those of coordinates and given functions."""
+    return expression.replace(
+        lambda node: isinstance(node, sympy.Derivative) and not isinstance(node.expr, AppliedUndef),
+        lambda node: node.doit(deep=False),
+    )
 
 
 def is_too_deep(value: Any) -> bool:
@@ -102,13 +136,13 @@ def _of_array(value: Any, what: str) -> list[Any] | None:
 
 
 def vector(value: Any, what: str) -> list[Any]:
-    """Return the entries of a sequence, array or matrix as expressions, or a single expression as a vector of one."""
+    """Return the entries of a sequence, array or matrix as typed, or a single expression as a vector of one."""
     components = entries(value, what)
     if components is None:
-        return [expression(value, what)]
+        return [as_typed(value, what)]
     if not components:
         raise StatementError(f"{what} is empty: give at least one component.")
-    return [expression(entry, f"component {i} of {what}") for i, entry in enumerate(components)]
+    return [as_typed(entry, f"component {i} of {what}") for i, entry in enumerate(components)]
 
 
 def modulo(dividend: Any, divisor: Any) -> Any:
@@ -125,10 +159,7 @@ def without_modulo(expression: Any) -> Any:
     # Inner ones first: the outer ones contain them.
     for part in sorted(expression.atoms(sympy.Mod), key=lambda part: (sympy.count_ops(part), str(part))):
         known[part] = modulo(*(argument.xreplace(known) for argument in part.args))
-    return expression.xreplace(known).replace(
-        lambda node: isinstance(node, sympy.Derivative) and not isinstance(node.expr, AppliedUndef),
-        lambda node: node.doit(deep=False),
-    )
+    return _differentiated(expression.xreplace(known))
 
 
 _PARTS = (sympy.re, sympy.im, sympy.conjugate)

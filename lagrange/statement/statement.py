@@ -15,6 +15,7 @@ from lagrange.errors import abridged, formula, listing
 from lagrange.statement.contact import Contact, gap
 from lagrange.statement.coordinate import acceleration_of, multiplier, name_of, velocity_of
 from lagrange.statement.given.motion import motion_of
+from lagrange.statement.rotation import shorter
 from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.units.dimension import Dimension
 
@@ -69,6 +70,9 @@ class Statement:
     - `inputs` pairs each input, a parameter whose value changes, with its rate, which is an input too or None. Inputs
       are the last parameters.
     - `contacts` are gaps that stay positive, and `simultaneous` the law of impacts at one instant, or "".
+    - `rotations` are the names of rotations, whose quaternions are among the coordinates.
+      `reading` is the statement in turns of these bodies, for people to read: there three turns of each are the last
+      coordinates, and `entries` has the nine functions R_xx(t) to R_zz(t) of each.
     - `inferred` are the names of undeclared functions of time in the energies, which were taken for coordinates.
     """
 
@@ -98,6 +102,9 @@ class Statement:
     inferred: tuple[str, ...] = ()
     contacts: tuple[Contact, ...] = ()
     simultaneous: str = ""
+    rotations: tuple[str, ...] = ()
+    entries: tuple[tuple[Any, ...], ...] = ()
+    reading: Statement | None = None
     open_form: Statement | None = None
 
     def __repr__(self) -> str:
@@ -124,12 +131,20 @@ class Statement:
             constraints=tuple(replace(one, expression=change(one.expression)) for one in self.constraints),
             positions=MappingProxyType({label: tuple(map(change, point)) for label, point in self.positions.items()}),
             contacts=tuple(each.mapped(change) for each in self.contacts),
+            reading=None if self.reading is None else self.reading.mapped(change),
         )
 
     @cached_property
     def velocities(self) -> tuple[Any, ...]:
         """The generalized velocities, n of them."""
         return tuple(velocity_of(q) for q in self.coordinates)
+
+    @cached_property
+    def as_read(self) -> Statement:
+        """The statement as people read it: in turns of the bodies if it has rotations, else itself."""
+        if self.reading is None:
+            return self
+        return self.reading.mapped(lambda expression: shorter(expression, self.rotations))
 
     @property
     def names(self) -> tuple[str, ...]:

@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from sympy import MatrixBase
 
 from lagrange.errors import LagrangeError, RunError, StatementError, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
 from lagrange.statement.coordinate import multiplier, row_label
 from lagrange.statement.number import ByName, real_array
+from lagrange.statement.rotation import Rotation
 from lagrange.trajectory.contact.history import ContactResult, ContactRun
 from lagrange.trajectory.measures.constraint_drift import ConstraintDrift, constraint_drift
 from lagrange.trajectory.measures.constraint_forces import ConstraintForces
@@ -110,7 +112,15 @@ class Solution:
         return self.model.layout.names()
 
     def __getitem__(self, key: Any) -> FloatArray:
-        """Return the row (N,) of a coordinate or a velocity, which `key` gives as SymPy expression or by name."""
+        """Return the row (N,) of a coordinate or a velocity, which `key` gives as SymPy expression or by name.
+
+        Of a rotation R they are its matrices (N, 3, 3), and of a vector such as R.body or R*v its entries (3, N).
+        """
+        if isinstance(key, Rotation):
+            matrices: FloatArray = np.moveaxis(self[key.matrix].reshape(3, 3, -1), 2, 0)
+            return matrices
+        if isinstance(key, MatrixBase):
+            return np.array([self.evaluate(entry) for entry in key])
         label = row_label(key)
         if label not in self.names:
             raise StatementError(

@@ -159,7 +159,7 @@ def test_bombs_are_refused_in_little_time_and_memory(text: str, tmp_path: Path) 
     start = time.process_time()
     error = refusal(path)
     assert time.process_time() - start < 20  # a hang guard: unbounded, the dotted keys take all memory
-    assert len(error.reason) < 300
+    assert len(error.reason) <= 400
 
 
 def test_values_are_named_in_words(tmp_path: Path) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from typing import Any
 
 import sympy
@@ -21,7 +22,8 @@ from lagrange.show.notation.sections import (
     Transpose,
 )
 from lagrange.show.notation.text import ATOM, POWER, PRODUCT, SUM, FormulaPiece, Notation, UnicodeNotation, width
-from lagrange.statement.coordinate import t
+from lagrange.statement.coordinate import name_of, t
+from lagrange.statement.expression import RATE
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.words import WORDS
 
@@ -51,7 +53,13 @@ class Typesetter:
         for symbol in (*statement.parameters, *(one.multiplier for one in statement.constraints)):
             self.letters[symbol] = notation.letter(symbol.name)
         for place, symbol in enumerate(self.plain.values()):
-            self.letters[symbol] = notation.letter(statement.names[place // 3], place % 3)
+            name, order = statement.names[place // 3], place % 3
+            rate = getattr(statement.coordinates[place // 3].func, RATE, None)
+            if rate is not None and order:
+                name, order = name_of(rate), order - 1
+            self.letters[symbol] = notation.letter(name, order)
+        for entry in chain(*statement.entries):
+            self.letters[entry] = notation.letter(name_of(entry))
 
     def write(self, expression: Any) -> str:
         """Return the text of an expression in q(t) and its derivatives, or in plain symbols."""

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +30,12 @@ from lagrange.statement.coordinate import (
 from lagrange.statement.declare import ORIGIN, declare
 from lagrange.statement.energy import first_order_remedy, without_velocity
 from lagrange.statement.event import Event, declare_events, event
+from lagrange.statement.expression import in_full
 from lagrange.statement.given.function import given
 from lagrange.statement.given.motion import table
 from lagrange.statement.number import printable, real_number
 from lagrange.statement.parameters import rate_name
+from lagrange.statement.rotation import Rotation, forces_on_coordinates, rotation_of
 from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.scene.expressions import Expressions, read_number
 from lagrange.statement.scene.guard import RefusalError
@@ -40,11 +43,12 @@ from lagrange.statement.scene.lexer import MULTIPLIER
 from lagrange.statement.scene.toml_document import LARGEST_FILE, LARGEST_STORED, Document, dotted, kind_of
 from lagrange.statement.scene.unevaluated import UnevaluatedExpressions
 from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Link, Statement
+from lagrange.statement.vocabulary.letters import NAME
 
 KEYS = (
     *("name", "about", "source", "coordinates", "kinetic", "potential", "lagrangian", "forces", "dissipation"),
     *("constraints", "redundant", "parameters", "given", "initial", "positions", "links", "run", "dimensions"),
-    *("signs", "tables", "definitions", "functions", "evaluate", "events", "contacts", "simultaneous"),
+    *("signs", "tables", "definitions", "functions", "evaluate", "events", "contacts", "simultaneous", "rotations"),
 )
 OPEN = "open"
 """Value of a parameter or a given function without one."""
@@ -182,25 +186,28 @@ class SceneReader:
     def statement(self) -> Statement:
         """Return the checked statement."""
         document = self.document
-        coordinates = {name: coordinate_of(name) for name in self.coordinate_names()}
+        rotations = self.rotations()
+        turning = {name_of(q): q for each in rotations for q in each.quaternion}
+        names = dict.fromkeys((*self.coordinate_names(turning), *turning))
+        coordinates = {name: turning.get(name) or coordinate_of(name) for name in names}
         velocities = {f"{name}_dot": velocity_of(q) for name, q in coordinates.items()}
         values = self.parameters(coordinates)
         symbols = self.symbols(values)
         given_names = self.given(coordinates, symbols)
         speed = {impact_speed.name: impact_speed} if "contacts" in self.data else {}
-        names = {**speed, **given_names, **coordinates, **velocities, **symbols}
+        turned = {name_of(f): f for each in rotations for f in (*each.matrix, *each.body, *each.space)}
+        names = {**turned, **speed, **given_names, **coordinates, **velocities, **symbols}
         reader = self.reader(names, given_names)
-        forces = document.table("forces", coordinates, "coordinate of this scene")
+        forces = self.forces(reader, coordinates, rotations)
         initial = document.table("initial", [*coordinates, *velocities], "coordinate or velocity of this scene")
         stated = self.energies(reader)
-        applied = {coordinates[name]: document.expression(reader, "forces", name) for name in forces}
         dissipation = document.expression(reader, "dissipation") if "dissipation" in self.data else sympy.S.Zero
-        self.check_velocities(coordinates, stated, applied, dissipation)
+        self.check_velocities(coordinates, stated, forces_on_coordinates(forces), dissipation)
         try:
             declared = declare(
                 **stated,
                 coordinates=list(coordinates.values()),
-                forces=applied,
+                forces=forces,
                 dissipation=dissipation,
                 constraints=self.constraints(reader),
                 redundant=self.redundant(),
@@ -224,6 +231,18 @@ class SceneReader:
         if "events" not in self.data:
             return declared
         return replace(declared, run=replace(declared.run, events=self.events(reader, declared)))
+
+    def forces(
+        self, reader: ExpressionReader, coordinates: Mapping[str, Any], rotations: Sequence[Rotation]
+    ) -> dict[Any, Any]:
+        """Return the forces on coordinates, and the torques about the axes of bodies, R_body_x to R_body_z."""
+        document = self.document
+        about = {each: list(map(name_of, each.body)) for each in rotations}
+        stated = document.table("forces", [*coordinates, *chain(*about.values())], "coordinate of this scene")
+        forces = {name: document.expression(reader, "forces", name) for name in stated}
+        torques = {each.body: [forces.pop(name, sympy.S.Zero) for name in names] for each, names in about.items()}
+        applied = {coordinates[name]: force for name, force in forces.items()}
+        return applied | {rates: torque for rates, torque in torques.items() if any(torque)}
 
     def events(self, reader: ExpressionReader, declared: Statement) -> tuple[Event, ...]:
         """Return the events of the list of tables [[events]]: `when` is zero there; the other keys are optional."""
@@ -265,10 +284,10 @@ class SceneReader:
             )
         return name
 
-    def coordinate_names(self) -> list[str]:
-        """Return the names of the coordinates."""
-        names = self.data.get("coordinates")
-        if not isinstance(names, list) or not names:
+    def coordinate_names(self, turning: Collection[str]) -> list[str]:
+        """Return the names of the coordinates; those of rotations, `turning`, may be left out."""
+        names = self.data.get("coordinates", [] if turning else None)
+        if not isinstance(names, list) or not (names or turning):
             self.document.refuse(
                 'coordinates is missing or is not a list of names: write coordinates = ["theta"].', "coordinates"
             )
@@ -279,6 +298,13 @@ class SceneReader:
             self.check_free(name, "coordinate", known, "coordinates", i)
             known.append(name)
         return known
+
+    def rotations(self) -> list[Rotation]:
+        """Return the rotations that the scene names; their quaternions are among the coordinates."""
+        names = self.data.get("rotations", [])
+        if not isinstance(names, list) or not all(isinstance(name, str) and NAME.fullmatch(name) for name in names):
+            self.document.refuse('rotations is not a list of names: write rotations = ["R"].', "rotations")
+        return [rotation_of(name) for name in names]
 
     def parameters(self, coordinates: Mapping[str, Any]) -> dict[str, float | None]:
         """Return the values of the parameters, None for those left open."""
@@ -394,6 +420,7 @@ class SceneReader:
         """Raise SceneError, at the energy, for a coordinate whose acceleration no equation determines."""
         if "constraints" in self.data or not self.evaluated:
             return
+        energies = {name: in_full(energy) for name, energy in energies.items()}
         main, *_ = energies
         whole, present = energies[main] - energies.get("potential", 0), energies[main].atoms(sympy.Derivative)
         chosen, alone = tuple(coordinates.values()), main == "lagrangian"

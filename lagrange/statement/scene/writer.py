@@ -15,6 +15,7 @@ from lagrange.statement.coordinate import constraint_of, name_of, t
 from lagrange.statement.event import Event
 from lagrange.statement.given.motion import TabulatedFunction, motion_of, table_of
 from lagrange.statement.parameters import label_of, rate_name
+from lagrange.statement.rotation import in_rates, rotation_of
 from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.lexer import MULTIPLIER
 from lagrange.statement.scene.scene_reader import MOST_RATES, NO_SIGN, OPEN
@@ -52,12 +53,15 @@ class _SceneWriter:
     """Writes one statement, a line for each value."""
 
     def __init__(self, statement: Statement) -> None:
-        self.statement = statement
+        self.statement, names = statement, statement.rotations
+        self.typed = (statement.reading or statement).mapped(lambda expression: in_rates(expression, names))
         self.leaves = {leaf: symbol.name for leaf, symbol in statement.plain.items()}
         for function in statement.given:
             rates = ((k, sympy.Derivative(function, (t, k))) for k in range(1, MOST_RATES + 1))
             self.leaves |= {function: name_of(function), **{rate: rate_name(name_of(function), k) for k, rate in rates}}
         self.leaves |= {parameter: parameter.name for parameter in statement.parameters}
+        for each in map(rotation_of, names):
+            self.leaves |= {f: name_of(f) for f in (*each.matrix, *each.body)}
         taken = [*self.leaves.values()]
         self.leaves[t] = t.name
         self.leaves[impact_speed] = impact_speed.name
@@ -71,15 +75,15 @@ class _SceneWriter:
 
     def roots(self) -> list[Any]:
         """Return all expressions of the statement, in the order in which they are written."""
-        statement = self.statement
-        energies = [statement.kinetic] if statement.lagrangian_alone else [statement.kinetic, statement.potential]
+        statement, typed = self.statement, self.typed
+        energies = [typed.kinetic] if typed.lagrangian_alone else [typed.kinetic, typed.potential]
         constraints = [constraint.expression for constraint in statement.constraints]
         points = [entry for point in statement.positions.values() for entry in point]
         contacts = [part for each in statement.contacts for part in each.expressions]
         events = [
             part for e in statement.run.events for part in (e.expression, *e.reset.values(), *e.settings.values())
         ]
-        return [*energies, statement.dissipation, *statement.forces, *constraints, *contacts, *points, *events]
+        return [*energies, typed.dissipation, *typed.forces, *constraints, *contacts, *points, *events]
 
     def named_tables(self, taken: list[str]) -> Iterator[tuple[str, str]]:
         """Yield (name, text) of each table of measured values, and enter its spline in the leaves under this name."""
@@ -105,10 +109,12 @@ class _SceneWriter:
         if functions := sorted({function.func.__name__ for function in statement.unknown}):
             yield f"functions = [{_joined(map(_quoted, functions))}]"
         yield f"coordinates = [{', '.join(map(_quoted, statement.names))}]"
-        for key in ("lagrangian",) if statement.lagrangian_alone else ("kinetic", "potential"):
-            yield f"{key} = {self.text(ENERGIES[key], getattr(statement, key))}"
+        if statement.rotations:
+            yield f"rotations = [{', '.join(map(_quoted, statement.rotations))}]"
+        for key in ("lagrangian",) if self.typed.lagrangian_alone else ("kinetic", "potential"):
+            yield f"{key} = {self.text(ENERGIES[key], getattr(self.typed, key))}"
         if statement.dissipation != 0:
-            yield f"dissipation = {self.text('the dissipation', statement.dissipation)}"
+            yield f"dissipation = {self.text('the dissipation', self.typed.dissipation)}"
         if statement.redundant != REFUSE:
             yield f"redundant = {_quoted(statement.redundant)}"
         if statement.simultaneous:
@@ -139,7 +145,9 @@ class _SceneWriter:
     def tables(self) -> Mapping[str, Mapping[str, str]]:
         """Return the tables of the file, with the text of each value."""
         statement = self.statement
-        forces = zip(statement.names, statement.forces, strict=True)
+        rates = {turn: rate for each in map(rotation_of, statement.rotations) for turn, rate in each.rates.items()}
+        named = [name_of(rates.get(q, q)) for q in self.typed.coordinates]
+        forces = zip(named, self.typed.forces, strict=True)
         states = zip(statement.state_names, statement.initial, strict=True)
         settings = {key: getattr(statement.run, key) for key in ("t_end", "rtol", "atol", "step")}
         run = {key: repr(float(value)) for key, value in settings.items() if value is not None}

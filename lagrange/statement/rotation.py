@@ -1,0 +1,439 @@
+"""Rotations in space as part of a statement: R in SO(3), by the four entries of a quaternion of length one.
+
+The entries are coordinates of the system. R and its rates depend on the direction of the quaternion alone, so that no
+force acts along its length; `with_length` adds an inertia there, and the length stays one without a constraint.
+Source: D. T. Greenwood, Advanced Dynamics, 2003, section 3.1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cache
+from itertools import chain
+from typing import Any, NoReturn
+
+import numpy as np
+import sympy
+from numpy.typing import ArrayLike
+from sympy.core.function import AppliedUndef
+
+from lagrange.errors import StatementError, listing, shown
+from lagrange.statement.coordinate import (
+    COORDINATES,
+    ROTATION,
+    check_name,
+    function_of_time,
+    name_of,
+    rotation_name,
+    t,
+    velocity_of,
+)
+from lagrange.statement.expression import RATE, SHORTHAND, as_typed, entries, expression, in_full
+from lagrange.statement.number import real_number
+
+x, y, z = (sympy.ImmutableMatrix([int(i == k) for i in range(3)]) for k in range(3))
+"""Unit vectors along the axes."""
+
+ENTRIES = "wxyz"
+"""Suffixes of the names of a quaternion's entries: the scalar, then the vector."""
+
+AXES = "xyz"
+"""Suffixes of the names of axes: R_xz is an entry of the matrix, R_body_x a rate about an axis of the body."""
+
+ROUNDING = 1e-9
+"""Largest deviation of a start from a rotation: of M^T M from the unit matrix, or of a quaternion's length from one."""
+
+Quaternion = tuple[Any, Any, Any, Any]
+
+
+def product(a: Sequence[Any], b: Sequence[Any]) -> Quaternion:
+    """Return the product of two quaternions."""
+    (a0, a1, a2, a3), (b0, b1, b2, b3) = a, b
+    return (
+        a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
+        a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
+        a0 * b2 + a2 * b0 + a3 * b1 - a1 * b3,
+        a0 * b3 + a3 * b0 + a1 * b2 - a2 * b1,
+    )
+
+
+def conjugate(q: Sequence[Any]) -> Quaternion:
+    """Return the conjugate of a quaternion: the inverse rotation."""
+    return q[0], -q[1], -q[2], -q[3]
+
+
+def matrix_of(q: Sequence[Any]) -> list[list[Any]]:
+    """Return the rotation matrix of a quaternion of any length, three rows."""
+    w, i, j, k = q
+    square = w**2 + i**2 + j**2 + k**2
+    return [
+        [(w**2 + i**2 - j**2 - k**2) / square, 2 * (i * j - w * k) / square, 2 * (i * k + w * j) / square],
+        [2 * (i * j + w * k) / square, (w**2 - i**2 + j**2 - k**2) / square, 2 * (j * k - w * i) / square],
+        [2 * (i * k - w * j) / square, 2 * (j * k + w * i) / square, (w**2 - i**2 - j**2 + k**2) / square],
+    ]
+
+
+def _refusal(instead: str) -> Callable[..., NoReturn]:
+    """Return the method of a sum, power or product from the left that has no meaning for a rotation."""
+
+    def refuse(self: Rotation, *others: Any) -> NoReturn:
+        del others
+        raise StatementError(f"{self.name} is a rotation, a 3 by 3 matrix: {instead.format(self.name)}.")
+
+    return refuse
+
+
+class Rotation:
+    """A rotation R in SO(3), from the axes of a body to those of space, made by `lagrange.rotation`.
+
+    `body` and `space` are its rates about the axes of the body and of space, each a vector of three expressions.
+    `R * v` is a vector of the body in the axes of space, `R.T * v` the opposite, and `R[i, j]` an entry.
+    `quaternion` are the four coordinates: the scalar, then the vector. `turns` are small turns about the axes of the
+    body, with the rates `body`; a derivation is written in them.
+    """
+
+    _op_priority = 100.0
+    """SymPy leaves products with a matrix to the factor of the higher priority."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        self.quaternion = tuple(function_of_time(f"{name}_{entry}", {ROTATION: name}) for entry in ENTRIES)
+        rates, inverse = [velocity_of(q) for q in self.quaternion], conjugate(self.quaternion)
+        twice = 2 / sum(q**2 for q in self.quaternion)
+        self.matrix = self._named([f"{a}{b}" for a in AXES for b in AXES], chain(*matrix_of(self.quaternion))).reshape(
+            3, 3
+        )
+        self.body = self._named([f"body_{a}" for a in AXES], [twice * part for part in product(inverse, rates)[1:]])
+        self.turns = tuple(
+            function_of_time(f"{name}_turn_{a}", {RATE: rate}) for a, rate in zip(AXES, self.body, strict=True)
+        )
+        self.space = self._named([f"space_{a}" for a in AXES], [twice * part for part in product(rates, inverse)[1:]])
+
+    def _named(self, names: Sequence[str], values: Iterable[Any]) -> Any:
+        """Return functions of time that stand for expressions, a vector."""
+        pairs = zip(names, values, strict=True)
+        return sympy.ImmutableMatrix([function_of_time(f"{self.name}_{name}", {SHORTHAND: x}) for name, x in pairs])
+
+    @property
+    def rates(self) -> dict[Any, Any]:
+        """The rate about each axis of the body, by its turn."""
+        return dict(zip(self.turns, self.body, strict=True))
+
+    def __repr__(self) -> str:
+        return f"<Rotation {self.name}>"
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Rotation) and other.name == self.name
+
+    def __hash__(self) -> int:
+        return hash((Rotation, self.name))
+
+    @property
+    def T(self) -> Any:
+        """The inverse rotation: the transposed matrix."""
+        return self.matrix.T
+
+    def __getitem__(self, place: Any) -> Any:
+        return self.matrix[place]
+
+    def __mul__(self, other: Any) -> Any:
+        if isinstance(other, Rotation):
+            return self.matrix * other.matrix
+        parts = entries(other, f"the vector that {self.name} turns")
+        if parts is None or len(parts) != 3:
+            given = shown(other) if parts is None else f"{len(parts)} entries"
+            raise StatementError(f"{self.name} is a rotation and turns a vector of three entries, not {given}.")
+        if isinstance(other, sympy.MatrixBase):
+            return self.matrix * other
+        return self.matrix * sympy.ImmutableMatrix([expression(part, "an entry of the vector") for part in parts])
+
+    __add__ = __radd__ = __sub__ = __rsub__ = __neg__ = __pow__ = __truediv__ = _refusal(
+        "use its entries {0}[i, j], its rates {0}.body and {0}.space, or a turned vector {0}*v"
+    )
+    __rmul__ = _refusal("it stands left of the vector that it turns, {0}*v or {0}.T*v")
+
+
+def rotation(name: str) -> Rotation:
+    """Return the rotation of that name, from the axes of a body to those of space.
+
+    `R.body` and `R.space` are its rates about these axes, `R*v` is a turned vector, `R.T*v` the vector turned back, and
+    `R[i, j]` an entry. A System contains it through the four coordinates of its quaternion, such as R_w. Raises
+    StatementError for a name that is not an identifier.
+    """
+    made = rotation_of(check_name(name, "rotation"))
+    COORDINATES.declare(tuple(map(name_of, made.quaternion)))
+    return made
+
+
+rotation_of = cache(Rotation)
+"""The rotation of a name, as `rotation` returns it, without entering it in the order of declaration."""
+
+
+def turn(axis: ArrayLike, angle: float) -> Quaternion:
+    """Return the start of a rotation that is turned by an angle in radians about an axis of any length.
+
+    It is a quaternion of length one, scalar first. Raises StatementError for an axis that is not a vector of three
+    numbers, or zero.
+    """
+    along = np.array([real_number(part, "an entry of the axis") for part in entries(axis, "the axis") or [axis]])
+    size = float(np.linalg.norm(along))
+    if along.shape != (3,) or size == 0:
+        raise StatementError(f"the axis of a turn is {shown(axis)}: give three numbers that are not all zero.")
+    half = real_number(angle, "the angle of a turn") / 2
+    i, j, k = (float(part) for part in np.sin(half) * along / size)
+    return float(np.cos(half)), i, j, k
+
+
+def quaternion_of(value: Any, name: str) -> Quaternion:
+    """Return the quaternion of a start, which is a quaternion or a rotation matrix.
+
+    Raises StatementError for one that is not a rotation, with its deviation.
+    """
+    given = np.array(value, dtype=object)
+    try:
+        numbers = given.astype(float)
+    except (TypeError, ValueError):
+        numbers = np.zeros(0)
+    if numbers.shape not in ((4,), (3, 3)) or not np.isfinite(numbers).all():
+        raise StatementError(
+            f"the start of {name} is {shown(value)}: give lagrange.turn(axis, angle), a quaternion of four numbers, "
+            "scalar first, or a matrix of 3 by 3 numbers."
+        )
+    if numbers.shape == (4,):
+        size = float(np.linalg.norm(numbers))
+        if abs(size - 1) > ROUNDING:
+            raise StatementError(f"the start of {name} is a quaternion of length {size:.6g}: give one of length 1.")
+        return tuple((numbers / size).tolist())
+    if (off := float(np.abs(numbers.T @ numbers - np.eye(3)).max())) > ROUNDING:
+        raise StatementError(
+            f"the start of {name} is not a rotation: its matrix times its transpose differs from the unit matrix by "
+            f"{off:.3g}."
+        )
+    if np.linalg.det(numbers) < 0:
+        raise StatementError(f"the start of {name} is a reflection, with determinant -1: change the sign of one axis.")
+    from scipy.spatial.transform import Rotation as Matrix
+
+    i, j, k, w = Matrix.from_matrix(numbers).as_quat().tolist()
+    return w, i, j, k
+
+
+def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any]) -> dict[Any, Any]:
+    """Return a table of a state with entries of coordinates and velocities in place of those of rotations.
+
+    Keys are rotations, {R: start}, and their rates, {R.body: three values} or {R.space: three values}, numbers or
+    expressions. `values` has those of all coordinates and velocities that are not given. A start without rates keeps
+    the rates about the axes of the body. Raises StatementError for what is not a rotation, and for both rates at once.
+    """
+    plain = {key: value for key, value in given.items() if not isinstance(key, (Rotation, sympy.MatrixBase))}
+    turned = {each.name: each for each in given if isinstance(each, Rotation)}
+    rates = {key: value for key, value in given.items() if isinstance(key, sympy.MatrixBase)}
+    for key in rates:
+        each = _of_rates(key, "initial")
+        turned[each.name] = each
+    if unknown := [name for name, each in turned.items() if not values.keys() >= {*each.quaternion}]:
+        raise StatementError(f"initial names the rotation {unknown[0]}, which is not in this system.")
+    for name, each in turned.items():
+        now = [values[q] for q in each.quaternion]
+        q = quaternion_of(given[each], name) if each in given else now
+        if each.body in rates and each.space in rates:
+            raise StatementError(f"initial gives both {name}.body and {name}.space: give one of the two.")
+        if each.space in rates:
+            moved = product((0, *_three(rates[each.space], f"{name}.space")), q)
+        else:
+            body = product(conjugate(now), [2 * values[velocity_of(q)] for q in each.quaternion])[1:]
+            moved = product(q, (0, *(_three(rates[each.body], f"{name}.body") if each.body in rates else body)))
+        plain |= dict(zip(each.quaternion, q, strict=True))
+        plain |= {velocity_of(q): rate / 2 for q, rate in zip(each.quaternion, moved, strict=True)}
+    return plain
+
+
+def _three(value: Any, what: str) -> list[Any]:
+    parts = entries(value, what)
+    if parts is None or len(parts) != 3:
+        raise StatementError(f"{what} is {shown(value)}: give three values, about the axes x, y and z.")
+    return [part if isinstance(part, (int, float)) else expression(part, what) for part in parts]
+
+
+def _of_rates(key: Any, table: str) -> Rotation:
+    """Return the rotation whose rates a key is."""
+    names = {rotation_name(q) for q in in_full(key).atoms(AppliedUndef)} - {None}
+    for each in map(rotation_of, names):
+        if key in (each.body, each.space):
+            return each
+    raise StatementError(f"{table} names {shown(key)}, which is not R.body or R.space of a rotation R.")
+
+
+def forces_on_coordinates(forces: Any) -> Any:
+    """Return a table of forces with generalized forces in place of the torques of rotations.
+
+    Torques are {R.body: three expressions} about the axes of the body, or {R.space: ...}. The generalized force on an
+    entry of the quaternion is the sum of each torque times the derivative of its rate by the velocity of the entry.
+    Raises StatementError for another number of torques, and for {R: ...}, which does not name axes.
+    """
+    if not isinstance(forces, Mapping) or not any(isinstance(key, (Rotation, sympy.MatrixBase)) for key in forces):
+        return forces
+    table: dict[Any, Any] = {}
+    for key, value in forces.items():
+        if isinstance(key, Rotation):
+            raise StatementError(f"forces names the rotation {key.name}: give torques on {key.name}.body or .space.")
+        if not isinstance(key, sympy.MatrixBase):
+            table[key] = value
+            continue
+        torques = _three(value, f"the torque on {_of_rates(key, 'forces').name}")
+        for q in _of_rates(key, "forces").quaternion:
+            rate = velocity_of(q)
+            parts = (torque * sympy.diff(in_full(about), rate) for torque, about in zip(torques, key, strict=True))
+            table[q] = table.get(q, sympy.S.Zero) + sum(parts)
+    return table
+
+
+def reading(
+    energies: Mapping[str, Any], forces: Any, dissipation: Any, coordinates: Sequence[Any], names: Sequence[str]
+) -> dict[str, Any] | None:
+    """Return the parts of a statement in turns of the body and entries of R, as a derivation writes them.
+
+    `energies` are L, or T and V. They, `forces` and `dissipation` are as typed. Returns None if they contain an entry
+    of a quaternion.
+    """
+    turned = list(map(rotation_of, names))
+    known: dict[Any, Any] = {}
+    for each in turned:
+        rates = [velocity_of(turn) for turn in each.turns]
+        known |= dict(zip(each.body, rates, strict=True))
+        known |= dict(zip(each.space, each.matrix * sympy.Matrix(rates), strict=True))
+        a, b, c = rates
+        moved = each.matrix * sympy.Matrix([[0, -c, b], [c, 0, -a], [-b, a, 0]])
+        known |= {velocity_of(entry): rate for entry, rate in zip(each.matrix, moved, strict=True)}
+    quaternions = {q for each in turned for q in each.quaternion}
+    places = [q for q in coordinates if q not in quaternions] + [turn for each in turned for turn in each.turns]
+    table = dict.fromkeys(places, sympy.S.Zero)
+    for key, value in (forces or {}).items():
+        if isinstance(key, sympy.MatrixBase):
+            each = _of_rates(key, "forces")
+            torques = sympy.Matrix([as_typed(part, "a torque") for part in value])
+            torques = each.T * torques if key == each.space else torques
+            table |= {turn: table[turn] + part for turn, part in zip(each.turns, torques, strict=True)}
+        else:
+            table |= {q: as_typed(value, "a force") for q in coordinates if key in (q, name_of(q))}
+    if not quaternions.isdisjoint(table):
+        return None
+    stated = [*energies.values(), as_typed(dissipation, "the dissipation"), *table.values()]
+    parts = [part.xreplace(known) for part in stated]
+    if any(part.has(*quaternions) for part in parts):
+        return None
+    kinetic, potential = parts[0], parts[1] if len(energies) > 1 else sympy.S.Zero
+    return {
+        "kinetic": kinetic,
+        "potential": potential,
+        "lagrangian": kinetic - potential,
+        "coordinates": tuple(places),
+        "dissipation": parts[len(energies)],
+        "forces": tuple(parts[len(energies) + 1 :]),
+        "entries": tuple(tuple(each.matrix) for each in turned),
+    }
+
+
+def of_quaternions(accelerations: Mapping[Any, Any], names: Sequence[str]) -> dict[Any, Any]:
+    """Return the accelerations of a derivation with those of quaternions in place of those of turns.
+
+    The second derivative of q = length * (unit quaternion) follows from dq/dt = q (s, w)/2, where s is twice the rate
+    of the length over the length, which does not accelerate.
+    """
+    found = {q: in_full(value) for q, value in accelerations.items()}
+    for each in map(rotation_of, names):
+        q, rates = each.quaternion, [velocity_of(entry) for entry in each.quaternion]
+        stretch = 2 * sum(a * b for a, b in zip(q, rates, strict=True)) / sum(a**2 for a in q)
+        turned = product(rates, (stretch, *map(in_full, each.body)))
+        pushed = product(q, (-(stretch**2) / 2, *(found.pop(turn) for turn in each.turns)))
+        found |= {entry: (a + b) / 2 for entry, a, b in zip(q, turned, pushed, strict=True)}
+    return found
+
+
+def shorter(expression: Any, names: Iterable[str]) -> Any:
+    """Return an expression with the columns of rotations orthogonal and of length one, if that makes it shorter."""
+    known = {}
+    for each in map(rotation_of, names):
+        for i in range(3):
+            for j in range(i, 3):
+                (a, b, c), (d, e, f) = each.matrix[:, i], each.matrix[:, j]
+                known[c * f] = sympy.Integer(i == j) - a * d - b * e
+    other = sympy.expand(sympy.expand(expression).subs(known))
+    return other if other.count_ops() < expression.count_ops() else expression
+
+
+def in_rates(expression: Any, names: Iterable[str]) -> Any:
+    """Return an expression with the rates of the bodies in place of the derivatives of turns, as they are typed."""
+    pairs = (pair for each in map(rotation_of, names) for pair in each.rates.items())
+    return expression.xreplace({velocity_of(turn): rate for turn, rate in pairs})
+
+
+def explanation(name: str) -> str:
+    """Return the sentences that explain the symbols of a rotation in a derivation."""
+    entries = f"{name}_xx to {name}_zz are the entries of the rotation {name}."
+    rates, turns = (listing(f"{name}_{kind}_{axis}" for axis in AXES) for kind in ("body", "turn"))
+    return (
+        f"{entries} {rates} are its rates about the axes of the body. {turns} are small turns about these axes; the "
+        f"derivative of L by a turn contains p x {name}_body, since the axes turn with the body."
+    )
+
+
+def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
+    """Return a kinetic energy with an inertia along the length of each quaternion, and the names of the rotations.
+
+    The inertia is the mean of those of the three rates, so that the mass matrix is as well conditioned as theirs; other
+    coordinates are replaced by one in it. A kinetic energy that has it already stays as it is. Raises StatementError
+    for a rotation without inertia.
+    """
+    names = tuple(dict.fromkeys(name for name in map(rotation_name, coordinates) if name is not None))
+    for each in map(rotation_of, names):
+        if missing := [name_of(q) for q in each.quaternion if q not in coordinates]:
+            raise StatementError(f"coordinates lacks {listing(missing)} of the rotation {each.name}: name all four.")
+        scalar, *inertias = (row[i] for i, row in enumerate(_inertia(kinetic, each)))
+        mean = sympy.cancel(sum(inertias) / 3)
+        if mean.is_zero or mean.is_finite is False:
+            raise StatementError(without_inertia(each.name))
+        if scalar.is_zero:
+            rates = map(velocity_of, each.quaternion)
+            along = sum(q * rate for q, rate in zip(each.quaternion, rates, strict=True))
+            kinetic += mean * along**2 / (2 * sum(q**2 for q in each.quaternion))
+    return kinetic, names
+
+
+def without_inertia(name: str) -> str:
+    """Return the message for a rotation that the kinetic energy does not contain."""
+    return (
+        f"the kinetic energy has no {name}.body, so {name} has no inertia: add its energy, such as "
+        f"{name}.body.dot(J*{name}.body)/2."
+    )
+
+
+def _inertia(kinetic: Any, each: Rotation) -> list[list[Any]]:
+    """Return d2T/dv2 of the entries of a quaternion where nothing is turned; other coordinates are one, at rest."""
+    here = {q: sympy.Integer(q == each.quaternion[0]) for q in each.quaternion}
+    others = [f for f in kinetic.atoms(AppliedUndef) if f not in here and f.args == (t,)]
+    rates = {velocity_of(q): sympy.Dummy() for q in each.quaternion}
+    still = {velocity_of(f): sympy.S.Zero for f in others}
+    energy = kinetic.xreplace({**here, **dict.fromkeys(others, sympy.S.One), **still, **rates})
+    rest = dict.fromkeys(rates.values(), sympy.S.Zero)
+    return [[sympy.diff(energy, a, b).xreplace(rest) for b in rates.values()] for a in rates.values()]
+
+
+def check_moments(kinetic: Any, names: Iterable[str], values: Mapping[Any, float]) -> None:
+    """Raise StatementError if the principal moments of inertia of a rotation break the triangle inequality.
+
+    `values` are those of parameters. Inertias that contain anything else are not judged.
+    """
+    for name in names:
+        _check_moments(kinetic, name, values)
+
+
+def _check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
+    rows = [[entry.xreplace(dict(values)) / 4 for entry in row[1:]] for row in _inertia(kinetic, rotation_of(name))[1:]]
+    if not all(entry.is_number for row in rows for entry in row):
+        return
+    least, middle, most = np.linalg.eigvalsh(np.array(rows, dtype=float))
+    if least < -ROUNDING * most or most > (least + middle) * (1 + ROUNDING):
+        raise StatementError(
+            f"the moments of inertia of {name} are {least:.6g}, {middle:.6g} and {most:.6g}: no body has a moment "
+            "above the sum of the other two."
+        )

@@ -1,0 +1,174 @@
+"""Bodies that rotate in space: closed forms, constants of motion, Euler angles, and Euler's equations as printed."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from sympy import cos, diag, sin
+
+import lagrange as lg
+
+R = lg.rotation("R")
+m, g, a = lg.parameters("m g a")
+
+
+def body(moments: Any, rates: Any, start: Any = (1, 0, 0, 0), potential: Any = 0, **more: Any) -> lg.System:
+    kinetic = R.body.dot(diag(*moments) * R.body) / 2
+    return lg.System(kinetic, potential, initial={R: start, R.body: rates}, **more)
+
+
+def test_attitude_after_a_period_of_the_rates() -> None:
+    """The rates repeat after the period P, and the body has turned about its angular momentum (Montgomery, 1991).
+
+    The angle is 2 E P / L minus the solid angle of the path of L in the body; here from elliptic integrals, 12 digits.
+    """
+    period, angle = 21.021931863585294, 1.165814335998
+    run = body((1, 2, 3), (0.3, 1, 0.2)).run(period, rtol=1e-14)
+    matrix, rates = run[R][-1], run[R.body]
+    momentum = np.array([0.3, 2, 0.6])
+    assert np.abs(rates[:, -1] - rates[:, 0]).max() < 1e-12
+    assert np.abs(matrix @ momentum - momentum).max() < 1e-12
+    assert abs(2 * np.cos(angle) + 1 - np.trace(matrix)) < 1e-11
+
+
+def test_flip_of_a_body_about_its_middle_axis() -> None:
+    """Its rates have the period 4 K(k) / rate, 41.50921932933849; in it the perturbation grows a hundred-fold."""
+    run = body((1, 2, 3), (0.01, 1, 0)).run(41.50921932933849, rtol=1e-14)
+    assert np.abs(run[R.body][:, -1] - [0.01, 1, 0]).max() < 2e-9
+
+
+def test_top_on_its_homoclinic_path() -> None:
+    """With p_phi = p_psi = sqrt(3 m g a J1) the top rises for ever: cos(theta) = 1/(1 + sech(gamma t))."""
+    tilt, p = np.pi / 3, np.sqrt(3)
+    slow = p / 1.5
+    top = body((1, 1, 0.5), (0, slow * np.sin(tilt), p / 0.5), lg.turn((1, 0, 0), tilt), R[2, 2])
+    assert abs(top.run(3.0, rtol=1e-14)[R][-1, 2, 2] - 1 / (1 + 1 / np.cosh(3.0))) < 1e-12
+
+
+@pytest.mark.parametrize("root", [-1, 1])
+def test_steady_precession(root: int) -> None:
+    """A top at a constant tilt precesses at the roots of J1 w^2 cos(tilt) - J3 spin w + m g a = 0."""
+    tilt, spin, moments = 0.5, 10.0, (1.0, 1.0, 0.6)
+    momentum = moments[2] * spin
+    slow = (momentum + root * np.sqrt(momentum**2 - 4 * np.cos(tilt))) / (2 * np.cos(tilt))
+    top = body(moments, (0, slow * np.sin(tilt), spin), lg.turn((1, 0, 0), tilt), R[2, 2])
+    axis = top.run(2.0, rtol=1e-13)[R][-1, :, 2]
+    expected = [np.sin(tilt) * np.sin(2 * slow), -np.sin(tilt) * np.cos(2 * slow), np.cos(tilt)]
+    assert np.abs(axis - expected).max() < 1e-10
+
+
+def test_limit_of_a_sleeping_top() -> None:
+    """An upright top is stable above the spin 2 sqrt(m g a J1) / J3: its eigenvalues lose their real parts."""
+    top = body((1.0, 1.0, 0.5), (0, 0, 1), potential=R[2, 2])
+    for spin, stable in ((3.9, False), (4.1, True)):
+        matrix = np.array(top.linearize({R.body: (0, 0, spin)}).A, dtype=float)
+        assert matrix.shape == (6, 6)
+        assert (np.linalg.eigvals(matrix).real.max() < 1e-7) == stable
+
+
+def test_constant_of_kovalevskaya() -> None:
+    top = body((2, 2, 1), (0.3, 0.5, -0.4), lg.turn((1, 2, 3), 0.7), R[2, 0])
+    run = top.run(20.0, rtol=1e-13)
+    rates, down = run[R.body], run[R][:, 2, :].T
+    constant = np.abs((rates[0] + 1j * rates[1]) ** 2 - (down[0] + 1j * down[1])) ** 2
+    assert np.ptp(constant) < 1e-12
+
+
+def momentum_in_space(run: lg.Solution, moments: tuple[float, ...]) -> Any:
+    return np.einsum("nij,j,jn->in", run[R], np.array(moments), run[R.body])
+
+
+def test_the_variational_midpoint_keeps_the_momentum_in_space_and_the_length() -> None:
+    """Its discrete Lagrangian has the symmetries of turns in space, which act linearly on quaternions."""
+    run = body((1, 2, 3), (0.3, 1, 0.2)).run(20.0, method="variational-midpoint", step=0.05)
+    momentum = momentum_in_space(run, (1, 2, 3))
+    assert np.abs(momentum - momentum[:, :1]).max() < 1e-13
+    assert np.abs(np.linalg.norm(run.y[:4], axis=0) - 1).max() < 1e-13
+
+
+@pytest.mark.parametrize(("method", "order"), [("variational-midpoint", 2), ("rk4", 4)])
+def test_order_of_methods_on_attitudes(method: str, order: int) -> None:
+    system = body((1, 2, 3), (0.3, 1, 0.2))
+    exact = system.run(2.0, rtol=1e-14)[R][-1]
+    errors = [np.abs(system.run(2.0, method=method, step=h)[R][-1] - exact).max() for h in (0.1, 0.05, 0.025)]
+    slopes = [np.log2(coarse / fine) for coarse, fine in pairwise(errors)]
+    assert abs(slopes[-1] - order) < 0.15
+
+
+def random_top(seed: int) -> tuple[lg.System, lg.System]:
+    """A body with a fixed point under a random potential, once with R and once in Euler angles z, x, z."""
+    draw = np.random.default_rng(seed)
+    half = draw.uniform(0.5, 1.5, 3)
+    moments = tuple(float(x) for x in (half[1] + half[2], half[2] + half[0], half[0] + half[1]))
+    pull, bend = (tuple(float(x) for x in draw.uniform(-1, 1, 3)) for _ in range(2))
+    phi, theta, psi = lg.coordinates("phi theta psi")
+
+    def about(axis: int, angle: Any) -> Any:
+        return sympy.rot_axis3(-angle) if axis == 2 else sympy.rot_axis1(-angle)
+
+    turned = about(2, phi) * about(0, theta) * about(2, psi)
+    rates = [
+        phi.dot * sin(theta) * sin(psi) + theta.dot * cos(psi),
+        phi.dot * sin(theta) * cos(psi) - theta.dot * sin(psi),
+        phi.dot * cos(theta) + psi.dot,
+    ]
+
+    def potential(entry: Any) -> Any:
+        return sum(pull[k] * entry(2, k) + bend[k] * entry(0, k) * entry(1, (k + 1) % 3) for k in range(3))
+
+    angles = {phi: float(draw.uniform(-3, 3)), theta: float(draw.uniform(0.8, 2.2)), psi: float(draw.uniform(-3, 3))}
+    speeds = {q.dot: float(draw.uniform(-0.5, 0.5)) for q in angles}
+    start = np.array(turned.xreplace(angles).evalf(20), dtype=float)
+    spins = [float(rate.xreplace(speeds).xreplace(angles)) for rate in rates]
+    kinetic = sum(moment * rate**2 for moment, rate in zip(moments, rates, strict=True)) / 2
+    other = lg.System(kinetic, potential(lambda i, j: turned[i, j]), coordinates=list(angles), initial=angles | speeds)
+    return body(moments, spins, start, potential(lambda i, j: R[i, j])), other
+
+
+@pytest.mark.parametrize("seed", [*range(5), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(5, 100))])
+def test_the_motion_is_that_of_euler_angles(seed: int) -> None:
+    """Away from their pole. Half a unit of time: errors do not grow by more than a factor of ten."""
+    rotating, angles = random_top(seed)
+    one, other = rotating.run(0.5, rtol=1e-14), angles.run(0.5, rtol=1e-14)
+    phi, theta, psi = (sympy.Symbol(name) for name in "fts")
+    turned = sympy.rot_axis3(-phi) * sympy.rot_axis1(-theta) * sympy.rot_axis3(-psi)
+    place = dict(zip((phi, theta, psi), other.y[:3, -1], strict=True))
+    assert np.abs(one[R][-1] - np.array(turned.xreplace(place), dtype=float)).max() < 1e-12
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
+def test_a_derivation_in_turns_agrees_with_the_compiled_model(seed: int) -> None:
+    """Euler's equations as printed give the accelerations of the quaternion that the model has."""
+    draw = np.random.default_rng(seed)
+    x = lg.coordinate("x")
+    arm = [float(v) for v in draw.uniform(-1, 1, 3)]
+    point = R * arm
+    system = lg.System(
+        lg.kinetic_energy(m, [point[0] + x, point[1], point[2]]) + R.body.dot(diag(1.1, 1.3, 1.7) * R.body) / 2,
+        m * g * point[2] + x**2 * R[0, 1] / 2,
+        parameters={m: 0.7, g: 2.0},
+        forces={R.space: (0.1, R.space[0] * R[0, 2], -0.2), R.body: (0, 0, -0.1 * R.body[2])},
+    )
+    report = system.check(points=2, seed=seed)
+    assert report
+    assert "textbook accelerations" in str(report)
+
+
+def test_conserved_momenta_of_a_symmetric_top() -> None:
+    top = body((m, m, a), (0.1, 0.2, 3), lg.turn((1, 0, 0), 0.4), g * R[2, 2], parameters={m: 1.0, g: 1.0, a: 0.5})
+    names = [quantity.name for quantity in top.conserved()]
+    assert names == ["energy", "angular momentum z", "angular momentum z of the body"]
+    for name, values in top.run(5.0, rtol=1e-12).invariants.items():
+        assert np.ptp(values) < 1e-9, name
+
+
+def test_a_body_passes_the_pole_of_euler_angles() -> None:
+    """It turns about the node through theta = 0, where phi and psi have no values."""
+    run = body((1, 2, 3), (-1.0, 0, 0), lg.turn((1, 0, 0), 0.5)).run(1.0, rtol=1e-13)
+    expected = [[1, 0, 0], [0, np.cos(-0.5), -np.sin(-0.5)], [0, np.sin(-0.5), np.cos(-0.5)]]
+    assert np.abs(run[R][-1] - expected).max() < 1e-13

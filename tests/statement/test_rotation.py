@@ -1,0 +1,145 @@
+"""Statements with rotations: what they contain, what starts and torques mean, what is refused."""
+
+from __future__ import annotations
+
+import pickle
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import sympy
+from scipy.spatial.transform import Rotation as Matrix
+from sympy import diag
+
+import lagrange as lg
+from tests.models import m, x
+
+R = lg.rotation("R")
+J1, J3 = lg.parameters("J1 J3")
+KINETIC = R.body.dot(diag(J1, J1, J3) * R.body) / 2
+VALUES = {m: 1.0, J1: 0.02, J3: 0.01}
+
+
+def top(**more: Any) -> lg.System:
+    return lg.System(KINETIC, m * R[2, 2], parameters=VALUES, **more)
+
+
+def test_a_vector_is_turned_there_and_back() -> None:
+    turned = R * (1, 2, 3)
+    run = top(initial={R: lg.turn((1, 2, 2), 0.9), R.body: (1, 2, 3)}).run(0.1)
+    assert np.allclose(run[turned], np.einsum("nij,j->in", run[R], [1, 2, 3]), rtol=0, atol=1e-14)
+    assert np.allclose(run[R.T * turned], np.array([[1], [2], [3]]), rtol=0, atol=1e-13)
+    assert np.allclose(run[R * R.body], run[R.space], rtol=0, atol=1e-13)
+    assert np.allclose(run[R][0], Matrix.from_rotvec(0.9 * np.array([1, 2, 2]) / 3).as_matrix(), rtol=0, atol=1e-15)
+
+
+def test_rates_are_those_of_the_matrix() -> None:
+    """dR/dt = R hat(body rates), entry by entry, from SymPy's derivative of R."""
+    run = top(initial={R: lg.turn((1, 1, 0), 0.5), R.body: (1, -2, 3)}).run(0.2)
+    rates = run[R.body]
+    hat = np.array([np.cross(np.eye(3), rate) for rate in rates.T]).transpose(0, 2, 1) * -1
+    for i in range(3):
+        for j in range(3):
+            assert np.allclose(run.evaluate(R[i, j].diff(lg.t)), (run[R] @ hat)[:, i, j], rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("turned", [(0.1, -0.7, 0.4), (3.0, 0.2, 0.1), (0, 0, np.pi)])
+def test_a_start_is_a_turn_a_matrix_or_a_quaternion(turned: Any) -> None:
+    expected = Matrix.from_rotvec(turned)
+    i, j, k, w = expected.as_quat()
+    starts = (lg.turn(turned, float(np.linalg.norm(turned))), expected.as_matrix(), (w, i, j, k))
+    for start in (*starts, sympy.Matrix(expected.as_matrix())):
+        run = top(initial={R: start, R.space: (0.1, 0.2, 0.3)}).run(0.01)
+        assert np.allclose(run[R][0], expected.as_matrix(), rtol=0, atol=1e-14)
+        assert np.allclose(run[R.space][:, 0], [0.1, 0.2, 0.3], rtol=0, atol=1e-14)
+
+
+def test_a_new_start_keeps_the_rates_about_the_axes_of_the_body() -> None:
+    run = top(initial={R.body: (1, 2, 3)}).run(0.01, {R: lg.turn((0, 1, 0), 2.0)})
+    assert np.allclose(run[R.body][:, 0], [1, 2, 3], rtol=0, atol=1e-14)
+
+
+def test_a_torque_changes_the_angular_momentum() -> None:
+    """About an axis of space by itself; about an axis of the body by itself turned by R."""
+    for forces, expected in (({R.space: (1, 2, -1)}, [0.1, 0.2, -0.1]), ({R.body: (0, 0, 2)}, [0, 0, 0.2])):
+        system = lg.System(R.body.dot(R.body) / 2, forces=forces)
+        assert np.allclose(system.run(0.1, rtol=1e-12)[R.space][:, -1], expected, rtol=0, atol=1e-13)
+
+
+def test_a_rotation_beside_coordinates_and_constraints() -> None:
+    """A ball rolls on a plane: x' = radius times the rate about y; it keeps its speed."""
+    y = lg.coordinate("y")
+    kinetic = m * (x.dot**2 + y.dot**2) / 2 + R.body.dot(R.body) / 5
+    rolling = [x.dot - R.space[1], y.dot + R.space[0]]
+    system = lg.System(kinetic, constraints=rolling, parameters={m: 1.0}, initial={x.dot: 1.0, R.space: (0, 1, 0.5)})
+    run = system.run(3.0, rtol=1e-12)
+    assert np.allclose([run[x][-1], run[y][-1]], [3, 0], rtol=0, atol=1e-10)
+    assert np.allclose(run[R.space][:, -1], [0, 1, 0.5], rtol=0, atol=1e-10)
+
+
+def test_scenes_and_pickles_keep_rotations(tmp_path: Path) -> None:
+    system = top(initial={R: lg.turn((1, 0, 0), 0.3), R.body: (0, 0, 20)}, positions={"tip": R * (0, 0, 1)})
+    ends = [other.run(0.5)[R][-1] for other in (system, lg.System.from_scene(system.to_scene(tmp_path / "top.toml")))]
+    assert (ends[0] == ends[1]).all()
+    copy = pickle.loads(pickle.dumps(system))
+    assert copy.statement.rotations == ("R",)
+    assert (copy.run(0.5)[R][-1] == ends[0]).all()
+
+
+SCENE = """
+name = "top"
+rotations = ["R"]
+kinetic = "J*(R_body_x**2 + R_body_y**2 + R_body_z**2)/2"
+potential = "k*R_zz"
+[parameters]
+J = 2.0
+k = 1.0
+[initial]
+R_x_dot = 0.1
+"""
+
+
+def test_a_scene_names_entries_and_rates(tmp_path: Path) -> None:
+    (tmp_path / "top.toml").write_text(SCENE)
+    run = lg.System.from_scene(tmp_path / "top.toml").run(1.0)
+    assert np.allclose(run[R.body][:, 0], [0.2, 0, 0])
+    assert "J*R_body_x_dot - k*R_zy = 0" in lg.System.from_scene(tmp_path / "top.toml").derivation().text()
+    (tmp_path / "bad.toml").write_text(SCENE.replace('["R"]', '"R"'))
+    with pytest.raises(lg.SceneError, match=r"rotations is not a list of names"):
+        lg.System.from_scene(tmp_path / "bad.toml")
+
+
+REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
+    "a factor": (lambda: 2 * R, "it stands left of the vector that it turns"),
+    "a sum": (lambda: R + 1, "use its entries"),
+    "two entries": (lambda: R * (1, 2), "turns a vector of three entries, not 2 entries"),
+    "a number": (lambda: R * 2, "turns a vector of three entries, not 2"),
+    "behind its vector": (lambda: sympy.Matrix([1, 2, 3]) * R, "it stands left of the vector"),
+    "a potential": (lambda: lg.System(KINETIC, R), "the potential energy is <Rotation R>"),
+    "no axis": (lambda: lg.turn((0, 0, 0), 1), "three numbers that are not all zero"),
+    "a long quaternion": (lambda: top(initial={R: (1, 1, 0, 0)}), "a quaternion of length 1.41421"),
+    "a reflection": (lambda: top(initial={R: np.diag([1, 1, -1])}), "a reflection, with determinant -1"),
+    "a matrix that stretches": (lambda: top(initial={R: np.diag([1, 1, 2])}), "differs from the unit matrix by 3"),
+    "a text": (lambda: top(initial={R: "up"}), r"the start of R is 'up': give lagrange.turn\(axis, angle\)"),
+    "two rates": (lambda: top(initial={R.body: (1, 2)}), "give three values, about the axes x, y and z"),
+    "both rates": (lambda: top(initial={R.body: (1, 2, 3), R.space: (1, 2, 3)}), "gives both R.body and R.space"),
+    "another rotation": (lambda: top(initial={lg.rotation("S"): (1, 0, 0, 0)}), "names the rotation S, which is not"),
+    "a torque on R": (lambda: top(forces={R: (1, 0, 0)}), "give torques on R.body or .space"),
+    "two torques": (lambda: top(forces={R.body: (1, 0)}), "the torque on R is"),
+    "a moment above the sum": (
+        lambda: lg.System(R.body.dot(diag(1, 1, 3) * R.body) / 2),
+        "the moments of inertia of R are 1, 1 and 3",
+    ),
+    "no inertia": (lambda: lg.System(m * x.dot**2 / 2, R[0, 0]), "has no R.body, so R has no inertia"),
+    "a name": (lambda: lg.rotation("1x"), "cannot name a rotation"),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_has_no_meaning_is_refused(case: str) -> None:
+    attempt, sentence = REFUSED[case]
+    with pytest.raises(lg.StatementError, match=sentence) as refusal:
+        attempt()
+    assert len(str(refusal.value)) <= 400
