@@ -100,9 +100,8 @@ class Rotation:
         self.quaternion = tuple(function_of_time(f"{name}_{entry}", {ROTATION: name}) for entry in ENTRIES)
         rates, inverse = [velocity_of(q) for q in self.quaternion], conjugate(self.quaternion)
         twice = 2 / sum(q**2 for q in self.quaternion)
-        self.matrix = self._named([f"{a}{b}" for a in AXES for b in AXES], chain(*matrix_of(self.quaternion))).reshape(
-            3, 3
-        )
+        entries = self._named([f"{a}{b}" for a in AXES for b in AXES], chain(*matrix_of(self.quaternion)))
+        self.matrix = entries.reshape(3, 3)
         self.body = self._named([f"body_{a}" for a in AXES], [twice * part for part in product(inverse, rates)[1:]])
         self.turns = tuple(
             function_of_time(f"{name}_turn_{a}", {RATE: rate}) for a, rate in zip(AXES, self.body, strict=True)
@@ -145,12 +144,17 @@ class Rotation:
             raise StatementError(f"{self.name} is a rotation and turns a vector of three entries, not {given}.")
         if isinstance(other, sympy.MatrixBase):
             return self.matrix * other
-        return self.matrix * sympy.ImmutableMatrix([expression(part, "an entry of the vector") for part in parts])
+        return self.matrix * sympy.ImmutableMatrix([as_typed(part, "an entry of the vector") for part in parts])
 
     __add__ = __radd__ = __sub__ = __rsub__ = __neg__ = __pow__ = __truediv__ = _refusal(
         "use its entries {0}[i, j], its rates {0}.body and {0}.space, or a turned vector {0}*v"
     )
-    __rmul__ = _refusal("it stands left of the vector that it turns, {0}*v or {0}.T*v")
+    _before = _refusal("it stands left of the vector that it turns, {0}*v or {0}.T*v")
+
+    def __rmul__(self, other: Any) -> Any:
+        if isinstance(other, sympy.MatrixBase) and other.cols == 3:
+            return other * self.matrix
+        return self._before(other)
 
 
 def rotation(name: str) -> Rotation:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -172,3 +173,80 @@ def test_a_body_passes_the_pole_of_euler_angles() -> None:
     run = body((1, 2, 3), (-1.0, 0, 0), lg.turn((1, 0, 0), 0.5)).run(1.0, rtol=1e-13)
     expected = [[1, 0, 0], [0, np.cos(-0.5), -np.sin(-0.5)], [0, np.sin(-0.5), np.cos(-0.5)]]
     assert np.abs(run[R][-1] - expected).max() < 1e-13
+
+
+FOLDER = Path(__file__).parents[2] / "examples" / "rotations"
+
+
+def example(name: str) -> lg.Solution:
+    return lg.System.from_scene(FOLDER / f"{name}.toml").run(rtol=1e-12)
+
+
+def test_a_wing_nut_has_turned_over_every_half_period() -> None:
+    """Its start is that of the flip above; four half periods make two periods of the rates."""
+    run = example("free-top")
+    assert np.abs(run[R.body][:, -1] - run[R.body][:, 0]).max() < 1e-6
+    assert run[R.body][1].min() < -0.999
+
+
+def test_a_sleeping_top_falls_and_rises_on_the_curve_of_its_energy() -> None:
+    """At the spin w with J3 w = 1.9 the lowest height is 1.9^2/2 - 1 = 0.805, up to the push."""
+    height = example("sleeping-top")[R][:, 2, 2]
+    assert abs(height.min() - 0.805) < 1e-3
+    assert height.max() > 0.999999
+
+
+def test_a_heavy_top_nods_between_the_roots_of_its_cubic() -> None:
+    """Let go at rest, its height falls from u0 to the root u of 2 m g a J1 (1 - u^2) = p^2 (u0 - u)."""
+    run = example("heavy-top")
+    start, p = np.cos(0.5), 0.01 * run[R.body][2, 0]
+    rate = 2 * 9.81 * 0.1 * 0.02
+    low = np.roots([rate, -(p**2), p**2 * start - rate])
+    assert abs(run[R][:, 2, 2].min() - low[np.abs(low) < 1][0]) < 2e-4
+    assert run[R][:, 2, 2].max() < start + 1e-12
+
+
+def test_a_ring_holds_against_its_spring_while_the_rotor_tilts() -> None:
+    run = example("gyroscope-on-gimbal")
+    ring, tilt = run["psi"], run[R][:, 2, 2]
+    assert np.abs(ring - 0.197).max() < 0.01
+    assert abs(tilt[-1]) > 0.5
+
+
+def test_a_ball_of_chaplygin_keeps_its_momentum_about_the_point_of_contact() -> None:
+    """K = J w + m r^2 (w - (w . z) z), in space: the force at the point of contact has no moment about it."""
+    run = example("rolling-sphere")
+    spin = run[R.space]
+    momentum = momentum_in_space(run, (0.3, 0.4, 0.5)) + spin * np.array([[1], [1], [0]])
+    assert np.abs(momentum - momentum[:, :1]).max() < 1e-9
+    assert np.ptp(run.energy) < 1e-10
+
+
+def test_a_rattleback_turns_back() -> None:
+    run = example("rattleback")
+    spin = run[R.space][2]
+    assert spin[0] == pytest.approx(-5)
+    assert spin[-1] > 4
+    assert np.ptp(run.energy) < 1e-9 * np.abs(run.energy).max()
+
+
+def test_a_quadrotor_rises_and_rolls_by_the_integrals_of_its_thrusts() -> None:
+    """The roll rate is the integral of 2 l u / J1; after whole periods of the sine it is back at zero."""
+    run = example("quadrotor")
+    t, rate = run.t, run[R.body][0]
+    expected = 2 * 0.2 * 0.02 * (1 - np.cos(2 * np.pi * t)) / (2 * np.pi * 0.005)
+    assert np.abs(rate - expected).max() < 1e-9
+    assert abs(run[R][-1, 2, 1] - np.sin(2 * 0.2 * 0.02 * 2 / (2 * np.pi * 0.005))) < 1e-9
+
+
+@pytest.mark.slow
+def test_rods_on_ball_joints_keep_energy_and_momentum_about_the_vertical() -> None:
+    """Turns of both quaternions about z from the left are a symmetry, which SymPy's derivative of L confirms."""
+    system = lg.System.from_scene(FOLDER / "rods-on-ball-joints.toml")
+    run = system.run(rtol=1e-12)
+    generator: dict[Any, Any] = {}
+    for each in (R, lg.rotation("S")):
+        w, i, j, k = each.quaternion
+        generator |= {w: -k / 2, i: -j / 2, j: i / 2, k: w / 2}
+    assert np.ptp(run.energy) < 1e-10
+    assert np.ptp(run.evaluate(system.noether(generator))) < 1e-11
