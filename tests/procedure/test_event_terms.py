@@ -25,11 +25,11 @@ def told(machine: Any, c: Any, s: float, sign: int, noise: float) -> tuple[int, 
     """Return the sign that a series takes on for the only time, 0 for none and 2 for unknown; and the time."""
     order = len(c) - 1
     terms, slopes, sums = np.full(PADDED, math.nan), np.full(PADDED, math.nan), np.empty(len(TERM_SUMS))
-    machine.called(event_terms())(np.ascontiguousarray(c), 1, order, s, terms, slopes, sums)
-    answer = int(machine.called(only_zero())(s, order, sign, noise, terms, sums))
+    machine.called(event_terms.form())(np.ascontiguousarray(c), 1, order, s, terms, slopes, sums)
+    answer = int(machine.called(only_zero.form())(s, order, sign, noise, terms, sums))
     if answer in (0, 2):
         return answer, math.nan
-    return answer, s * float(machine.called(only_passage())(terms, slopes, sums, order, answer))
+    return answer, s * float(machine.called(only_passage.form())(terms, slopes, sums, order, answer))
 
 
 @pytest.mark.parametrize("machine", MACHINES, ids=("llvm", "numpy"))
@@ -37,7 +37,7 @@ def told(machine: Any, c: Any, s: float, sign: int, noise: float) -> tuple[int, 
 def test_the_only_zero_is_the_one_that_isolation_finds(machine: Any, seed: int) -> None:
     """Slow and fast series, ends near zero, sides that do not fit, terms out of range: where it tells, it is right."""
     rng, answers = np.random.default_rng(seed), Counter[int]()
-    isolate = LlvmMachine().called(roots())
+    isolate = LlvmMachine().called(roots.form())
     for _ in range(600):
         order, s = int(rng.integers(4, 33)), float(rng.choice((1.0, 0.7, 3.0, 1e-7, 20.0)))
         unit = rng.standard_normal(order + 1) * float(rng.choice((0.1, 0.2, 0.4, 0.9))) ** np.arange(order + 1)

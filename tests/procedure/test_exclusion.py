@@ -23,7 +23,7 @@ def asked(machine: str, columns: Any, s: float, *, every: bool = False) -> tuple
     work, doubtful = np.zeros(layout.size(order)), np.full(count + BLOCK, np.nan)
     rows = work[layout.rows :][: (order + 1) * layout.width].reshape(order + 1, layout.width)
     rows[:, layout.watched_at :] = columns
-    some = MACHINES[machine](doubtful_events(layout))(s, every, doubtful, work, order)
+    some = MACHINES[machine](doubtful_events.form(layout=layout))(s, every, doubtful, work, order)
     return doubtful[:count].astype(bool).tolist(), some
 
 

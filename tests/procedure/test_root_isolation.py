@@ -18,11 +18,11 @@ from tests.covering import Share
 
 EPSILON = 2.0**-52
 
-LLVM, PYTHON = LlvmMachine().called(roots()), NumpyMachine().called(roots())
+LLVM, PYTHON = LlvmMachine().called(roots.form()), NumpyMachine().called(roots.form())
 
 
 def interpreted(*args: Any) -> Any:
-    return run(roots(), *args)
+    return run(roots.form(), *args)
 
 
 def polynomials(seed: int, count: int) -> Iterator[np.ndarray[Any, np.dtype[np.float64]]]:

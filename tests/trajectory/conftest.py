@@ -12,4 +12,4 @@ from lagrange.machine.numpy_machine import NumpyMachine
 @pytest.fixture(params=[LlvmMachine(), NumpyMachine()], ids=["llvm", "numpy"])
 def isolation(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """What isolates roots where no machine is given."""
-    monkeypatch.setattr("lagrange.trajectory.events.zeros_on_step.printed", lambda: request.param.called(roots()))
+    monkeypatch.setattr("lagrange.trajectory.events.zeros_on_step.printed", lambda: request.param.called(roots.form()))

@@ -18,21 +18,118 @@ Source: J. M. Lane, R. F. Riesenfeld, Bounds on a polynomial, BIT 21 (1981), 112
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
 
 from lagrange.algorithm.events.constants import DEEPEST, MOST_COEFFICIENTS, NARROWEST, SURELY, TOO_MANY, UNFIT
 from lagrange.algorithm.events.halving import bernstein, halve, sign_of, signs
 from lagrange.algorithm.events.polynomial import PADDED, passage, slope_at_end, turn, value
 from lagrange.algorithm.events.scaling import scaled
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
-from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Real, Whole
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, Readable, WholesOut, Writable, likely, reals, record, unlikely
 
 
-@shared
-def roots() -> Procedure:
-    """Return the procedure that finds the roots of sum c[k] tau**k for tau from 0 to h, as the integration meets them.
+@record
+class Relay:
+    """What the search has met up to a place in the step."""
+
+    found: int
+    """Number of roots, also of those for which there is no room."""
+
+    sign: int
+    """The last sign beyond doubt, 0 if there was none."""
+
+    low: float
+    """Place in [0, 1] of that sign."""
+
+    near: int
+    """1 if the function has come to zero within its noise since then."""
+
+    near_at: float
+    """Place where it came nearest to zero, or farthest beyond."""
+
+    depth: float
+    """Its value there, times the sign."""
+
+    counted: int
+    """1 while it leaves a root at the start that the step before has counted."""
+
+
+@dataclass(frozen=True)
+class Search:
+    """A polynomial of `count` coefficients `c` on [0, 1], known to `doubt`, and where its roots are written."""
+
+    c: Readable[float]
+    count: int
+    doubt: float
+    relay: Relay
+    h: float
+    times: Writable[float]
+    rising: Writable[int]
+    room: int
+
+    @inline
+    def reach(self, place: float, sign: int) -> None:
+        """Meet a sign at a place."""
+        if unlikely(sign == 0):
+            self.come_near(place)
+        else:
+            self.count_sign(place, sign)
+
+    @inline
+    def come_near(self, place: float) -> None:
+        """Meet a place within the noise; the one where the function is least on its side is kept."""
+        relay = self.relay
+        if relay.counted == 0:
+            depth = float(relay.sign) * value(self.c, self.count, place)
+            if relay.near == 0 or depth < relay.depth:
+                relay.depth = depth
+                relay.near_at = place
+            relay.near = 1
+
+    @inline
+    def count_sign(self, place: float, sign: int) -> None:
+        """Count a sign beyond the noise: after the other one it is a crossing, after the same a touch or nothing."""
+        relay = self.relay
+        before = relay.sign
+        if sign == -before:
+            self.report(passage(self.c, self.count, relay.low, place, sign), sign)
+        if unlikely(sign == before and relay.near != 0):
+            self.report(self.touch(place), 0)
+        relay.sign = sign
+        relay.low = place
+        relay.near = 0
+        relay.counted = 0
+
+    @inline
+    def touch(self, high: float) -> float:
+        """Return where the function turns back between the place where it last counted and another."""
+        relay = self.relay
+        return turn(self.c, self.count, relay.low, relay.near_at, high, relay.depth, relay.sign, self.doubt)
+
+    @inline
+    def report(self, place: float, rising: int) -> None:
+        """Write a root if there is room, and count it."""
+        slot = self.relay.found
+        if likely(slot < self.room):
+            self.times[slot] = self.h * place
+            self.rising[slot] = rising
+        self.relay.found = slot + 1
+
+
+@procedure
+def roots(
+    coefficients: In,
+    count: int,
+    h: float,
+    noise: float,
+    sign: int,
+    near: bool,
+    last: bool,
+    times: Out,
+    rising: WholesOut,
+    room: int,
+) -> tuple[int, int, bool]:
+    """Find the roots of sum c[k] tau**k for tau from 0 to h, as the integration meets them.
 
     `sign` and `near` are the side of zero before the step, and are returned for its end. `sign` is the last sign beyond
     doubt, 1 or -1. It is 0 if there was none: g starts here, and a root at the start is not an event. `near` is true if
@@ -43,141 +140,75 @@ def roots() -> Procedure:
     where it turns back. The first result is their number: -1 if a coefficient is not finite, -2 if there are more than
     `room`. In both cases the other results are undefined.
     """
-    return _Roots().build()
+    c, relay = reals(PADDED), Relay()
+    doubt, others, rates, end = scaled(coefficients, count, h, noise, c)
+    if unlikely(not doubt < math.inf):
+        return UNFIT, sign, near
+    search = Search(c, count, doubt, relay, h, times, rising, room)
+    first = sign_of(c[0], doubt)
+    begin(search, first, sign, near)
+    isolate(search, first, others, rates, end)
+    is_near = relay.near != 0 and relay.sign != 0
+    if unlikely(is_near and last):
+        # The end of a run: it is a crossing if g is still on its way to zero.
+        if float(relay.sign) * slope_at_end(c, count) < 0.0:
+            search.report(1.0, -relay.sign)
+        else:
+            search.report(search.touch(1.0), 0)
+    return TOO_MANY if relay.found > room else relay.found, relay.sign, is_near
 
 
-class _Roots:
-    """Builds the procedure."""
+@inline
+def begin(search: Search, first: int, sign: int, near: bool) -> None:
+    """Begin with the sign at the start of the step, on the side that the step before left."""
+    relay, c = search.relay, search.c
+    is_leaving = float(sign) * c[1] >= 0.0
+    # Without `near`, a root that g leaves at a joint was counted by the step before; one that it comes to is new.
+    # With it, a start that counts and leaves is a touch at the joint, and one still on its way there is not yet.
+    is_new = (near or not is_leaving) if first == 0 else (near and is_leaving)
+    relay.sign = sign
+    relay.near = int(is_new)
+    relay.depth = float(sign) * c[0]
+    relay.counted = int(first == 0 and not is_new)
+    if first != 0:
+        search.count_sign(0.0, first)
 
-    def __init__(self) -> None:
-        self.p = p = Builder("roots", "Find where a polynomial on a step passes through zero or touches it.")
-        self.coefficients, self.count = p.array("coefficients", read=True), p.given("count", WHOLE)
-        self.h, self.noise = p.given("h", REAL), p.given("noise", REAL)
-        self.before, self.came_near = p.given("sign", WHOLE), p.given("near", FLAG)
-        self.last = p.given("last", FLAG)
-        self.times, self.rising = p.array("times"), p.array("rising", WHOLE)
-        self.room = p.given("room", WHOLE)
 
-    def build(self) -> Procedure:
-        p = self.p
-        self.c = p.reserve(PADDED, name="c")
-        given = self.coefficients, self.count, self.h, self.noise
-        self.doubt, others, rates, end = p.call(scaled(), *given, self.c)
-        self.doubt.called("doubt"), others.called("others"), rates.called("rates"), end.called("end")
-        with p.when(~(self.doubt < math.inf), likely=False):
-            p.leave(UNFIT, self.before, self.came_near)
-        self.start()
-        self.parts = p.reserve((DEEPEST + 1) * MOST_COEFFICIENTS, name="parts")
-        self.part, self.sign_there = p.variable(0, "part"), p.variable(sign_of(p, end, self.doubt), "sign_there")
-        self.reached = p.variable(self.first, "reached")
-        self.decided, self.size = p.variable(p.true, "decided"), p.variable(0.0, "size")
-        # All but the first coefficient cannot outweigh it: no root. The slope keeps its sign: one at most.
-        clear = abs(self.c[0]) > SURELY * (others + self.doubt)
-        monotonic = 2.0 * abs(self.c[1]) > SURELY * rates
-        with p.when(~(clear | monotonic)):
-            p.call(bernstein(), self.c, self.count, self.parts)
-            self.judge(self.first)
-        self.isolate()
-        self.finish()
-        return p.finish(WHOLE, WHOLE, FLAG)
+@inline
+def isolate(search: Search, first: int, others: float, rates: float, end: float) -> None:
+    """Go through the parts of the step in order, and halve those that may have more than one root.
 
-    def start(self) -> None:
-        """Begin at the start of the step, on the side that the step before left."""
-        p = self.p
-        slope = p.real(self.before) * self.c[1]
-        leaving = (slope >= 0.0).called("leaving")
-        self.first = sign_of(p, self.c[0], self.doubt).called("first")
-        zero = self.first.equals(0)
-        # Without `near`, a root that g leaves at a joint was counted by the step before; one that it comes to is new.
-        # With it, a start that counts and leaves is a touch at the joint, and one still on its way there is not yet.
-        fresh = p.choose(zero, self.came_near | ~leaving, self.came_near & leaving).called("fresh")
-        self.found, self.sign = p.variable(0, "found"), p.variable(self.before, "side")
-        self.low, self.near = p.variable(0.0, "low"), p.variable(fresh, "close")
-        self.near_at, self.depth = p.variable(0.0, "close_at"), p.variable(p.real(self.before) * self.c[0], "depth")
-        self.counted = p.variable(zero & ~fresh, "counted")
-        with p.when(~zero):
-            self.count_sign(p.constant(0.0, REAL), self.first)
-
-    def isolate(self) -> None:
-        """Go through the parts of the step in order, and halve those that are not decided."""
-        p, count = self.p, self.count
-        starts, depths = p.reserve(DEEPEST + 1, name="starts"), p.reserve(DEEPEST + 1, name="widths")
-        starts[0], depths[0] = 0.0, 1.0
-        with p.repeat(lambda: self.part.value >= 0):
-            part = self.part.value
-            begin, width = starts[part].called("begin"), depths[part].called("width")
-            half = (width * 0.5).called("half")
-            # At the edge of its noise a function would be halved everywhere, for its round-off: hence the factor 2.
-            narrow = (width <= NARROWEST) | (self.size.value <= 2.0 * self.doubt)
-            with p.when(self.decided.value | narrow, likely=True) as ways:
-                with p.when(~self.decided.value, likely=False):
-                    self.come_near(begin + half)
-                self.reached.value = self.sign_there.value
-                self.reach((begin + width).called("place"), self.reached.value)
-                self.part.value = part - 1
-            with ways.otherwise():
-                right = self.parts.at(part * MOST_COEFFICIENTS)
-                p.call(halve(), right, count, self.parts.at((part + 1) * MOST_COEFFICIENTS))
-                starts[part], starts[part + 1] = begin + half, begin
-                depths[part], depths[part + 1] = half, half
-                self.part.value = part + 1
-            with p.when(self.part.value >= 0, likely=False):
-                self.judge(self.reached.value)
-
-    def judge(self, first: Whole) -> None:
-        """Set, for the present interval, whether it is decided, its last sign, and the size of its coefficients."""
-        b = self.parts.at(self.part.value * MOST_COEFFICIENTS)
-        decided, there, size = self.p.call(signs(), b, self.count, first, self.doubt)
-        self.decided.value, self.sign_there.value, self.size.value = decided, there, size
-
-    def reach(self, place: Real, sign: Whole) -> None:
-        """Meet the sign at the end of a part."""
-        with self.p.when(sign.equals(0), likely=False) as ways:
-            self.come_near(place)
-        with ways.otherwise():
-            self.count_sign(place, sign)
-
-    def come_near(self, place: Real) -> None:
-        """Note a place within the noise; the one where g is least on its side, or farthest beyond, is kept."""
-        p = self.p
-        with p.when(~self.counted.value):
-            depth = p.real(self.sign.value) * p.call(value(), self.c, self.count, place)
-            with p.when(~self.near.value | (depth < self.depth.value)):
-                self.depth.value, self.near_at.value = depth, place
-            self.near.value = p.true
-
-    def count_sign(self, place: Real, sign: Whole) -> None:
-        """Count a sign beyond the noise: after the other one it is a crossing, after the same a touch or nothing."""
-        p, before = self.p, self.sign.value
-        with p.when(sign.equals(-before)):
-            self.report(p.call(passage(), self.c, self.count, self.low.value, place, sign), sign)
-        with p.when(sign.equals(before) & self.near.value, likely=False):
-            self.report(self.turn(place), 0)
-        self.sign.value, self.low.value = sign, place
-        self.near.value, self.counted.value = p.false, p.false
-
-    def turn(self, high: Real) -> Real:
-        """Return where g turns back between the place where it last counted and another."""
-        where = self.low.value, self.near_at.value, high
-        found: Real = self.p.call(turn(), self.c, self.count, *where, self.depth.value, self.sign.value, self.doubt)
-        return found
-
-    def report(self, place: Real, rising: Any) -> None:
-        """Write a root."""
-        p, found = self.p, self.found.value
-        with p.when(found >= self.room, likely=False):
-            p.leave(TOO_MANY, self.before, self.came_near)
-        self.times[found], self.rising[found] = self.h * place, rising
-        self.found.value = found + 1
-
-    def finish(self) -> None:
-        """Decide what the end of a run leaves open: a crossing if g is still on its way to zero."""
-        p, sign = self.p, self.sign
-        near = (self.near.value & ~sign.value.equals(0)).called("near_at_end")
-        with p.when(near & self.last, likely=False):
-            onward = p.real(sign.value) * p.call(slope_at_end(), self.c, self.count) < 0.0
-            with p.when(onward) as ways:
-                self.report(p.constant(1.0, REAL), -sign.value)
-            with ways.otherwise():
-                self.report(self.turn(p.constant(1.0, REAL)), 0)
-        p.leave(self.found.value, sign.value, near)
+    `first` is the sign at the start, `end` the value at the end, and `others` and `rates` are sums of terms; see
+    `scaling.Sums`.
+    """
+    c, count, doubt = search.c, search.count, search.doubt
+    parts = reals((DEEPEST + 1) * MOST_COEFFICIENTS)
+    starts, widths = reals(DEEPEST + 1), reals(DEEPEST + 1)
+    starts[0], widths[0] = 0.0, 1.0
+    part, is_decided, there, size = 0, True, sign_of(end, doubt), 0.0
+    # All but the first coefficient cannot outweigh it: no root. The slope keeps its sign: one at most.
+    is_clear = abs(c[0]) > SURELY * (others + doubt)
+    is_monotonic = 2.0 * abs(c[1]) > SURELY * rates
+    if not (is_clear or is_monotonic):
+        bernstein(c, count, parts)
+        is_decided, there, size = signs(parts, count, first, doubt)
+    reached = first
+    while part >= 0:
+        begin, width = starts[part], widths[part]
+        half = width * 0.5
+        # At the edge of its noise a function would be halved everywhere, for its round-off: hence the factor 2.
+        is_narrow = width <= NARROWEST or size <= 2.0 * doubt
+        if likely(is_decided or is_narrow):
+            if unlikely(not is_decided):
+                search.come_near(begin + half)
+            reached = there
+            search.reach(begin + width, reached)
+            part = part - 1
+        else:
+            right = parts[part * MOST_COEFFICIENTS :]
+            halve(right, count, parts[(part + 1) * MOST_COEFFICIENTS :])
+            starts[part], starts[part + 1] = begin + half, begin
+            widths[part], widths[part + 1] = half, half
+            part = part + 1
+        if unlikely(part >= 0):
+            is_decided, there, size = signs(parts[part * MOST_COEFFICIENTS :], count, reached, doubt)

@@ -15,6 +15,7 @@ from lagrange.algorithm.events.resolution import keeps_sign, transform
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import WHOLE
+from lagrange.procedure.front.building import Tracer
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
 Written = Callable[..., Any]
@@ -186,13 +187,13 @@ class Samples:
                 edge_end[b] = end
                 owed = self.owed(found[: COARSE + 1], moved[b])
                 noise[b] = p.choose(edge > end, edge, end) + owed
-                coefficients = transform(p, found[: COARSE + 1])
+                coefficients = Tracer(p, ()).call(transform, tuple(found[: COARSE + 1]))
                 wrong = noise[b]
                 if screening:
                     missed = lines["missed"].at(e * self.columns)[b]
                     wrong = wrong + abs(missed - found[0]) * (SAFELY / RELATIVE_PERTURBATION)
                     wrong = p.choose(self.far[b] > 0.0, math.inf, wrong)
-                sure = keeps_sign(p, coefficients, wrong)
+                sure = Tracer(p, ()).call(keeps_sign, coefficients, wrong)
                 doubtful[b] = p.choose(sure, 0.0, 1.0)
 
     def is_doubtful(self, b: Whole) -> Flag:
@@ -300,7 +301,7 @@ class Samples:
             )
             with p.each(self.columns, width=self.columns) as b:
                 found = [values.at(k * self.columns)[b] for k in range(DEGREE + 1)]
-                for k, value in enumerate(transform(p, found)):
+                for k, value in enumerate(Tracer(p, ()).call(transform, tuple(found))):
                     to.at(k * self.columns)[b] = value
                 size[b] = reduce(p.magnitude, found)
 

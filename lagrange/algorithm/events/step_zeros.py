@@ -193,7 +193,7 @@ class StepZeros:
             begins = (~self.starting[e].equals(0) & start.equals(0.0)).called("at_zero")
             least = p.choose(begins, noise.value, 0.0)
             given = self.coefficients, size, noise.value, tails[now], least, self.powers
-            count, blur, tail = p.call(local_polynomial(), *given)
+            count, blur, tail = p.call(local_polynomial.form(), *given)
             with p.when(count.equals(0), likely=False) as ways:
                 hopeless = (width <= NARROWEST) | (halvings.value >= MOST_HALVINGS) | ~(size < math.inf)
                 self.leave(IRREGULAR, step, condition=hopeless | self.samples.bad.value)
@@ -216,7 +216,7 @@ class StepZeros:
         with ways.otherwise():
             self.samples.sample_part(b, start, width)
             size.value = p.call(
-                chebyshev(), self.samples.lines["part"].at(e * self.samples.widths.part), self.coefficients
+                chebyshev.form(), self.samples.lines["part"].at(e * self.samples.widths.part), self.coefficients
             )
         self.coefficients[0] = self.coefficients[0] - self.given.levels[e]
         return p.real(size.value)
@@ -234,7 +234,7 @@ class StepZeros:
         final = final | (self.limit.value <= start + width) & self.cutting.value
         with p.when(length > 0.0):
             given = self.powers.at(first), count - first, length, noise.value, sign[e], ~near[e].equals(0), final
-            met, sign_after, near_after = p.call(roots(), *given, self.roots, self.ways, MOST_ROOTS)
+            met, sign_after, near_after = p.call(roots.form(), *given, self.roots, self.ways, MOST_ROOTS)
             self.leave(IRREGULAR, step, condition=(met < 0) | (self.count.value + met > MOST_ZEROS))
             far = (met > 0) & self.roots[0].equals(0.0) & (abs(self.powers[0]) > JUMP * size)
             self.leave(IRREGULAR, step, condition=far & ~begins)

@@ -184,7 +184,7 @@ class _Verification:
                 # Rounding of the state at the end may explain the difference.
                 sizes = layout.dimension, layout.watched
                 function = self.function, self.numbers, self.tilts
-                p.call(event_noise(), *function, end, *sizes, self.state, self.there, self.blur, self.moved)
+                p.call(event_noise.form(), *function, end, *sizes, self.state, self.there, self.blur, self.moved)
                 again.value = self.disagrees(s.value, self.blur)
             s.value = p.choose(again.value, s.value * 0.5, s.value)
             halvings.value = halvings.value + 1

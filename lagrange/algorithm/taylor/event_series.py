@@ -9,7 +9,7 @@ ahead. The next series begins with the exact value, which reveals the error.
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Callable
 
 from lagrange.algorithm.events.constants import JUMP, MOST_COEFFICIENTS, ROUND_OFF, SURELY
 from lagrange.algorithm.events.halving import sign_of
@@ -19,182 +19,183 @@ from lagrange.algorithm.taylor.constants import BALANCE, DOUBT, EVENT_NOISE, EVE
 from lagrange.algorithm.taylor.memory import BLOCK, SeriesMemory, TaylorLayout, work_array
 from lagrange.algorithm.taylor.watching import FUNCTION, NEAR, SIDES, SIGN, SMOOTH, STARTING, TERM_SUMS, Watched
 from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import FLAG, PARTIAL, REAL, WHOLE, Array, Procedure
+from lagrange.procedure.form import FLAG, PARTIAL, REAL, Array, Procedure
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import (
+    In,
+    Out,
+    Readable,
+    WholesOut,
+    each,
+    fma,
+    larger,
+    magnitude,
+    quotient,
+    reals,
+    record,
+    smaller,
+)
 from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Memory, Real, Whole
 
-READ = Array(read=True)
 
-
-@shared
-def event_noise() -> Procedure:
-    """Return the procedure that estimates the noise of watched functions from rounding of the state.
+@procedure(
+    apart=True,
+    function=lambda: FUNCTION,
+    noise=lambda: Array(room=BLOCK),
+    moved=lambda: Array(room=BLOCK),
+)
+def event_noise(
+    function: Callable[..., bool],
+    numbers: In,
+    tilts: In,
+    t: float,
+    size: int,
+    count: int,
+    y: In,
+    values: In,
+    noise: Out,
+    moved: Out,
+) -> None:
+    """Write the noise of watched functions, with these `values`, from rounding of the state.
 
     The state here and at the end of the last step may be rounded. The time and the `size` entries of the state are
     perturbed by about the square root of round-off, each by another factor: with equal factors the difference of two
     equal entries would seem exact.
     """
-    p = Builder("event_noise", "Write how wrong what is watched may be; `values` is what it is.", apart=True)
-    function = p.function("function", FUNCTION)
-    numbers, tilts = p.array("numbers", read=True), p.array("tilts", read=True)
-    t, size, count = p.given("t", REAL), p.given("size", WHOLE), p.given("count", WHOLE)
-    y, values = p.array("y", read=True), p.array("values", read=True)
-    noise, moved = p.array("noise", room=BLOCK), p.array("moved", room=BLOCK)
-    with p.loop(0, size) as i:
+    for i in range(size):
         moved[i] = y[i] * tilts[i]
     function(t * tilts[size], moved, numbers, noise)
-    with p.loop(0, count) as i:
-        found = abs(noise[i] - values[i]) * EVENT_NOISE
-        noise[i] = p.choose(found < math.inf, found, 0.0)
-    return p.finish()
+    for i in range(count):
+        change = abs(noise[i] - values[i]) * EVENT_NOISE
+        noise[i] = change if change < math.inf else 0.0
 
 
 def write_noise(watched: Watched, numbers: Memory, t: Real, state: Memory) -> None:
     """Write the noise of watched functions to the scratch memory, from their values there."""
     kept, layout = watched.kept, watched.layout
     function, sizes = (watched.values, numbers, watched.tilts), (layout.dimension, layout.watched)
-    watched.p.call(event_noise(), *function, t, *sizes, state, kept.reals("values"), kept.reals("noise"), kept.moved)
+    watched.p.call(
+        event_noise.form(), *function, t, *sizes, state, kept.reals("values"), kept.reals("noise"), kept.moved
+    )
 
 
-@shared
-def reach() -> Procedure:
+@procedure(apart=True)
+def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
     """Return the part of a step that a series covers within its accuracy or noise: s if the series terminates.
 
     The truncation error of an expression's series may exceed that of the state: it is a sum of products.
     """
-    p = Builder("reach", "Return how far a series can be trusted.", apart=True)
-    c, count = p.array("c", read=True), p.given("count", WHOLE)
-    s, tolerance, noise = (p.given(name, REAL) for name in ("s", "tolerance", "noise"))
-    far, ratio = p.variable(s, "far"), p.variable(math.inf, "ratio")
-    tries = p.variable(0, "tries")
-    share = -1.0 / p.real(count - 1)
-    with p.when(c[count - 1].equals(0.0) & c[count - 2].equals(0.0)):
-        p.leave(s)
-    with p.repeat(lambda: (ratio.value > 1.0) & (tries.value < 60)):
-        tries.value = tries.value + 1
-        early, late = p.variable(0.0), p.variable(0.0)
-        power: Any = p.variable(1.0)
-        with p.loop(0, count) as k:
-            term = abs(c[k]) * power.value
-            early.value = p.choose(k <= (count - 1) // 2, p.larger(early.value, term), early.value)
-            late.value = p.choose(k >= count - 2, p.larger(late.value, term), late.value)
-            power.value = power.value * far.value
-        found = late.value / p.fma(tolerance, early.value, noise)
-        ratio.value = p.choose(found >= 0.0, found, math.inf)
-        with p.when(ratio.value > 1.0):
-            shorter = p.real(ratio.value) ** share
-            far.value = far.value * p.smaller(p.larger(shorter, 0.05), 0.9)
-    p.leave(far.value)
-    return p.finish(REAL)
+    far, ratio, tries = s, math.inf, 0
+    share = -1.0 / float(count - 1)
+    if c[count - 1] == 0.0 and c[count - 2] == 0.0:
+        return s
+    while ratio > 1.0 and tries < 60:
+        tries += 1
+        early, late, power = 0.0, 0.0, 1.0
+        for k in range(count):
+            term = abs(c[k]) * power
+            early = larger(early, term) if k <= quotient(count - 1, 2) else early
+            late = larger(late, term) if k >= count - 2 else late
+            power *= far
+        excess = late / fma(tolerance, early, noise)
+        ratio = excess if excess >= 0.0 else math.inf
+        if ratio > 1.0:
+            far *= smaller(larger(ratio**share, 0.05), 0.9)
+    return far
 
 
-@shared
-def safe_step() -> Procedure:
+@procedure(apart=True)
+def safe_step(c: In, count: int) -> float:
     """Return the longest safe step: within the radius of convergence that the last coefficients of a series show."""
-    p = Builder("safe_step", "Return how far a series goes that may hide what it grows to.", apart=True)
-    c, count = p.array("c", read=True), p.given("count", WHOLE)
-    radius: Any = p.variable(0.0)
-    for less in (2, 1):
-        late = count - less
-        early = p.larger(late - ROW_DISTANCE, 1)
-        sizes = abs(c[early]), abs(c[late])
-        known = (sizes[0] > 0.0) & (sizes[1] > 0.0)
-        shown = (sizes[0] / sizes[1]) ** (1.0 / p.real(late - early))
-        radius.value = p.larger(radius.value, p.choose(known, shown, math.inf))
-    p.leave(radius.value * 2.0**RADIUS_FRACTION)
-    return p.finish(REAL)
+    radius = larger(shown_radius(c, count - 2), shown_radius(c, count - 1))
+    return radius * 2.0**RADIUS_FRACTION
 
 
-@shared
-def is_balanced() -> Procedure:
+@inline
+def shown_radius(c: In, late: int) -> float:
+    """Return the radius of convergence by the coefficient of order `late` and an earlier one, inf if one is zero."""
+    early = max(late - ROW_DISTANCE, 1)
+    before, after = abs(c[early]), abs(c[late])
+    shown = math.pow(before / after, 1.0 / float(late - early))
+    return shown if before > 0.0 and after > 0.0 else math.inf
+
+
+@procedure(apart=True)
+def is_balanced(c: In, count: int, s: float) -> bool:
     """Return whether the high powers of a series on a step are small enough for the low ones; see `BALANCE`."""
-    p = Builder("is_balanced", "Whether high powers do not drown low ones in round-off.", apart=True)
-    c, count, s = p.array("c", read=True), p.given("count", WHOLE), p.given("s", REAL)
-    low = p.larger(abs(c[0]), abs(c[1]) * s)
-    high, power = p.variable(0.0), p.variable(s * s)
-    with p.loop(2, count) as k:
-        high.value = p.larger(high.value, abs(c[k]) * power.value)
-        power.value = power.value * s
-    p.leave(~((low > 0.0) & (high.value > BALANCE * low)))
-    return p.finish(FLAG)
+    low = larger(abs(c[0]), abs(c[1]) * s)
+    high, power = 0.0, s * s
+    for k in range(2, count):
+        high = larger(high, abs(c[k]) * power)
+        power *= s
+    return not (low > 0.0 and high > BALANCE * low)
 
 
-@shared
-def keeps_sign() -> Procedure:
-    """Return whether a series surely keeps its sign on a step: its linear part outweighs the rest at both ends.
+@procedure(apart=True)
+def keeps_sign(c: In, count: int, s: float, noise: float, sign: float) -> bool:
+    """Return whether a series surely keeps its sign on a step: its linear part outweighs the rest at both ends."""
+    rest, power = 0.0, s * s
+    for k in range(2, count):
+        rest += abs(c[k]) * power
+        power *= s
+    sizes = abs(c[0]) + abs(c[1]) * s + rest
+    return is_linear(sign * c[0], sign * fma(c[1], s, c[0]), sizes, rest, noise)
+
+
+@inline
+def is_linear(start: float, end: float, sizes: float, rest: float, noise: float) -> bool:
+    """Return whether a linear part with these values at the ends outweighs the `rest` of a series with these `sizes`.
 
     Between the ends the linear part lies between its values there.
     """
-    p = Builder("keeps_sign", "Whether a series surely keeps a sign on a step.", apart=True)
-    c, count, s, noise, sign = p.array("c", read=True), p.given("count", WHOLE), *_reals(p, "s", "noise", "sign")
-    rest, power = p.variable(0.0), p.variable(s * s)
-    with p.loop(2, count) as k:
-        rest.value = rest.value + abs(c[k]) * power.value
-        power.value = power.value * s
-    start, end = sign * c[0], sign * p.fma(c[1], s, c[0])
-    sizes = (abs(c[0]) + abs(c[1]) * s) + rest.value
-    least = p.fma(ROUND_OFF, sizes, rest.value + noise) * SURELY
-    p.leave((start > least) & (end > least))
-    return p.finish(FLAG)
+    least = fma(ROUND_OFF, sizes, rest + noise) * SURELY
+    return start > least and end > least
 
 
-def _reals(p: Builder, *names: str) -> list[Any]:
-    return [p.given(name, REAL) for name in names]
-
-
-@shared
-def largest_term() -> Procedure:
+@procedure(apart=True)
+def largest_term(c: In, count: int, s: float) -> float:
     """Return the largest |c[k]| s**k."""
-    p = Builder("largest_term", "Return the largest term of a series on a step.", apart=True)
-    c, count, s = p.array("c", read=True), p.given("count", WHOLE), p.given("s", REAL)
-    most, power = p.variable(0.0), p.variable(1.0)
-    with p.loop(0, count) as k:
-        most.value = p.larger(most.value, abs(c[k]) * power.value)
-        power.value = power.value * s
-    p.leave(most.value)
-    return p.finish(REAL)
+    most, power = 0.0, 1.0
+    for k in range(count):
+        most = larger(most, abs(c[k]) * power)
+        power *= s
+    return most
 
 
-@shared
-def start_of_series() -> Procedure:
-    """Return the sign and order with which a watched function leaves its value at a start.
+@procedure
+def start_of_series(c: In, count: int, unit: float, tolerance: float, noise: float, margin: float) -> tuple[int, int]:
+    """Return the sign with which a watched function leaves its value at a start, and the order that decides it.
 
     The order is 0 if the function is not zero at its start, beyond its `margin` and the round-off of its terms over a
     comparable time. Otherwise it is the order of the first term that decides, and the sign is that of this term. The
     order is -1 if no term decides.
     """
-    p = Builder("start_of_series", "Return the sign with which a series begins, and the order that tells.", apart=True)
-    c, count = p.array("c", read=True), p.given("count", WHOLE)
-    unit, tolerance, noise, margin = (p.given(name, REAL) for name in ("unit", "tolerance", "noise", "margin"))
-    far: Real = p.call(reach(), c, count, unit, tolerance, noise)
-    near = p.reserve(MOST_COEFFICIENTS, name="near")
-    total, power = p.variable(0.0), p.variable(1.0)
-    with p.loop(0, count) as k:
-        near[k] = c[k] * power.value
-        total.value = total.value + p.choose(k.equals(0), 0.0, abs(near[k]))
-        power.value = power.value * far
-    doubt = p.choose(total.value < math.inf, DOUBT * total.value, 0.0)
-    with p.when(~(abs(near[0]) <= margin + doubt)):
-        p.leave(_sign(p, near[0]), 0)
-    with p.loop(1, count) as k, p.when(abs(near[k]) > DOUBT * total.value):
-        p.leave(_sign(p, near[k]), k)
-    p.leave(0, -1)
-    return p.finish(WHOLE, WHOLE)
+    far = reach(c, count, unit, tolerance, noise)
+    near = reals(MOST_COEFFICIENTS)
+    total, power = 0.0, 1.0
+    for k in range(count):
+        term = c[k] * power
+        near[k] = term
+        total = total + (0.0 if k == 0 else abs(term))
+        power *= far
+    doubt = DOUBT * total if total < math.inf else 0.0
+    if not abs(near[0]) <= margin + doubt:
+        return sign_of(near[0], 0.0), 0
+    for k in range(1, count):
+        if abs(near[k]) > DOUBT * total:
+            return sign_of(near[k], 0.0), k
+    return 0, -1
 
 
-def _sign(p: Builder, value: Real) -> Any:
-    return p.whole(value > 0.0) - p.whole(value < 0.0)
-
-
-def comparable_unit(p: Builder, t: Real, scale: Real) -> Real:
+@inline
+def comparable_unit(t: float, scale: float) -> float:
     """Return the time, in units of the scale, at which a velocity is compared with an acceleration.
 
     The scale of a polynomial motion has no meaning. Motions that take less than some spacings of floating-point times
     cannot be resolved in any case.
     """
-    part = p.larger(p.smaller(abs(t / scale) * (1.0 / 64), 1.0), 2.0**-40)
-    found: Real = p.choose(t.equals(0.0), 1.0, part)
-    return found
+    return 1.0 if t == 0.0 else larger(smaller(abs(t / scale) * (1.0 / 64), 1.0), 2.0**-40)
 
 
 REST, RATES, END, SLOPE, LATE = range(len(TERM_SUMS))
@@ -203,174 +204,159 @@ LEAST_COUNT = 3
 """Least number of coefficients of a series; shorter ones are padded with zeros."""
 
 
-class _Chain:
-    """Sums of every other term from an order on. Two such chains hide the latency of additions."""
+@record
+class TermSums:
+    """Sums of every other term of a series; see `TERM_SUMS`. Two of them hide the latency of additions."""
 
-    def __init__(self, p: Builder, k: int, power: Real, square: Real, end: Any, slope: Any) -> None:
-        self.p, self.square, self.first = p, square, k
-        self.number, self.power, self.end = p.variable(float(k)), p.variable(power), p.variable(end)
-        self.rest, self.rates, self.slope = p.variable(0.0), p.variable(0.0), p.variable(slope)
+    number: float
+    """Order of the next term."""
 
-    def add(self, coefficient: Real) -> tuple[Real, Real]:
-        """Add the next term; return the term, and the term times its order."""
-        term: Real = coefficient * self.power.value
-        rate: Real = self.number.value * term
-        self.rest.value = self.rest.value + abs(term)
-        self.rates.value = self.rates.value + abs(rate)
-        self.end.value, self.slope.value = self.end.value + term, self.slope.value + rate
-        self.power.value = self.power.value * self.square
-        self.number.value = self.number.value + 2.0
-        return term, rate
+    power: float
+    """Power of the step in it."""
+
+    rest: float
+    rates: float
+    end: float
+    slope: float
 
 
-@shared
-def event_terms() -> Procedure:
-    """Return the procedure that writes the terms x[k] s**k of a watched function, k times each, and `TERM_SUMS`.
+@inline
+def begin_sums(number: float, power: float, end: float, slope: float) -> TermSums:
+    """Return sums that continue with a term."""
+    sums = TermSums()
+    sums.number = number
+    sums.power = power
+    sums.end = end
+    sums.slope = slope
+    return sums
+
+
+@inline
+def add_term(sums: TermSums, coefficient: float, square: float) -> tuple[float, float]:
+    """Add the next term; return it, and the term times its order."""
+    term = coefficient * sums.power
+    rate = sums.number * term
+    sums.rest += abs(term)
+    sums.rates += abs(rate)
+    sums.end += term
+    sums.slope += rate
+    sums.power *= square
+    sums.number += 2.0
+    return term, rate
+
+
+@procedure
+def event_terms(rows: In, width: int, order: int, s: float, c: Out, slopes: Out, sums: Out) -> None:
+    """Write the terms x[k] s**k of a watched function, k times each, and `TERM_SUMS`.
 
     The coefficients are read from rows that are `width` apart.
     """
-    p = Builder("event_terms", "Write the terms of something that is watched on a step, and their sums.")
-    rows, width, order = p.array("rows", read=True), p.given("width", WHOLE), p.given("order", WHOLE)
-    s = p.given("s", REAL)
-    c, slopes, sums = p.array("c"), p.array("slopes"), p.array("sums")
-    start, slope, square, pairs = rows[0], rows[width] * s, s * s, (order - 1) // 2
+    start, slope, square, pairs = rows[0], rows[width] * s, s * s, quotient(order - 1, 2)
     c[0], c[1], slopes[0] = start, slope, slope
-    even, odd = _Chain(p, 2, square, square, start, 0.0), _Chain(p, 3, square * s, square, slope, slope)
-    with p.loop(0, pairs) as j:
-        for chain in (even, odd):
-            k = j * 2 + chain.first
-            c[k], slopes[k - 1] = chain.add(rows[k * width])
-    with p.loop(pairs * 2 + 2, order + 1) as k:
-        c[k], slopes[k - 1] = even.add(rows[k * width])
-    pad(p, c, order + 1, order + 1)
-    pad(p, slopes, order, order + 1)
-    late = p.magnitude(c[order - 1], c[order])
-    totals = (getattr(even, name).value + getattr(odd, name).value for name in ("rest", "rates", "end", "slope"))
-    for place, value in enumerate((*totals, late)):
-        sums[place] = value
-    return p.finish()
+    even, odd = begin_sums(2.0, square, start, 0.0), begin_sums(3.0, square * s, slope, slope)
+    for j in range(pairs):
+        k = j * 2 + 2
+        c[k], slopes[k - 1] = add_term(even, rows[k * width], square)
+        c[k + 1], slopes[k] = add_term(odd, rows[(k + 1) * width], square)
+    for k in range(pairs * 2 + 2, order + 1):
+        c[k], slopes[k - 1] = add_term(even, rows[k * width], square)
+    pad(c, order + 1, order + 1)
+    pad(slopes, order, order + 1)
+    sums[REST], sums[RATES] = even.rest + odd.rest, even.rates + odd.rates
+    sums[END], sums[SLOPE] = even.end + odd.end, even.slope + odd.slope
+    sums[LATE] = magnitude(c[order - 1], c[order])
 
 
-@shared
-def only_zero() -> Procedure:
-    """Return the procedure that decides from the sums of terms whether a watched function has a zero on the step.
+@procedure
+def only_zero(s: float, order: int, sign: int, noise: float, terms: In, sums: In) -> int:
+    """Return the sign that a watched function takes on on a step, once; 0 if it keeps its sign, 2 if that is undecided.
 
-    The result is 0 if the function surely keeps its sign, and 1 or -1 if it surely changes to this sign, once. It is 2
-    if that is undecided: the slope may change its sign, or a value at an end is within its noise.
+    It is undecided by the sums of terms if the slope may change its sign, or a value at an end is within its noise.
     """
-    p = Builder("only_zero", "Return the sign that a series takes on, once, on a step; 0 for none, 2 if unknown.")
-    s, order, sign = p.given("s", REAL), p.given("order", WHOLE), p.given("sign", WHOLE)
-    noise, terms, sums = p.given("noise", REAL), p.array("terms", read=True), p.array("sums", read=True)
     start, slope, rest, rates, end = terms[0], terms[1], sums[REST], sums[RATES], sums[END]
-    rate, side = abs(slope), p.real(sign)
+    rate, side = abs(slope), float(sign)
     total = abs(start) + rate + rest
-    # The linear part outweighs the rest at both ends, and is between its end values in the middle.
-    least = p.fma(ROUND_OFF, total, rest + noise) * SURELY
-    clear = (side * start > least) & (side * (start + slope) > least)
-    p.leave_if(clear, 0)
+    if is_linear(side * start, side * (start + slope), total, rest, noise):
+        return 0
     doubt = noise + ROUND_OFF * total
-    monotonic = 2.0 * rate > SURELY * (rate + rates)
-    plain = is_plain_step(s, order + 1) & is_plain(total, noise)
-    there = sign_of(p, end, doubt)
-    decided = plain & monotonic & ~sign.equals(0) & sign_of(p, start, doubt).equals(sign) & ~there.equals(0)
-    p.leave(p.choose(decided, p.choose(there.equals(sign), p.whole(0), there), p.whole(2)))
-    return p.finish(WHOLE)
+    is_monotonic = 2.0 * rate > SURELY * (rate + rates)
+    is_usual = is_plain_step(s, order + 1) and is_plain(total, noise)
+    there = sign_of(end, doubt)
+    is_decided = is_usual and is_monotonic and sign != 0 and sign_of(start, doubt) == sign and there != 0
+    return (0 if there == sign else there) if is_decided else 2
 
 
-@shared
-def only_passage() -> Procedure:
-    """Return the procedure that finds the zero in 0 to 1 of a polynomial that changes to a sign exactly once."""
-    p = Builder("only_passage", "Return where terms add up to a sign for the only time between 0 and 1.")
-    c, slopes, sums = (p.array(name, read=True) for name in ("terms", "slopes", "sums"))
-    order, sign = p.given("order", WHOLE), p.given("sign", WHOLE)
-    count, side = p.variable(order + 1, "count"), p.real(sign)
-    with p.repeat(lambda: (count.value > LEAST_COUNT) & c[count.value - 1].equals(0.0)):
-        count.value = count.value - 1
-    ends = p.constant(0.0, REAL), p.constant(1.0, REAL)
-    values, rates = (side * c[0], side * sums[END]), (side * slopes[0], side * sums[SLOPE])
-    start = inverse_cubic(p, ends, values, rates)
-    p.leave(p.call(approach(), c, slopes, count.value, *ends, start, sign))
-    return p.finish(REAL)
+@procedure
+def only_passage(terms: In, slopes: In, sums: In, order: int, sign: int) -> float:
+    """Return where a polynomial with these terms changes to a sign, which it does once between 0 and 1."""
+    count, side = used_count(terms, order), float(sign)
+    values, rates = (side * terms[0], side * sums[END]), (side * slopes[0], side * sums[SLOPE])
+    return approach(terms, slopes, count, 0.0, 1.0, inverse_cubic((0.0, 1.0), values, rates), sign)
 
 
-@shared
-def read_column() -> Procedure:
-    """Return the procedure that copies the series of a watched function from rows, `width` apart, on first use.
+@inline
+def used_count(c: Readable[float], order: int) -> int:
+    """Return the number of coefficients up to the last one that is not zero, at least `LEAST_COUNT`."""
+    count = order + 1
+    while count > LEAST_COUNT and c[count - 1] == 0.0:
+        count -= 1
+    return count
 
-    `counts` has the number of its coefficients up to the last nonzero one, or 0 before the copy. The result is whether
-    the series is finite.
+
+@procedure(apart=True)
+def read_column(rows: In, width: int, order: int, c: Out, counts: WholesOut) -> bool:
+    """Copy the series of a watched function from rows, `width` apart, on first use; return whether it is finite.
+
+    `counts` has the number of its coefficients up to the last nonzero one, or 0 before the copy.
     """
-    p = Builder("read_column", "Copy a series from the rows, once; return whether it is finite.", apart=True)
-    rows, width, order = p.array("rows", read=True), p.given("width", WHOLE), p.given("order", WHOLE)
-    c, counts = p.array("c"), p.array("counts", WHOLE)
-    p.leave_if(~counts[0].equals(0), p.true)
-    total, used = p.variable(0.0), p.variable(order + 1, "used")
-    with p.loop(0, order + 1) as k:
-        value = rows[k * width]
-        c[k] = value
-        total.value = total.value + value * 0.0
-    with p.repeat(lambda: (used.value > LEAST_COUNT) & c[used.value - 1].equals(0.0)):
-        used.value = used.value - 1
-    counts[0] = used.value
-    p.leave(total.value.equals(0.0))
-    return p.finish(FLAG)
+    if counts[0] != 0:
+        return True
+    total = 0.0
+    for k in range(order + 1):
+        c[k] = rows[k * width]
+        total += c[k] * 0.0
+    counts[0] = used_count(c, order)
+    return total == 0.0
+
+
+@procedure(doubtful=lambda: Array(room=BLOCK), work=lambda: Array(room=BLOCK))
+def doubtful_events(s: float, everything: bool, doubtful: Out, work: Out, order: int, *, layout: TaylorLayout) -> bool:
+    """Write 1 for each watched function that may vanish on a step of length s, else 0; return whether any may.
+
+    With `everything`, all are written as doubtful. A function keeps its sign if its linear part outweighs the rest at
+    both ends of the step, and has one sign there.
+    """
+    rows, width = work[layout.rows + layout.watched_at :], layout.width
+    number = 0.0
+    for i in each(layout.watched, width=1 if layout.watched == 1 else PARTIAL, unrolled=True):
+        start = rows[i]
+        end = fma(rows[width:][i], s, start)
+        outweighs = smaller(abs(start), abs(end)) > sum_beyond_linear(rows, width, order, s, i)
+        doubt = 0.0 if outweighs and start * end > 0.0 else 1.0
+        doubt = 1.0 if everything else doubt
+        doubtful[i] = doubt
+        number += doubt
+    return number > 0.0
 
 
 CHAINS = 4
 """Number of independent partial sums of coefficients, to hide the latency of additions."""
 
-LOWEST = 2
-"""Lowest order beyond the linear part."""
 
-
-@shared
-def doubtful_events(layout: TaylorLayout) -> Procedure:
-    """Return the procedure that writes 1 for each watched function that may vanish on a step of length s, else 0.
-
-    It returns whether any may. With `all`, all are written as doubtful. A function keeps its sign if its linear part
-    outweighs the rest at both ends of the step, and has the same sign at both.
-    both ends of the step, and has one sign there.
-    """
-    p = Builder("doubtful_events", "Find what may vanish on a step, and return whether anything may.")
-    s, everything = p.given("s", REAL), p.given("all", FLAG)
-    doubtful = p.array("doubtful", room=BLOCK)
-    run = SeriesMemory(p, layout, work_array(p))
-    width = 1 if layout.watched == 1 else PARTIAL
-    with p.each(layout.watched, width=width, unrolled=True) as i:
-        start: Real = _row(run, 0)[i]
-        end: Real = p.fma(_row(run, 1)[i], s, start)
-        outweighs = p.smaller(abs(start), abs(end)) > _rest(run, s, i)
-        doubt = p.choose(outweighs & (start * end > 0.0), 0.0, 1.0)
-        doubt = p.choose(everything, 1.0, doubt)
-        doubtful[i] = doubt
-        number = p.sum(doubt)
-    p.leave(number.value > 0.0)
-    return p.finish(FLAG)
-
-
-def _row(run: SeriesMemory, k: Any) -> Any:
-    """Return the coefficients of an order, of all watched functions."""
-    return run.row(k).at(run.layout.watched_at)
-
-
-def _rest(run: SeriesMemory, s: Real, i: Whole) -> Real:
-    """Return the sum of |x[k]| s**k over k from `LOWEST` on."""
-    p = run.p
-    count = run.order - (LOWEST - 1)
-    blocks = count // CHAINS
-    beyond, square = count - blocks * CHAINS, s * s
+@inline
+def sum_beyond_linear(rows: Readable[float], width: int, order: int, s: float, i: int) -> float:
+    """Return the sum of |x[k]| s**k over k from 2 on, of watched function i."""
+    blocks = quotient(order - 1, CHAINS)
+    square = s * s
     fourth = square * square
-    top = p.variable(0.0)
-    with p.loop(0, beyond) as j:
-        top.value = p.fma(top.value, s, abs(_row(run, run.order - j)[i]))
-    chains = [top, *(p.variable(0.0) for _ in range(CHAINS - 1))]
-    with p.loop(0, blocks) as j:
-        first = (blocks - 1 - j) * CHAINS + LOWEST
-        for place, chain in enumerate(chains):
-            chain.value = p.fma(chain.value, fourth, abs(_row(run, first + place)[i]))
-    low, high = (p.fma(s, chains[k + 1].value, chains[k].value) for k in (0, 2))
-    found: Real = square * p.fma(square, high, low)
-    return found
+    c0, c1, c2, c3 = 0.0, 0.0, 0.0, 0.0
+    for j in range(order - 1 - blocks * CHAINS):
+        c0 = fma(c0, s, abs(rows[(order - j) * width :][i]))
+    for j in range(blocks):
+        first = rows[((blocks - 1 - j) * CHAINS + 2) * width :]
+        c0, c1 = fma(c0, fourth, abs(first[i])), fma(c1, fourth, abs(first[width:][i]))
+        c2, c3 = fma(c2, fourth, abs(first[2 * width :][i])), fma(c3, fourth, abs(first[3 * width :][i]))
+    return square * fma(square, fma(s, c3, c2), fma(s, c1, c0))
 
 
 @shared

@@ -126,12 +126,12 @@ class _Search:
         smooth = ~begins & ~near
         sums, terms = self.sums.at(i * len(TERM_SUMS)), self.terms.at(i * PADDED)
         with p.when(smooth & s.equals(self.whole), likely=True) as ways:
-            answer.value = p.call(only_zero(), s, self.memory.order, sign, self.noise[i], terms, sums)
+            answer.value = p.call(only_zero.form(), s, self.memory.order, sign, self.noise[i], terms, sums)
         with ways.otherwise():
             self.read(i)
             with p.when(smooth):
                 c, count = self.columns.at(i * COLUMN), self.counts[i]
-                clear = p.call(keeps_sign(), c, count, s, self.noise[i], p.real(sign))
+                clear = p.call(keeps_sign.form(), c, count, s, self.noise[i], p.real(sign))
                 answer.value = p.choose(clear, 0, answer.value)
         with p.when(answer.value.equals(2), likely=False) as ways:
             self.read(i)
@@ -139,7 +139,7 @@ class _Search:
         with ways.otherwise(), p.when(~answer.value.equals(0)):
             to = self.found.value
             given = terms, self.slopes.at(i * PADDED), sums, self.memory.order, answer.value
-            self.times[to] = s * p.call(only_passage(), *given)
+            self.times[to] = s * p.call(only_passage.form(), *given)
             self.directions[to] = self.signs[i] = answer.value
             self.add(i, to, 1)
 
@@ -147,7 +147,7 @@ class _Search:
         """Copy the series of a watched function on first use; leave if it is not finite."""
         p = self.p
         given = self.rows.at(i), self.layout.width, self.memory.order
-        with p.when(~p.call(read_column(), *given, self.columns.at(i * COLUMN), self.counts.at(i)), likely=False):
+        with p.when(~p.call(read_column.form(), *given, self.columns.at(i * COLUMN), self.counts.at(i)), likely=False):
             p.leave(-1)
 
     def isolate(self, i: Whole, s: Real, begins: Any, near: Any) -> None:
@@ -159,7 +159,7 @@ class _Search:
         c, count, allowed = self.columns.at(i * COLUMN), self.counts[i], p.choose(begins, 0.0, self.noise[i])
         last = self.last & s.equals(self.step)
         given = c.at(first), count - first, s, allowed, self.before[i], near, last
-        more, self.signs[i], after = p.call(roots(), *given, self.times.at(to), self.directions.at(to), MOST_ZEROS)
+        more, self.signs[i], after = p.call(roots.form(), *given, self.times.at(to), self.directions.at(to), MOST_ZEROS)
         self.nears[i] = p.whole(after)
         with p.when(more < 0, likely=False):
             p.leave(-1)
@@ -260,7 +260,7 @@ class _Inspection:
         """Return the series of a watched function, copied on first use; leave if it is not finite."""
         p, c = self.p, self.columns.at(i * COLUMN)
         given = self.rows.at(i + self.layout.watched_at), self.layout.width, self.memory.order
-        with p.when(~p.call(read_column(), *given, c, self.counts.at(i)), likely=False):
+        with p.when(~p.call(read_column.form(), *given, c, self.counts.at(i)), likely=False):
             p.leave(LEAVE, self.s)
         return c
 
@@ -289,12 +289,12 @@ class _Inspection:
         with self.doubted() as i:
             rows, noise = self.rows.at(i + self.layout.watched_at), self.noise[i]
             c, slopes, sums = (kept.reals(name).at(i * REALS[name]) for name in ("terms", "slopes", "sums"))
-            p.call(event_terms(), rows, self.layout.width, self.memory.order, self.s, c, slopes, sums)
+            p.call(event_terms.form(), rows, self.layout.width, self.memory.order, self.s, c, slopes, sums)
             late, early = sums[LATE], p.magnitude(c[0], c[1])
             with p.when(~(late <= p.fma(tolerance, early, noise)), likely=False):
-                s.value = p.smaller(s.value, p.call(reach(), self.column(i), self.count, self.s, tolerance, noise))
+                s.value = p.smaller(s.value, p.call(reach.form(), self.column(i), self.count, self.s, tolerance, noise))
             with p.when(self.hides_growth, likely=False):
-                s.value = p.smaller(s.value, p.call(safe_step(), self.column(i), self.count))
+                s.value = p.smaller(s.value, p.call(safe_step.form(), self.column(i), self.count))
         with p.when(ends, likely=False):
             # A series that is balanced on a step is balanced on a shorter one.
             halvings, balanced = p.variable(0), p.variable(p.false)
@@ -302,7 +302,7 @@ class _Inspection:
                 c = self.column(i)
                 balanced.value = p.false
                 with p.repeat(lambda: ~balanced.value & (halvings.value < MOST_BALANCING)):
-                    balanced.value = p.call(is_balanced(), c, self.counts[i], s.value)
+                    balanced.value = p.call(is_balanced.form(), c, self.counts[i], s.value)
                     halvings.value = halvings.value + p.whole(~balanced.value)
                     s.value = p.choose(balanced.value, s.value, s.value * 0.5)
         found: Real = s.value
@@ -331,7 +331,7 @@ class _Inspection:
             over = ~self.doubtful[i].equals(0.0) & (p.real(sign) * self.values[i] < 0.0)
             with p.when(over, likely=False):
                 c = self.column(i)
-                jumped = abs(c[0]) > JUMP * p.call(largest_term(), c, self.counts[i], s)
+                jumped = abs(c[0]) > JUMP * p.call(largest_term.form(), c, self.counts[i], s)
                 signs[i] = p.choose(jumped, -sign, sign)
                 nears[i] = p.choose(jumped, 0, nears[i])
         return signs, nears

@@ -27,6 +27,7 @@ from lagrange.algorithm.taylor.watching import (
 )
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import FLAG, REAL, WHOLE, Procedure
+from lagrange.procedure.front.building import Tracer
 from lagrange.procedure.shared import shared
 from lagrange.procedure.values import Flag, Memory, Whole
 
@@ -55,7 +56,7 @@ def sides_at_start() -> Procedure:
     with p.loop(0, size) as i:
         values[i] = first[i]
     write_noise(watched, numbers, t, state)
-    unit = comparable_unit(p, t, scale)
+    unit = Tracer(p, ()).call(comparable_unit, t, scale)
     tolerance = p.larger(rtol, 2.0**-52) * EVENT_SLACK
     with p.loop(0, size) as i:
         total = p.variable(0.0)
@@ -65,7 +66,7 @@ def sides_at_start() -> Procedure:
         p.leave_if(~total.value.equals(0.0), p.false)
         mine = i.equals(place).called("mine")
         allowed = p.choose(mine, p.larger(noise[i], margin), noise[i])
-        sign, order = p.call(start_of_series(), c, count, unit, tolerance, noise[i], allowed)
+        sign, order = p.call(start_of_series.form(), c, count, unit, tolerance, noise[i], allowed)
         turned = (watched.setting(RESET_SIZE, i) > 0) & sign.equals(watched.setting(DIRECTION, i))
         quiet = watched.is_event(i) & watched.setting(ROOT, i).equals(0) & ~turned
         p.leave_if(~order.equals(0) & ~((mine & order.equals(1)) | ((place < 0) & quiet)), p.false)

@@ -165,7 +165,7 @@ class _TaylorStep:
         p, series = self.p, self.series
         doubtful = p.reserve(self.layout.watched, room=BLOCK, name="doubtful")
         every = ~self.taylor.inspect.equals(0)
-        some: Flag = p.call(doubtful_events(self.layout), s, every, doubtful, *series.handed)
+        some: Flag = p.call(doubtful_events.form(layout=self.layout), s, every, doubtful, *series.handed)
         taken = p.variable(s, "taken")
         with p.when(some & self.taylor.next_limit.equals(math.inf), likely=False):
             record = watched.record

@@ -95,7 +95,7 @@ class StepWatch(EventLog):
 
     @cached_property
     def _isolate(self) -> Isolate:
-        return self.problem.model.machine.called(roots())
+        return self.problem.model.machine.called(roots.form())
 
     @property
     def resets(self) -> bool:

@@ -66,12 +66,12 @@ def may_vanish(coefficients: FloatArray, h: float, *, noise: float = 0.0) -> boo
 
 
 Isolate = Callable[..., Any]
-"""Compiled procedure of root isolation: `machine.called(procedure())`."""
+"""Compiled procedure of root isolation: `machine.called(procedure.form())`."""
 
 
 def printed() -> Isolate:
     """Return the procedure of root isolation in Python."""
-    return called(procedure())
+    return called(procedure.form())
 
 
 def roots(
