@@ -101,7 +101,7 @@ def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
         excess = late / fma(tolerance, early, noise)
         ratio = excess if excess >= 0.0 else math.inf
         if ratio > 1.0:
-            far *= smaller(larger(ratio**share, 0.05), 0.9)
+            far *= smaller(larger(math.pow(ratio, share), 0.05), 0.9)
     return far
 
 
