@@ -106,6 +106,22 @@ def gathered(n: int, pair: Pair, counter: Counter) -> tuple[float, float, float]
 
 
 @procedure
+def several(n: int, a: In, out: Out) -> tuple[float, int]:
+    """Return sums of every third power, from a tuple that a loop and a branch set again."""
+    sums, last = (a[0], 0.5, -1.0), (0.0, 0)
+    for i in range(1, n):
+        sums = tuple(fma(total, 0.5, a[i]) for total in (sums[1], sums[2], sums[0]))
+        if a[i] > 0.0:
+            last = a[i], i
+    for i in each(n):
+        powers = tuple(a[i] for _ in range(3))
+        for k in range(3):
+            powers = tuple(power * 0.5 + sums[k] for power in powers)
+        out[i] = powers[0] + powers[2]
+    return sums[0] + sums[1] * 2.0 + sums[2] * 4.0 + last[0], last[1]
+
+
+@procedure
 def guarded(n: int, a: In, out: Out) -> int:
     """Return the first place of a negative element; no element beyond n is read."""
     i = 0

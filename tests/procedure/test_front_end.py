@@ -29,6 +29,7 @@ from tests.procedure.plain_functions import (
     gathered,
     guarded,
     scratch,
+    several,
     signs,
     sized,
     spliced,
@@ -99,6 +100,7 @@ def _zeros(size: int) -> Any:
 CASES: dict[str, tuple[Plain[Any, Any], dict[str, Any], Callable[[int], list[Any]]]] = {
     "signs": (signs, {}, lambda s: [6, numbers(s), np.zeros(8)]),
     "gathered": (gathered, {}, lambda s: [s, Pair(numbers(s), _zeros(16), s % 9), _record(Counter).structure(1.0, 2)]),
+    "several": (several, {}, lambda s: [s % 8, numbers(s), np.zeros(8)]),
     "guarded": (guarded, {}, lambda s: [s % 8, np.abs(numbers(s)) if s % 3 == 0 else numbers(s), np.zeros(8)]),
     "spliced": (spliced, {"weights": WEIGHTS, "twice": False}, lambda s: [s % 7, 0.25, numbers(s)]),
     "spliced twice": (spliced, {"weights": WEIGHTS, "twice": True}, lambda s: [s % 7, 0.25, numbers(s)]),
@@ -229,11 +231,11 @@ def test_a_name_that_is_read_where_it_is_not_set_is_refused() -> None:
             c = b
         return c[0]
 
-    def known_set(n: int) -> int:
-        pair = (1, 2)
+    def known_set(n: int, a: In, b: In) -> float:
+        pair = (a, 2)
         if n > 0:
-            pair = (3, 4)
-        return pair[0]
+            pair = (b, 4)
+        return pair[0][0]
 
     refused(behind_loop, "`x` is read behind the loop", "return x")
     refused(behind_index, "`i` is read behind the loop")

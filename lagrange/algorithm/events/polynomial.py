@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from lagrange.algorithm.events.constants import CONVERGED, EPSILON, MOST_COEFFICIENTS
 from lagrange.procedure.front.plain import inline, procedure
-from lagrange.procedure.front.vocabulary import In, Out, fma, quotient, reals, unlikely
+from lagrange.procedure.front.vocabulary import In, Out, Readable, fma, quotient, reals, unlikely, unrolled
 
 CHAINS = 4
 """Number of partial sums of a polynomial, each in powers of s**4, to hide the latency of additions."""
@@ -27,23 +27,24 @@ def pad(c: Out, start: int, count: int) -> None:
 
 
 @inline
-def evaluate(c: In, count: int, s: float) -> float:
-    """Return the value at s of a polynomial with `count` padded coefficients."""
+def evaluate(polynomials: tuple[Readable[float], ...], count: int, s: float) -> tuple[float, ...]:
+    """Return the values at s of polynomials with `count` padded coefficients."""
     square = s * s
     fourth = square * square
     last = (blocks(count) - 1) * CHAINS
-    c0, c1, c2, c3 = c[last], c[last + 1], c[last + 2], c[last + 3]
+    sums = tuple(c[last + i] for c in polynomials for i in unrolled(CHAINS))
     for j in range(1, blocks(count)):
         place = last - j * CHAINS
-        c0, c1 = fma(c0, fourth, c[place]), fma(c1, fourth, c[place + 1])
-        c2, c3 = fma(c2, fourth, c[place + 2]), fma(c3, fourth, c[place + 3])
-    return fma(square, fma(s, c3, c2), fma(s, c1, c0))
+        terms = tuple(c[place + i] for c in polynomials for i in unrolled(CHAINS))
+        sums = tuple(fma(total, fourth, term) for total, term in zip(sums, terms, strict=True))
+    starts = unrolled(0, len(sums), CHAINS)
+    return tuple(fma(square, fma(s, sums[i + 3], sums[i + 2]), fma(s, sums[i + 1], sums[i])) for i in starts)
 
 
 @procedure(apart=True)
 def value(c: In, count: int, s: float) -> float:
     """Return a polynomial's value at a place."""
-    return evaluate(c, count, s)
+    return evaluate((c,), count, s)[0]
 
 
 @procedure(apart=True)
@@ -58,13 +59,13 @@ def derivative(c: In, count: int, slopes: Out) -> None:
 def crossing(c: In, slopes: In, count: int, begin: float, end: float, sign: int) -> float:
     """Return where a polynomial takes on a sign between two places, or the end closest to it."""
     side = float(sign)
-    below, above = side * evaluate(c, count, begin), side * evaluate(c, count, end)
+    below, rate = tuple(side * x for x in evaluate((c, slopes), count, begin))
+    above, last_rate = tuple(side * x for x in evaluate((c, slopes), count, end))
     if below >= 0.0:
         return begin
     if above <= 0.0:
         return end
-    rates = side * evaluate(slopes, count, begin), side * evaluate(slopes, count, end)
-    start = inverse_cubic((begin, end), (below, above), rates)
+    start = inverse_cubic((begin, end), (below, above), (rate, last_rate))
     return approach(c, slopes, count, begin, end, start, sign)
 
 
@@ -101,7 +102,7 @@ def approach(c: In, slopes: In, count: int, begin: float, end: float, start: flo
     step, is_quick = end - begin, False
     while low < place < high:
         s = place
-        size, slope = side * evaluate(c, count, s), side * evaluate(slopes, count, s)
+        size, slope = tuple(side * x for x in evaluate((c, slopes), count, s))
         if unlikely(size == 0.0):
             return s
         low, high = s if size < 0.0 else low, high if size < 0.0 else s

@@ -10,7 +10,7 @@ from lagrange.procedure.builder import Folded
 from lagrange.procedure.form import FLAG, REAL, Kind, Set, Statement, When
 from lagrange.procedure.front.executing import Ways
 from lagrange.procedure.front.kinds import ZERO, Ended, Error, Missing, common_kind, real
-from lagrange.procedure.front.names import Names
+from lagrange.procedure.front.names import Names, is_varied
 from lagrange.procedure.front.vocabulary import REDUCTIONS
 from lagrange.procedure.values import Flag, Memory, Value, Variable
 
@@ -41,10 +41,15 @@ class Block:
         self.names = names
         self.outer = self.tracer.handed
         pairs = zip(names, values, strict=True)
-        known = [Missing(name) if name in anew and value not in self.outer else value for name, value in pairs]
+        known = [Missing(name) if name in anew and not self.is_outer(value) else value for name, value in pairs]
         self.before = [self.tracer.varied(name, value) for name, value in zip(names, known, strict=True)]
-        self.tracer.handed = [*self.outer, *(value for value in self.before if isinstance(value, Variable))]
+        inner = [one for value in self.before for one in (value if isinstance(value, tuple) else (value,))]
+        self.tracer.handed = [*self.outer, *(one for one in inner if isinstance(one, Variable))]
         return self.before
+
+    def is_outer(self, value: Any) -> bool:
+        """Return whether a value is a variable, or a tuple of variables, of an enclosing block."""
+        return (value[0] if is_varied(value) else value) in self.outer
 
     def ended(self, ended: Exception) -> None:
         """Record that the block has returned."""

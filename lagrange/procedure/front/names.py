@@ -13,6 +13,11 @@ from lagrange.procedure.front.kinds import Error, Missing, Weighed, common_kind,
 from lagrange.procedure.values import Flag, Memory, Value, Variable
 
 
+def is_varied(value: Any) -> bool:
+    """Return whether a value is a tuple of variables."""
+    return isinstance(value, tuple) and bool(value) and all(isinstance(one, Variable) for one in value)
+
+
 class Names:
     """The part of a receiver that manages the values of names."""
 
@@ -36,6 +41,8 @@ class Names:
         """Return the value of a name, which may be a variable. Raises Error if it has none."""
         if isinstance(value, Variable):
             return value.value
+        if is_varied(value):
+            return tuple(one.value for one in value)
         if isinstance(value, Missing):
             raise Error(f"`{value.name}` is read {value.where or 'before it is set'}: give it a first value in front.")
         return value
@@ -44,6 +51,10 @@ class Names:
         """Return the new value of a name: its variable, if it has one here, or the value."""
         if isinstance(before, Variable) and before in self.handed:
             before.value = self.number(value, before.kind, f"`{name}`")
+            return before
+        if is_varied(before) and before[0] in self.handed:
+            for variable, one in zip(before, self.unpacked(value, len(before)), strict=True):
+                variable.value = self.number(one, variable.kind, f"`{name}`")
             return before
         return self.named(name, value)
 
@@ -77,7 +88,9 @@ class Names:
         return value
 
     def varied(self, name: str, value: Any) -> Any:
-        """Return the number of a name as a variable, for a branch or loop that sets it."""
+        """Return the number of a name as a variable, or each of a tuple, for a branch or loop that sets it."""
+        if isinstance(value, tuple) and value and all(kind_of(one) is not None for one in value):
+            return tuple(self.varied(f"{name}{i}", one) for i, one in enumerate(value))
         return value if isinstance(value, Variable) or kind_of(value) is None else self.p.variable(value, name)
 
     def note(self, said: str) -> None:
