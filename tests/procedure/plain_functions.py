@@ -108,7 +108,8 @@ def gathered(n: int, pair: Pair, counter: Counter) -> tuple[float, float, float]
 @procedure
 def several(n: int, a: In, out: Out) -> tuple[float, int]:
     """Return sums of every third power, from a tuple that a loop and a branch set again."""
-    sums, last = (a[0], 0.5, -1.0), (0.0, 0)
+    sums: tuple[float, ...] = (a[0], 0.5, -1.0)
+    last = 0.0, 0
     for i in range(1, n):
         sums = tuple(fma(total, 0.5, a[i]) for total in (sums[1], sums[2], sums[0]))
         if a[i] > 0.0:

@@ -109,7 +109,7 @@ def reach(c: In, count: int, s: float, tolerance: float, noise: float) -> float:
 def safe_step(c: In, count: int) -> float:
     """Return the longest safe step: within the radius of convergence that the last coefficients of a series show."""
     radius = larger(shown_radius(c, count - 2), shown_radius(c, count - 1))
-    return radius * 2.0**RADIUS_FRACTION
+    return radius * math.pow(2.0, RADIUS_FRACTION)
 
 
 @inline
