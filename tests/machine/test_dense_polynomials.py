@@ -241,7 +241,7 @@ def test_procedures_may_call_a_polynomial_themselves(kind: str, target: str) -> 
     memory: list[Any] = [*arrays, starts, 2, *spare, np.zeros(written.work), out]
     if target == "numpy":
         memory = [one.data if isinstance(one, np.ndarray) else one for one in memory]
-    compiled.machine.called(polynomials())(written.function, written.given, *numbers, *memory)
+    compiled.machine.called(polynomials.form())(written.function, written.given, *numbers, *memory)
     blocks = out[: -written.columns].reshape(2, dense.degree + 1, n, written.columns)
     expected = dense.coefficients(GRID, states, np.arange(len(GRID) - 1))
     assert (blocks[0] == expected[:, :, : written.columns]).all()

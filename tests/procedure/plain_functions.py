@@ -119,7 +119,10 @@ def several(n: int, a: In, out: Out) -> tuple[float, int]:
         for k in range(3):
             powers = tuple(power * 0.5 + sums[k] for power in powers)
         out[i] = powers[0] + powers[2]
-    return sums[0] + sums[1] * 2.0 + sums[2] * 4.0 + last[0], last[1]
+    first, _, _ = sums
+    _, second, _ = sums
+    third, _ = sums[2] + second, sums[1] + first
+    return first + second + third * 4.0 + last[0], last[1]
 
 
 @procedure
@@ -144,8 +147,14 @@ def clipped(x: float, bound: float) -> float:
 
 
 @inline
+def below(n: int) -> Iterator[int]:
+    yield from range(n)
+
+
+@inline
 def alternate(n: int) -> Iterator[int]:
-    for i in range(0, n, 2):
+    for k in below(quotient(n + 1, 2)):
+        i = 2 * k
         if i != 2:
             yield i
 

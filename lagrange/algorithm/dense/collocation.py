@@ -9,22 +9,27 @@ large error in the slope. A step without a neighbour keeps its polynomial.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from lagrange.algorithm.dense.block import Block, StepPolynomial, Written
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Memory, Whole
+from lagrange.algorithm.dense.block import LANES, Block, OwnStep, Room, StepPolynomial, block_type, steps_in, weighted
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import In, Readable, Writable, each, fma, magnitude, quotient, unlikely
 
 TURNS = 12
 """Corrections of the inner stages, at most; 3 to 5 bring them from a straight line to round-off."""
 
 SETTLED = 1e-14
 """The part of the state by which a correction of settled stages moves them."""
+
+INCREMENTS, JOINED = Room(vectors=4, rows=3), Room(vectors=4, rows=3)
+ROOM = Room(INCREMENTS.vectors + JOINED.vectors, INCREMENTS.rows + JOINED.rows)
+"""Work memory of the increments, of what joins the slopes, and of both."""
 
 
 def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> StepPolynomial:
@@ -46,7 +51,7 @@ def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> 
     powers[:, s] = zero.integ().coef
     table = np.concatenate([part.ravel() for part in (*parts, powers)])
     matrices = 1 + 2 * (s - 1) ** 2
-    return StepPolynomial(collocation, s + 1, s, table, vectors=4 * s, matrices=matrices, derivative=True)
+    return StepPolynomial(collocation, ROOM, s + 1, s, table, vectors=4 * s, matrices=matrices, derivative=True)
 
 
 def _lagrange(points: NDArray[np.float64], which: int) -> Polynomial:
@@ -56,221 +61,226 @@ def _lagrange(points: NDArray[np.float64], which: int) -> Polynomial:
     return found
 
 
-@shared
-def increments() -> Written:
-    """Return the procedure that writes the change of the state at each of the points c, in the steps of a block.
+@procedure(apart=True, block=block_type)
+def increments(block: Block) -> None:
+    """Write the change of the state at each stage in the steps of a block, by Newton's method from a straight line.
 
     If the law is not finite, the polynomial is a straight line.
     """
-    return _Increments().build()
+    step, total, stages = steps_in(block.own, block.dimension, block.columns), block.total, block.stages
+    (h, gap, _, _), (time, _, active), slopes = block.lay_out(INCREMENTS)
+    block.spread(step.h, h)
+    for x in block.entries():
+        gap[x] = step.new[x] - step.y[x]
+    for i in range(stages):
+        stage, c = block.out[i * total :], block.table[i]
+        for x in block.entries():
+            stage[x] = gap[x] * c
+    for b in block.each_column():
+        time[b] = step.t[b] + step.h[b]
+        active[b] = 1.0
+    block.slopes(time, step.new, slopes[(stages - 1) * total :])
+    linearize(block, step)
+    iterations, moving = 0, 1.0
+    while iterations < TURNS and moving > 0.0:
+        correct(block, step)
+        moving = 0.0
+        for b in each(block.columns, width=LANES, spill=True):
+            moving = magnitude(moving, active[b])
+        iterations += 1
+    straighten(block)
 
 
-class _Increments:
-    """Builds the procedure: Newton's corrections of the inner stages, from a straight line."""
+@inline
+def linearize(block: Block, step: OwnStep) -> None:
+    """Write the inverse of I - h A J of the inner stages, J the derivative of the law at the end of each step.
 
-    def __init__(self) -> None:
-        about = "Write what the state has gained at each stage in the steps of a block."
-        self.p = p = Builder("increments", about, apart=True)
-        self.block = block = Block(p)
-        self.c, self.A = block.table, block.table.at(block.stages)
-        self.step, self.stages = block.own, block.out
-        self.h, self.gap, self.state, self.spread = (block.vector() for _ in range(4))
-        self.time, self.row, self.active = (block.row() for _ in range(3))
-        self.inner = (block.stages - 1).called("inner")
-        others = block.others()
-        self.slopes, self.residual = others, block.nth(others, block.stages)
-        self.derivative = block.nth(others, block.stages * 2)
-        self.matrix = block.nth(others, block.stages * 2 + block.dimension)
-
-    def build(self) -> Written:
-        p, block, step = self.p, self.block, self.step
-        block.spread(step.h, self.h)
-        with block.entries() as x:
-            self.gap[x] = step.new[x] - step.y[x]
-        with p.loop(0, block.stages) as i:
-            stage, c = block.nth(self.stages, i), self.c[i]
-            with block.entries() as x:
-                stage[x] = self.gap[x] * c
-        with block.each_column() as b:
-            self.time[b] = step.t[b] + step.h[b]
-            self.active[b] = 1.0
-        block.slopes(self.time, step.new, block.nth(self.slopes, self.inner))
-        self.linearize()
-        iterations, moving = p.variable(0, "iterations"), p.variable(1.0, "moving")
-        with p.repeat(lambda: (iterations.value < TURNS) & (moving.value > 0.0)):
-            self.correct()
-            with block.each_column() as b:
-                largest = p.largest_magnitude(self.active[b])
-            moving.value = largest.value
-            iterations.value = iterations.value + 1
-        self.straighten()
-        return block.finish()
-
-    def linearize(self) -> None:
-        """Write the inverse of I - h A J of the inner stages, J the derivative of the law at the end of each step."""
-        p, block = self.p, self.block
-        n, columns, inner = block.dimension, block.columns, self.inner
-        block.derive(self.time, self.step.new, self.derivative)
-        order = inner * n
-        with p.loop(0, inner) as i, p.loop(0, inner) as j:
-            a = self.A[i * block.stages + j]
-            with p.loop(0, n) as r, p.loop(0, n) as c:
-                source = self.derivative.at((r * n + c) * columns)
-                target = self.entry(i * n + r, j * n + c)
-                one = p.choose(i.equals(j) & r.equals(c), 1.0, p.real(0.0))
-                with block.each_column() as b:
-                    target[b] = one - source[b] * a * self.step.h[b]
-        block.invert(order, columns, self.matrix, self.row)
-
-    def entry(self, row: Whole, column: Whole) -> Memory:
-        """Return an entry of the matrices, or behind their order of the inverses, in all columns."""
-        order = self.inner * self.block.dimension
-        return self.matrix.at((row * 2 * order + column) * self.block.columns)
-
-    def correct(self) -> None:
-        """Correct the inner stages in the columns in which they still move."""
-        p, block, inner = self.p, self.block, self.inner
-        with p.loop(0, inner) as i:
-            stage, c = block.nth(self.stages, i), self.c[i]
-            with block.each_column() as b:
-                self.time[b] = p.fma(self.step.h[b], c, self.step.t[b])
-            with block.entries() as x:
-                self.state[x] = self.step.y[x] + stage[x]
-            block.slopes(self.time, self.state, block.nth(self.slopes, i))
-        with p.loop(0, inner) as i:
-            row, stage, residual = self.A.at(i * block.stages), block.nth(self.stages, i), block.nth(self.residual, i)
-            with block.entries() as x:
-                total = p.variable(0.0)
-                with p.loop(0, block.stages) as j:
-                    total.value = p.fma(block.nth(self.slopes, j)[x], row[j], total.value)
-                residual[x] = total.value * self.h[x] - stage[x]
-        self.move()
-
-    def move(self) -> None:
-        """Move the inner stages by the inverses times the residuals; a column has settled where none moves far."""
-        p, block = self.p, self.block
-        columns, n = block.columns, block.dimension
-        order = self.inner * n
-        with block.each_column() as b:
-            self.row[b] = 0.0
-        with p.loop(0, order) as r:
-            stage, first, j = self.stages.at(r * columns), self.entry(r, order), r - r // n * n
-            y, gap = self.step.y.at(j * columns), self.gap.at(j * columns)
-            with block.each_column() as b:
-                total = p.variable(0.0)
-                with p.loop(0, order) as c:
-                    total.value = p.fma(first.at(c * columns)[b], self.residual.at(c * columns)[b], total.value)
-                moved = p.choose(self.active[b] > 0.5, total.value, 0.0)
-                stage[b] = stage[b] + moved
-                far = abs(moved) > (abs(y[b]) + abs(gap[b])) * SETTLED
-                self.row[b] = p.choose(far, 1.0, self.row[b])
-        with block.each_column() as b:
-            self.active[b] = self.row[b]
-
-    def straighten(self) -> None:
-        """Write a straight line where a stage is not finite."""
-        p, block = self.p, self.block
-        with block.each_column() as b:
-            self.row[b] = 0.0
-        with p.loop(0, block.stages * block.dimension) as r:
-            line = self.stages.at(r * block.columns)
-            with block.each_column() as b:
-                self.row[b] = p.fma(line[b], 0.0, self.row[b])
-        block.spread(self.row, self.spread)
-        with p.loop(0, block.stages) as i:
-            stage, c = block.nth(self.stages, i), self.c[i]
-            with block.entries() as x:
-                stage[x] = p.choose(self.spread[x].equals(0.0), stage[x], self.gap[x] * c)
+    It is NaN in all columns where a mass matrix is singular.
+    """
+    n, columns, stages = block.dimension, block.columns, block.stages
+    _, (time, row, _), slopes = block.lay_out(INCREMENTS)
+    half, rows, derivative = quotient(n, 2) * columns, block.table[stages:], slopes[2 * stages * block.total :]
+    matrix = derivative[n * block.total :]
+    singular = block.jacobian(columns, time, step.new, step.new[half:], block.constants, derivative) >= 0
+    if unlikely(singular):
+        for place in range(n * block.total):
+            derivative[place] = math.nan
+    inner = stages - 1
+    for i in range(inner):
+        for j in range(inner):
+            a = rows[i * stages + j]
+            for r in range(n):
+                for c in range(n):
+                    source = derivative[(r * n + c) * columns :]
+                    target = entry(block, matrix, i * n + r, j * n + c)
+                    one = 1.0 if i == j and r == c else 0.0
+                    for b in block.each_column():
+                        target[b] = one - source[b] * a * step.h[b]
+    block.invert(inner * n, columns, matrix, row)
 
 
-@shared
-def collocation() -> Written:
-    """Return the procedure."""
-    return _Collocation().build()
+@inline
+def entry(block: Block, matrix: Writable[float], row: int, column: int) -> Writable[float]:
+    """Return an entry of the matrices, or behind their order of the inverses, in all columns."""
+    order = (block.stages - 1) * block.dimension
+    return matrix[(row * 2 * order + column) * block.columns :]
 
 
-class _Collocation:
-    """Builds the procedure: increments of the stages in steps and in those beside them, and what joins their slopes."""
+@inline
+def correct(block: Block, step: OwnStep) -> None:
+    """Correct the inner stages in the columns in which they still move."""
+    total, stages, rows = block.total, block.stages, block.table[block.stages :]
+    (h, _, state, _), (time, _, _), slopes = block.lay_out(INCREMENTS)
+    for i in range(stages - 1):
+        stage, c = block.out[i * total :], block.table[i]
+        for b in block.each_column():
+            time[b] = fma(step.h[b], c, step.t[b])
+        for x in block.entries():
+            state[x] = step.y[x] + stage[x]
+        block.slopes(time, state, slopes[i * total :])
+    for i in range(stages - 1):
+        row, stage, residual = rows[i * stages :], block.out[i * total :], slopes[(stages + i) * total :]
+        for x in block.entries():
+            residual[x] = weighted(0.0, slopes, total, x, row, 0, stages) * h[x] - stage[x]
+    move(block, step)
 
-    def __init__(self) -> None:
-        self.p = p = Builder("collocation_polynomial", "Write the polynomials of a block of steps by their stages.")
-        self.block = block = Block(p)
-        s, table = block.stages, block.table
-        self.c, self.inverse = table, table.at(s + s * s)
-        self.rates = self.inverse.at(s * s)
-        self.nodes = self.rates.at(s * s)
-        self.powers = self.nodes.at(s + 1)
-        self.state, self.spread, self.there, self.missing = (block.vector() for _ in range(4))
-        self.row, self.place, self.rate = (block.row() for _ in range(3))
-        self.inner = (s - 1).called("inner")
-        self.own, self.beside = block.others(), block.nth(block.others(), s)
 
-    def build(self) -> Written:
-        p, block = self.p, self.block
-        inner = increments()
-        rest = block.nth(block.others(), block.stages * 2)
-        p.call(inner.procedure, *block.handed(block.own.memory, rest, self.own))
-        self.write(self.own)
-        with block.each_column() as b:
-            joined = p.largest_magnitude(block.beside.side[b])
-        with p.when(joined.value > 0.0):
-            p.call(inner.procedure, *block.handed(block.beside.memory, rest, self.beside))
-            self.join()
-        made = block.finish()
-        return Written(made.procedure, made.vectors + inner.vectors, made.rows + inner.rows)
+@inline
+def move(block: Block, step: OwnStep) -> None:
+    """Move the inner stages by the inverses times the residuals; a column has settled where none moves far."""
+    columns, n, total, stages = block.columns, block.dimension, block.total, block.stages
+    (_, gains, _, _), (_, row, active), slopes = block.lay_out(INCREMENTS)
+    residual, matrix, order = slopes[stages * total :], slopes[(2 * stages + n) * total :], (stages - 1) * n
+    for b in block.each_column():
+        row[b] = 0.0
+    for r in range(order):
+        stage, inverse = block.out[r * columns :], entry(block, matrix, r, order)
+        j = r - quotient(r, n) * n
+        y, gap = step.y[j * columns :], gains[j * columns :]
+        for b in block.each_column():
+            correction = 0.0
+            for c in range(order):
+                correction = fma(inverse[c * columns :][b], residual[c * columns :][b], correction)
+            moved = correction if active[b] > 0.5 else 0.0
+            stage[b] = stage[b] + moved
+            is_far = abs(moved) > (abs(y[b]) + abs(gap[b])) * SETTLED
+            moves = row[b]
+            row[b] = 1.0 if is_far else moves
+    for b in block.each_column():
+        active[b] = row[b]
 
-    def write(self, stages: Memory) -> None:
-        """Write the coefficients of the polynomials through the stages."""
-        p, block = self.p, self.block
-        own = block.own
-        with p.loop(0, block.degree + 1) as power:
-            line, out = self.powers.at(power * (block.stages + 1)), block.coefficients(power)
-            start = p.choose(power.equals(0), 1.0, p.real(0.0))
-            with block.entries() as x:
-                total = p.variable(own.y[x] * start)
-                with p.loop(0, block.stages) as j:
-                    total.value = p.fma(block.nth(stages, j)[x], line[j], total.value)
-                out[x] = total.value
 
-    def join(self) -> None:
-        """Add the multiple of the polynomial that is zero at the points, integrated, with which the slopes join."""
-        p, block = self.p, self.block
-        own, beside, s = block.own, block.beside, block.stages
-        with block.each_column() as b:
-            ratio = beside.h[b] / own.h[b]
-            self.rate[b] = ratio
-            self.place[b] = p.choose(beside.side[b] > 0.5, p.fma(ratio, self.c[0], 1.0), 0.0)
-        block.spread(beside.side, self.spread)
-        block.spread(self.rate, self.state)
-        first, last = self.inverse, self.inverse.at(self.inner * s)
-        with block.entries() as x:
-            before, behind = p.variable(0.0), p.variable(0.0)
-            with p.loop(0, s) as j:
-                gained = block.nth(self.beside, j)[x]
-                before.value = p.fma(gained, last[j], before.value)
-                behind.value = p.fma(gained, first[j], behind.value)
-            self.there[x] = p.choose(self.spread[x] > 0.5, behind.value, before.value) / self.state[x]
-        with p.loop(0, s) as i:
-            self.at_place(self.rates.at(i * s), s)
-            block.spread(self.row, self.state)
-            stage = block.nth(self.own, i)
-            with block.entries() as x:
-                self.there[x] = p.fma(-self.state[x], stage[x], self.there[x])
-        self.at_place(self.nodes, s + 1)
-        block.spread(self.row, self.state)
-        with block.entries() as x:
-            alone = self.spread[x].equals(0.0)
-            self.missing[x] = p.choose(alone, 0.0, self.there[x] / self.state[x])
-        with p.loop(1, block.degree + 1) as power:
-            share, out = self.powers[power * (s + 1) + s], block.coefficients(power)
-            with block.entries() as x:
-                out[x] = p.fma(self.missing[x], share, out[x])
+@inline
+def straighten(block: Block) -> None:
+    """Write a straight line where a stage is not finite."""
+    total = block.total
+    (_, gap, _, spread), (_, row, _), _ = block.lay_out(INCREMENTS)
+    for b in block.each_column():
+        row[b] = 0.0
+    for r in range(block.stages * block.dimension):
+        line = block.out[r * block.columns :]
+        for b in block.each_column():
+            row[b] = fma(line[b], 0.0, row[b])
+    block.spread(row, spread)
+    for i in range(block.stages):
+        stage, c = block.out[i * total :], block.table[i]
+        for x in block.entries():
+            value, straight = stage[x], gap[x] * c
+            stage[x] = value if spread[x] == 0.0 else straight
 
-    def at_place(self, coefficients: Memory, count: Whole) -> None:
-        """Write the value of a polynomial with `count` coefficients at the place of each column."""
-        p = self.p
-        with self.block.each_column() as b:
-            total = p.variable(0.0)
-            with p.loop(0, count) as k:
-                total.value = p.fma(total.value, self.place[b], coefficients[count - 1 - k])
-            self.row[b] = total.value
+
+@procedure(block=block_type)
+def collocation(block: Block) -> None:
+    """Write the polynomials of a block of steps by their stages, and join their slopes to those beside them."""
+    total, stages = block.total, block.stages
+    _, _, gains = block.lay_out(JOINED)
+    beside_gains, rest = gains[stages * total :], gains[2 * stages * total :]
+    increments(block.with_step(block.own, rest, gains))
+    write(block, gains)
+    joined = 0.0
+    for b in each(block.columns, width=LANES, spill=True):
+        joined = magnitude(joined, steps_in(block.beside, block.dimension, block.columns).side[b])
+    if joined > 0.0:
+        increments(block.with_step(block.beside, rest, beside_gains))
+        join(block, gains, beside_gains)
+
+
+@inline
+def write(block: Block, gains: Readable[float]) -> None:
+    """Write the coefficients of the polynomials through the stages."""
+    step, total, stages = steps_in(block.own, block.dimension, block.columns), block.total, block.stages
+    powers = parts_of(block.table, stages).powers
+    for power in range(block.degree + 1):
+        line, coefficients = powers[power * (stages + 1) :], block.out[power * total :]
+        start = 1.0 if power == 0 else 0.0
+        for x in block.entries():
+            coefficients[x] = weighted(step.y[x] * start, gains, total, x, line, 0, stages)
+
+
+@dataclass(frozen=True)
+class Parts:
+    """Parts of the table behind c and A; see `collocation_polynomial`."""
+
+    inverse: Readable[float]
+    rates: Readable[float]
+    nodes: Readable[float]
+    powers: Readable[float]
+
+
+@inline
+def parts_of(table: In, stages: int) -> Parts:
+    """Return the parts of a table."""
+    square = stages * stages
+    inverse = table[stages + square :]
+    rates = inverse[square:]
+    nodes = rates[square:]
+    return Parts(inverse, rates, nodes, nodes[stages + 1 :])
+
+
+@inline
+def join(block: Block, gains: Readable[float], beside_gains: Readable[float]) -> None:
+    """Add the multiple of the polynomial that is zero at the points, integrated, with which the slopes join."""
+    own = steps_in(block.own, block.dimension, block.columns)
+    beside = steps_in(block.beside, block.dimension, block.columns)
+    total, stages, parts = block.total, block.stages, parts_of(block.table, block.stages)
+    (state, spread, there, missing), (row, place, rate), _ = block.lay_out(JOINED)
+    nearest = block.table[0]
+    for b in block.each_column():
+        ratio = beside.h[b] / own.h[b]
+        rate[b] = ratio
+        place[b] = fma(ratio, nearest, 1.0) if beside.side[b] > 0.5 else 0.0
+    block.spread(beside.side, spread)
+    block.spread(rate, state)
+    first, last = parts.inverse, parts.inverse[(stages - 1) * stages :]
+    for x in block.entries():
+        before = weighted(0.0, beside_gains, total, x, last, 0, stages)
+        after = weighted(0.0, beside_gains, total, x, first, 0, stages)
+        slope = after if spread[x] > 0.5 else before
+        there[x] = slope / state[x]
+    for i in range(stages):
+        write_at_place(block, parts.rates[i * stages :], stages, place, row)
+        block.spread(row, state)
+        gain = gains[i * total :]
+        for x in block.entries():
+            there[x] = fma(-state[x], gain[x], there[x])
+    write_at_place(block, parts.nodes, stages + 1, place, row)
+    block.spread(row, state)
+    for x in block.entries():
+        multiple = there[x] / state[x]
+        missing[x] = 0.0 if spread[x] == 0.0 else multiple
+    for power in range(1, block.degree + 1):
+        share, coefficients = parts.powers[power * (stages + 1) + stages], block.out[power * total :]
+        for x in block.entries():
+            coefficients[x] = fma(missing[x], share, coefficients[x])
+
+
+@inline
+def write_at_place(
+    block: Block, coefficients: Readable[float], count: int, place: Readable[float], row: Writable[float]
+) -> None:
+    """Write the value of a polynomial with `count` coefficients at the place of each column."""
+    for b in block.each_column():
+        value = 0.0
+        for k in range(count):
+            value = fma(value, place[b], coefficients[count - 1 - k])
+        row[b] = value

@@ -10,15 +10,19 @@ Math. Softw. 12, 1986, with the nodes of Chebyshev in place of theirs.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.dense.block import Block, StepPolynomial, Written, mend
-from lagrange.procedure.builder import Builder
+from lagrange.algorithm.dense.block import Block, OwnStep, Room, StepPolynomial, block_type, mend, steps_in, weighted
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import Readable, Writable, fma, magnitude
 from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Real, Whole
 
 FloatArray = NDArray[np.float64]
+
+ROOM = Room(vectors=5, rows=4)
 
 
 @shared
@@ -29,150 +33,160 @@ def hermite_polynomial(order: int) -> StepPolynomial:
     what a change of each slope adds to the path.
     """
     if order == 3:
-        return StepPolynomial(hermite, 3, 0, np.zeros(1), vectors=0)
+        return StepPolynomial(hermite, ROOM, 3, 0, np.zeros(1), vectors=0)
     inner = slice(1, -1)
     parts = nodes(order)[inner], integrals(order)[inner, inner].ravel(), weights(order)[inner].T.ravel()
-    return StepPolynomial(hermite, order + 1, order - 2, np.concatenate(parts), vectors=2 * (order - 2))
+    return StepPolynomial(hermite, ROOM, order + 1, order - 2, np.concatenate(parts), vectors=2 * (order - 2))
 
 
-@shared
-def hermite() -> Written:
-    """Return the procedure."""
-    return _Hermite().build()
+@dataclass(frozen=True)
+class Cubic:
+    """The cubic through both ends of steps: the states there, and the slopes by theta, the fraction of the step."""
 
+    y: Readable[float]
+    new: Readable[float]
+    first: Writable[float]
+    last: Writable[float]
 
-class _Hermite:
-    """Builds the procedure.
-
-    `changes` are by how much the slopes at the inner nodes differ from those of the cubic, `trial` what the next
-    iteration makes of them. Slopes are by theta, the fraction of the step.
-    """
-
-    def __init__(self) -> None:
-        self.p = p = Builder("hermite_polynomial", "Write the polynomials of a block of steps by Picard's iteration.")
-        self.block = block = Block(p)
-        self.own, self.h = block.own, block.vector()
-        self.first, self.last, self.state, self.found = (block.vector() for _ in range(4))
-        self.time, self.moved, self.size, self.better = (block.row() for _ in range(4))
-        self.changes = block.others()
-        self.trial = block.nth(self.changes, block.stages)
-        self.to_states = block.table.at(block.stages)
-        self.shares = self.to_states.at(block.stages * block.stages)
-
-    def build(self) -> Written:
-        p, block, own = self.p, self.block, self.own
-        block.spread(own.h, self.h)
-        block.slopes(own.t, own.y, self.first)
-        with block.each_column() as b:
-            self.time[b] = own.t[b] + own.h[b]
-        block.slopes(self.time, own.new, self.last)
-        with block.entries() as x:
-            self.first[x] = self.h[x] * self.first[x]
-            self.last[x] = self.h[x] * self.last[x]
-        with p.when(block.stages > 0):
-            self.begin()
-            with p.loop(1, block.stages):
-                self.iteration()
-        self.write()
-        mend(block, self.first)
-        return block.finish()
-
-    def cubic(self, s: Real, x: Whole) -> Real:
+    @inline
+    def value(self, s: float, x: int) -> float:
         """Return an entry of the cubic at a fraction."""
         gap, first, last = self.ends(x)
         bend = gap * (1.0 - s * 2.0) + (first * (s - 1.0) + last * s)
-        found: Real = self.own.y[x] + (gap * s + bend * (s * (s - 1.0)))
-        return found
+        return self.y[x] + (gap * s + bend * (s * (s - 1.0)))
 
-    def slope(self, s: Real, x: Whole) -> Real:
+    @inline
+    def slope(self, s: float, x: int) -> float:
         """Return an entry of the derivative of the cubic by theta."""
         gap, first, last = self.ends(x)
         ends = first * ((1.0 - s) * (1.0 - s * 3.0)) + last * (s * (s * 3.0 - 2.0))
-        found: Real = gap * (s * 6.0 * (1.0 - s)) + ends
-        return found
+        return gap * (s * 6.0 * (1.0 - s)) + ends
 
-    def ends(self, x: Whole) -> tuple[Real, Real, Real]:
-        """Return an entry of what the state gains, and of the slopes at both ends."""
-        return self.own.new[x] - self.own.y[x], self.first[x], self.last[x]
+    @inline
+    def ends(self, x: int) -> tuple[float, float, float]:
+        """Return the change of an entry of the state, and its slopes at both ends."""
+        return self.new[x] - self.y[x], self.first[x], self.last[x]
 
-    def begin(self) -> None:
-        """Begin with the cubic: a trial counts where it moves less than the largest slope."""
-        p, block = self.p, self.block
-        with block.entries() as x:
-            self.found[x] = p.magnitude(self.first[x], self.last[x])
-        with p.loop(0, block.stages) as i:
-            s, change = block.table[i], block.nth(self.changes, i)
-            with block.entries() as x:
-                self.found[x] = p.magnitude(self.found[x], self.slope(s, x))
-                change[x] = 0.0
-        self.measure()
-        with block.each_column() as b:
-            self.moved[b] = self.size[b] * 2.0
 
-    def measure(self) -> None:
-        """Set the size of each column to its largest entry of `found`."""
-        p, block = self.p, self.block
-        with block.each_column() as b:
-            self.size[b] = 0.0
-        with p.loop(0, block.dimension) as j:
-            line = self.found.at(j * block.columns)
-            with block.each_column() as b:
-                self.size[b] = p.magnitude(self.size[b], line[b])
+@procedure(block=block_type)
+def hermite(block: Block) -> None:
+    """Write the polynomials of a block of steps by Picard's iteration.
 
-    def iteration(self) -> None:
-        """Integrate the right-hand side along the path, and keep that where it converges."""
-        p, block, own = self.p, self.block, self.own
-        with p.loop(0, block.stages) as i:
-            s, row, trial = block.table[i], self.to_states.at(i * block.stages), block.nth(self.trial, i)
-            with block.each_column() as b:
-                self.time[b] = p.fma(own.h[b], s, own.t[b])
-            with block.entries() as x:
-                shift = p.variable(0.0)
-                with p.loop(0, block.stages) as j:
-                    shift.value = p.fma(block.nth(self.changes, j)[x], row[j], shift.value)
-                self.state[x] = self.cubic(s, x) + shift.value
-            block.slopes(self.time, self.state, trial)
-            with block.entries() as x:
-                trial[x] = self.h[x] * trial[x] - self.slope(s, x)
-        self.judge()
+    `changes` are by how much the slopes at the inner nodes differ from those of the cubic, and behind them stands what
+    the next iteration makes of them. `moved` is how far the last one moved the slopes of each column, 0 once it diverges.
+    """
+    own = steps_in(block.own, block.dimension, block.columns)
+    (h, first, last, _, _), (time, _, _, _), changes = block.lay_out(ROOM)
+    cubic = Cubic(own.y, own.new, first, last)
+    block.spread(own.h, h)
+    block.slopes(own.t, own.y, first)
+    for b in block.each_column():
+        time[b] = own.t[b] + own.h[b]
+    block.slopes(time, own.new, last)
+    for x in block.entries():
+        first[x] = h[x] * first[x]
+        last[x] = h[x] * last[x]
+    if block.stages > 0:
+        begin(block, cubic)
+        for _ in range(1, block.stages):
+            iterate(block, own, cubic)
+            judge(block)
+    write(block, cubic, changes)
+    mend(block, first)
 
-    def judge(self) -> None:
-        """Keep the trial in the columns in which it moved less than half as far as the one before."""
-        p, block = self.p, self.block
-        with block.entries() as x:
-            self.found[x] = 0.0
-        with p.loop(0, block.stages) as i:
-            trial, change = block.nth(self.trial, i), block.nth(self.changes, i)
-            with block.entries() as x:
-                self.found[x] = p.magnitude(self.found[x], trial[x] - change[x])
-        self.measure()
-        with block.each_column() as b:
-            good = self.size[b] < self.moved[b] * 0.5
-            self.moved[b] = p.choose(good, self.size[b], 0.0)
-            self.better[b] = p.choose(good, 1.0, p.real(0.0))
-        block.spread(self.better, self.found)
-        with p.loop(0, block.stages) as i:
-            trial, change = block.nth(self.trial, i), block.nth(self.changes, i)
-            with block.entries() as x:
-                change[x] = p.choose(self.found[x] > 0.5, trial[x], change[x])
 
-    def write(self) -> None:
-        """Write the coefficients: those of the cubic, and what the changes of its slopes add to each."""
-        p, block = self.p, self.block
-        with p.loop(4, block.degree + 1) as power, block.entries() as x:
-            block.coefficients(power)[x] = 0.0
-        with block.entries() as x:
-            gap, first, last = self.ends(x)
-            cubic = self.own.y[x], first, gap * 3.0 - first * 2.0 - last, first + last - gap * 2.0
-            for k, one in enumerate(cubic):
-                block.coefficients(k)[x] = one
-        with p.when(block.stages > 0), p.loop(0, block.degree + 1) as power:
-            line, out = self.shares.at(power * block.stages), block.coefficients(power)
-            with block.entries() as x:
-                total = p.variable(out[x])
-                with p.loop(0, block.stages) as j:
-                    total.value = p.fma(block.nth(self.changes, j)[x], line[j], total.value)
-                out[x] = total.value
+@inline
+def begin(block: Block, cubic: Cubic) -> None:
+    """Begin with the cubic: a trial counts where it moves less than the largest slope."""
+    total = block.total
+    (_, _, _, _, largest), (_, moved, size, _), changes = block.lay_out(ROOM)
+    for x in block.entries():
+        largest[x] = magnitude(cubic.first[x], cubic.last[x])
+    for i in range(block.stages):
+        s, change = block.table[i], changes[i * total :]
+        for x in block.entries():
+            largest[x] = magnitude(largest[x], cubic.slope(s, x))
+            change[x] = 0.0
+    measure(block)
+    for b in block.each_column():
+        moved[b] = size[b] * 2.0
+
+
+@inline
+def measure(block: Block) -> None:
+    """Set the size of each column to its largest entry of `largest`."""
+    (_, _, _, _, largest), (_, _, size, _), _ = block.lay_out(ROOM)
+    for b in block.each_column():
+        size[b] = 0.0
+    for j in range(block.dimension):
+        line = largest[j * block.columns :]
+        for b in block.each_column():
+            size[b] = magnitude(size[b], line[b])
+
+
+@inline
+def iterate(block: Block, own: OwnStep, cubic: Cubic) -> None:
+    """Write the trial: integrate the right-hand side along the path."""
+    total, stages = block.total, block.stages
+    (h, _, _, state, _), (time, _, _, _), changes = block.lay_out(ROOM)
+    to_states = block.table[stages:]
+    for i in range(stages):
+        s, row, trial = block.table[i], to_states[i * stages :], changes[(stages + i) * total :]
+        for b in block.each_column():
+            time[b] = fma(own.h[b], s, own.t[b])
+        for x in block.entries():
+            state[x] = cubic.value(s, x) + weighted(0.0, changes, total, x, row, 0, stages)
+        block.slopes(time, state, trial)
+        for x in block.entries():
+            trial[x] = h[x] * trial[x] - cubic.slope(s, x)
+
+
+@inline
+def judge(block: Block) -> None:
+    """Keep the trial in the columns in which it moved less than half as far as the one before."""
+    total, stages = block.total, block.stages
+    (_, _, _, _, largest), (_, moved, size, better), changes = block.lay_out(ROOM)
+    for x in block.entries():
+        largest[x] = 0.0
+    for i in range(stages):
+        trial, change = changes[(stages + i) * total :], changes[i * total :]
+        for x in block.entries():
+            largest[x] = magnitude(largest[x], trial[x] - change[x])
+    measure(block)
+    for b in block.each_column():
+        now = size[b]
+        converges = now < moved[b] * 0.5
+        moved[b] = now if converges else 0.0
+        better[b] = 1.0 if converges else 0.0
+    block.spread(better, largest)
+    for i in range(stages):
+        trial, change = changes[(stages + i) * total :], changes[i * total :]
+        for x in block.entries():
+            after, before = trial[x], change[x]
+            change[x] = after if largest[x] > 0.5 else before
+
+
+@inline
+def write(block: Block, cubic: Cubic, changes: Readable[float]) -> None:
+    """Write the coefficients: those of the cubic, and what the changes of its slopes add to each."""
+    total, stages, out = block.total, block.stages, block.out
+    for power in range(4, block.degree + 1):
+        higher = out[power * total :]
+        for x in block.entries():
+            higher[x] = 0.0
+    linear, square, third = out[total:], out[2 * total :], out[3 * total :]
+    for x in block.entries():
+        gap, first, last = cubic.ends(x)
+        out[x] = cubic.y[x]
+        linear[x] = first
+        square[x] = gap * 3.0 - first * 2.0 - last
+        third[x] = first + last - gap * 2.0
+    if stages > 0:
+        shares = block.table[stages + stages * stages :]
+        for power in range(block.degree + 1):
+            line, coefficients = shares[power * stages :], out[power * total :]
+            for x in block.entries():
+                coefficients[x] = weighted(coefficients[x], changes, total, x, line, 0, stages)
 
 
 @shared

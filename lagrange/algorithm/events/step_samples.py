@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from functools import reduce
 from typing import Any, NamedTuple
 
-from lagrange.algorithm.dense.block import COLUMNS, LANES, POLYNOMIAL, OwnStep
+from lagrange.algorithm.dense.block import COLUMNS, LANES, POLYNOMIAL, steps_in
 from lagrange.algorithm.dense.evaluate import gather
 from lagrange.algorithm.events.chebyshev import COARSE, DEGREE, nodes
 from lagrange.algorithm.events.constants import DENSE_ROUND_OFF, NOISE
@@ -100,7 +100,7 @@ class Samples:
         self.widths = Widths.of(self.columns)
         self.bad = p.variable(p.false, "bad")
         self.total = (self.dimension * self.columns).called("total")
-        self.own = OwnStep(self.own_memory, self.dimension, p.whole(self.columns))
+        self.own = Tracer(p, ()).call(steps_in, self.own_memory, self.dimension, p.whole(self.columns))
         self.t_end, self.far, self.time = (self.work.at(self.columns * k) for k in range(3))
         wide, full, part = self.widths
         self.state = self.time.at(full)
@@ -170,7 +170,7 @@ class Samples:
         """Gather the steps of a block."""
         p = self.p
         given = self.dimension, p.whole(self.columns), self.places, self.steps, self.times, self.states
-        p.call(gather(), *given, both, self.own_memory, self.beside)
+        p.call(gather.form(), *given, both, self.own_memory, self.beside)
         with p.loop(0, self.columns) as b:
             self.t_end[b] = self.times[self.places[b] + 1]
 

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from lagrange.algorithm.dense.block import LANES, READ, OwnStep, StepPolynomial, block_size
+from lagrange.algorithm.dense.block import LANES, READ, OwnStep, StepPolynomial, block_size, steps_in
 from lagrange.algorithm.taylor.memory import SeriesMemory, TaylorLayout
 from lagrange.algorithm.taylor.sums import increment
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Array, Callee, Procedure
+from lagrange.procedure.front.building import Tracer
 from lagrange.procedure.rewrite import bound
 from lagrange.procedure.values import Memory, Real, Whole
 
@@ -71,7 +72,7 @@ class StepCoefficients:
         functions = {"law": dense.column}
         self.polynomial = bound(kind.procedure, functions, prefix="path_")
         self.own = p.reserve(block_size(dimension, 1), room=LANES, name="own")
-        self.step = OwnStep(self.own, p.whole(dimension), p.whole(1))
+        self.step = Tracer(p, ()).call(steps_in, self.own, p.whole(dimension), p.whole(1))
         self.work = p.reserve(kind.size(dimension, 1), room=LANES, name="path_work")
         self.c = p.reserve((kind.degree + 1) * dimension, room=LANES, name="c")
 

@@ -152,7 +152,7 @@ class NumpyStepDense(NumpyDense):
 
 def write_series(jet: Callable[..., bool], dimension: int, width: int, order: int, *arrays: Any) -> None:
     """Write the polynomials of a block of Taylor steps; `width` is the length of a row. See `NumpyDense.write`."""
-    made = _loaded(series_polynomial(), by_arrays=True)
+    made = _loaded(series_polynomial.form(), by_arrays=True)
     made(jet, None, None, order, width, dimension, dimension, *arrays)
 
 

@@ -82,7 +82,7 @@ class LlvmDense(ABC):
         blocks = -(-count // columns)
         starts = np.concatenate([steps, np.repeat(steps[-1:], blocks * columns - count)]).astype(np.int64)
         out = np.empty(blocks * (self.degree + 1) * n * columns + LANES)
-        self._run(polynomials(), written, times, states, starts=starts, blocks=blocks, out=out)
+        self._run(polynomials.form(), written, times, states, starts=starts, blocks=blocks, out=out)
         c = out[:-LANES].reshape(blocks, self.degree + 1, n, columns)
         return np.moveaxis(c, 0, 2).reshape(self.degree + 1, n, -1)[:, :, :count]
 
@@ -94,7 +94,7 @@ class LlvmDense(ABC):
         c = np.empty((self.degree + 1) * self.dimension * written.columns + LANES)
         sign = 1.0 if times[-1] >= times[0] else -1.0
         own = {"wanted": np.ascontiguousarray(wanted), "count": len(wanted), "sign": sign}
-        self._run(outputs(), written, times, states, **own, c=c, out=out, stride=out.strides[0] // out.itemsize)
+        self._run(outputs.form(), written, times, states, **own, c=c, out=out, stride=out.strides[0] // out.itemsize)
 
     def _written(self) -> BlockPolynomial | None:
         """Return the callback that writes polynomials, or None if a constant mass matrix is singular."""
@@ -164,7 +164,7 @@ class LlvmStepDense(LlvmDense):
 
 def of_series(jet: int, numbers: tuple[FloatArray, FloatArray], layout: TaylorLayout, order: int) -> BlockPolynomial:
     """Return the callback for Taylor steps. `jet` is the address of the series, and `numbers` are its arrays."""
-    code, padded = compiled_polynomial(series_polynomial()), layout.padded
+    code, padded = compiled_polynomial(series_polynomial.form()), layout.padded
     places = [jet, *map(address, numbers), order, layout.width, padded, layout.dimension]
     given, work = np.array(places, dtype=np.int64), 2 * padded + layout.size(order)
     return BlockPolynomial(code.address("polynomial"), given, 1, work, both=False, kept=(code, numbers))

@@ -60,9 +60,13 @@ class Names:
 
     def named(self, name: str, value: Any) -> Any:
         """Return a value; a procedure keeps its name for printed code."""
-        if isinstance(value, (Value, Memory)) and value.ref not in self.p.names and value.ref not in self.unnamed:
+        if name != "_" and isinstance(value, (Value, Memory)) and not self.is_named(value):
             self.p.names[value.ref] = name
         return value
+
+    def is_named(self, value: Value | Memory) -> bool:
+        """Return whether a value has a name, or is a parameter."""
+        return value.ref in self.p.names or value.ref in self.unnamed
 
     def number(self, value: Any, kind: Kind, what: str) -> Value:
         """Return a number as a value of a kind; a Python integer may be a real."""

@@ -89,7 +89,7 @@ class Rewriter:
 
     def __init__(self, source: Source, *, inlined: bool, outer: frozenset[str] = frozenset()) -> None:
         self.tree, self.comments, self.inlined = source.tree, source.comments, inlined
-        self.body = single_exit(self.tree) if inlined else self.tree.body
+        self.body = [delegated(one) for one in single_exit(self.tree)] if inlined else self.tree.body
         self.count = 0
         arguments = self.tree.args
         self.parameters = [arg.arg for arg in (*arguments.posonlyargs, *arguments.args, *arguments.kwonlyargs)]
@@ -503,6 +503,16 @@ def _reductions(body: Sequence[ast.stmt]) -> dict[str, Reduction]:
                     case [a, b, ast.Name(id=same)] if same == name:
                         found[name] = statement, function, [a, b]
     return found
+
+
+def delegated(statement: ast.stmt) -> ast.stmt:
+    """Return `yield from values`, as a statement of a generator, as a loop; other statements as they are."""
+    match statement:
+        case ast.Expr(value=ast.YieldFrom(value=values)):
+            body = ast.Expr(ast.Yield(ast.Name("yielded_", LOAD)))
+            loop = ast.For(ast.Name("yielded_", STORE), values, [body], [])
+            return ast.fix_missing_locations(ast.copy_location(loop, statement))
+    return statement
 
 
 RESULT = "result_"
