@@ -238,7 +238,7 @@ def test_procedures_may_call_a_polynomial_themselves(kind: str, target: str) -> 
     spare = [np.zeros(block_size(n, written.columns) + written.columns) for _ in range(2)]
     arrays = [array.reshape(-1) for array in (GRID, states)]
     numbers = n, dense.degree, written.columns, int(written.both), len(GRID) - 1
-    memory: list[Any] = [*arrays, starts, 2, *spare, np.zeros(written.work), out]
+    memory: list[Any] = [*arrays, *spare, np.zeros(written.work), starts, 2, out]
     if target == "numpy":
         memory = [one.data if isinstance(one, np.ndarray) else one for one in memory]
     compiled.machine.called(polynomials.form())(written.function, written.given, *numbers, *memory)

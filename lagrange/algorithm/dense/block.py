@@ -17,18 +17,7 @@ from numpy.typing import NDArray
 
 from lagrange.procedure.form import WHOLE, Array, Callee, Procedure
 from lagrange.procedure.front.plain import Bundle, Plain, inline, procedure
-from lagrange.procedure.front.vocabulary import (
-    In,
-    Out,
-    Readable,
-    Writable,
-    each,
-    fma,
-    magnitude,
-    quotient,
-    unlikely,
-    unrolled,
-)
+from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely, unrolled
 
 LANES = 8
 """The steps of a block in machine code: the widest vectors of doubles that processors have."""
@@ -178,7 +167,7 @@ class Block:
         return Block(*laws, *numbers, step, step, work, out)
 
     @inline
-    def lay_out(self, room: Room) -> tuple[tuple[Writable[float], ...], tuple[Writable[float], ...], Writable[float]]:
+    def lay_out(self, room: Room) -> tuple[tuple[Out, ...], tuple[Out, ...], Out]:
         """Return the vectors and the rows of work memory, and the memory behind them."""
         total = self.dimension * self.columns
         vectors = tuple(self.work[total * (SPARE.vectors + k) :] for k in unrolled(room.vectors))
@@ -197,7 +186,7 @@ class Block:
         yield from each(self.columns, width=LANES, spill=True, disjoint=True)
 
     @inline
-    def spread(self, row: Readable[float], target: Writable[float]) -> None:
+    def spread(self, row: In, target: Out) -> None:
         """Write the number of each column as all entries of a vector."""
         for j in range(self.dimension):
             line = target[j * self.columns :]
@@ -221,9 +210,7 @@ def block_type() -> Bundle:
 
 
 @inline
-def weighted(
-    start: float, vectors: Readable[float], total: int, x: int, weights: Readable[float], first: int, count: int
-) -> float:
+def weighted(start: float, vectors: In, total: int, x: int, weights: In, first: int, count: int) -> float:
     """Return entry x of the weighted sum of consecutive vectors, from number `first` to `count`, added to `start`."""
     for j in range(first, count):
         start = fma(vectors[j * total :][x], weights[j], start)

@@ -11,15 +11,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.typing import NDArray
 
-from lagrange.algorithm.dense.block import LANES, Block, OwnStep, Room, StepPolynomial, block_type, steps_in, weighted
+from lagrange.algorithm.dense.block import (
+    LANES,
+    SPARE,
+    Block,
+    OwnStep,
+    Room,
+    StepPolynomial,
+    block_type,
+    steps_in,
+    weighted,
+)
 from lagrange.procedure.front.plain import inline, procedure
-from lagrange.procedure.front.vocabulary import In, Readable, Writable, each, fma, magnitude, quotient, unlikely
+from lagrange.procedure.front.vocabulary import In, Out, each, fma, magnitude, quotient, unlikely
 
 TURNS = 12
 """Corrections of the inner stages, at most; 3 to 5 bring them from a straight line to round-off."""
@@ -28,8 +37,8 @@ SETTLED = 1e-14
 """The part of the state by which a correction of settled stages moves them."""
 
 INCREMENTS, JOINED = Room(vectors=4, rows=3), Room(vectors=4, rows=3)
-ROOM = Room(INCREMENTS.vectors + JOINED.vectors, INCREMENTS.rows + JOINED.rows)
-"""Work memory of the increments, of what joins the slopes, and of both."""
+ROOM = Room(*(sum(counts) for counts in zip(JOINED, SPARE, INCREMENTS, strict=True)))
+"""Work memory of what joins the slopes, and behind it that of the increments, with its own spare memory."""
 
 
 def collocation_polynomial(A: Sequence[Sequence[float]], c: Sequence[float]) -> StepPolynomial:
@@ -120,7 +129,7 @@ def linearize(block: Block, step: OwnStep) -> None:
 
 
 @inline
-def entry(block: Block, matrix: Writable[float], row: int, column: int) -> Writable[float]:
+def entry(block: Block, matrix: Out, row: int, column: int) -> Out:
     """Return an entry of the matrices, or behind their order of the inverses, in all columns."""
     order = (block.stages - 1) * block.dimension
     return matrix[(row * 2 * order + column) * block.columns :]
@@ -206,10 +215,10 @@ def collocation(block: Block) -> None:
 
 
 @inline
-def write(block: Block, gains: Readable[float]) -> None:
+def write(block: Block, gains: In) -> None:
     """Write the coefficients of the polynomials through the stages."""
     step, total, stages = steps_in(block.own, block.dimension, block.columns), block.total, block.stages
-    powers = parts_of(block.table, stages).powers
+    _, _, _, powers = parts_of(block.table, stages)
     for power in range(block.degree + 1):
         line, coefficients = powers[power * (stages + 1) :], block.out[power * total :]
         start = 1.0 if power == 0 else 0.0
@@ -217,32 +226,23 @@ def write(block: Block, gains: Readable[float]) -> None:
             coefficients[x] = weighted(step.y[x] * start, gains, total, x, line, 0, stages)
 
 
-@dataclass(frozen=True)
-class Parts:
-    """Parts of the table behind c and A; see `collocation_polynomial`."""
-
-    inverse: Readable[float]
-    rates: Readable[float]
-    nodes: Readable[float]
-    powers: Readable[float]
-
-
 @inline
-def parts_of(table: In, stages: int) -> Parts:
-    """Return the parts of a table."""
+def parts_of(table: In, stages: int) -> tuple[In, In, In, In]:
+    """Return the parts of a table behind c and A: inverse, rates, nodes and powers; see `collocation_polynomial`."""
     square = stages * stages
     inverse = table[stages + square :]
     rates = inverse[square:]
     nodes = rates[square:]
-    return Parts(inverse, rates, nodes, nodes[stages + 1 :])
+    return inverse, rates, nodes, nodes[stages + 1 :]
 
 
 @inline
-def join(block: Block, gains: Readable[float], beside_gains: Readable[float]) -> None:
+def join(block: Block, gains: In, beside_gains: In) -> None:
     """Add the multiple of the polynomial that is zero at the points, integrated, with which the slopes join."""
     own = steps_in(block.own, block.dimension, block.columns)
     beside = steps_in(block.beside, block.dimension, block.columns)
-    total, stages, parts = block.total, block.stages, parts_of(block.table, block.stages)
+    total, stages = block.total, block.stages
+    inverse, rates, nodes, powers = parts_of(block.table, stages)
     (state, spread, there, missing), (row, place, rate), _ = block.lay_out(JOINED)
     nearest = block.table[0]
     for b in block.each_column():
@@ -251,33 +251,31 @@ def join(block: Block, gains: Readable[float], beside_gains: Readable[float]) ->
         place[b] = fma(ratio, nearest, 1.0) if beside.side[b] > 0.5 else 0.0
     block.spread(beside.side, spread)
     block.spread(rate, state)
-    first, last = parts.inverse, parts.inverse[(stages - 1) * stages :]
+    last = inverse[(stages - 1) * stages :]
     for x in block.entries():
         before = weighted(0.0, beside_gains, total, x, last, 0, stages)
-        after = weighted(0.0, beside_gains, total, x, first, 0, stages)
+        after = weighted(0.0, beside_gains, total, x, inverse, 0, stages)
         slope = after if spread[x] > 0.5 else before
         there[x] = slope / state[x]
     for i in range(stages):
-        write_at_place(block, parts.rates[i * stages :], stages, place, row)
+        write_at_place(block, rates[i * stages :], stages, place, row)
         block.spread(row, state)
         gain = gains[i * total :]
         for x in block.entries():
             there[x] = fma(-state[x], gain[x], there[x])
-    write_at_place(block, parts.nodes, stages + 1, place, row)
+    write_at_place(block, nodes, stages + 1, place, row)
     block.spread(row, state)
     for x in block.entries():
         multiple = there[x] / state[x]
         missing[x] = 0.0 if spread[x] == 0.0 else multiple
     for power in range(1, block.degree + 1):
-        share, coefficients = parts.powers[power * (stages + 1) + stages], block.out[power * total :]
+        share, coefficients = powers[power * (stages + 1) + stages], block.out[power * total :]
         for x in block.entries():
             coefficients[x] = fma(missing[x], share, coefficients[x])
 
 
 @inline
-def write_at_place(
-    block: Block, coefficients: Readable[float], count: int, place: Readable[float], row: Writable[float]
-) -> None:
+def write_at_place(block: Block, coefficients: In, count: int, place: In, row: Out) -> None:
     """Write the value of a polynomial with `count` coefficients at the place of each column."""
     for b in block.each_column():
         value = 0.0

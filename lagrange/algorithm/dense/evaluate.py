@@ -3,23 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 from lagrange.algorithm.dense.block import LANES, POLYNOMIAL, steps_in
 from lagrange.procedure.form import Array
-from lagrange.procedure.front.plain import inline, procedure
-from lagrange.procedure.front.vocabulary import (
-    In,
-    Out,
-    Readable,
-    WholesIn,
-    Writable,
-    each,
-    fma,
-    quotient,
-    reals,
-    unrolled,
-    wholes,
-)
+from lagrange.procedure.front.plain import Bundle, inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, WholesIn, each, fma, quotient, reals, unrolled, wholes
 
 CHUNK = 256
 """Most times on one step that are evaluated at once."""
@@ -49,15 +38,7 @@ def horner(
 
 @procedure
 def gather(
-    dimension: int,
-    columns: int,
-    starts: WholesIn,
-    steps: int,
-    times: In,
-    states: In,
-    both: int,
-    own: Out,
-    beside: Out,
+    dimension: int, columns: int, starts: WholesIn, steps: int, times: In, states: In, both: int, own: Out, beside: Out
 ) -> None:
     """Write some steps of a run by columns, and the step beside each if `both` is 1.
 
@@ -86,28 +67,41 @@ def gather_one(dimension: int, columns: int, b: int, s: int, times: In, states: 
         step.y[place], step.new[place] = y[j], new[j]
 
 
-@procedure(polynomial=lambda: POLYNOMIAL)
-def polynomials(
-    polynomial: Callable[..., None],
-    given: In,
-    dimension: int,
-    degree: int,
-    columns: int,
-    both: int,
-    steps: int,
-    times: In,
-    states: In,
-    starts: WholesIn,
-    blocks: int,
-    own: Out,
-    beside: Out,
-    work: Out,
-    out: Out,
-) -> None:
+@dataclass(frozen=True)
+class Path:
+    """A run with its polynomials: callback and its `given` numbers, times and states of steps, memory for a block."""
+
+    polynomial: Callable[..., None]
+    given: In
+    dimension: int
+    degree: int
+    columns: int
+    both: int
+    steps: int
+    times: In
+    states: In
+    own: Out
+    beside: Out
+    work: Out
+
+    @inline
+    def write(self, starts: WholesIn, out: Out) -> None:
+        """Write the polynomials of a block of steps."""
+        steps = self.steps, self.times, self.states
+        gather(self.dimension, self.columns, starts, *steps, self.both, self.own, self.beside)
+        self.polynomial(self.given, self.columns, self.own, self.beside, self.work, out)
+
+
+def path_type() -> Bundle:
+    """Return the type of a path among the arguments of a procedure."""
+    return Bundle(Path, {"polynomial": POLYNOMIAL})
+
+
+@procedure(path=path_type)
+def polynomials(path: Path, starts: WholesIn, blocks: int, out: Out) -> None:
     """Write the polynomials of some steps of a run, block by block."""
     for k in range(blocks):
-        gather(dimension, columns, starts[k * columns :], steps, times, states, both, own, beside)
-        polynomial(given, columns, own, beside, work, out[(degree + 1) * dimension * columns * k :])
+        path.write(starts[k * path.columns :], out[(path.degree + 1) * path.dimension * path.columns * k :])
 
 
 @procedure
@@ -133,37 +127,19 @@ def has_begun(times: In, steps: int, step: int, wanted: float, sign: float) -> b
     return (begin - wanted) * sign <= 0.0 and step < steps
 
 
-@procedure(polynomial=lambda: POLYNOMIAL, out=lambda: BLOCKS)
-def outputs(
-    polynomial: Callable[..., None],
-    given: In,
-    dimension: int,
-    degree: int,
-    columns: int,
-    both: int,
-    steps: int,
-    times: In,
-    states: In,
-    wanted: In,
-    count: int,
-    sign: float,
-    out: Out,
-    stride: int,
-    own: Out,
-    beside: Out,
-    work: Out,
-    c: Out,
-) -> None:
+@procedure(path=path_type, out=lambda: BLOCKS)
+def outputs(path: Path, wanted: In, count: int, sign: float, out: Out, stride: int, c: Out) -> None:
     """Write the states at many sorted times along a run, entries `stride` apart; each polynomial is made once.
 
     The accepted states are exact; of two at one time that of the later step counts. `sign` is that of the run.
     """
+    times, columns, dimension = path.times, path.columns, path.dimension
     starts, begins = wholes(LANES), wholes(LANES + 1)
     place, step = 0, 0
     while place < count:
         used = 0
         while used < columns and place < count:
-            step = locate(times, steps, step, wanted[place], sign)
+            step = locate(times, path.steps, step, wanted[place], sign)
             starts[used], begins[used] = step, place
             used += 1
             end = times[step + 1]
@@ -173,13 +149,11 @@ def outputs(
         begins[used] = place
         for b in range(used, columns):
             starts[b] = starts[used - 1]
-        gather(dimension, columns, starts, steps, times, states, both, own, beside)
-        polynomial(given, columns, own, beside, work, c)
+        path.write(starts, c)
         for b in range(used):
             first, s = begins[b], starts[b]
-            here, there = times[s:], states[s * dimension :]
-            number = begins[b + 1] - first
-            on_step(degree, dimension, columns, c[b:], here, there, wanted[first:], number, out[first:], stride)
+            here, target = (times[s:], path.states[s * dimension :]), (wanted[first:], begins[b + 1] - first)
+            on_step(path.degree, dimension, columns, c[b:], *here, *target, out[first:], stride)
 
 
 @procedure(c=lambda: READ_BLOCKS, times=lambda: READ_BLOCKS, states=lambda: READ_BLOCKS, out=lambda: BLOCKS)
@@ -219,7 +193,7 @@ def on_step(
 
 
 @inline
-def copy_state(state: Readable[float], dimension: int, out: Writable[float], stride: int) -> None:
+def copy_state(state: In, dimension: int, out: Out, stride: int) -> None:
     """Write the entries of a state, `stride` apart."""
     for j in range(dimension):
         out[j * stride] = state[j]

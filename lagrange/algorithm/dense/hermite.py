@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from lagrange.algorithm.dense.block import Block, OwnStep, Room, StepPolynomial, block_type, mend, steps_in, weighted
 from lagrange.procedure.front.plain import inline, procedure
-from lagrange.procedure.front.vocabulary import Readable, Writable, fma, magnitude
+from lagrange.procedure.front.vocabulary import In, Out, fma, magnitude
 from lagrange.procedure.shared import shared
 
 FloatArray = NDArray[np.float64]
@@ -43,10 +43,10 @@ def hermite_polynomial(order: int) -> StepPolynomial:
 class Cubic:
     """The cubic through both ends of steps: the states there, and the slopes by theta, the fraction of the step."""
 
-    y: Readable[float]
-    new: Readable[float]
-    first: Writable[float]
-    last: Writable[float]
+    y: In
+    new: In
+    first: Out
+    last: Out
 
     @inline
     def value(self, s: float, x: int) -> float:
@@ -73,7 +73,7 @@ def hermite(block: Block) -> None:
     """Write the polynomials of a block of steps by Picard's iteration.
 
     `changes` are by how much the slopes at the inner nodes differ from those of the cubic, and behind them stands what
-    the next iteration makes of them. `moved` is how far the last one moved the slopes of each column, 0 once it diverges.
+    the next iteration makes of them. `moved` is how far the last one moved each column, 0 once it diverges.
     """
     own = steps_in(block.own, block.dimension, block.columns)
     (h, first, last, _, _), (time, _, _, _), changes = block.lay_out(ROOM)
@@ -167,7 +167,7 @@ def judge(block: Block) -> None:
 
 
 @inline
-def write(block: Block, cubic: Cubic, changes: Readable[float]) -> None:
+def write(block: Block, cubic: Cubic, changes: In) -> None:
     """Write the coefficients: those of the cubic, and what the changes of its slopes add to each."""
     total, stages, out = block.total, block.stages, block.out
     for power in range(4, block.degree + 1):
