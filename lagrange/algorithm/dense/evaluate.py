@@ -127,6 +127,13 @@ def has_begun(times: In, steps: int, step: int, wanted: float, sign: float) -> b
     return (begin - wanted) * sign <= 0.0 and step < steps
 
 
+@inline
+def lies_before(wanted: In, count: int, place: int, end: float, sign: float) -> bool:
+    """Return whether there is a time at an index, and it lies before the end of a step."""
+    time = wanted[min(place, count - 1)]
+    return (time - end) * sign < 0.0 and place < count
+
+
 @procedure(path=path_type, out=lambda: BLOCKS)
 def outputs(path: Path, wanted: In, count: int, sign: float, out: Out, stride: int, c: Out) -> None:
     """Write the states at many sorted times along a run, entries `stride` apart; each polynomial is made once.
@@ -144,7 +151,7 @@ def outputs(path: Path, wanted: In, count: int, sign: float, out: Out, stride: i
             used += 1
             end = times[step + 1]
             place += 1
-            while place < count and (wanted[min(place, count - 1)] - end) * sign < 0.0:
+            while lies_before(wanted, count, place, end, sign):
                 place += 1
         begins[used] = place
         for b in range(used, columns):
