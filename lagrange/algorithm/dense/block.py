@@ -170,10 +170,11 @@ class Block:
     def lay_out(self, room: Room) -> tuple[tuple[Out, ...], tuple[Out, ...], Out]:
         """Return the vectors and the rows of work memory, and the memory behind them."""
         total = self.dimension * self.columns
-        vectors = tuple(self.work[total * (SPARE.vectors + k) :] for k in unrolled(room.vectors))
-        rest = self.work[total * (SPARE.vectors + room.vectors) :]
-        rows = tuple(rest[self.columns * k :] for k in unrolled(SPARE.rows, SPARE.rows + room.rows))
-        return vectors, rows, rest[self.columns * (SPARE.rows + room.rows) :]
+        first = self.work[total * SPARE.vectors + self.columns * SPARE.rows :]
+        vectors = tuple(first[total * k :] for k in unrolled(room.vectors))
+        rest = first[total * room.vectors :]
+        rows = tuple(rest[self.columns * k :] for k in unrolled(room.rows))
+        return vectors, rows, rest[self.columns * room.rows :]
 
     @inline
     def entries(self) -> Iterator[int]:

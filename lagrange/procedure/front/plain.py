@@ -73,13 +73,17 @@ class Written(Generic[Args, Result]):
 
     def __init__(self, function: Callable[Args, Result]) -> None:
         self.function: Any = function
-        self.__doc__, self.__name__ = function.__doc__, function.__name__
+        self.__doc__, self.__name__, self.__module__ = function.__doc__, function.__name__, function.__module__
         self.__wrapped__ = function
         self.signature = inspect.signature(function)
 
     def __call__(self, *args: Args.args, **kwargs: Args.kwargs) -> Result:
         result: Result = self.function(*args, **kwargs)
         return result
+
+    def __reduce__(self) -> str:
+        """Return the name under which its module has it, for copies and pickles."""
+        return self.__name__
 
     def exactly(self, /, *args: Any, seed: int | None = None, **kwargs: Any) -> Any:
         """Return the result of the function in the arithmetic of the form; see `executing`."""
