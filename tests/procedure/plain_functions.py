@@ -117,7 +117,7 @@ def several(n: int, a: In, out: Out) -> tuple[float, int]:
     for i in each(n):
         powers = tuple(a[i] for _ in range(3))
         for k in range(3):
-            powers = tuple(power * 0.5 + sums[k] for power in powers)
+            powers = tuple(power * 0.5 + a[k] for power in powers)
         out[i] = powers[0] + powers[2]
     first, _, _ = sums
     _, second, _ = sums

@@ -93,6 +93,8 @@ class Names:
 
     def varied(self, name: str, value: Any) -> Any:
         """Return the number of a name as a variable, or each of a tuple, for a branch or loop that sets it."""
+        if is_varied(value):
+            return value
         if isinstance(value, tuple) and value and all(kind_of(one) is not None for one in value):
             return tuple(self.varied(f"{name}{i}", one) for i, one in enumerate(value))
         return value if isinstance(value, Variable) or kind_of(value) is None else self.p.variable(value, name)
