@@ -315,6 +315,11 @@ def hamiltonian(statement: Statement, model: Model, made: Callable[[Statement], 
             f"{statement.name} has constraints ({listing(one.name for one in statement.constraints)}), whose forces "
             "Hamilton's equations lack: eliminate(...) makes a system without them, where they are on positions."
         )
+    if statement.rotations:
+        raise StatementError(
+            f"{statement.name} has the rotation {statement.rotations[0]}, and Hamilton's equations are not written out "
+            "for rotations: `momenta` and `energy` are; or state it with angles."
+        )
     form = PlainForm(statement)
     momenta = _momenta(statement)
     found = legendre(form, [sympy.Symbol(p.func.__name__, real=True) for p in momenta])

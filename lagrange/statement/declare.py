@@ -40,6 +40,7 @@ from lagrange.statement.rotation import (
     forces_on_coordinates,
     in_coordinates,
     reading,
+    start_in_turns,
     with_length,
     without_inertia,
 )
@@ -129,8 +130,10 @@ def _with_rotations(statement: Statement, typed: Mapping[str, Any], forces: Any,
     parts = None if statement.constraints else reading(typed, forces, dissipation, statement.coordinates, names)
     if parts is None:
         return whole
-    about = " ".join([*([statement.about] if statement.about else []), *map(explanation, names)])
-    read = replace(whole, **parts, about=about, initial=(), positions=MappingProxyType({}), links=())
+    values = dict(zip((*statement.coordinates, *statement.velocities), statement.initial, strict=True))
+    about = " ".join([*([statement.about] if statement.about else []), *(explanation(name, values) for name in names)])
+    start = start_in_turns(names, parts["coordinates"], values)
+    read = replace(whole, **parts, about=about, initial=start, positions=MappingProxyType({}), links=())
     return replace(whole, reading=read)
 
 

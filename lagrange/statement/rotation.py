@@ -151,6 +151,8 @@ class Rotation:
     )
     _before = _refusal("it stands left of the vector that it turns, {0}*v or {0}.T*v")
 
+    __matmul__ = __mul__
+
     def __rmul__(self, other: Any) -> Any:
         if isinstance(other, sympy.MatrixBase) and other.cols == 3:
             return other * self.matrix
@@ -371,14 +373,32 @@ def in_rates(expression: Any, names: Iterable[str]) -> Any:
     return expression.xreplace({velocity_of(turn): rate for turn, rate in pairs})
 
 
-def explanation(name: str) -> str:
-    """Return the sentences that explain the symbols of a rotation in a derivation."""
+def explanation(name: str, values: Mapping[Any, float]) -> str:
+    """Return the sentences that explain a rotation in a derivation; `values` are those of the start."""
     entries = f"{name}_xx to {name}_zz are the entries of the rotation {name}."
     rates, turns = (listing(f"{name}_{kind}_{axis}" for axis in AXES) for kind in ("body", "turn"))
+    start = ", ".join(f"{values[q]:.6g}" for q in rotation_of(name).quaternion)
     return (
         f"{entries} {rates} are its rates about the axes of the body. {turns} are small turns about these axes; the "
-        f"derivative of L by a turn contains p x {name}_body, since the axes turn with the body."
+        f"derivative of L by a turn contains p x {name}_body, since the axes turn with the body. {name} starts as the "
+        f"quaternion ({start})."
     )
+
+
+def start_in_turns(names: Iterable[str], places: Iterable[Any], values: Mapping[Any, float]) -> tuple[float, ...]:
+    """Return the state (q, v) of a statement that is read in turns, whose coordinates are `places`: turns are zero.
+
+    `values` are those of the start by coordinate and velocity.
+    """
+    known = dict(values)
+    for each in map(rotation_of, names):
+        q = [values[entry] for entry in each.quaternion]
+        square = sum(entry**2 for entry in q)
+        rates = product(conjugate(q), [2 * values[velocity_of(entry)] / square for entry in each.quaternion])[1:]
+        known |= dict.fromkeys(each.turns, 0.0)
+        known |= {velocity_of(turn): rate for turn, rate in zip(each.turns, rates, strict=True)}
+    places = tuple(places)
+    return tuple(known[symbol] for symbol in (*places, *map(velocity_of, places)))
 
 
 def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:

@@ -111,6 +111,12 @@ def test_a_scene_names_entries_and_rates(tmp_path: Path) -> None:
         lg.System.from_scene(tmp_path / "bad.toml")
 
 
+def test_a_notebook_shows_the_start_about_the_axes_of_the_body() -> None:
+    shown = top(initial={R: lg.turn((1, 0, 0), 2.0), R.body: (0, 0, 20)})._repr_markdown_()
+    assert r"R starts as the quaternion \(0\.540302, 0\.841471, 0, 0\)" in shown
+    assert "= 20" in shown
+
+
 REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a factor": (lambda: 2 * R, "it stands left of the vector that it turns"),
     "a sum": (lambda: R + 1, "use its entries"),
@@ -133,6 +139,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         "the moments of inertia of R are 1, 1 and 3",
     ),
     "no inertia": (lambda: lg.System(m * x.dot**2 / 2, R[0, 0]), "has no R.body, so R has no inertia"),
+    "Hamilton's equations": (lambda: top().hamiltonian(), "are not written out for rotations"),
     "a name": (lambda: lg.rotation("1x"), "cannot name a rotation"),
 }
 
