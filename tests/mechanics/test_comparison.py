@@ -187,7 +187,7 @@ PENDULUM = "theta_ddot + g/l*sin(theta)"
     [
         (
             f"{PENDULUM}*2",
-            "In equation 1, that of theta, the term 2*g*sin(theta)/l has the wrong factor: it is 2*g*sin(theta)/l, 2 "
+            "In equation 1, that of theta, the term 2*g*sin(theta)/l has the wrong factor: it is 2 "
             "times what it should be, g*sin(theta)/l.",
         ),
         (
@@ -196,8 +196,8 @@ PENDULUM = "theta_ddot + g/l*sin(theta)"
         ),
         (
             "theta_ddot = g/l*sin(theta)",
-            "In equation 1, that of theta, on the right side the term g*sin(theta)/l has the wrong sign: it is "
-            "g*sin(theta)/l, and should be -g*sin(theta)/l.",
+            "In equation 1, that of theta, on the right side the term g*sin(theta)/l has the wrong sign: it "
+            "should be -g*sin(theta)/l.",
         ),
         (
             "theta_ddot = \u2212g/l\u00b7(theta - theta**3/6)",
@@ -251,7 +251,7 @@ def test_a_sum_of_equations_with_a_wrong_term() -> None:
     result = system("double-pendulum").compare([one + two - 2 * g * l2 * m2 * sp.sin(theta2), two])
     assert result.message.startswith(
         "In equation 1, that of theta1 and theta2 together, the term -m2*g*l2*sin(theta2) has the wrong sign: it "
-        "is -m2*g*l2*sin(theta2), and should be m2*g*l2*sin(theta2)."
+        "should be m2*g*l2*sin(theta2)."
     )
 
 
@@ -340,7 +340,7 @@ def test_files_are_refused_by_line() -> None:
 @pytest.mark.parametrize(
     ("spring", "message"),
     [
-        ("+ k*(sin(a) - sin(b))*cos(b)", "the term k*(sin(a) - sin(b))*cos(b) has the wrong sign: it is "),
+        ("+ k*(sin(a) - sin(b))*cos(b)", "the term k*(sin(a) - sin(b))*cos(b) has the wrong sign: it should be "),
         ("- 2*k*(sin(a) - sin(b))*cos(b)", "the term -2*k*(sin(a) - sin(b))*cos(b) has the wrong factor: it is "),
         ("- k*(a - b)", "the sum k*b - k*a is wrong: it should be k*sin(b)*cos(b) - k*sin(a)*cos(b)."),
         ("", "the sum k*sin(b)*cos(b) - k*sin(a)*cos(b) is missing."),
@@ -422,7 +422,7 @@ def test_equations_of_first_order() -> None:
     assert vortices.compare(vortices.equations()) and vortices.compare("\n".join(VORTICES))
     assert vortices.compare("\n".join(VORTICES[1:])).message.endswith("the motion of x1 is left open.")
     turned = "\n".join(VORTICES).replace("x1' = -", "x1' = ")
-    assert " has the wrong sign: it is Gamma2*(y1 - y2)/(2*pi*(" in vortices.compare(turned).message
+    assert " has the wrong sign: it should be -Gamma2*(y1 - y2)/(2*pi*(" in vortices.compare(turned).message
     assert not vortices.compare("\n".join(VORTICES).replace("2 pi", "pi"))
 
 

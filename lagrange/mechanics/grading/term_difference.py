@@ -67,9 +67,9 @@ class Difference:
         if self.kind == WRONG:
             return f"{named} is wrong: it should be {write(wanted)}."
         if self.ratio == -1:
-            return f"{named} has the wrong sign: it is {write(there)}, and should be {write(wanted)}."
+            return f"{named} has the wrong sign: it should be {write(wanted)}."
         times = f"{self.ratio} times what it should be"
-        return f"{named} has the wrong factor: it is {write(there)}, {times}, {write(wanted)}."
+        return f"{named} has the wrong factor: it is {times}, {write(wanted)}."
 
 
 def _kind(expression: Any) -> str:
