@@ -74,9 +74,16 @@ class Linearization(ShownAsPage):
         values = {name: getattr(self, name) for name in self.__dataclass_fields__}
         return _again, ({**values, "at": dict(self.at)},)
 
+    @property
+    def first_order(self) -> bool:
+        """True if no coordinate has inertia, as for states of first order: then C x' + K x = (input matrix) u."""
+        return bool(self.M.is_zero_matrix)
+
     @cached_property
     def A(self) -> Any:
-        """Matrix A of the first-order form d/dt [x, x'] = A [x, x'] + B u."""
+        """Matrix A of the first-order form d/dt [x, x'] = A [x, x'] + B u, or d/dt x = A x + B u without inertia."""
+        if self.first_order:
+            return (-self._inverse * self.K).applyfunc(simplest)
         rates = self._inverse * sympy.Matrix.hstack(-self.K, -self.C)
         above = sympy.Matrix.hstack(self.velocity_slope, self.velocity_basis).extract(
             self.places, list(range(rates.cols))
@@ -116,20 +123,23 @@ class Linearization(ShownAsPage):
 
     @cached_property
     def B(self) -> Any:
-        """Input matrix B of the first-order form, (2n, number of inputs)."""
+        """Input matrix B of the first-order form, (2n, number of inputs), or (n, number of inputs) without inertia."""
         below = (self._inverse * self.input_matrix).applyfunc(simplest)
+        if self.first_order:
+            return below
         return sympy.Matrix.vstack(sympy.zeros(self.K.cols, below.cols), below)
 
     @cached_property
     def _inverse(self) -> Any:
-        """Inverse of M. Raises StatementError if M is singular at the point."""
-        determinant = simplest(self.M.det(method="berkowitz"))
+        """Inverse of M, or of C without inertia. Raises StatementError if it is singular at the point."""
+        matrix = self.C if self.first_order else self.M
+        determinant = simplest(matrix.det(method="berkowitz"))
         if determinant == 0:
             raise StatementError(
                 "the mass matrix is singular at this point, so that A and B do not exist: M, C and K do. Choose "
                 "coordinates that are regular there."
             )
-        return (self.M.adjugate() / determinant).applyfunc(simplest)
+        return (matrix.adjugate() / determinant).applyfunc(simplest)
 
 
 def _again(values: dict[str, Any]) -> Linearization:
@@ -302,10 +312,18 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
     mass, damping, stiffness, pushes = (numeric(x, values) for x in (lin.M, lin.C, lin.K, lin.input_matrix))
     places, speeds, slopes = (numeric(x, values) for x in (lin.basis, lin.velocity_basis, lin.velocity_slope))
     parts = (state, mass, damping, stiffness, pushes, places, speeds, slopes)
-    if any(np.iscomplexobj(part) or not np.isfinite(part).all() for part in parts) or abs(np.linalg.det(mass)) < 1e-12:
+    leading = damping if lin.first_order else mass
+    if (
+        any(np.iscomplexobj(part) or not np.isfinite(part).all() for part in parts)
+        or abs(np.linalg.det(leading)) < 1e-12
+    ):
         return [], [float("nan")]
     time = float(values[t])
     parameters = {p: float(values[p]) for p in point.form.statement.parameters}
+    if lin.first_order:
+        # The velocities follow from the coordinates, v = f(x), so that dv/dt = (df/dx) v.
+        slopes = model.jacobian(time, state, parameters)[n:, n:]
+        return [*slopes.ravel()], [*np.linalg.solve(damping, -stiffness).ravel()]
     # The independent velocities are a selection of all velocities, so their rates are rows of the full Jacobian.
     jacobian = model.jacobian(time, state, parameters)[n:][lin.speeds]
     compiled = np.hstack([jacobian[:, :n] @ places + jacobian[:, n:] @ slopes, jacobian[:, n:] @ speeds])

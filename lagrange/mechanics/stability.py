@@ -53,6 +53,9 @@ class Verdict:
 NO_VALUES = "with these constraints eigenvalues decide, and they need values of the parameters."
 """Reason for motions on constraints and for constraints on velocities: K is not the curvature of an energy."""
 
+NO_VALUES_OF_RATES = "states of first order have no energy; eigenvalues decide, and they need values of the parameters."
+"""Reason for systems without inertia whose parameters lack values."""
+
 NO_INERTIA = "the mass matrix is singular at these values of the parameters: give others."
 """Message for a singular mass matrix at an equilibrium."""
 
@@ -81,6 +84,8 @@ def stability_of(lin: Linearization, point: StatedPoint) -> Verdict:
     """Return the stability of an equilibrium, from eigenvalues if all parameters have values, else from known signs."""
     form, values = point.form, matrix_values(lin, point)
     gone = ignorable(form) if not form.statement.constraints else ()
+    if lin.first_order and not is_zero(lin.C.det(method="berkowitz")):
+        return Verdict(None, NO_VALUES_OF_RATES) if values is None else _verdict_of_rates(numeric(lin.A, values))
     if not has_inertia(lin):
         return Verdict(stable=None, reason="the mass matrix is singular there: other coordinates decide.")
     held = form.statement.constraints
@@ -223,18 +228,34 @@ def _is_drag(term: Any, v: Sequence[Any]) -> bool:
     return degree > 0 and vanishes_in_symbols(grown - sympy.Rational(degree) * smooth)
 
 
-def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool) -> Verdict:
-    """Return the verdict for numbers M, C and K at fixed momenta; `energetic` is true if the energy cannot grow."""
-    n = mass.shape[0]
-    if not n:
-        return Verdict(stable=None, reason="nothing is left to move at fixed momenta.")
-    values = np.linalg.eigvals(first_order_matrix(mass, damping, stiffness))
+def _verdict_of_rates(rates: Any) -> Verdict:
+    """Return the verdict for states of first order, d/dt x = A x, from the numbers A."""
+    if np.iscomplexobj(rates) or not np.isfinite(rates).all():
+        return Verdict(stable=None, reason="the point does not exist at the values of the parameters.")
+    return _verdict_of_eigenvalues(np.linalg.eigvals(rates)) or Verdict(
+        stable=None, reason="eigenvalues on the imaginary axis decide nothing."
+    )
+
+
+def _verdict_of_eigenvalues(values: Any) -> Verdict | None:
+    """Return the verdict that the real parts of eigenvalues decide, or None if they decide nothing."""
     size = max(1e-300, float(np.abs(values).max()))
     largest = float(values.real.max())
     if largest > REAL_PART * size:
         return Verdict(stable=False, reason=f"an eigenvalue has the positive real part {largest:.6g}.")
     if largest < -REAL_PART * size:
         return Verdict(stable=True, reason=f"all eigenvalues have negative real parts, up to {largest:.6g}.")
+    return None
+
+
+def _numeric_verdict(mass: Any, damping: Any, stiffness: Any, *, energetic: bool) -> Verdict:
+    """Return the verdict for numbers M, C and K at fixed momenta; `energetic` is true if the energy cannot grow."""
+    n = mass.shape[0]
+    if not n:
+        return Verdict(stable=None, reason="nothing is left to move at fixed momenta.")
+    decided = _verdict_of_eigenvalues(np.linalg.eigvals(first_order_matrix(mass, damping, stiffness)))
+    if decided is not None:
+        return decided
     drag = (damping + damping.T) / 2
     smallest = [float(np.linalg.eigvalsh((x + x.T) / 2).min()) for x in (mass, drag, stiffness)]
     sizes = [max(1e-300, float(np.abs(x).max())) for x in (mass, damping, stiffness)]

@@ -323,3 +323,26 @@ DRAGS = [
 def test_a_dissipation_brakes_if_its_terms_are_powers_of_the_velocities(dissipation: Any, brakes: bool) -> None:
     system = lg.System(m * x.dot**2 / 2, k * x**2 / 2, dissipation=dissipation(x.dot))
     assert only_brakes(PlainForm(system.statement)) is brakes
+
+
+def lorenz(r: float) -> lg.System:
+    x, y, z = lg.coordinates("x y z")
+    rates = {x: 10 * (y - x), y: x * (r - z) - y, z: x * y - sympy.Rational(8, 3) * z}
+    drag = (x.dot**2 + y.dot**2 + z.dot**2) / 2
+    return lg.System(kinetic=0, coordinates=[x, y, z], forces=rates, dissipation=drag, name="lorenz")
+
+
+def test_equilibria_of_states_of_first_order() -> None:
+    """Lorenz: the two wings lose their stability at r = 470/19, and the origin at r = 1."""
+    assert [place.stable for place in lorenz(24.7).equilibria()].count(True) == 2
+    assert [place.stable for place in lorenz(24.8).equilibria()] == [False] * 3
+    linear = lorenz(28).linearize()
+    assert (linear.A - sympy.Matrix([[-10, 10, 0], [28, -1, 0], [0, 0, -sympy.Rational(8, 3)]])).is_zero_matrix
+    assert linear.B.shape == (3, 0)
+
+
+def test_input_of_a_filter() -> None:
+    e, u, tau = lg.coordinate("e"), lg.given("u"), lg.parameters("tau")
+    filtered = lg.System(kinetic=0, forces={e: (u - e) / tau}, dissipation=e.dot**2 / 2)
+    linear = filtered.linearize(inputs=[u])
+    assert (linear.A[0, 0], linear.B[0, 0]) == (-1 / tau, 1 / tau)
