@@ -26,6 +26,16 @@ def run_of(name: str) -> lg.Solution:
     return scene(name).run(rtol=1e-12).require()
 
 
+def test_the_panel_of_the_energy_adds_what_contacts_took() -> None:
+    """A picture samples some times twice; there the energy that is lost belongs to the state that is given."""
+    run = run_of("bouncing-ball")
+    time = run.contacts["floor"].impacts[0].t
+    twice = run.sampled([0.1, time, time, time, 1.0])
+    assert np.ptp(twice.energy + twice.energy_lost) < 1e-12
+    titles = [axis.get_title(loc="left") for axis in run.plot().axes]
+    assert "energy drift: (E + energy lost − E₀) relative to the initial energy" in titles
+
+
 def changes(run: lg.Solution, contact: str) -> list[float]:
     """Return the times at which the mode of a contact changes."""
     modes = run.contacts[contact].mode

@@ -149,8 +149,13 @@ def energy(solution: Solution) -> PanelQuantity:
         title = f"energy ({drift.unkept})"
         return PanelQuantity(title, ("$E$",), lambda run: run.energy[None], energy_unit(solution.model.statement))
     scale = drift.scale if drift.scale > 0 else 1.0
-    title = f"energy drift: (E − E₀) relative to {drift.against}"
-    return PanelQuantity(title, ("$E$",), lambda run: (run.energy[None] - drift.first) / scale, "", drift=True)
+    kept = "E + energy lost" if solution.contacts else "E"
+    title = f"energy drift: ({kept} − E₀) relative to {drift.against}"
+
+    def values(run: Solution) -> FloatArray:
+        return np.asarray((run.energy + run.energy_lost)[None] - drift.first) / scale
+
+    return PanelQuantity(title, ("$E$",), values, "", drift=True)
 
 
 def momenta(solution: Solution) -> PanelQuantity | None:

@@ -150,8 +150,16 @@ class ContactRun:
 
     @cached_property
     def energy_lost(self) -> FloatArray:
-        """The energy that impacts and friction have taken, (N,) at the output times."""
-        return self.lost_at(self.t)
+        """The energy that impacts and friction have taken, (N,) at the output times.
+
+        Of a time that stands twice, the first state is that before an impact, unless both are the same.
+        """
+        lost = self.lost_at(self.t)
+        y = self.trajectory.y
+        same = (self.t[:-1] == self.t[1:]) & (y[:, :-1] == y[:, 1:]).all(axis=0)
+        for i in np.flatnonzero(same)[::-1]:
+            lost[i] = lost[i + 1]
+        return lost
 
     def arrays(self) -> dict[str, Any]:
         """Return the arrays of a file by name."""
