@@ -132,9 +132,10 @@ LARGEST_FRACTION = 10**6
 
 
 class Turn(NamedTuple):
-    """A small turn of a body about its axis 0, 1 or 2: its place among the coordinates, and those of the next two.
+    """A small turn of a body about one of its own axes: a quasi-coordinate.
 
-    `entries` are the symbols of R, nine by rows.
+    `place` is its index among the coordinates, and `others` are those of the turns about the next two axes in cyclic
+    order. `entries` are the nine symbols of R by rows. `axis` is 0, 1 or 2.
     """
 
     place: int
@@ -158,16 +159,17 @@ class TextbookAlgebra(StatedAlgebra):
 
     @cached_property
     def pulls(self) -> list[MonomialSum]:
-        """dL/dq, for each coordinate."""
+        """dL/dq for each coordinate; for a turn the derivative of L along it plus p x (rates), about its axis."""
         self.require_short_slopes()
-        along = [self.algebra.differentiate(self.lagrangian, q) for q in self.q]
+        slopes = [self.algebra.differentiate(self.lagrangian, q) for q in self.q]
         for turn in self.turns:
             x, y = turn.others
-            swept = (self.algebra.multiply(self.momenta[i], self.symbol(self.v[j])) for i, j in ((x, y), (y, x)))
-            ahead, behind = swept
-            turned = self.turned(self.lagrangian, turn)
-            along[turn.place] = self.algebra.add(turned, ahead, self.algebra.scale(behind, S.NegativeOne))
-        return [self.algebra.merge_angles(slope) for slope in along]
+            ahead, behind = (
+                self.algebra.multiply(self.momenta[i], self.symbol(self.v[j])) for i, j in ((x, y), (y, x))
+            )
+            slope = self.turned(self.lagrangian, turn)
+            slopes[turn.place] = self.algebra.add(slope, ahead, self.algebra.scale(behind, S.NegativeOne))
+        return [self.algebra.merge_angles(slope) for slope in slopes]
 
     @cached_property
     def turns(self) -> list[Turn]:
@@ -180,7 +182,7 @@ class TextbookAlgebra(StatedAlgebra):
         ]
 
     def turned(self, terms: MonomialSum, turn: Turn) -> MonomialSum:
-        """Return the derivative of a sum along a turn of the body, where dR is R times the turn's matrix."""
+        """Return the derivative of a sum along a turn: dR = R E, where E is the generator of turns about the axis."""
         algebra, parts = self.algebra, []
         for row in range(3):
             ahead, behind = (turn.entries[3 * row + (turn.axis + step) % 3] for step in (1, 2))

@@ -160,7 +160,7 @@ def _momenta_of_turns(equation: SymmetryEquation, stated: TextbookAlgebra) -> It
     statement = stated.statement
     read = TextbookAlgebra(statement.as_read)
     for each, of_body, axis, candidate in body_turns(stated):
-        if _proven(equation, candidate) is None:
+        if not _holds(equation, candidate):
             continue
         if statement.reading is None:
             momentum = stated.show(equation.quantity(candidate))
@@ -200,6 +200,15 @@ def _symmetries(model: Model, equation: SymmetryEquation, body: BodyPosition | N
         if symmetry is not None:
             known += [shift] if None not in shift and candidate.tau == 0 else []
             yield symmetry
+
+
+def _holds(equation: SymmetryEquation, candidate: Symmetry) -> bool:
+    """Return True if a candidate leaves the Lagrangian as it is, without a gauge function, and the proof is short."""
+    try:
+        with equation.stated.algebra.at_most(LARGEST):
+            return equation.proven(candidate)
+    except TooLargeError:
+        return False
 
 
 def _proven(equation: SymmetryEquation, candidate: Symmetry) -> Symmetry | None:

@@ -13,7 +13,7 @@ from lagrange.equations.terms import Direction, Magnitude, Step, printable
 from lagrange.errors import StatementError, formula, listing, shown, suggestion
 from lagrange.mechanics.plain_form import PlainForm, simplest, vanishes
 from lagrange.mechanics.reduction import rewritten
-from lagrange.statement.coordinate import name_of, velocity_of
+from lagrange.statement.coordinate import name_of, rotation_name, velocity_of
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.number import whole_number
 from lagrange.statement.parameters import in_own_parameters, label_of
@@ -161,8 +161,7 @@ def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tup
 def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint:
     """Return the point that the mapping `at` states. Coordinates, velocities and inputs that it omits are zero.
 
-    Rotations that it omits turn nothing. Quaternions of rotations are held at length one, so that their changes are
-    those of rotations.
+    A rotation that it omits is the identity. Each quaternion has the constraint of length one.
 
     Raises StatementError for unknown keys, and for values that are not constant.
     """
@@ -178,7 +177,7 @@ def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint
     for symbol in chosen:
         rows[symbol] = rows[symbol.name] = symbol
     values = dict(rest)
-    for key, value in in_coordinates(at or {}, rest).items():
+    for key, value in in_coordinates(at or {}, rest, "at").items():
         known = [label for label in rows if isinstance(label, str)]
         if not isinstance(key, (str, sympy.Basic)) or key not in rows:
             label = label_of(key)
@@ -187,6 +186,11 @@ def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint
                 + suggestion(label, known)
             )
         values[rows[key]] = _constant(statement, value, f"the value of {key}")
+    if any(values[velocity_of(q)] != 0 for q in statement.coordinates if rotation_name(q) is not None):
+        raise StatementError(
+            "at gives a rotation rates: no linear equations are formed about a body that spins, since the entries of "
+            "its quaternion go on turning. Leave the rates out, or compare runs from close starts."
+        )
     return StatedPoint(
         PlainForm(statement),
         tuple(values[q] for q in statement.coordinates),
@@ -196,17 +200,17 @@ def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint
 
 
 def with_lengths(statement: Statement) -> Statement:
-    """Return the statement with a constraint on the length of the quaternion of each rotation, which is one."""
+    """Return the statement with the constraint of length one on each quaternion, as coordinates like others."""
     by_name = dict(zip(statement.names, statement.coordinates, strict=True))
     lengths = []
     for name in statement.rotations:
         square = sum(by_name[f"{name}_{entry}"] ** 2 for entry in ENTRIES)
         lengths.append(Constraint(f"{name}_length", (square - 1) / 2, holonomic=True))
-    return replace(statement, constraints=(*statement.constraints, *lengths), rotations=())
+    return replace(statement, constraints=(*statement.constraints, *lengths), rotations=(), reading=None)
 
 
 def identity(statement: Statement) -> dict[Any, Any]:
-    """Return the quaternion of no rotation for each rotation: the entries that are not zero, by coordinate."""
+    """Return the entries of the identity quaternions of a statement that are not zero, by coordinate."""
     scalars = [f"{name}_{ENTRIES[0]}" for name in statement.rotations]
     return {q: sympy.S.One for q in statement.coordinates if name_of(q) in scalars}
 

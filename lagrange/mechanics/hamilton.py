@@ -317,8 +317,8 @@ def hamiltonian(statement: Statement, model: Model, made: Callable[[Statement], 
         )
     if statement.rotations:
         raise StatementError(
-            f"{statement.name} has the rotation {statement.rotations[0]}, and Hamilton's equations are not written out "
-            "for rotations: `momenta` and `energy` are; or state it with angles."
+            f"{statement.name} has the rotation {statement.rotations[0]}: Hamilton's equations are not written out for "
+            "rotations. Use `momenta` and `energy`, or state the system with angles."
         )
     form = PlainForm(statement)
     momenta = _momenta(statement)

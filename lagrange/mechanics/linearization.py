@@ -76,8 +76,8 @@ class Linearization(ShownAsPage):
 
     @property
     def first_order(self) -> bool:
-        """True if no coordinate has inertia, as for states of first order: then C x' + K x = (input matrix) u."""
-        return bool(self.M.is_zero_matrix)
+        """True for states of first order, without inertia: then C x' + K x = (input matrix) u."""
+        return bool(self.M.is_zero_matrix) and not self.C.is_zero_matrix
 
     @cached_property
     def A(self) -> Any:
@@ -131,12 +131,12 @@ class Linearization(ShownAsPage):
 
     @cached_property
     def _inverse(self) -> Any:
-        """Inverse of M, or of C without inertia. Raises StatementError if it is singular at the point."""
-        matrix = self.C if self.first_order else self.M
+        """Inverse of M, or of C if `first_order`. Raises StatementError if that matrix is singular at the point."""
+        matrix, what = (self.C, "damping matrix C") if self.first_order else (self.M, "mass matrix")
         determinant = simplest(matrix.det(method="berkowitz"))
         if determinant == 0:
             raise StatementError(
-                "the mass matrix is singular at this point, so that A and B do not exist: M, C and K do. Choose "
+                f"the {what} is singular at this point, so that A and B do not exist: M, C and K do. Choose "
                 "coordinates that are regular there."
             )
         return (matrix.adjugate() / determinant).applyfunc(simplest)

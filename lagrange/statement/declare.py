@@ -36,6 +36,7 @@ from lagrange.statement.parameters import check_rate, default_values, label_of, 
 from lagrange.statement.rotation import (
     ENTRIES,
     check_moments,
+    check_start,
     explanation,
     forces_on_coordinates,
     in_coordinates,
@@ -124,7 +125,8 @@ def _with_rotations(statement: Statement, typed: Mapping[str, Any], forces: Any,
     kinetic, names = with_length(statement.kinetic, statement.coordinates)
     if not names:
         return statement
-    check_moments(kinetic, names, statement.defaults)
+    for name in names:
+        check_moments(kinetic, name, statement.defaults)
     lagrangian = statement.lagrangian + kinetic - statement.kinetic
     whole = replace(statement, kinetic=kinetic, lagrangian=lagrangian, rotations=names)
     parts = None if statement.constraints else reading(typed, forces, dissipation, statement.coordinates, names)
@@ -190,6 +192,7 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
                 f"{listing(known)}." + suggestion(label_of(key), known)
             )
         values[rows[key]] = real_number(value, f"the initial value of {label_of(key)}")
+    check_start(coordinates, values)
     return tuple(values)
 
 

@@ -33,7 +33,7 @@ def expression(value: Any, what: str) -> Any:
 
 
 def as_typed(value: Any, what: str) -> Any:
-    """Return an expression as `expression` does, but with functions of time that stand for expressions, as R[0, 0]."""
+    """Return an expression as `expression` does, but with shorthands such as R[0, 0] as they are."""
     if isinstance(value, sympy.Basic) and is_too_deep(value):
         raise StatementError(
             f"{what} is an expression nested more than {DEEPEST} levels deep, which SymPy cannot read: give symbols to "
@@ -61,16 +61,16 @@ def as_typed(value: Any, what: str) -> Any:
 
 
 SHORTHAND = "shorthand"
-"""Attribute of a function of time that stands for an expression, such as an entry of a rotation; holds the latter."""
+"""Attribute of a function of time: the expression that it abbreviates, such as an entry of a rotation."""
 
 RATE = "rate"
 """Attribute of a small turn of a body, a function of time of which only the rate is defined; holds this rate."""
 
 
 def in_full(expression: Any) -> Any:
-    """Return an expression with what each function of time stands for in its place, also inside derivatives.
+    """Return an expression with each shorthand replaced by its expression, also inside derivatives.
 
-    Rates of small turns are replaced by the rates of the body.
+    Rates of small turns become the rates of the body.
     """
     functions = expression.atoms(AppliedUndef)
     known = {f: getattr(f.func, SHORTHAND) for f in functions if hasattr(f.func, SHORTHAND)}

@@ -1,14 +1,14 @@
 """Rotations in space as part of a statement: R in SO(3), by the four entries of a quaternion of length one.
 
-The entries are coordinates of the system. R and its rates depend on the direction of the quaternion alone, so that no
-force acts along its length; `with_length` adds an inertia there, and the length stays one without a constraint.
+The entries are coordinates of the system. R and its rates do not depend on the length of the quaternion, so no force
+acts along it. `with_length` adds an inertia there. The length then stays constant without a constraint.
 Source: D. T. Greenwood, Advanced Dynamics, 2003, section 3.1.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from functools import cache
+from functools import cache, lru_cache
 from itertools import chain
 from typing import Any, NoReturn
 
@@ -73,8 +73,25 @@ def matrix_of(q: Sequence[Any]) -> list[list[Any]]:
     ]
 
 
+def body_rates(q: Sequence[Any], velocities: Sequence[Any]) -> tuple[Any, Any, Any]:
+    """Return the angular velocity about the axes of the body, three numbers or expressions.
+
+    `q` is a quaternion of any length and `velocities` are its time derivatives, four each.
+    """
+    twice = 2 / sum(entry**2 for entry in q)
+    _, i, j, k = product(conjugate(q), velocities)
+    return twice * i, twice * j, twice * k
+
+
+def space_rates(q: Sequence[Any], velocities: Sequence[Any]) -> tuple[Any, Any, Any]:
+    """Return the angular velocity about the axes of space; see `body_rates`."""
+    twice = 2 / sum(entry**2 for entry in q)
+    _, i, j, k = product(velocities, conjugate(q))
+    return twice * i, twice * j, twice * k
+
+
 def _refusal(instead: str) -> Callable[..., NoReturn]:
-    """Return the method of a sum, power or product from the left that has no meaning for a rotation."""
+    """Return a method that refuses an operation on a rotation. `instead` is the remedy; {0} in it is the name."""
 
     def refuse(self: Rotation, *others: Any) -> NoReturn:
         del others
@@ -98,20 +115,20 @@ class Rotation:
     def __init__(self, name: str) -> None:
         self.name = name
         self.quaternion = tuple(function_of_time(f"{name}_{entry}", {ROTATION: name}) for entry in ENTRIES)
-        rates, inverse = [velocity_of(q) for q in self.quaternion], conjugate(self.quaternion)
-        twice = 2 / sum(q**2 for q in self.quaternion)
-        entries = self._named([f"{a}{b}" for a in AXES for b in AXES], chain(*matrix_of(self.quaternion)))
-        self.matrix = entries.reshape(3, 3)
-        self.body = self._named([f"body_{a}" for a in AXES], [twice * part for part in product(inverse, rates)[1:]])
+        velocities = [velocity_of(q) for q in self.quaternion]
+        pairs = [f"{a}{b}" for a in AXES for b in AXES]
+        self.matrix = self._named(pairs, chain(*matrix_of(self.quaternion))).reshape(3, 3)
+        self.body = self._named([f"body_{a}" for a in AXES], body_rates(self.quaternion, velocities))
         self.turns = tuple(
             function_of_time(f"{name}_turn_{a}", {RATE: rate}) for a, rate in zip(AXES, self.body, strict=True)
         )
-        self.space = self._named([f"space_{a}" for a in AXES], [twice * part for part in product(rates, inverse)[1:]])
+        self.space = self._named([f"space_{a}" for a in AXES], space_rates(self.quaternion, velocities))
 
     def _named(self, names: Sequence[str], values: Iterable[Any]) -> Any:
-        """Return functions of time that stand for expressions, a vector."""
+        """Return a vector of functions of time that abbreviate expressions."""
         pairs = zip(names, values, strict=True)
-        return sympy.ImmutableMatrix([function_of_time(f"{self.name}_{name}", {SHORTHAND: x}) for name, x in pairs])
+        named = [function_of_time(f"{self.name}_{name}", {SHORTHAND: value}) for name, value in pairs]
+        return sympy.ImmutableMatrix(named)
 
     @property
     def rates(self) -> dict[Any, Any]:
@@ -223,8 +240,8 @@ def quaternion_of(value: Any, name: str) -> Quaternion:
     return w, i, j, k
 
 
-def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any]) -> dict[Any, Any]:
-    """Return a table of a state with entries of coordinates and velocities in place of those of rotations.
+def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: str = "initial") -> dict[Any, Any]:
+    """Return a `table` of a state with entries of coordinates and velocities in place of those of rotations.
 
     Keys are rotations, {R: start}, and their rates, {R.body: three values} or {R.space: three values}, numbers or
     expressions. `values` has those of all coordinates and velocities that are not given. A start without rates keeps
@@ -234,23 +251,55 @@ def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any]) -> dict[
     turned = {each.name: each for each in given if isinstance(each, Rotation)}
     rates = {key: value for key, value in given.items() if isinstance(key, sympy.MatrixBase)}
     for key in rates:
-        each = _of_rates(key, "initial")
+        each = _of_rates(key, table)
         turned[each.name] = each
     if unknown := [name for name, each in turned.items() if not values.keys() >= {*each.quaternion}]:
-        raise StatementError(f"initial names the rotation {unknown[0]}, which is not in this system.")
+        raise StatementError(f"{table} names the rotation {unknown[0]}, which is not in this system.")
     for name, each in turned.items():
         now = [values[q] for q in each.quaternion]
         q = quaternion_of(given[each], name) if each in given else now
         if each.body in rates and each.space in rates:
-            raise StatementError(f"initial gives both {name}.body and {name}.space: give one of the two.")
+            raise StatementError(f"{table} gives both {name}.body and {name}.space: give one of the two.")
         if each.space in rates:
             moved = product((0, *_three(rates[each.space], f"{name}.space")), q)
         else:
-            body = product(conjugate(now), [2 * values[velocity_of(q)] for q in each.quaternion])[1:]
-            moved = product(q, (0, *(_three(rates[each.body], f"{name}.body") if each.body in rates else body)))
+            kept = body_rates(now, [values[velocity_of(entry)] for entry in each.quaternion])
+            moved = product(q, (0, *(_three(rates[each.body], f"{name}.body") if each.body in rates else kept)))
         plain |= dict(zip(each.quaternion, q, strict=True))
-        plain |= {velocity_of(q): rate / 2 for q, rate in zip(each.quaternion, moved, strict=True)}
+        plain |= {velocity_of(entry): rate / 2 for entry, rate in zip(each.quaternion, moved, strict=True)}
     return plain
+
+
+STRETCH = 1e-4
+"""Largest deviation of the length of a quaternion from one at a start, and largest share of its velocity along itself.
+
+A long run at loose tolerances ends with a deviation of 1e-5.
+"""
+
+
+def check_start(coordinates: Sequence[Any], values: Sequence[float]) -> None:
+    """Raise StatementError for a state (q, v) in which a quaternion has not length one, or its length changes."""
+    for each in _rotations_of(tuple(coordinates)):
+        places = [coordinates.index(q) for q in each.quaternion]
+        q, v = (np.array([values[place + shift] for place in places]) for shift in (0, len(coordinates)))
+        size = float(np.linalg.norm(q))
+        if abs(size - 1) > STRETCH:
+            raise StatementError(
+                f"the start of {each.name} is a quaternion of length {size:.6g}: give one of length 1, such as "
+                "lagrange.turn(axis, angle)."
+            )
+        if abs(q @ v) > STRETCH * np.linalg.norm(v):
+            raise StatementError(
+                f"the start of {each.name} has velocities of {each.name}_w to {each.name}_z that change the length of "
+                f"the quaternion: give {each.name}.body or {each.name}.space."
+            )
+
+
+@lru_cache(maxsize=256)
+def _rotations_of(coordinates: tuple[Any, ...]) -> list[Rotation]:
+    """Return the rotations whose quaternions are among the coordinates."""
+    names = dict.fromkeys(name for name in map(rotation_name, coordinates) if name is not None)
+    return [each for each in map(rotation_of, names) if set(each.quaternion) <= set(coordinates)]
 
 
 def _three(value: Any, what: str) -> list[Any]:
@@ -261,12 +310,12 @@ def _three(value: Any, what: str) -> list[Any]:
 
 
 def _of_rates(key: Any, table: str) -> Rotation:
-    """Return the rotation whose rates a key is."""
-    names = {rotation_name(q) for q in in_full(key).atoms(AppliedUndef)} - {None}
-    for each in map(rotation_of, names):
+    """Return the rotation R of a key R.body or R.space. Raises StatementError for other keys of the table."""
+    names = {rotation_name(q) or "" for q in in_full(key).atoms(AppliedUndef)} - {""}
+    for each in map(rotation_of, sorted(names)):
         if key in (each.body, each.space):
             return each
-    raise StatementError(f"{table} names {shown(key)}, which is not R.body or R.space of a rotation R.")
+    raise StatementError(f"{table} names {shown(key)}: use R.body or R.space of a rotation R.")
 
 
 def forces_on_coordinates(forces: Any) -> Any:
@@ -285,8 +334,9 @@ def forces_on_coordinates(forces: Any) -> Any:
         if not isinstance(key, sympy.MatrixBase):
             table[key] = value
             continue
-        torques = _three(value, f"the torque on {_of_rates(key, 'forces').name}")
-        for q in _of_rates(key, "forces").quaternion:
+        each = _of_rates(key, "forces")
+        torques = _three(value, f"the torque on {each.name}")
+        for q in each.quaternion:
             rate = velocity_of(q)
             parts = (torque * sympy.diff(in_full(about), rate) for torque, about in zip(torques, key, strict=True))
             table[q] = table.get(q, sympy.S.Zero) + sum(parts)
@@ -323,18 +373,19 @@ def reading(
             table |= {q: as_typed(value, "a force") for q in coordinates if key in (q, name_of(q))}
     if not quaternions.isdisjoint(table):
         return None
-    stated = [*energies.values(), as_typed(dissipation, "the dissipation"), *table.values()]
-    parts = [part.xreplace(known) for part in stated]
-    if any(part.has(*quaternions) for part in parts):
+    kinetic, *rest = (energy.xreplace(known) for energy in energies.values())
+    potential = rest[0] if rest else sympy.S.Zero
+    drag = as_typed(dissipation, "the dissipation").xreplace(known)
+    applied = tuple(force.xreplace(known) for force in table.values())
+    if any(part.has(*quaternions) for part in (kinetic, potential, drag, *applied)):
         return None
-    kinetic, potential = parts[0], parts[1] if len(energies) > 1 else sympy.S.Zero
     return {
         "kinetic": kinetic,
         "potential": potential,
         "lagrangian": kinetic - potential,
         "coordinates": tuple(places),
-        "dissipation": parts[len(energies)],
-        "forces": tuple(parts[len(energies) + 1 :]),
+        "dissipation": drag,
+        "forces": applied,
         "entries": tuple(tuple(each.matrix) for each in turned),
     }
 
@@ -342,20 +393,20 @@ def reading(
 def of_quaternions(accelerations: Mapping[Any, Any], names: Sequence[str]) -> dict[Any, Any]:
     """Return the accelerations of a derivation with those of quaternions in place of those of turns.
 
-    The second derivative of q = length * (unit quaternion) follows from dq/dt = q (s, w)/2, where s is twice the rate
-    of the length over the length, which does not accelerate.
+    They follow from dq/dt = q (s, w)/2, where w are the rates about the axes of the body and s = 2 |q|'/|q|, with
+    |q|'' = 0.
     """
-    found = {q: in_full(value) for q, value in accelerations.items()}
+    solved = {q: in_full(value) for q, value in accelerations.items()}
     for each in map(rotation_of, names):
         q, rates = each.quaternion, [velocity_of(entry) for entry in each.quaternion]
         stretch = 2 * sum(a * b for a, b in zip(q, rates, strict=True)) / sum(a**2 for a in q)
-        turned = product(rates, (stretch, *map(in_full, each.body)))
-        pushed = product(q, (-(stretch**2) / 2, *(found.pop(turn) for turn in each.turns)))
-        found |= {entry: (a + b) / 2 for entry, a, b in zip(q, turned, pushed, strict=True)}
-    return found
+        from_rates = product(rates, (stretch, *map(in_full, each.body)))
+        from_accelerations = product(q, (-(stretch**2) / 2, *(solved.pop(turn) for turn in each.turns)))
+        solved |= {entry: (a + b) / 2 for entry, a, b in zip(q, from_rates, from_accelerations, strict=True)}
+    return solved
 
 
-def shorter(expression: Any, names: Iterable[str]) -> Any:
+def shorter(formula: Any, names: Iterable[str]) -> Any:
     """Return an expression with the columns of rotations orthogonal and of length one, if that makes it shorter."""
     known = {}
     for each in map(rotation_of, names):
@@ -363,23 +414,23 @@ def shorter(expression: Any, names: Iterable[str]) -> Any:
             for j in range(i, 3):
                 (a, b, c), (d, e, f) = each.matrix[:, i], each.matrix[:, j]
                 known[c * f] = sympy.Integer(i == j) - a * d - b * e
-    other = sympy.expand(sympy.expand(expression).subs(known))
-    return other if other.count_ops() < expression.count_ops() else expression
+    other = sympy.expand(sympy.expand(formula).subs(known))
+    return other if other.count_ops() < formula.count_ops() else formula
 
 
-def in_rates(expression: Any, names: Iterable[str]) -> Any:
+def in_rates(formula: Any, names: Iterable[str]) -> Any:
     """Return an expression with the rates of the bodies in place of the derivatives of turns, as they are typed."""
     pairs = (pair for each in map(rotation_of, names) for pair in each.rates.items())
-    return expression.xreplace({velocity_of(turn): rate for turn, rate in pairs})
+    return formula.xreplace({velocity_of(turn): rate for turn, rate in pairs})
 
 
 def explanation(name: str, values: Mapping[Any, float]) -> str:
     """Return the sentences that explain a rotation in a derivation; `values` are those of the start."""
-    entries = f"{name}_xx to {name}_zz are the entries of the rotation {name}."
+    matrix = f"{name}_xx to {name}_zz are the entries of the rotation {name}."
     rates, turns = (listing(f"{name}_{kind}_{axis}" for axis in AXES) for kind in ("body", "turn"))
     start = ", ".join(f"{values[q]:.6g}" for q in rotation_of(name).quaternion)
     return (
-        f"{entries} {rates} are its rates about the axes of the body. {turns} are small turns about these axes; the "
+        f"{matrix} {rates} are its rates about the axes of the body. {turns} are small turns about these axes; the "
         f"derivative of L by a turn contains p x {name}_body, since the axes turn with the body. {name} starts as the "
         f"quaternion ({start})."
     )
@@ -392,9 +443,8 @@ def start_in_turns(names: Iterable[str], places: Iterable[Any], values: Mapping[
     """
     known = dict(values)
     for each in map(rotation_of, names):
-        q = [values[entry] for entry in each.quaternion]
-        square = sum(entry**2 for entry in q)
-        rates = product(conjugate(q), [2 * values[velocity_of(entry)] / square for entry in each.quaternion])[1:]
+        velocities = [values[velocity_of(entry)] for entry in each.quaternion]
+        rates = body_rates([values[entry] for entry in each.quaternion], velocities)
         known |= dict.fromkeys(each.turns, 0.0)
         known |= {velocity_of(turn): rate for turn, rate in zip(each.turns, rates, strict=True)}
     places = tuple(places)
@@ -402,11 +452,11 @@ def start_in_turns(names: Iterable[str], places: Iterable[Any], values: Mapping[
 
 
 def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[str, ...]]:
-    """Return a kinetic energy with an inertia along the length of each quaternion, and the names of the rotations.
+    """Return a kinetic energy with an inertia along each quaternion q, and the names of the rotations.
 
-    The inertia is the mean of those of the three rates, so that the mass matrix is as well conditioned as theirs; other
-    coordinates are replaced by one in it. A kinetic energy that has it already stays as it is. Raises StatementError
-    for a rotation without inertia.
+    The term is M (q . q')^2 / (2 q . q), where M is four times the mean moment of inertia: the mass matrix is then as
+    well conditioned as that of the rates. Other coordinates in M are replaced by one. An energy that has the term
+    already stays as it is. Raises StatementError for a rotation without inertia, and for an incomplete quaternion.
     """
     names = tuple(dict.fromkeys(name for name in map(rotation_name, coordinates) if name is not None))
     for each in map(rotation_of, names):
@@ -432,7 +482,10 @@ def without_inertia(name: str) -> str:
 
 
 def _inertia(kinetic: Any, each: Rotation) -> list[list[Any]]:
-    """Return d2T/dv2 of the entries of a quaternion where nothing is turned; other coordinates are one, at rest."""
+    """Return d2T/dv2 by the velocities of a quaternion, (4, 4), where R is the identity.
+
+    Other coordinates are one, and all velocities zero.
+    """
     here = {q: sympy.Integer(q == each.quaternion[0]) for q in each.quaternion}
     others = [f for f in kinetic.atoms(AppliedUndef) if f not in here and f.args == (t,)]
     rates = {velocity_of(q): sympy.Dummy() for q in each.quaternion}
@@ -442,16 +495,11 @@ def _inertia(kinetic: Any, each: Rotation) -> list[list[Any]]:
     return [[sympy.diff(energy, a, b).xreplace(rest) for b in rates.values()] for a in rates.values()]
 
 
-def check_moments(kinetic: Any, names: Iterable[str], values: Mapping[Any, float]) -> None:
+def check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
     """Raise StatementError if the principal moments of inertia of a rotation break the triangle inequality.
 
     `values` are those of parameters. Inertias that contain anything else are not judged.
     """
-    for name in names:
-        _check_moments(kinetic, name, values)
-
-
-def _check_moments(kinetic: Any, name: str, values: Mapping[Any, float]) -> None:
     rows = [[entry.xreplace(dict(values)) / 4 for entry in row[1:]] for row in _inertia(kinetic, rotation_of(name))[1:]]
     if not all(entry.is_number for row in rows for entry in row):
         return

@@ -63,12 +63,17 @@ def test_steady_precession(root: int) -> None:
 
 
 def test_limit_of_a_sleeping_top() -> None:
-    """An upright top is stable above the spin 2 sqrt(m g a J1) / J3: its eigenvalues lose their real parts."""
-    top = body((1.0, 1.0, 0.5), (0, 0, 1), potential=R[2, 2])
+    """An upright top is stable above the spin 2 sqrt(m g a J1) / J3 = 4: a push of 1e-3 grows below it alone."""
     for spin, stable in ((3.9, False), (4.1, True)):
-        matrix = np.array(top.linearize({R.body: (0, 0, spin)}).A, dtype=float)
-        assert matrix.shape == (6, 6)
-        assert (np.linalg.eigvals(matrix).real.max() < 1e-7) == stable
+        run = body((1.0, 1.0, 0.5), (1e-3, 0, spin), potential=R[2, 2]).run(60.0)
+        assert (run[R][:, 2, 2].min() > 0.9999) == stable
+
+
+def test_small_turns_of_a_body_that_hangs() -> None:
+    """A body hangs by a point: frequencies sqrt(m g a/J) about the two horizontal axes, and free turns about z."""
+    hanging = body((0.5, 0.8, 0.4), (0, 0, 0), potential=-R[2, 2])
+    assert np.allclose([float(w) for w in hanging.modes().frequencies], [0, 0.8**-0.5, 0.5**-0.5], rtol=1e-12)
+    assert hanging.linearize().A.shape == (6, 6)
 
 
 def test_constant_of_kovalevskaya() -> None:

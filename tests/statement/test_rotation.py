@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation as Matrix
 from sympy import diag
 
 import lagrange as lg
+from lagrange.statement.rotation import body_rates, in_coordinates
 from tests.models import m, x
 
 R = lg.rotation("R")
@@ -61,6 +62,15 @@ def test_a_new_start_keeps_the_rates_about_the_axes_of_the_body() -> None:
     assert np.allclose(run[R.body][:, 0], [1, 2, 3], rtol=0, atol=1e-14)
 
 
+def test_rates_are_kept_whatever_the_length_of_the_quaternion() -> None:
+    """A state of a long run has a length that differs from one by rounding; here by a hundredth."""
+    values = dict(zip(R.quaternion, (1.01, 0, 0, 0), strict=True))
+    values |= {q.dot: rate for q, rate in zip(R.quaternion, (0, 0.2, 0.4, -0.3), strict=True)}
+    found = in_coordinates({R: lg.turn((1, 1, 1), 0.7)}, values)
+    after = body_rates([found[q] for q in R.quaternion], [found[q.dot] for q in R.quaternion])
+    assert np.allclose(after, np.array([0.4, 0.8, -0.6]) / 1.01, rtol=0, atol=1e-14)
+
+
 def test_a_torque_changes_the_angular_momentum() -> None:
     """About an axis of space by itself; about an axis of the body by itself turned by R."""
     for forces, expected in (({R.space: (1, 2, -1)}, [0.1, 0.2, -0.1]), ({R.body: (0, 0, 2)}, [0, 0, 0.2])):
@@ -97,7 +107,7 @@ potential = "k*R_zz"
 J = 2.0
 k = 1.0
 [initial]
-R_x_dot = 0.1
+R_body_x = 0.2
 """
 
 
@@ -108,6 +118,9 @@ def test_a_scene_names_entries_and_rates(tmp_path: Path) -> None:
     assert "J*R_body_x_dot - k*R_zy = 0" in lg.System.from_scene(tmp_path / "top.toml").derivation().text()
     (tmp_path / "bad.toml").write_text(SCENE.replace('["R"]', '"R"'))
     with pytest.raises(lg.SceneError, match=r"rotations is not a list of names"):
+        lg.System.from_scene(tmp_path / "bad.toml")
+    (tmp_path / "bad.toml").write_text(SCENE.replace('["R"]', '["R", "R"]'))
+    with pytest.raises(lg.SceneError, match=r"rotations names 'R' twice"):
         lg.System.from_scene(tmp_path / "bad.toml")
 
 
@@ -122,12 +135,15 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a sum": (lambda: R + 1, "use its entries"),
     "two entries": (lambda: R * (1, 2), "turns a vector of three entries, not 2 entries"),
     "a number": (lambda: R * 2, "turns a vector of three entries, not 2"),
-    "behind its vector": (lambda: sympy.Matrix([1, 2, 3]) * R, "it stands left of the vector"),
+    "right of its vector": (lambda: sympy.Matrix([1, 2, 3]) * R, "it stands left of the vector"),
     "a potential": (lambda: lg.System(KINETIC, R), "the potential energy is <Rotation R>"),
     "no axis": (lambda: lg.turn((0, 0, 0), 1), "three numbers that are not all zero"),
     "a long quaternion": (lambda: top(initial={R: (1, 1, 0, 0)}), "a quaternion of length 1.41421"),
     "a reflection": (lambda: top(initial={R: np.diag([1, 1, -1])}), "a reflection, with determinant -1"),
     "a matrix that stretches": (lambda: top(initial={R: np.diag([1, 1, 2])}), "differs from the unit matrix by 3"),
+    "entries of another length": (lambda: top(initial={"R_x": 0.5}), "a quaternion of length 1.11803"),
+    "velocities that stretch": (lambda: top(initial={"R_w_dot": 0.5}), "change the length of the quaternion"),
+    "a spin to linearize about": (lambda: top().linearize({R.body: (0, 0, 1)}), "about a body that spins"),
     "a text": (lambda: top(initial={R: "up"}), r"the start of R is 'up': give lagrange.turn\(axis, angle\)"),
     "two rates": (lambda: top(initial={R.body: (1, 2)}), "give three values, about the axes x, y and z"),
     "both rates": (lambda: top(initial={R.body: (1, 2, 3), R.space: (1, 2, 3)}), "gives both R.body and R.space"),

@@ -199,7 +199,15 @@ class SceneReader:
         names = {**turned, **speed, **given_names, **coordinates, **velocities, **symbols}
         reader = self.reader(names, given_names)
         forces = self.forces(reader, coordinates, rotations)
-        initial = document.table("initial", [*coordinates, *velocities], "coordinate or velocity of this scene")
+        spins = {each: list(map(name_of, each.body)) for each in rotations}
+        known = [*coordinates, *velocities, *chain(*spins.values())]
+        initial: dict[Any, Any] = {
+            name: document.number("initial", name)
+            for name in document.table("initial", known, "coordinate or velocity of this scene")
+        }
+        for each, axes in spins.items():
+            if not initial.keys().isdisjoint(axes):
+                initial[each.body] = [initial.pop(name, 0.0) for name in axes]
         stated = self.energies(reader)
         dissipation = document.expression(reader, "dissipation") if "dissipation" in self.data else sympy.S.Zero
         self.check_velocities(coordinates, stated, forces_on_coordinates(forces), dissipation)
@@ -212,7 +220,7 @@ class SceneReader:
                 constraints=self.constraints(reader),
                 redundant=self.redundant(),
                 parameters={symbols[name]: value for name, value in values.items()},
-                initial={name: document.number("initial", name) for name in initial},
+                initial=initial,
                 positions=self.positions(reader),
                 links=self.links(),
                 name=self.title(),
@@ -304,6 +312,8 @@ class SceneReader:
         names = self.data.get("rotations", [])
         if not isinstance(names, list) or not all(isinstance(name, str) and NAME.fullmatch(name) for name in names):
             self.document.refuse('rotations is not a list of names: write rotations = ["R"].', "rotations")
+        if repeated := [name for name in names if names.count(name) > 1]:
+            self.document.refuse(f"rotations names {repeated[0]!r} twice: name each rotation once.", "rotations")
         return [rotation_of(name) for name in names]
 
     def parameters(self, coordinates: Mapping[str, Any]) -> dict[str, float | None]:
