@@ -159,17 +159,35 @@ def with_inputs_as_parameters(statement: Statement, at: Any, inputs: Any) -> tup
 
 
 def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint:
-    """Return the point that the mapping `at` states. Coordinates, velocities and inputs that it omits are zero.
+    """Return the point that the mapping `at` states; see `stated_values`.
 
-    A rotation that it omits is the identity. Each quaternion has the constraint of length one.
+    Each quaternion has the constraint of length one. Raises StatementError for rates of a rotation, too.
+    """
+    values, chosen = stated_values(statement, at, inputs)
+    if any(values[velocity_of(q)] != 0 for q in statement.coordinates if rotation_name(q) is not None):
+        raise StatementError(
+            "at gives a rotation rates: about a body that spins there are linear equations, linearize(at), and no "
+            "equilibrium: its modes are not those of a body at rest."
+        )
+    statement = with_lengths(statement)
+    return StatedPoint(
+        PlainForm(statement),
+        tuple(values[q] for q in statement.coordinates),
+        tuple(values[v] for v in statement.velocities),
+        {symbol: values.get(symbol, sympy.S.Zero) for symbol in chosen},
+    )
 
-    Raises StatementError for unknown keys, and for values that are not constant.
+
+def stated_values(statement: Statement, at: Any, inputs: Any) -> tuple[dict[Any, Any], tuple[Any, ...]]:
+    """Return the values of coordinates, velocities and inputs that the mapping `at` states, and the inputs.
+
+    What it omits is zero; an omitted rotation is the identity. Raises StatementError for unknown keys, and for values
+    that are not constant.
     """
     if at is not None and not isinstance(at, Mapping):
         raise StatementError(f"at is {shown(at)}: give a dict such as {{{statement.names[0]}: 0}}.")
     chosen = _inputs(statement, inputs)
     rest = {**dict.fromkeys((*statement.coordinates, *statement.velocities), sympy.S.Zero), **identity(statement)}
-    statement = with_lengths(statement)
     rows: dict[Any, Any] = {}
     for q, name in zip(statement.coordinates, statement.names, strict=True):
         rows[q] = rows[name] = q
@@ -186,17 +204,7 @@ def stated_point(statement: Statement, at: Any, inputs: Any = ()) -> StatedPoint
                 + suggestion(label, known)
             )
         values[rows[key]] = _constant(statement, value, f"the value of {key}")
-    if any(values[velocity_of(q)] != 0 for q in statement.coordinates if rotation_name(q) is not None):
-        raise StatementError(
-            "at gives a rotation rates: no linear equations are formed about a body that spins, since the entries of "
-            "its quaternion go on turning. Leave the rates out, or compare runs from close starts."
-        )
-    return StatedPoint(
-        PlainForm(statement),
-        tuple(values[q] for q in statement.coordinates),
-        tuple(values[v] for v in statement.velocities),
-        {symbol: values.get(symbol, sympy.S.Zero) for symbol in chosen},
-    )
+    return values, chosen
 
 
 def with_lengths(statement: Statement) -> Statement:

@@ -69,6 +69,49 @@ def test_limit_of_a_sleeping_top() -> None:
         assert (run[R][:, 2, 2].min() > 0.9999) == stable
 
 
+@pytest.mark.parametrize(("axis", "growth"), [(0, 0.0), (1, 10 / 3**0.5), (2, 0.0)])
+def test_stability_of_a_steady_spin(axis: int, growth: float) -> None:
+    """Of a free body about its axes: growth w sqrt((J2 - J1)(J3 - J2)/(J1 J3)) about the middle one alone."""
+    rates = [10 * (k == axis) for k in range(3)]
+    linear = body((1, 2, 3), (0, 0, 0)).linearize({R.body: rates})
+    values = np.linalg.eigvals(np.array(linear.A, dtype=float))
+    assert values.real.max() == pytest.approx(growth, abs=1e-6)
+    assert linear.note == "About a steady motion."
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_linear_equations_anywhere_agree_with_the_compiled_model(seed: int) -> None:
+    """With a coordinate, torques and an input: `linearize` compares itself with the model, and raises if it differs."""
+    draw = np.random.default_rng(seed)
+    x, u = lg.coordinate("x"), lg.parameters("u")
+    energy = R.body.dot(diag(1.1, 1.3, 1.7) * R.body) / 2 + m * (x.dot**2 + x.dot * R.space[0]) / 2
+    system = lg.System(
+        energy,
+        m * g * x * R[2, 2] + x**2 * R[0, 1],
+        parameters={m: 0.7, g: 2.0, u: 0.3},
+        forces={R.space: (0.1, x, u), R.body: (0, 0, -0.1 * R.body[2])},
+    )
+    place = {R: lg.turn(draw.normal(size=3), 1.1), R.body: tuple(draw.normal(size=3).tolist()), x: 0.4, x.dot: -0.2}
+    assert system.linearize(place, inputs=[u]).note.startswith("Away from equilibrium")
+
+
+def test_linear_equations_of_a_sleeping_top_in_symbols() -> None:
+    """About the axis of a top that spins: x'' = ((1 - J3/J1) w^2 + m g a/J1) x + (2 - J3/J1) w y'."""
+    thick = lg.parameters("J3")
+    top = body((m, m, thick), (0, 0, 0), potential=a * R[2, 2], parameters={m: 1.0, a: 1.0, thick: 0.5})
+    matrix = top.linearize({R.body: (0, 0, 3)}).A
+    expected = sympy.Matrix([[9 * (1 - thick / m) + a / m, 0, 0], [0, 9 * (1 - thick / m) + a / m, 0], [0, 0, 0]])
+    assert (matrix[3:, :3] - expected).applyfunc(sympy.simplify).is_zero_matrix
+    assert sympy.simplify(matrix[3, 4] - 3 * (2 - thick / m)) == 0
+
+
+def test_the_limit_of_a_sleeping_top_by_eigenvalues() -> None:
+    top = body((1.0, 1.0, 0.5), (0, 0, 0), potential=R[2, 2])
+    for spin, stable in ((3.999, False), (4.001, True)):
+        matrix = np.array(top.linearize({R.body: (0, 0, spin)}).A, dtype=float)
+        assert (np.linalg.eigvals(matrix).real.max() < 1e-6) == stable
+
+
 def test_small_turns_of_a_body_that_hangs() -> None:
     """A body hangs by a point: frequencies sqrt(m g a/J) about the two horizontal axes, and free turns about z."""
     hanging = body((0.5, 0.8, 0.4), (0, 0, 0), potential=-R[2, 2])

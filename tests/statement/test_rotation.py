@@ -143,7 +143,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "a matrix that stretches": (lambda: top(initial={R: np.diag([1, 1, 2])}), "differs from the unit matrix by 3"),
     "entries of another length": (lambda: top(initial={"R_x": 0.5}), "a quaternion of length 1.11803"),
     "velocities that stretch": (lambda: top(initial={"R_w_dot": 0.5}), "change the length of the quaternion"),
-    "a spin to linearize about": (lambda: top().linearize({R.body: (0, 0, 1)}), "about a body that spins"),
+    "modes of a spin": (lambda: top().modes({R.body: (0, 0, 1)}), "its modes are not those of a body at rest"),
     "a text": (lambda: top(initial={R: "up"}), r"the start of R is 'up': give lagrange.turn\(axis, angle\)"),
     "two rates": (lambda: top(initial={R.body: (1, 2)}), "give three values, about the axes x, y and z"),
     "both rates": (lambda: top(initial={R.body: (1, 2, 3), R.space: (1, 2, 3)}), "gives both R.body and R.space"),
