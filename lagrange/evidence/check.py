@@ -309,8 +309,9 @@ def _textbook(system: Stated, prescribed: Mapping[Any, Any]) -> tuple[Mapping[An
         limit = f"which is done up to {MOST_DERIVED} coordinates."
         return None, (f"not compared with the textbook derivation, {limit}",)
     try:
-        names = system.statement.rotations if system.statement.reading else ()
-        solved = of_quaternions(system.derivation().accelerations, names)
+        solved = system.derivation().accelerations
+        if system.statement.reading is not None:
+            solved = of_quaternions(solved, system.statement.rotations)
         return {q: a.xreplace(prescribed) for q, a in solved.items()}, ()
     except StatementError as refusal:
         return None, (f"not compared with the textbook derivation: {refusal}",)

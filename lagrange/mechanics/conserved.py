@@ -130,10 +130,10 @@ def conserved_quantities(model: Model) -> list[Conserved]:
 
 def _proven_quantities(model: Model) -> Iterator[Conserved]:
     structure, stated = model.equations.structure, TextbookAlgebra(model.statement)
+    read = stated if model.statement.reading is None else TextbookAlgebra(model.statement.as_read)
     taken = [f"p_{structure.names[i]}" for i in structure.cyclic]
     if structure.conservative:
         taken.append(structure.energy_name)
-        read = TextbookAlgebra(model.statement.as_read)
         yield Conserved(taken[-1], read.show(read.energy), f"{structure.energy_reason()}.", model.statement)
     for name, i in zip(taken, structure.cyclic, strict=False):
         reason = f"{structure.names[i]} is not in the Lagrangian."
@@ -141,7 +141,7 @@ def _proven_quantities(model: Model) -> Iterator[Conserved]:
     if len(stated.q) > MOST_SEARCHED:
         return
     equation, body = SymmetryEquation(stated), place(stated)
-    yield from _momenta_of_turns(equation, stated)
+    yield from _momenta_of_turns(equation, stated, read)
     for proven in _symmetries(model, equation, body):
         symmetry, name = oriented(stated, proven, body, structure.energy_name)
         taken.append(untaken(name, taken))
@@ -155,10 +155,14 @@ def _proven_quantities(model: Model) -> Iterator[Conserved]:
         yield Conserved(name, stated.show(terms), RUNGE_LENZ, model.statement)
 
 
-def _momenta_of_turns(equation: SymmetryEquation, stated: TextbookAlgebra) -> Iterator[Conserved]:
-    """Yield the conserved angular momenta about the axes of space and of the bodies of rotations."""
+def _momenta_of_turns(
+    equation: SymmetryEquation, stated: TextbookAlgebra, read: TextbookAlgebra
+) -> Iterator[Conserved]:
+    """Yield the conserved angular momenta about the axes of space and of the bodies of rotations.
+
+    `stated` is the algebra of the statement, and `read` that of the statement as people read it.
+    """
     statement = stated.statement
-    read = TextbookAlgebra(statement.as_read)
     for each, of_body, axis, candidate in body_turns(stated):
         if not _holds(equation, candidate):
             continue

@@ -17,7 +17,7 @@ from lagrange.statement.coordinate import name_of, rotation_name, velocity_of
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.number import whole_number
 from lagrange.statement.parameters import in_own_parameters, label_of
-from lagrange.statement.rotation import ENTRIES, in_coordinates
+from lagrange.statement.rotation import in_coordinates, is_scalar, rotation_of
 from lagrange.statement.statement import Constraint, Statement
 from lagrange.statement.survey import Survey
 
@@ -187,7 +187,8 @@ def stated_values(statement: Statement, at: Any, inputs: Any) -> tuple[dict[Any,
     if at is not None and not isinstance(at, Mapping):
         raise StatementError(f"at is {shown(at)}: give a dict such as {{{statement.names[0]}: 0}}.")
     chosen = _inputs(statement, inputs)
-    rest = {**dict.fromkeys((*statement.coordinates, *statement.velocities), sympy.S.Zero), **identity(statement)}
+    rest = {q: sympy.Integer(is_scalar(q)) for q in statement.coordinates}
+    rest |= dict.fromkeys(statement.velocities, sympy.S.Zero)
     rows: dict[Any, Any] = {}
     for q, name in zip(statement.coordinates, statement.names, strict=True):
         rows[q] = rows[name] = q
@@ -209,18 +210,11 @@ def stated_values(statement: Statement, at: Any, inputs: Any) -> tuple[dict[Any,
 
 def with_lengths(statement: Statement) -> Statement:
     """Return the statement with the constraint of length one on each quaternion, as coordinates like others."""
-    by_name = dict(zip(statement.names, statement.coordinates, strict=True))
-    lengths = []
-    for name in statement.rotations:
-        square = sum(by_name[f"{name}_{entry}"] ** 2 for entry in ENTRIES)
-        lengths.append(Constraint(f"{name}_length", (square - 1) / 2, holonomic=True))
+    lengths = (
+        Constraint(f"{each.name}_length", (sum(q**2 for q in each.quaternion) - 1) / 2, holonomic=True)
+        for each in map(rotation_of, statement.rotations)
+    )
     return replace(statement, constraints=(*statement.constraints, *lengths), rotations=(), reading=None)
-
-
-def identity(statement: Statement) -> dict[Any, Any]:
-    """Return the entries of the identity quaternions of a statement that are not zero, by coordinate."""
-    scalars = [f"{name}_{ENTRIES[0]}" for name in statement.rotations]
-    return {q: sympy.S.One for q in statement.coordinates if name_of(q) in scalars}
 
 
 def _inputs(statement: Statement, given: Any) -> tuple[Any, ...]:

@@ -25,7 +25,7 @@ from lagrange.mechanics.linearization import linearized as in_coordinates
 from lagrange.mechanics.plain_form import numeric, simplest
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
 from lagrange.statement.given.function import require_values
-from lagrange.statement.rotation import Rotation, body_rates, matrix_of, product, rotation_of
+from lagrange.statement.rotation import Rotation, body_rates, cross_matrix, matrix_of, product, rotation_of, x, y, z
 
 LARGEST_DIFFERENCE = 1e-7
 """Largest difference from the Jacobian of the compiled model, relative to its largest entry: both have ten digits."""
@@ -37,10 +37,10 @@ def linearized(system: Stated, at: Any, inputs: Any) -> Linearization:
     A system with rotations has it in small turns, unless constraints hold it at rest. Raises StatementError for a
     singular mass matrix.
     """
+    if system.statement.reading is None:
+        return in_coordinates(system, at, inputs)
     statement, at, inputs = with_inputs_as_parameters(system.statement, at, inputs)
     system = system if statement is system.statement else system.from_statement(statement)
-    if statement.reading is None:
-        return in_coordinates(system, at, inputs)
     require_values(statement)
     made = _InTurns(system, at, inputs)
     found = made.linearization()
@@ -56,19 +56,19 @@ class _InTurns:
         self.values, self.inputs = stated_values(self.statement, at, inputs)
         self.n = len(self.read.coordinates)
         self.velocities = tuple(map(velocity_of, self.read.coordinates))
-        self.rates = tuple(map(acceleration_of, self.read.coordinates))
+        self.second = tuple(map(acceleration_of, self.read.coordinates))
         self.here = {leaf: self.values.get(leaf, sympy.S.Zero) for leaf in (*self.read.coordinates, *self.velocities)}
         self.here |= {u: self.values.get(u, sympy.S.Zero) for u in self.inputs}
         for _, each in self.bodies():
             q, v = self.quaternion(each)
             self.here |= dict(zip(map(velocity_of, each.turns), body_rates(q, v), strict=True))
             self.here |= dict(zip(each.matrix, chain(*matrix_of(q)), strict=True))
-        leaves = (*self.here, *self.rates)
+        leaves = (*self.here, *self.second)
         self.symbols = {leaf: sympy.Dummy() for leaf in leaves}
         laws = system.derivation().equations
         self.laws = [(law.lhs - law.rhs).xreplace(self.symbols) for law in laws]
-        still = dict.fromkeys(self.rates, sympy.S.Zero)
-        self.mass = self.slopes(self.rates, still)
+        still = dict.fromkeys(self.second, sympy.S.Zero)
+        self.mass = self.slopes(self.second, still)
         self.rest = sympy.Matrix([self.value(law, still) for law in self.laws])
 
     def bodies(self) -> Iterator[tuple[int, Rotation]]:
@@ -104,8 +104,7 @@ class _InTurns:
         """Return the matrix of the products w x x, (n, n); `column` has w in the rows of the turns."""
         made = sympy.zeros(self.n, self.n)
         for first, _ in self.bodies():
-            a, b, c = column[first : first + 3]
-            made[first : first + 3, first : first + 3] = sympy.Matrix([[0, -c, b], [c, 0, -a], [-b, a, 0]])
+            made[first : first + 3, first : first + 3] = cross_matrix(column[first : first + 3])
         return made
 
     def stiffness(self, more: Mapping[Any, Any]) -> Any:
@@ -113,19 +112,13 @@ class _InTurns:
         made = self.slopes(self.read.coordinates, more)
         for first, each in self.bodies():
             by_entry, place = self.slopes(list(each.matrix), more), each.matrix.applyfunc(self.here.__getitem__)
-            for k in range(3):
-                ahead, behind = (k + 1) % 3, (k + 2) % 3
-                parts = [
-                    by_entry[:, 3 * row + ahead] * place[row, behind]
-                    - by_entry[:, 3 * row + behind] * place[row, ahead]
-                    for row in range(3)
-                ]
-                made[:, first + k] = sum(parts, sympy.zeros(self.n, 1))
+            for k, unit in enumerate((x, y, z)):
+                made[:, first + k] = by_entry * (place * cross_matrix(unit)).reshape(9, 1)
         return made
 
     def linearization(self) -> Linearization:
         """Return the matrices."""
-        more = dict(zip(self.rates, self.accelerations, strict=True))
+        more = dict(zip(self.second, self.accelerations, strict=True))
         speeds = sympy.Matrix([self.here[v] for v in self.velocities])
         drag, slope = self.slopes(self.velocities, more), self.stiffness(more)
         balanced = bool(self.accelerations.is_zero_matrix)

@@ -34,12 +34,13 @@ from lagrange.statement.given.motion import motion_of
 from lagrange.statement.number import one_of, real_number, text
 from lagrange.statement.parameters import check_rate, default_values, label_of, parameter_symbols, table_of
 from lagrange.statement.rotation import (
-    ENTRIES,
     check_moments,
     check_start,
     explanation,
     forces_on_coordinates,
     in_coordinates,
+    is_scalar,
+    names_rotations,
     reading,
     start_in_turns,
     with_length,
@@ -141,8 +142,7 @@ def _with_rotations(statement: Statement, typed: Mapping[str, Any], forces: Any,
 
 def _at_rest(coordinates: tuple[Any, ...]) -> tuple[float, ...]:
     """Return the default state (q, v): zeros, and one for the scalars of quaternions, which turn nothing."""
-    turning = ((name_of(q), rotation_name(q)) for q in coordinates)
-    return (*(float(name == f"{turned}_{ENTRIES[0]}") for name, turned in turning), *(0.0 for _ in coordinates))
+    return (*(float(is_scalar(q)) for q in coordinates), *(0.0 for _ in coordinates))
 
 
 def _functions(survey: Survey, inferred: Iterable[Any]) -> dict[str, Any]:
@@ -183,7 +183,8 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
             "default."
         )
     rows, values = state_rows(coordinates), list(base)
-    given = in_coordinates(given, dict(zip((*coordinates, *map(velocity_of, coordinates)), base, strict=True)))
+    if names_rotations(given):
+        given = in_coordinates(given, dict(zip((*coordinates, *map(velocity_of, coordinates)), base, strict=True)))
     for key, value in given.items():
         if key not in rows:
             known = [label for label in rows if isinstance(label, str)]

@@ -90,6 +90,12 @@ def space_rates(q: Sequence[Any], velocities: Sequence[Any]) -> tuple[Any, Any, 
     return twice * i, twice * j, twice * k
 
 
+def cross_matrix(vector: Sequence[Any]) -> Any:
+    """Return the matrix of the vector products with a vector of three entries, (3, 3)."""
+    a, b, c = vector
+    return sympy.Matrix([[0, -c, b], [c, 0, -a], [-b, a, 0]])
+
+
 def _refusal(instead: str) -> Callable[..., NoReturn]:
     """Return a method that refuses an operation on a rotation. `instead` is the remedy; {0} in it is the name."""
 
@@ -225,7 +231,7 @@ def quaternion_of(value: Any, name: str) -> Quaternion:
     if numbers.shape == (4,):
         size = float(np.linalg.norm(numbers))
         if abs(size - 1) > ROUNDING:
-            raise StatementError(f"the start of {name} is a quaternion of length {size:.6g}: give one of length 1.")
+            raise StatementError(_of_length(name, size))
         return tuple((numbers / size).tolist())
     if (off := float(np.abs(numbers.T @ numbers - np.eye(3)).max())) > ROUNDING:
         raise StatementError(
@@ -238,6 +244,19 @@ def quaternion_of(value: Any, name: str) -> Quaternion:
 
     i, j, k, w = Matrix.from_matrix(numbers).as_quat().tolist()
     return w, i, j, k
+
+
+def _of_length(name: str, size: float) -> str:
+    """Return the message for a start of a rotation that is a quaternion of another length than one."""
+    return (
+        f"the start of {name} is a quaternion of length {size:.6g}: give one of length 1, such as "
+        "lagrange.turn(axis, angle)."
+    )
+
+
+def names_rotations(table: Iterable[Any]) -> bool:
+    """Return True if a key of a table is a rotation, or a vector such as its rates."""
+    return any(isinstance(key, (Rotation, sympy.MatrixBase)) for key in table)
 
 
 def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: str = "initial") -> dict[Any, Any]:
@@ -284,10 +303,7 @@ def check_start(coordinates: Sequence[Any], values: Sequence[float]) -> None:
         q, v = (np.array([values[place + shift] for place in places]) for shift in (0, len(coordinates)))
         size = float(np.linalg.norm(q))
         if abs(size - 1) > STRETCH:
-            raise StatementError(
-                f"the start of {each.name} is a quaternion of length {size:.6g}: give one of length 1, such as "
-                "lagrange.turn(axis, angle)."
-            )
+            raise StatementError(_of_length(each.name, size))
         if abs(q @ v) > STRETCH * np.linalg.norm(v):
             raise StatementError(
                 f"the start of {each.name} has velocities of {each.name}_w to {each.name}_z that change the length of "
@@ -296,10 +312,19 @@ def check_start(coordinates: Sequence[Any], values: Sequence[float]) -> None:
 
 
 @lru_cache(maxsize=256)
-def _rotations_of(coordinates: tuple[Any, ...]) -> list[Rotation]:
-    """Return the rotations whose quaternions are among the coordinates."""
+def _rotations_of(coordinates: tuple[Any, ...]) -> tuple[Rotation, ...]:
+    """Return the rotations whose quaternions are among the coordinates. Raises StatementError for an incomplete one."""
     names = dict.fromkeys(name for name in map(rotation_name, coordinates) if name is not None)
-    return [each for each in map(rotation_of, names) if set(each.quaternion) <= set(coordinates)]
+    for each in map(rotation_of, names):
+        if missing := [name_of(q) for q in each.quaternion if q not in coordinates]:
+            raise StatementError(f"coordinates lacks {listing(missing)} of the rotation {each.name}: name all four.")
+    return tuple(map(rotation_of, names))
+
+
+def is_scalar(coordinate: Any) -> bool:
+    """Return True for the scalar of a quaternion, which is one where nothing is turned."""
+    name = rotation_name(coordinate)
+    return name is not None and coordinate == rotation_of(name).quaternion[0]
 
 
 def _three(value: Any, what: str) -> list[Any]:
@@ -325,7 +350,7 @@ def forces_on_coordinates(forces: Any) -> Any:
     entry of the quaternion is the sum of each torque times the derivative of its rate by the velocity of the entry.
     Raises StatementError for another number of torques, and for {R: ...}, which does not name axes.
     """
-    if not isinstance(forces, Mapping) or not any(isinstance(key, (Rotation, sympy.MatrixBase)) for key in forces):
+    if not isinstance(forces, Mapping) or not names_rotations(forces):
         return forces
     table: dict[Any, Any] = {}
     for key, value in forces.items():
@@ -357,8 +382,7 @@ def reading(
         rates = [velocity_of(turn) for turn in each.turns]
         known |= dict(zip(each.body, rates, strict=True))
         known |= dict(zip(each.space, each.matrix * sympy.Matrix(rates), strict=True))
-        a, b, c = rates
-        moved = each.matrix * sympy.Matrix([[0, -c, b], [c, 0, -a], [-b, a, 0]])
+        moved = each.matrix * cross_matrix(rates)
         known |= {velocity_of(entry): rate for entry, rate in zip(each.matrix, moved, strict=True)}
     quaternions = {q for each in turned for q in each.quaternion}
     places = [q for q in coordinates if q not in quaternions] + [turn for each in turned for turn in each.turns]
@@ -458,10 +482,8 @@ def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[st
     well conditioned as that of the rates. Other coordinates in M are replaced by one. An energy that has the term
     already stays as it is. Raises StatementError for a rotation without inertia, and for an incomplete quaternion.
     """
-    names = tuple(dict.fromkeys(name for name in map(rotation_name, coordinates) if name is not None))
-    for each in map(rotation_of, names):
-        if missing := [name_of(q) for q in each.quaternion if q not in coordinates]:
-            raise StatementError(f"coordinates lacks {listing(missing)} of the rotation {each.name}: name all four.")
+    rotations = _rotations_of(tuple(coordinates))
+    for each in rotations:
         scalar, *inertias = (row[i] for i, row in enumerate(_inertia(kinetic, each)))
         mean = sympy.cancel(sum(inertias) / 3)
         if mean.is_zero or mean.is_finite is False:
@@ -470,7 +492,7 @@ def with_length(kinetic: Any, coordinates: Sequence[Any]) -> tuple[Any, tuple[st
             rates = map(velocity_of, each.quaternion)
             along = sum(q * rate for q, rate in zip(each.quaternion, rates, strict=True))
             kinetic += mean * along**2 / (2 * sum(q**2 for q in each.quaternion))
-    return kinetic, names
+    return kinetic, tuple(each.name for each in rotations)
 
 
 def without_inertia(name: str) -> str:

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -199,15 +198,8 @@ class SceneReader:
         names = {**turned, **speed, **given_names, **coordinates, **velocities, **symbols}
         reader = self.reader(names, given_names)
         forces = self.forces(reader, coordinates, rotations)
-        spins = {each: list(map(name_of, each.body)) for each in rotations}
-        known = [*coordinates, *velocities, *chain(*spins.values())]
-        initial: dict[Any, Any] = {
-            name: document.number("initial", name)
-            for name in document.table("initial", known, "coordinate or velocity of this scene")
-        }
-        for each, axes in spins.items():
-            if not initial.keys().isdisjoint(axes):
-                initial[each.body] = [initial.pop(name, 0.0) for name in axes]
+        known = [*coordinates, *velocities, *(name_of(rate) for each in rotations for rate in each.body)]
+        initial = document.table("initial", known, "coordinate or velocity of this scene")
         stated = self.energies(reader)
         dissipation = document.expression(reader, "dissipation") if "dissipation" in self.data else sympy.S.Zero
         self.check_velocities(coordinates, stated, forces_on_coordinates(forces), dissipation)
@@ -220,7 +212,7 @@ class SceneReader:
                 constraints=self.constraints(reader),
                 redundant=self.redundant(),
                 parameters={symbols[name]: value for name, value in values.items()},
-                initial=initial,
+                initial=_by_body({name: document.number("initial", name) for name in initial}, rotations),
                 positions=self.positions(reader),
                 links=self.links(),
                 name=self.title(),
@@ -244,13 +236,10 @@ class SceneReader:
         self, reader: ExpressionReader, coordinates: Mapping[str, Any], rotations: Sequence[Rotation]
     ) -> dict[Any, Any]:
         """Return the forces on coordinates, and the torques about the axes of bodies, R_body_x to R_body_z."""
-        document = self.document
-        about = {each: list(map(name_of, each.body)) for each in rotations}
-        stated = document.table("forces", [*coordinates, *chain(*about.values())], "coordinate of this scene")
-        forces = {name: document.expression(reader, "forces", name) for name in stated}
-        torques = {each.body: [forces.pop(name, sympy.S.Zero) for name in names] for each, names in about.items()}
-        applied = {coordinates[name]: force for name, force in forces.items()}
-        return applied | {rates: torque for rates, torque in torques.items() if any(torque)}
+        known = [*coordinates, *(name_of(rate) for each in rotations for rate in each.body)]
+        stated = self.document.table("forces", known, "coordinate of this scene")
+        forces = {coordinates.get(name, name): self.document.expression(reader, "forces", name) for name in stated}
+        return _by_body(forces, rotations)
 
     def events(self, reader: ExpressionReader, declared: Statement) -> tuple[Event, ...]:
         """Return the events of the list of tables [[events]]: `when` is zero there; the other keys are optional."""
@@ -551,3 +540,13 @@ class SceneReader:
         if "method" in table and not re.fullmatch(r"[\w.:+-]{1,64}", self.document.text("run", "method")):
             self.document.refuse("method is not a name of a method: write one such as 'dop853'.", "run", "method")
         return RunSettings(**{**table, **numbers})
+
+
+def _by_body(table: Mapping[Any, Any], rotations: Iterable[Rotation]) -> dict[Any, Any]:
+    """Return a table with {R.body: three values} in place of R_body_x to R_body_z; one that is missing is zero."""
+    found = dict(table)
+    for each in rotations:
+        names = list(map(name_of, each.body))
+        if not found.keys().isdisjoint(names):
+            found[each.body] = [found.pop(name, 0) for name in names]
+    return found
