@@ -1,22 +1,14 @@
-"""Orbits on a section: followed one by one to their crossings, or in parallel from period to period."""
+"""Orbits on a section: followed to their crossings, or from period to period."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 
 from lagrange.dynamics.runs import Report, Runs, time_scale
 from lagrange.errors import counted
 from lagrange.machine.backend import FloatArray
-from lagrange.members.chunk import STATUSES, Ends, Engine, Starts, Table
-from lagrange.members.job import ChunkResult
-from lagrange.members.keep import END, OUTPUTS, STATUS
-from lagrange.members.lanes import LaneEngine
-from lagrange.members.varied import MemberNumbers
-from lagrange.members.work import ThreadRunner, run_members, threads_of
 from lagrange.statement.event import Event
 from lagrange.trajectory.trajectory import Status, Trajectory
 
@@ -28,13 +20,6 @@ PERIODS_PER_CROSSING = 2.0
 
 LONGEST_WAIT = 200
 """Longest wait for a crossing, in mean periods of small motions; then the orbit ends."""
-
-MANY = 300_000
-"""Number of points from which orbits run in parallel lanes, which halves the time.
-
-A driven oscillator takes 0.25 s to compile, and then 0.3 us a point; orbits one by one take 2 us a point. An event
-takes 1 s to compile, and lanes halve the time only from a million crossings on: such orbits run one by one.
-"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,11 +93,6 @@ class Crosser:
 
 def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> list[Crossings]:
     """Return the crossings of orbits from states (m, 2n); after Ctrl-C the last one is INTERRUPTED."""
-    if cross.period is not None:
-        starts = Starts(states, cross.runs.parameters[None])
-        found = points_side_by_side(cross.runs, cross.period, cross.count, starts, progress)
-        if found is not None:
-            return found
     done: list[Crossings] = []
     try:
         for start in states:
@@ -124,74 +104,3 @@ def followed(cross: Crosser, states: FloatArray, progress: Report | None) -> lis
     except KeyboardInterrupt:
         done.append(Crossings.interrupted(states.shape[1]))
     return done
-
-
-@dataclass(frozen=True, eq=False)
-class Orbits:
-    """Orbits as members of an ensemble, numbered by their starts."""
-
-    all: Starts
-
-    def __len__(self) -> int:
-        return len(self.all)
-
-    def starts(self, which: MemberNumbers) -> Starts:
-        """Return the starts of some members."""
-        return self.all.of(which)
-
-
-def points_side_by_side(
-    runs: Runs, period: float, count: int, starts: Starts, progress: Report | None = None
-) -> list[Crossings] | None:
-    """Return the points of orbits at multiples of a period from t = 0, or None if runs one by one are faster.
-
-    After Ctrl-C the list ends with an INTERRUPTED orbit.
-    """
-    if len(starts) == 1 or len(starts) * count < MANY:
-        return None
-    times, table = period * np.arange(1.0, count + 1.0), Orbits(starts)
-    job = runs.job(0.0, float(times[-1]), (END,), t_eval=times, varying=len(starts.parameters) > 1)
-    engine = job.engine()
-    if not isinstance(engine, LaneEngine):
-        return None
-    found = [Crossings.interrupted(starts.states.shape[1])] * len(starts)
-
-    def take(first: int, ends: Ends) -> None:
-        for k in range(ends.members):
-            states, status = ends.columns[OUTPUTS][k], STATUSES[ends.columns[STATUS][k]]
-            states = states[np.isfinite(states).all(axis=1)].copy()
-            message = "all points are there." if status.complete else job.explained(table, first + k).message
-            found[first + k] = Crossings(times[: len(states)], states, status, message)
-
-    each_member(table, engine, threads_of(None), take, progress)
-    whole = next((k for k, orbit in enumerate(found) if orbit.status is Status.INTERRUPTED), len(found))
-    return found[: whole + 1]
-
-
-class Listed(Table, Protocol):
-    """Table of members of known number."""
-
-    def __len__(self) -> int: ...
-
-
-def each_member(
-    table: Listed, engine: Engine, workers: int, take: Callable[[int, Ends], None], progress: Report | None = None
-) -> bool:
-    """Run all members on `workers` threads; return True if all were run, False after Ctrl-C.
-
-    `take` is called for each chunk of members, with the number of its first member and the ends of the runs.
-    """
-    done = 0
-
-    def keep(first: int, found: ChunkResult) -> None:
-        nonlocal done
-        take(first, found.ends)
-        done += found.ends.members
-        if progress is not None:
-            progress(float(done))
-
-    try:
-        run_members(table, [(0, len(table))], ThreadRunner(engine, workers), keep)
-    except KeyboardInterrupt:
-        return False
-    return True

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -16,18 +16,13 @@ from lagrange.errors import RunError, StatementError, listing, shown
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.mechanics.plain_form import PlainForm
-from lagrange.members.job import Job
-from lagrange.members.keep import keep_of
 from lagrange.statement.coordinate import t
 from lagrange.statement.declare import initial_state
-from lagrange.statement.event import Event
 from lagrange.statement.given.function import with_values
 from lagrange.statement.number import real_array
-from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.integrate import integrate
-from lagrange.trajectory.integrator import Problem, RunOptions
-from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.integrator import RunOptions
 from lagrange.trajectory.trajectory import Trajectory
 
 Report = Callable[[float], None]
@@ -63,37 +58,6 @@ class Runs:
         )
         initial = dict(zip(statement.state_names, start.tolist(), strict=True))
         return integrate(self.model, (t0, t1), initial, chosen)[0]
-
-    def job(
-        self,
-        t0: float,
-        t1: float,
-        keep: Any,
-        events: tuple[Event, ...] = (),
-        *,
-        t_eval: FloatArray | None = None,
-        varying: bool = False,
-    ) -> Job:
-        """Return many runs from t0 to t1, as an ensemble job; `keep` is as in `lagrange.ensemble`.
-
-        With `varying` each run has its own parameters.
-        """
-        model, given = self.model, self.options
-        options = replace(given, method=find(DEFAULT_METHOD if given.method is None else given.method), events=events)
-        problem = Problem(
-            model=model,
-            parameters=dict(zip(model.statement.parameters, self.parameters.tolist(), strict=True)),
-            t0=t0,
-            t1=t1,
-            y0=np.zeros(model.layout.size),
-            t_eval=t_eval,
-            rtol=options.rtol,
-            atol=options.atol,
-            step=options.step,
-            max_steps=options.step_limit,
-            events=events,
-        )
-        return Job(problem, options, keep_of(keep, model, events), varying)
 
 
 def starts_of(model: Model, given: Any, base: FloatArray) -> FloatArray:

@@ -12,12 +12,11 @@ from typing import Any
 import numpy as np
 
 from lagrange.dynamics.axes import MOST_VALUES, angles, difference
-from lagrange.dynamics.crossings import Crosser, Crossings, points_side_by_side
+from lagrange.dynamics.crossings import Crosser, Crossings
 from lagrange.dynamics.runs import Report, Runs, depends_on_time, driving_period, initial_of, starts_of, time_scale
 from lagrange.dynamics.section import check_room, drawn_axes, section_of
 from lagrange.errors import StatementError, counted, listing, shown, suggestion
 from lagrange.machine.backend import FloatArray
-from lagrange.members.chunk import Starts
 from lagrange.statement.event import Event
 from lagrange.statement.number import real_array, whole_number
 from lagrange.statement.parameters import label_of
@@ -118,17 +117,13 @@ def sweep(
     scale = time_scale(model, base, runs.parameters, statement.run.t_end)
     sections = [_section(runs, given, array) for array in arrays]
     event = sections[0] if isinstance(sections[0], Event) else None
-    together = None if followed else _together(runs, sections, arrays, base, count + dropped, progress)
     states = np.full((len(values), len(base), count, model.layout.size), np.nan)
     statuses: list[tuple[Status, ...]] = []
     begins = [(0.0, start) for start in base]
     try:
         for k, (array, passed) in enumerate(zip(arrays, sections, strict=True)):
-            if together is None:
-                cross = Crosser(replace(runs, parameters=array), passed, count + dropped, base)
-                found = [cross(start, begin) for begin, start in begins]
-            else:
-                found = together[k * len(base) : (k + 1) * len(base)]
+            cross = Crosser(replace(runs, parameters=array), passed, count + dropped, base)
+            found = [cross(start, begin) for begin, start in begins]
             statuses.append(tuple(one.status for one in found))
             if Status.INTERRUPTED in statuses[-1]:
                 break
@@ -137,7 +132,7 @@ def sweep(
                 states[k, i, : len(last)] = last
             if followed:
                 begins = [_next(one, start, passed, statement) for one, start in zip(found, base, strict=True)]
-            if progress is not None and together is None:
+            if progress is not None:
                 progress(float(k + 1))
     except KeyboardInterrupt:
         statuses.append((Status.INTERRUPTED,))
@@ -156,23 +151,6 @@ def sweep(
         status=status,
         message=message,
     )
-
-
-def _together(
-    runs: Runs,
-    sections: Sequence[Event | float],
-    arrays: Sequence[FloatArray],
-    base: FloatArray,
-    count: int,
-    progress: Report | None,
-) -> list[Crossings] | None:
-    """Return the orbits of all values, grouped by value, or None if they are to run one by one."""
-    period, m = sections[0], len(base)
-    if isinstance(period, Event) or any(one != period for one in sections):
-        return None
-    starts = Starts(np.tile(base, (len(arrays), 1)), np.repeat(np.array(arrays), m, axis=0))
-    done = None if progress is None else lambda orbits: progress(orbits / m)
-    return points_side_by_side(runs, period, count, starts, done)
 
 
 def with_value(runs: Runs, place: int, value: float) -> FloatArray:

@@ -283,8 +283,7 @@ def poincare(
     `starts` are initial states, a list of dicts or rows (m, 2n); a dict overlays the initial state of the system. With
     `energy` all starts have that energy: the velocity `solve_for` follows from it, in the direction of the event. Each
     orbit is followed for `skip` crossings, and then for `crossings` that are kept. It ends early if no crossing occurs
-    within the time `longest`, 200 periods of small motions by default. With a sampling period, 300,000 points or more
-    of several starts are computed in parallel as in `lagrange.ensemble`.
+    within the time `longest`, 200 periods of small motions by default.
 
     The result has `times` and `states`, (k,) and (k, 2n) for each start, `points` of all, and `plot(x, y)`. Ctrl-C
     keeps the finished orbits. Raises StatementError for an invalid section, and for starts whose energy is too high.
@@ -327,8 +326,7 @@ def bifurcation(
     period of its driving. The period follows from the sines and cosines of time, or is given as `section`. With an
     event as `section`, as in `poincare`, any system is sampled at its crossings. At each value the orbits from `starts`
     are followed for `skip` samples, and then for `points` samples that are kept. With `follow` they begin where the
-    orbits of the previous value ended, so that rising and falling values show hysteresis. Without it, if all values
-    have one period, 300,000 points or more are computed in parallel as in `lagrange.ensemble`. The result has `states`
+    orbits of the previous value ended, so that rising and falling values show hysteresis. The result has `states`
     (k, m, points, 2n), and `cycles` (k, m), the number of points after which each orbit repeats.
 
     For a system without driving and without a section the result shows its equilibria: `branches`, with formulas where

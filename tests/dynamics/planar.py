@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 from typing import Any
 
@@ -82,16 +81,6 @@ def hoop() -> lg.System:
         parameters={m: 1, r: 0.5, g: 9.81, w: 1},
         name="bead on a hoop",
     )
-
-
-def interrupted_after(count: int) -> Callable[[float], None]:
-    """Return a report of progress that is interrupted when so many are done."""
-
-    def report(done: float) -> None:
-        if done >= count:
-            raise KeyboardInterrupt
-
-    return report
 
 
 def interrupting(after: int) -> Any:

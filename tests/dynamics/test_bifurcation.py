@@ -9,7 +9,6 @@ import pytest
 from sympy import cos, sin, sinh
 
 import lagrange as lg
-from lagrange.dynamics import crossings
 from lagrange.dynamics.runs import Runs, depends_on_time, driving_period
 from lagrange.errors import StatementError
 from lagrange.show.dynamics import Bifurcation, EquilibriumBranches
@@ -140,28 +139,6 @@ def test_ctrl_c_keeps_the_values_that_are_done(monkeypatch: pytest.MonkeyPatch) 
     assert found.status is lg.Status.INTERRUPTED
     assert found.message == "interrupted: 3 of 10 values of F are done, and kept."
     assert np.isfinite(found.states).all(axis=(1, 2, 3)).tolist() == [True] * 3 + [False] * 7
-
-
-def test_values_that_are_not_followed_run_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a value at which the motion runs away, from two starts each; then with a period that the values change."""
-    system = lg.System(
-        kinetic=x.dot**2 / 2,
-        potential=x**2 / 2 - x**4 / 4,
-        forces={x: -x.dot / 5 + F * cos(w * lg.t)},
-        parameters={F: 0.1, w: 1.0},
-    )
-    settings: dict[str, Any] = {"starts": [{x: 0.1}, {x: -0.2}], "points": 4, "skip": 40, "follow": False}
-    alone, other = (swept(system, p, values, **settings) for p, values in ((F, [0.05, 5.0, 0.1]), (w, [2.0, 3.0])))
-    monkeypatch.setattr(crossings, "MANY", 1)
-    assert np.array_equal(swept(system, w, [2.0, 3.0], **settings).states, other.states)
-    monkeypatch.setattr(Runs, "__call__", None)
-    together = swept(system, F, [0.05, 5.0, 0.1], **settings)
-    assert together.statuses == alone.statuses and not alone.statuses[1][0].complete
-    assert together.states == pytest.approx(alone.states, abs=1e-8, nan_ok=True)
-    assert together.cycles.tolist() == alone.cycles.tolist()
-    assert together.message == alone.message
-    assert together.periods is not None and alone.periods is not None
-    assert np.array_equal(together.periods, alone.periods)
 
 
 def test_motions_that_run_away_leave_gaps_and_begin_anew() -> None:

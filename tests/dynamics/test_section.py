@@ -12,14 +12,10 @@ import lagrange as lg
 from lagrange.dynamics import crossings
 from lagrange.dynamics.energy_level import margin
 from lagrange.dynamics.runs import Runs
-from lagrange.dynamics.section import section
 from lagrange.errors import StatementError
-from lagrange.members import work
-from lagrange.trajectory.integrator import RunOptions
 from tests.dynamics.planar import (
     driven_linear,
     duffing,
-    interrupted_after,
     interrupting,
     pendulum,
     star,
@@ -141,37 +137,6 @@ def test_ctrl_c_keeps_the_orbits_that_are_there(monkeypatch: pytest.MonkeyPatch)
     assert found.status is lg.Status.INTERRUPTED
     assert len(found.points) == 20
     assert found.message == "interrupted: 20 crossings of 3 among 3 orbits are there, and kept."
-
-
-def test_orbits_side_by_side_are_those_of_single_runs(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a start that runs away: it is told as in a run of its own."""
-    system = lg.System(
-        kinetic=x.dot**2 / 2, potential=x**2 / 2 - x**4 / 4, forces={x: -x.dot / 5 + cos(lg.t) / 10}, name="escape"
-    )
-    starts = [{x: place} for place in np.linspace(-0.8, 1.2, 11)]
-    alone = lg.poincare(system, 2 * pi, starts, crossings=30, skip=5)
-    monkeypatch.setattr(crossings, "MANY", 1)
-    monkeypatch.setattr(Runs, "__call__", None)
-    together = lg.poincare(system, 2 * pi, starts, crossings=30, skip=5)
-    assert together.statuses == alone.statuses and len(set(alone.statuses)) == 2
-    assert together.message.split(" on the way")[0] == alone.message.split(" on the way")[0]
-    for one, other in zip(together.states, alone.states, strict=True):
-        # Motions that stay are attracted by one cycle.
-        assert one == pytest.approx(other, abs=1e-9)
-    assert [len(times) for times in together.times] == [len(times) for times in alone.times]
-
-
-def test_ctrl_c_keeps_the_orbits_that_were_run_side_by_side(monkeypatch: pytest.MonkeyPatch) -> None:
-    model = duffing().compile()
-    runs = Runs(model, model.parameter_array(None), RunOptions(rtol=1e-9))
-    monkeypatch.setattr(crossings, "MANY", 1)
-    monkeypatch.setattr(work, "LARGEST_CHUNK", 8)
-    starts = [{x: place} for place in np.linspace(-1.0, 1.0, 100)]
-    found = section(runs, 2 * pi / w, starts, crossings=4, progress=interrupted_after(20))
-    assert found.status is lg.Status.INTERRUPTED
-    done = len(found.statuses) - 1
-    assert 20 <= done < 100 and len(found.points) == 4 * done and found.statuses[-1] is lg.Status.INTERRUPTED
-    assert found.message == f"interrupted: {4 * done} points of {done + 1} among 100 orbits are there, and kept."
 
 
 @pytest.mark.parametrize(
