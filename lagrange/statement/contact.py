@@ -101,10 +101,11 @@ def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str,
     `balls` maps the names of the balls to their centres: (x, y) or (x, y, z), or one coordinate for balls in a row, in
     their order. `radius` is that of all balls, or a dict by name.
 
-    Raises StatementError for fewer than two balls, and for centres of different dimensions.
+    Raises StatementError for fewer than two balls, centres of different dimensions, names of balls that are no
+    identifiers, and two pairs of one name.
     """
     stated = table_of(balls, "balls", "name to centre")
-    centres = {name: vector(at, f"the centre of {name!r}") for name, at in stated.items()}
+    centres = {check_name(name, "ball"): vector(at, f"the centre of {name!r}") for name, at in stated.items()}
     if len(centres) < 2 or len({len(at) for at in centres.values()}) != 1:
         raise StatementError(
             f"balls has the centres {shown(balls)}: give two or more, of the same dimension, such as "
@@ -117,7 +118,9 @@ def contacts_between(balls: Any, radius: Any, restitution: Any = 0) -> dict[str,
     for (a, at), (b, to) in combinations(centres.items(), 2):
         across = [y - x for x, y in zip(at, to, strict=True)]
         distance = across[0] if len(across) == 1 else sympy.sqrt(sympy.Add(*(part**2 for part in across)))
-        contacts[f"{a}_{b}"] = contact(distance - radii[a] - radii[b], restitution=restitution)
+        if (name := f"{a}_{b}") in contacts:
+            raise StatementError(f"two pairs of balls have the name {name!r}: leave underscores out of names of balls.")
+        contacts[name] = contact(distance - radii[a] - radii[b], restitution=restitution)
     return contacts
 
 

@@ -35,6 +35,11 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "slip that is not linear": (lambda: system({"c": lg.contact(Y, slip=X.dot**2)}), "not linear"),
     "one ball": (lambda: lg.contacts_between({"a": X}, 1), "give two or more"),
     "balls of other dimensions": (lambda: lg.contacts_between({"a": X, "b": (X, Y)}, 1), "of the same dimension"),
+    "ball with a space": (lambda: lg.contacts_between({"ball 1": X, "b": Y}, 1), "'ball 1' cannot name a ball"),
+    "pairs of one name": (
+        lambda: lg.contacts_between({"a_b": X, "c": Y, "a": X, "b_c": Y}, 1),
+        "two pairs of balls have the name 'a_b_c'",
+    ),
     "ball without a radius": (lambda: lg.contacts_between({"a": X, "b": Y}, {"a": 1}), "no entry for 'b'"),
     "no contact": (lambda: system({"c": Y}), r"give lg.contact\(gap, ...\)"),
     "restitution of a coordinate": (lambda: system({"c": lg.contact(Y, restitution=X)}), "in parameters"),
