@@ -13,7 +13,7 @@ import typing
 from collections.abc import Callable, Hashable, Iterator, Mapping, MutableMapping
 from contextlib import contextmanager, suppress
 from functools import cached_property
-from types import CodeType, FunctionType, MethodType
+from types import FunctionType, MethodType
 from typing import Any, Concatenate, Generic, ParamSpec, TypeVar, overload
 from weakref import WeakValueDictionary
 
@@ -21,10 +21,10 @@ from lagrange.errors import LagrangeError
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import WHOLE, Array, Callee, Kind, Procedure, Record
 from lagrange.procedure.front.building import Tracer
+from lagrange.procedure.front.code_cache import rewritten_code, store
 from lagrange.procedure.front.executing import Exact
 from lagrange.procedure.front.kinds import Ended, Error, is_dynamic, leaves
-from lagrange.procedure.front.rewriting import Rewriter, as_module
-from lagrange.procedure.front.source import FILES, source_of
+from lagrange.procedure.front.source import FILES
 from lagrange.procedure.front.vocabulary import KINDS, record_of
 
 Args = ParamSpec("Args")
@@ -108,10 +108,7 @@ class Written(Generic[Args, Result]):
     def rewritten(self) -> Callable[..., Any]:
         """The rewritten function, with a receiver as first argument; see `rewriting`."""
         function: FunctionType = self.function
-        tree = Rewriter(source_of(function), inlined=self.inlined).function(function.__code__.co_freevars)
-        code = compile(as_module(tree), function.__code__.co_filename, "exec").co_consts[0]
-        assert isinstance(code, CodeType)
-        return FunctionType(code, function.__globals__)
+        return FunctionType(rewritten_code(function, inlined=self.inlined), function.__globals__)
 
 
 class Inline(Written[Args, Result]):
@@ -184,6 +181,7 @@ class Plain(Written[Args, Result]):
                     form = self._forms[key] = self._build(values)
                     if all(isinstance(value, (int, float, str, enum.Enum)) for value in values.values()):
                         self._kept[key] = form
+                    store()
         return form
 
     def _default(self, name: str) -> Any:
