@@ -1,4 +1,4 @@
-"""The numbers that series read on all machines: constants, and the inverses of constant matrices."""
+"""The numbers of a series that do not change along a run: constants, and inverses of constant matrices."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from lagrange.program.series import SeriesProgram
 def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
     """Return the table of constants, and the inverse (n, n) of the matrix of each stage that has a constant one.
 
-    An inverse is NaN where a parameter is, such as a side that is still to be found. Raises SingularMassMatrix.
+    The inverse is NaN if an entry is, as while the side of a switch is not known. Raises SingularMassMatrix.
     """
     with np.errstate(all="ignore"):
         values = FLOATS.evaluate(program.constants, 0.0, [0.0] * (2 * program.dimension), list(parameters))

@@ -43,7 +43,7 @@ class NumpySeries(Shared):
         return NumpySeries, (self.program,)
 
     def form(self, order: int) -> str:
-        """Return how the series is computed."""
+        """Return the word for the status card; see `Series`."""
         return "interpreted"
 
     def order(self, tolerance: float) -> int:
@@ -52,13 +52,13 @@ class NumpySeries(Shared):
 
     @cached_property
     def values(self) -> Kernel:
-        """What is watched as a function of the state; see `Series`."""
+        """The event functions and switching surfaces as a kernel of the state; see `Series`."""
         program = self.program.values
         return PythonKernel(program) if fits(program) else InterpretedKernel(program)
 
     @cached_property
     def projection(self) -> Kernel | None:
-        """The corrections of a state of a system with constraints."""
+        """The kernel that corrects a state to satisfy the constraints, or None without constraints."""
         program = self.program.projection
         if program is None:
             return None
@@ -81,7 +81,7 @@ class NumpySeries(Shared):
         parameters: FloatArray,
         low: FloatArray | None = None,
     ) -> FloatArray:
-        """Return the series at a state, of which rounding lost `low`; see `Series`."""
+        """Return the scaled coefficients at the state y + low, where `low` is below rounding; see `Series`."""
         with np.errstate(all="ignore"):
             found = self._jet(parameters).coefficients(t, y, order, scale, low)
             n = self.program.dimension
@@ -91,7 +91,7 @@ class NumpySeries(Shared):
             return rows
 
     def _jet(self, parameters: FloatArray) -> Jet:
-        """Return the series with its parameters, and with all that depends on them alone."""
+        """Return the series for some parameters and sides, kept until these change."""
         key, known = parameters.tobytes(), self._prepared
         if known is None or known[0] != key:
             known = self._prepared = key, Jet(self.program, parameters.copy())
@@ -123,7 +123,7 @@ class NumpySeriesDense(NumpyDense):
         return self.dimension + len(self.series.program.watched)
 
     def size(self, columns: int) -> int:
-        """Return the length of a state, of what is lost of it, and of the rows, however many the columns."""
+        """Return the length of the work memory: a state, its rounding errors, and the rows of one series."""
         return 2 * self.dimension + (self.order + 1) * self.width
 
     def write(self, columns: int, own: FloatArray, beside: FloatArray, work: FloatArray, out: FloatArray) -> None:
@@ -145,25 +145,25 @@ class NumpyTaylorDriver:
         self._numbers = np.array(parameters)
 
     def watch(self, memory: EventMemory) -> None:
-        """Deal with what is watched; see `TaylorDriver`."""
+        """Set event functions, surfaces and resets; see `TaylorDriver`."""
         self._memory = memory
         self._numbers = np.zeros((1 + len(memory.combinations)) * len(self._parameters))
         self.use(self._parameters)
 
     def use(self, parameters: FloatArray) -> None:
-        """Go on with other numbers; see `TaylorDriver`."""
+        """Use other values of the parameters and sides; see `TaylorDriver`."""
         self._parameters, place = parameters, 0
         if self._memory is not None:
             place = self._memory.hold(parameters[len(parameters) - self._memory.surfaces :], len(parameters))
         self._numbers[place : place + len(parameters)] = parameters
 
     def restart(self, state: DriverState) -> None:
-        """Forget what rounding lost; see `TaylorDriver`."""
+        """Clear the rounding errors carried from step to step; see `TaylorDriver`."""
         self._work[self._layout.lost : self._layout.held] = 0.0
         state.taylor.low = 0.0
 
     def adopt(self, state: DriverState) -> None:
-        """Leave the state where it is; see `Driver`."""
+        """Do nothing: steps work on the state in place; see `Driver`."""
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
         """Advance a run; see `Driver`."""
@@ -183,7 +183,7 @@ class NumpyTaylorDriver:
         return advance(state, self._work, times, rows, steps)
 
     def _watched(self) -> tuple[Any, ...]:
-        """Return the arguments of the loop for what is watched."""
+        """Return the arguments of the loop for events and switching surfaces."""
         memory = self._memory = self._memory or idle(self._series.program)
         count, dimension = len(self._parameters), self._layout.dimension
         resets = _function(memory.resets, dimension, len(memory.parameters))
@@ -197,11 +197,11 @@ WATCHED = (
     *("tilts", "sides", "settings", "times", "states", "places"),
     *("combinations", "switch_rows", "switch_combinations", "scratch", "whole_scratch"),
 )
-"""What the loop is given of an `EventMemory`, in its order."""
+"""The arrays of an `EventMemory` in the order of the arguments of the loop."""
 
 
 def _function(kernel: Kernel | None, dimension: int, count: int) -> Callable[..., bool]:
-    """Return a kernel of so many parameters as a procedure calls it, which says whether it has no value."""
+    """Return a kernel of `count` parameters as a function between arrays, which returns True for a singular matrix."""
 
     def called(t: float, y: memoryview, numbers: memoryview, out: memoryview) -> bool:
         if kernel is None:
@@ -217,7 +217,7 @@ def _function(kernel: Kernel | None, dimension: int, count: int) -> Callable[...
 
 
 def _with_numbers(series: NumpySeries, count: int) -> Callable[..., bool]:
-    """Return a series as procedures call it, with its parameters and sides in an array."""
+    """Return a series as the function that the loop calls, which reads parameters and sides from an array."""
 
     def jet(t: float, scale: float, y: Any, numbers: Any, constants: Any, rows: Any, order: int) -> bool:
         between = _between_arrays(series, np.asarray(numbers[:count]))
@@ -227,9 +227,9 @@ def _with_numbers(series: NumpySeries, count: int) -> Callable[..., bool]:
 
 
 def _between_arrays(series: NumpySeries, parameters: FloatArray) -> Callable[..., bool]:
-    """Return a series as procedures call it, between arrays: it says whether a matrix is singular.
+    """Return a series for fixed parameters as the function that the loop calls; it returns True for a singular matrix.
 
-    What rounding lost of a state stands behind it.
+    The array of the state has its 2n entries, then their rounding errors.
     """
     dimension = 2 * series.program.dimension
 

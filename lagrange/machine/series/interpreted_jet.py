@@ -34,7 +34,7 @@ class Jet:
     def coefficients(self, t: Any, y: Sequence[Any] | Numbers, order: int, scale: Any = 1, low: Any = None) -> Numbers:
         """Return the normalised Taylor coefficients of every value, (order + 1, values), at a time and a state (2n,).
 
-        Those of order k are multiplied by scale**k. `low` (2n,) is what rounding lost of the state.
+        Those of order k are multiplied by scale**k. The state is y + `low`, with the rounding error `low` (2n,).
 
         Values 0 to 2n - 1 are the coordinates and the velocities. Raises SingularMassMatrix.
         """
@@ -62,7 +62,7 @@ class Jet:
 
     @cached_property
     def _with_systems(self) -> Arithmetic:
-        """The arithmetic with linear systems, which the values of accelerations and multipliers at order 0 solve."""
+        """The arithmetic with linear systems, which give accelerations and multipliers at order 0."""
 
         def factor(n: int, *triangle: Any) -> Eliminated:
             matrix = np.full((n, n), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
@@ -81,12 +81,12 @@ class Jet:
 
     @cached_property
     def _constant(self) -> list[Eliminated | None]:
-        """The matrix of each stage that has a constant one."""
+        """The matrix of each stage, eliminated, or None for a stage whose matrix is not constant."""
         rest = iter(self._table[len(self.program.numbers) :])
         return [None if stage.plan.moving else self._eliminated(stage.plan, rest) for stage in self.program.stages]
 
     def _matrices(self, triangles: Sequence[Any]) -> list[Eliminated]:
-        """Return the matrix of each stage."""
+        """Return the matrix of each stage after elimination, from lower triangles."""
         rest, stages = iter(triangles), self.program.stages
         return [
             self._eliminated(stage.plan, rest) if known is None else known
@@ -103,7 +103,7 @@ class Jet:
         return Eliminated(mass)
 
     def _fill(self, x: Numbers, k: int, members: Sequence[int], scale: Any) -> None:
-        """Enter the coefficients of order k of some values, in order."""
+        """Compute the coefficients of order k of some values, and write them to x."""
         for i in members:
             rule = self.program.rules[i]
             if rule.op not in ("coordinate", "unknown"):
@@ -114,8 +114,8 @@ class Jet:
 class Eliminated:
     """A matrix after elimination with pivoting, in any arithmetic: it solves for one right-hand side after another.
 
-    With many digits only a pivot of zero is singular; for doubles there is a stricter test before, and an entry that
-    is not finite is not a verdict on the matrix.
+    With many digits only a pivot of zero is singular. Doubles are tested more strictly before. A matrix with an entry
+    that is not finite is not called singular.
     """
 
     def __init__(self, matrix: Numbers) -> None:
@@ -173,7 +173,7 @@ def _sum(a: Numbers, b: Numbers, first: int, last: int) -> Any:
 
 
 def _ranked(a: Numbers) -> Numbers:
-    """Return j a[j]."""
+    """Return the coefficients with entry j multiplied by j."""
     return np.arange(len(a)) * a
 
 

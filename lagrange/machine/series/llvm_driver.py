@@ -48,7 +48,7 @@ WATCHED = (
     *((name, name) for name in ("scratch", "whole_scratch")),
     *((f"event_{name}", name) for name in ("times", "states", "places")),
 )
-"""The arrays of an `EventMemory`: the names of the loop's arguments, and its own."""
+"""The arrays of an `EventMemory`: the name of each as an argument of the loop, and as an attribute."""
 
 _PREPARE = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p)
 _SERIES = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_double, *([ctypes.c_void_p] * 4), ctypes.c_int64)
@@ -68,7 +68,7 @@ class LlvmSeries(Shared):
         return LlvmSeries, (self.program,)
 
     def form(self, order: int) -> str:
-        """Return how the series is computed."""
+        """Return whether the code of an order is in loops or written out; see `Series`."""
         return "in loops" if self._is_large(order) else "written out"
 
     def _is_large(self, order: int) -> bool:
@@ -92,7 +92,7 @@ class LlvmSeries(Shared):
 
     @cached_property
     def values(self) -> LlvmKernel:
-        """What is watched as a function of the state; see `Series`."""
+        """The event functions and switching surfaces as a kernel of the state; see `Series`."""
         return function(self.program.values)
 
     def driver(self, order: int, parameters: FloatArray) -> LlvmTaylorDriver:
@@ -129,21 +129,21 @@ class LlvmSeriesDense(LlvmDense):
         return self.order
 
     def polynomial(self) -> BlockPolynomial:
-        """Return what writes the polynomials, with the address of the series; see `LlvmDense`."""
+        """Return the callback that writes the polynomials, with the address of the series; see `LlvmDense`."""
         compiled = self.series.compiled(self.order)
         return of_series(compiled.address, compiled.numbers(self.parameters), compiled.layout, self.order)
 
 
 @lru_cache(maxsize=64)
 def function(program: Program) -> LlvmKernel:
-    """Return a program in machine code, to be called by the loop over steps."""
+    """Return the kernel of a program, which the loop over steps calls. Raises RunError if LLVM refuses it."""
     with refused():
         return LlvmKernel(program)
 
 
 @contextmanager
 def refused() -> Iterator[None]:
-    """Say it in our words where LLVM refuses."""
+    """Raise RunError in place of an error of LLVM, with the advice to use the numpy machine."""
     try:
         yield
     except RuntimeError as error:
@@ -151,7 +151,7 @@ def refused() -> Iterator[None]:
 
 
 class CompiledJet:
-    """A packed series in machine code at one order, or with an order of 0 at any."""
+    """A packed series in machine code at one order; order 0 means loops that serve every order."""
 
     def __init__(self, packing: Packing, order: int) -> None:
         self.program = packing.program
@@ -177,7 +177,7 @@ class CompiledJet:
 
     @property
     def address(self) -> int:
-        """Address of the jet, which may change when it has taken many steps."""
+        """Address of the compiled series. It changes once, when optimized code replaces the code compiled quickly."""
         return self.tiers.address if self.tiers else self._module.address(JET_NAME)
 
     @property
@@ -196,7 +196,7 @@ class CompiledJet:
         return found
 
     def joined(self, parameters: FloatArray, values: LlvmKernel | None) -> tuple[FloatArray, list[int]]:
-        """Return these numbers behind each other, then those of what is watched, and how many there are of each."""
+        """Return `p`, `c` and the numbers of the kernel of event functions in one array, with the length of each."""
         key, known = (parameters.tobytes(), values), self._joined
         if known is None or known[0] != key:
             parts = [*self.numbers(parameters), *([] if values is None else [values.prepare(parameters)])]
@@ -204,7 +204,7 @@ class CompiledJet:
         return known[1]
 
     def rows(self, order: int, t: float, y: FloatArray, scale: float, parameters: FloatArray) -> FloatArray:
-        """Return the coefficients of the state and of what is watched, times scale**k, (order + 1, 2n + watched)."""
+        """Return the scaled coefficients of the state and of the watched functions; see `Series`."""
         layout, numbers = self.layout, self.numbers(parameters)
         work = np.zeros(layout.size(order))
         state = np.zeros(2 * layout.padded)
@@ -215,7 +215,7 @@ class CompiledJet:
 
 
 def layout_of(packing: Packing, order: int) -> TaylorLayout:
-    """Return the layout of a series at one order, or with an order of 0 at any."""
+    """Return the layout of a series at one order, or for every order with an order of 0."""
     program = packing.program
     dimension = 2 * program.dimension
     block = 2 if dimension <= 2 else 4 if dimension <= 4 else 8
@@ -226,7 +226,7 @@ def layout_of(packing: Packing, order: int) -> TaylorLayout:
 
 
 def series_ir(jet: Procedure, prepare: Procedure) -> str:
-    """Return the IR of the module of a series, and compile the procedures of other modules that it calls."""
+    """Return the IR of the module of a series. Procedures of other modules that it calls are compiled first."""
     called = dict.fromkeys((*prepare.callees, *jet.callees))
     if invert.form() in called:
         inversion()
@@ -237,7 +237,7 @@ def series_ir(jet: Procedure, prepare: Procedure) -> str:
 
 
 class LlvmTaylorDriver:
-    """A compiled Taylor driver with its numbers and its memory."""
+    """Advances a run by compiled Taylor steps. The arguments of the loop are one array of addresses and integers."""
 
     def __init__(self, compiled: CompiledJet, order: int, parameters: FloatArray) -> None:
         self._compiled, self._steps = compiled, compiled_steps(compiled.layout)
@@ -260,26 +260,26 @@ class LlvmTaylorDriver:
             self.use(parameters)
 
     def _give(self, **arguments: int) -> None:
-        """Put arguments of the loop into their places."""
+        """Set arguments of the loop by name."""
         entries, places = self._entries, self._steps.places
         for name, value in arguments.items():
             entries[places[name]] = value
 
     def _use_tiers(self) -> None:
-        """Go on with the code that there is by now."""
+        """Use the best code compiled so far, of the series and of the loop."""
         self._give(jet=self._compiled.address)
         self._run = self._steps.run
         self._tiers = [tiers for tiers in (self._compiled.tiers, self._steps.module) if tiers and not tiers.is_final]
 
     def _count(self, steps: int) -> None:
-        """Count steps, some of which may have been taken by code that was compiled quickly."""
+        """Count steps for code compiled quickly. After many of them optimized code replaces it."""
         for tiers in self._tiers:
             tiers.count(steps)
         if any(tiers.is_final for tiers in self._tiers):
             self._use_tiers()
 
     def use(self, parameters: FloatArray) -> None:
-        """Go on with other numbers; see `TaylorDriver`."""
+        """Use other values of the parameters and sides; see `TaylorDriver`."""
         self._parameters, memory = parameters, self._memory
         if self._projection is not None:
             self._project(self._projection, parameters[: len(parameters) - self._compiled.program.sides])
@@ -298,18 +298,18 @@ class LlvmTaylorDriver:
         self._numbers[place : place + len(numbers)] = numbers
 
     def _project(self, projection: LlvmKernel, parameters: FloatArray) -> None:
-        """Give the loop the corrections that constraints want, for some parameters."""
+        """Set the kernel that corrects a state to satisfy the constraints, with its parameters."""
         self._projection_numbers = projection.prepare(parameters)
         self._give(projection=projection.address, projection_numbers=address(self._projection_numbers))
 
     def _point(self, begin: int, sizes: Sequence[int]) -> None:
-        """Give the addresses of numbers that stand behind each other."""
+        """Set the addresses of the three parts of the array of numbers, which begins at `begin`, from their lengths."""
         for name, size in zip(("prepared", "constants", "value_numbers"), sizes, strict=False):
             self._give(**{name: begin})
             begin += 8 * size
 
     def watch(self, memory: EventMemory) -> None:
-        """Deal with what is watched; see `TaylorDriver`."""
+        """Set event functions, surfaces and resets; see `TaylorDriver`."""
         self._memory, self._numbers = memory, None
         entries, places = self._entries, self._steps.places
         entries[places["watch"]], entries[places["sizes"]] = map(ctypes.addressof, (memory.record, self._sizes))
@@ -324,13 +324,13 @@ class LlvmTaylorDriver:
             self._give(resets=self._resets.address, reset_numbers=address(self._reset_numbers))
 
     def restart(self, state: DriverState) -> None:
-        """Forget what rounding lost; see `TaylorDriver`."""
+        """Clear the rounding errors carried from step to step; see `TaylorDriver`."""
         layout = self._compiled.layout
         self._work[layout.lost : layout.lost + layout.padded] = 0.0
         state.taylor.low = 0.0
 
     def adopt(self, state: DriverState) -> None:
-        """Let the state live in the driver's memory; see `Driver`."""
+        """Keep the state in the memory of the driver, so that no step copies it; see `Driver`."""
         state.y = self._y
 
     def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:

@@ -1,6 +1,6 @@
-"""The loop over Taylor steps in machine code, which takes a series by its address: one for all series of a layout.
+"""The loop over Taylor steps in machine code. It calls a series by its address, so all series of a layout share it.
 
-What it does at events depends on no layout, and is compiled once per process.
+The procedures for events are the same for all layouts, and are compiled once per process.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from lagrange.procedure.form import Procedure, calls
 
 _RUN = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p)
 _BUILDING = threading.RLock()
-"""Held while loops are built and linked, which two threads would do twice."""
+"""Locked while a loop is built and linked, so that two threads do not do it twice."""
 
 
 class CompiledSteps:
-    """The loop for a layout. Its arguments stand in memory, for a call through ctypes takes 0.1 us for each."""
+    """The loop for a layout. Its arguments are in memory, since each argument of a ctypes call takes 0.1 us."""
 
     def __init__(self, layout: TaylorLayout) -> None:
         with _BUILDING:
@@ -41,7 +41,7 @@ class CompiledSteps:
 
     @property
     def run(self) -> Any:
-        """The loop, as a function of the address of its arguments."""
+        """The loop as a function of one argument, the address of the array of its arguments."""
         return _RUN(self.module.address)
 
 
@@ -52,12 +52,12 @@ def compiled_steps(layout: TaylorLayout) -> CompiledSteps:
 
 
 def event_procedures() -> tuple[Procedure, ...]:
-    """Return what a loop calls for events and surfaces."""
+    """Return the procedures that a loop calls for events and switching surfaces."""
     return inspect_step(), begin_sides(), reset_state(), cross_surface()
 
 
 def link_events(*, well: bool) -> None:
-    """Let the modules that are loaded from now on call the procedures of events, compiled `well` or quickly."""
+    """Make the procedures of events available to modules loaded later, optimized (`well`) or compiled quickly."""
     with _BUILDING:
         if well or not _events.cache_info().currsize:
             _events(well)
@@ -65,7 +65,7 @@ def link_events(*, well: bool) -> None:
 
 @cache
 def _events(well: bool) -> Module:
-    """Compile the procedures of events and announce them: what has been compiled well stays announced."""
+    """Compile the procedures of events and register their addresses under their names."""
     reached = _reached(event_procedures())
     texts = [function(one, hidden=one not in event_procedures(), merged=not one.apart) for one in reached]
     made = Module("\n".join([declarations(), *texts, METADATA, ATTRIBUTES]), merge=well, quickly=not well)
@@ -75,14 +75,14 @@ def _events(well: bool) -> Module:
 
 
 def steps_ir(procedure: Procedure, elsewhere: Sequence[Procedure] = ()) -> str:
-    """Return the IR of a loop: what it calls is merged into it, but for what stands apart or `elsewhere`."""
+    """Return the IR of a loop and its callees, without the callees that are `elsewhere`, in another module."""
     reached = _reached([procedure], elsewhere)
     functions = [function(one, hidden=True, merged=one is not procedure) for one in reached]
     return "\n".join([declarations(), *map(declaration, elsewhere), *functions, _run(procedure), METADATA, ATTRIBUTES])
 
 
 def _reached(procedures: Sequence[Procedure], elsewhere: Sequence[Procedure] = ()) -> tuple[Procedure, ...]:
-    """Return procedures and what they call, callees first, but for what only those that stand elsewhere call."""
+    """Return procedures and their callees, callees first, without procedures that are only called from `elsewhere`."""
     found: dict[Procedure, None] = {}
     for procedure in procedures:
         called = [call.callee for call in calls(procedure.body) if isinstance(call.callee, Procedure)]
@@ -92,7 +92,7 @@ def _reached(procedures: Sequence[Procedure], elsewhere: Sequence[Procedure] = (
 
 
 def _run(procedure: Procedure) -> str:
-    """Return the IR of the loop with its arguments in memory: i64 run(ptr arguments)."""
+    """Return the IR of a function that reads the arguments of the loop from memory: i64 run(ptr arguments)."""
     e = Emitter()
     kinds = [argument_type(parameter.type) for parameter in procedure.parameters]
     arguments = [f"{kind} {e.get('%arguments', place, kind)}" for place, kind in enumerate(kinds)]
