@@ -90,17 +90,11 @@ class PanelQuantity:
     drift: bool = False
 
 
-def coordinates(solution: Solution, chosen: Sequence[str], *, merged: bool = False) -> list[PanelQuantity]:
-    """Return the chosen coordinates: one per panel, several if there are many, or all in one panel with `merged`."""
-    return _entries(solution, chosen, merged=merged, rate=False)
+def entries(solution: Solution, chosen: Sequence[str], *, merged: bool, rate: bool) -> list[PanelQuantity]:
+    """Return the chosen coordinates, or their velocities with `rate`.
 
-
-def velocities(solution: Solution, chosen: Sequence[str], *, merged: bool = False) -> list[PanelQuantity]:
-    """Return the velocities of the chosen coordinates, in panels as for `coordinates`."""
-    return _entries(solution, chosen, merged=merged, rate=True)
-
-
-def _entries(solution: Solution, chosen: Sequence[str], *, merged: bool, rate: bool) -> list[PanelQuantity]:
+    There is one per panel, or several if there are many, or all are in one panel with `merged`.
+    """
     together = len(chosen) if merged else ceil(len(chosen) / PANELS)
     groups = [chosen[k : k + together] for k in range(0, len(chosen), together)]
     return [_group(solution.model.statement, group, rate=rate) for group in groups]
@@ -171,7 +165,13 @@ def momenta(solution: Solution) -> PanelQuantity | None:
 
 
 def invariants(solution: Solution) -> list[PanelQuantity]:
-    """Return the change of each conserved quantity from its first value, relative to the size of its terms."""
+    """Return the change of each conserved quantity from its first value, relative to the size of its terms.
+
+    Raises StatementError if none was found.
+    """
+    if not solution.invariants:
+        name = solution.model.statement.name
+        raise StatementError(f"nothing was found that {name} conserves: there are no invariants to plot.")
     sizes = invariant_sizes(solution.model, solution.t, solution.y, solution.parameters_at(solution.t))
     return [_invariant(name, values[0], sizes[name]) for name, values in solution.invariants.items()]
 

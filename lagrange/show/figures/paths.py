@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from textwrap import fill
@@ -38,7 +38,6 @@ from lagrange.show.figures.style import (
     legend,
     mixed,
     number_labels,
-    parts_of,
     point_look,
 )
 from lagrange.show.figures.ticks import few_ticks
@@ -178,24 +177,20 @@ def is_slender(extents: FloatArray) -> bool:
 _LONGEST = 80.0
 """Longest path, in sides of its panel: three times as much would cover half of it."""
 
-_DENSITY = 300_000
-"""States for the density of the earlier part of a path."""
-
 
 @dataclass(frozen=True, eq=False)
 class Paths:
     """Paths of points on paper (p, 2, K) at times (K,), their view, and the links between them.
 
     `space` are the same points as stated, (p, 2, K) or (p, 3, K), and `starts` their initial positions, (p, 2). `fixed`
-    points do not depend on coordinates or time. For a long run the paths are its last part, and `before` are points
-    (2, k) of the earlier part.
+    points do not depend on coordinates or time. For a long run the paths are its last part, `late`.
     """
 
     times: FloatArray
     points: FloatArray
     space: FloatArray
     starts: FloatArray
-    before: FloatArray
+    late: bool
     names: tuple[str, ...]
     fixed: tuple[bool, ...]
     view: View
@@ -211,13 +206,12 @@ class Paths:
         """Return the same paths relative to another origin: (2,) on paper, or (3,) in space with a view from a side."""
         space = self.space - origin[:, None] if self.view.spatial else self.space
         place = self.view.of(origin[:, None]) if self.view.spatial else origin[:, None]
-        points, starts, before = self.points - place, self.starts - place[:, 0], self.before - place
-        return replace(self, points=points, space=space, starts=starts, before=before)
+        return replace(self, points=self.points - place, space=space, starts=self.starts - place[:, 0])
 
     @cached_property
     def on_paper(self) -> FloatArray:
         """All positions of the points, (2, N)."""
-        return np.concatenate([*self.points, self.starts.T, self.before], axis=1)
+        return np.concatenate([*self.points, self.starts.T], axis=1)
 
     @cached_property
     def extents(self) -> FloatArray:
@@ -269,12 +263,9 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
         return np.array([view.of(point) for point in [*points, *flat]])
 
     first = first_times(solution.trajectory)
-    drawn, before = first, np.empty((2, 0))
+    drawn = first
     if not outputs_alone(solution.trajectory):
-        drawn = _last_part(first, seen(first))
-        if drawn[0] != first[0]:
-            before = np.concatenate([*_moving(solution, seen(np.linspace(first[0], drawn[0], _DENSITY)))], axis=1)
-        drawn = in_plane(seen_with_shadows, drawn, pixels, equal=False)[0]
+        drawn = in_plane(seen_with_shadows, _last_part(first, seen(first)), pixels, equal=False)[0]
     space = np.array([cut(windows, point) for point in placed(drawn)])
     fixed = fixed_points(solution.model.statement)
     return Paths(
@@ -282,7 +273,7 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
         np.array([view.of(point) for point in space]),
         space,
         seen(solution.t[:1])[:, :, 0],
-        before,
+        bool(drawn[0] != first[0]),
         names,
         tuple(fixed[name] for name in names),
         view,
@@ -306,13 +297,6 @@ def _windows(solution: Solution) -> list[AxisWindow | None]:
     return [window_of(solution, row_of(entries, k)) for k in range(dimension)]
 
 
-def _moving(solution: Solution, points: FloatArray) -> list[FloatArray]:
-    """Return those of the points (p, 2, K) that are not fixed."""
-    fixed: Mapping[str, bool] = fixed_points(solution.model.statement)
-    names = named_points(solution, solution.t[:1])
-    return [point for name, point in zip(names, points, strict=True) if not fixed[name]]
-
-
 def _last_part(t: FloatArray, points: FloatArray) -> FloatArray:
     """Return the last of the times, in which no point (p, 2, K) goes further than a line can show."""
     low, high = limits(np.concatenate([*points], axis=1))
@@ -330,9 +314,6 @@ _FARTHEST = 0.28
 
 _LETTERS = 40
 """Letters of a line above the panel of a path, as many as fit."""
-
-_CELLS = 220
-"""Cells of the density along the longer side of the panel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -361,8 +342,6 @@ class PathPanel:
             box = Box.around(np.concatenate([space for run in runs for space in run.space], axis=1))
             draw_floor(axis, self.view, box, unit, style)
         for place, run in enumerate(runs):
-            if run.before.shape[1]:
-                draw_density(axis, run, style)
             _draw_run(axis, run, self._shades(run, place, style), self.labels[place], box, style, place)
         self._frame(axis, runs, bounds - origin)
         if not self.view.spatial:
@@ -426,7 +405,7 @@ class PathPanel:
 def _title(paths: Paths, shape: str) -> str:
     if shape != "square":
         return f"path{chr(10) if shape == 'column' else '; '}open circles: start"
-    begun = f" from t = {paths.times[0]:.4g} on, shaded: before" if paths.before.shape[1] else ""
+    begun = f" from t = {paths.times[0]:.4g} on" if paths.late else ""
     scale = "" if paths.to_scale or paths.view.spatial else ", not to scale"
     return f"path{begun}{scale}{chr(10) if begun else '; '}open circles: start"
 
@@ -497,22 +476,3 @@ def by_depth(points: FloatArray, nearness: FloatArray) -> Iterator[FloatArray]:
         line = points[:, places + np.minimum(within, 1)]
         line[:, within == 2] = np.nan
         yield line
-
-
-def draw_density(axis: Axes, paths: Paths, style: FigureStyle) -> None:
-    """Shade the earlier positions of points, before the paths: darker where they stayed for longer."""
-    low, high = limits(np.concatenate([paths.before, *paths.points], axis=1))
-    cell = float(np.max(high - low)) / _CELLS
-    shape = np.maximum(np.ceil((high - low) / cell).astype(int), 1)
-    ends = low + cell * shape
-    column, row = np.clip(((paths.before - low[:, None]) / cell).astype(int), 0, shape[:, None] - 1)
-    counts = np.bincount(column * shape[1] + row, minlength=shape.prod()).reshape(shape)
-    share = np.log1p(counts) / np.log1p(counts.max())
-    ink, paper = (np.array(parts_of(colour)) for colour in (style.quiet, style.paper))
-    image = paper + (0.65 * share.T[:, :, None]) * (ink - paper)
-    alpha = np.where(counts.T > 0, 1.0, 0.0)[:, :, None]
-    extent = (float(low[0]), float(ends[0]), float(low[1]), float(ends[1]))
-    coloured = np.concatenate([image, alpha], axis=2)
-    shade = axis.imshow(coloured, extent=extent, origin="lower", aspect="auto", zorder=1.1)
-    for edges in shade.sticky_edges:
-        edges.clear()  # else the panel would have no room around its points, and would cut the marks there

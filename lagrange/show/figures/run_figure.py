@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from itertools import islice
 from math import ceil, sqrt
 from typing import TYPE_CHECKING, Any
@@ -46,21 +46,17 @@ class Contents:
 
     def overview(self) -> list[Panel]:
         """Return the panels of the coordinates, of conserved quantities, and of paths if points are named."""
-        return [
-            *self.coordinates(),
-            *self.drift(),
-            *self._over_time(quantities.momenta, wide=True),
-            *self._paths(),
-        ]
+        momenta = self._over_time(quantities.momenta, wide=True)
+        return [*self.named("coordinates"), *self.named("drift"), *momenta, *self._paths()]
 
     def of(self, what: Any) -> list[Panel]:
         """Return the panels of one entry of what=. Raises StatementError for an invalid one."""
         if isinstance(what, str):
             if what in WHAT:
-                return WHAT[what](self)
+                return self.named(what)
             names = self.solutions[0].names
             if what not in names and (other := OTHER_NAMES.get(" ".join(what.replace("_", " ").split()))):
-                return WHAT[other](self)
+                return self.named(other)
             if what not in names:
                 raise StatementError(
                     f"what = {shown(what)} is nothing to plot: give {listing(WHAT)}, a coordinate or a velocity "
@@ -68,15 +64,29 @@ class Contents:
                 )
         return self._over_time(lambda run: quantities.expression(run, what))
 
-    def coordinates(self) -> list[Panel]:
-        """Return panels of the chosen coordinates."""
-        return self._each(lambda run: quantities.coordinates(run, self.chosen, merged=self.merged))
+    def named(self, name: str) -> list[Panel]:
+        """Return the panels of a name in `WHAT`. Raises StatementError for runs that have nothing of it."""
+        match name:
+            case "coordinates" | "velocities":
+                rate = name == "velocities"
+                return self._each(lambda run: quantities.entries(run, self.chosen, merged=self.merged, rate=rate))
+            case "phase":
+                return self._phases()
+            case "invariants":
+                return self._each(quantities.invariants)
+            case "multipliers":
+                return self._each(quantities.multipliers)
+            case "path" if not (found := self._paths()):
+                raise StatementError(
+                    f"{self.solutions[0].model.statement.name} has no named points: state positions={{'bob': (x, y)}} "
+                    "to see their paths, or draw its coordinates with what='coordinates'."
+                )
+            case "path":
+                return found
+        row = {"energies": quantities.energies, "drift": quantities.energy, "violation": quantities.violation}[name]
+        return self._over_time(row, wide=True)
 
-    def velocities(self) -> list[Panel]:
-        """Return panels of the velocities of the chosen coordinates."""
-        return self._each(lambda run: quantities.velocities(run, self.chosen, merged=self.merged))
-
-    def phase(self) -> list[Panel]:
+    def _phases(self) -> list[Panel]:
         """Return the phase planes of the chosen coordinates."""
         if len(self.chosen) > _MOST_PHASES:
             raise StatementError(
@@ -84,41 +94,6 @@ class Contents:
                 f"with of=, such as of={self.chosen[0]!r}."
             )
         return [PhasePanel(name, self.solutions, self.labels) for name in self.chosen]
-
-    def energies(self) -> list[Panel]:
-        """Return a panel with T, V and E."""
-        return self._over_time(quantities.energies, wide=True)
-
-    def drift(self) -> list[Panel]:
-        """Return a panel of the drift of a conserved energy, or of the energy."""
-        return self._over_time(quantities.energy, wide=True)
-
-    def invariants(self) -> list[Panel]:
-        """Return panels of the drifts of all conserved quantities."""
-        found = self._each(quantities.invariants)
-        if not found:
-            name = self.solutions[0].model.statement.name
-            raise StatementError(f"nothing was found that {name} conserves: there are no invariants to plot.")
-        return found
-
-    def multipliers(self) -> list[Panel]:
-        """Return panels of the multipliers of all constraints."""
-        return self._each(quantities.multipliers)
-
-    def violation(self) -> list[Panel]:
-        """Return a panel of the largest violation of the constraints."""
-        return self._over_time(quantities.violation, wide=True)
-
-    def path(self) -> list[Panel]:
-        """Return the panel of the paths of named points. Raises StatementError if there are none."""
-        found = self._paths()
-        if not found:
-            name = self.solutions[0].model.statement.name
-            raise StatementError(
-                f"{name} has no named points: state positions={{'bob': (x, y)}} to see their paths, or draw its "
-                "coordinates with what='coordinates'."
-            )
-        return found
 
     def _paths(self) -> list[Panel]:
         view = common_view(self.solutions)
@@ -136,18 +111,11 @@ class Contents:
         return [TimePanel(row, self.solutions, self.labels) for row in rows]
 
 
-WHAT: Mapping[str, Callable[[Contents], list[Panel]]] = {
-    "coordinates": Contents.coordinates,
-    "velocities": Contents.velocities,
-    "phase": Contents.phase,
-    "energies": Contents.energies,
-    "drift": Contents.drift,
-    "invariants": Contents.invariants,
-    "path": Contents.path,
-    "multipliers": Contents.multipliers,
-    "violation": Contents.violation,
-}
-"""Panels of each name that what= accepts."""
+WHAT = (
+    *("coordinates", "velocities", "phase", "energies", "drift", "invariants", "path"),
+    *("multipliers", "violation"),
+)
+"""Names that what= accepts."""
 
 OTHER_NAMES = {"phase plane": "phase", "phase planes": "phase", "energy": "energies", "paths": "path"}
 """Synonyms of these names, unless a coordinate has the same name."""
