@@ -100,39 +100,43 @@ def solved(n: int, a: Any, right: Any, x: Any) -> None:
         x[i] = a[n + 1, i] * x[i]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Statements:
-    """Spellings of the statements of these functions in a language.
+    """Spellings of operations, literals and statements in a language.
 
-    `first` is the index of the first element; if it is 1, the last index of a loop belongs to it. `assign` is a
-    template of a target and a value; `define` that of a local variable at its first assignment, with {mut} for a Rust
-    variable that changes; `element` and `entry` those of a vector and a matrix. `loop` and `back` are templates of an
-    index, its first value and its end, `when` that of a condition. `to_real` and `to_index` convert indices.
+    `first` is the index of the first element; if it is 1, the last index of a loop belongs to it. `store` is a template
+    of a variable's name and its new value; `local` that of a local variable at its first assignment, with {mut} for a
+    Rust variable that changes; `element` and `entry` are those of a vector and a matrix. `loop` and `back` are
+    templates of an index, its first value and its end, `when` that of a condition. `to_real` and `to_index` convert
+    indices, and `leave` ends the function with its result.
     """
 
-    first: int
-    assign: str
-    entry: str
-    element: str
-    loop: str
-    back: str
-    when: str
-    end_loop: str
-    end_when: str
-    define: str = ""
+    operations: Mapping[str, Operator]
+    literals: Literals
+    first: int = 0
+    store: str = "{name} = {value}"
+    local: str = ""
+    element: str = "{0}[{1}]"
+    entry: str = ""
+    loop: str = ""
+    back: str = ""
+    when: str = ""
+    end_loop: str = ""
+    end_when: str = ""
     to_real: str = "{0}"
     to_index: str = "{0}"
     leave: str = ""
 
+    def stored(self, name: str, value: str) -> str:
+        """Return an assignment."""
+        return self.store.format(name=name, value=value)
 
-def body(
-    function: Callable[..., Any], statements: Statements, operations: Mapping[str, Operator], literals: Literals
-) -> list[str]:
+
+def body(function: Callable[..., Any], statements: Statements) -> list[str]:
     """Return the lines of the body of one of the functions above in a language, indented by one level."""
     (tree,) = ast.parse(textwrap.dedent(inspect.getsource(function))).body
     assert isinstance(tree, ast.FunctionDef)
-    printer = _Printer(statements, operations, literals, _changed(tree))
-    return [f"    {line}" for line in printer.block(tree.body[1:])]
+    return [f"    {line}" for line in _Printer(statements, _changed(tree)).block(tree.body[1:])]
 
 
 def _changed(tree: ast.FunctionDef) -> dict[str, bool]:
@@ -150,14 +154,8 @@ def _changed(tree: ast.FunctionDef) -> dict[str, bool]:
 class _Printer:
     """Prints statements; indices of loops are those of the language."""
 
-    def __init__(
-        self,
-        statements: Statements,
-        operations: Mapping[str, Operator],
-        literals: Literals,
-        changed: Mapping[str, bool],
-    ) -> None:
-        self.statements, self.operations, self.literals, self.changed = statements, operations, literals, changed
+    def __init__(self, statements: Statements, changed: Mapping[str, bool]) -> None:
+        self.statements, self.changed = statements, changed
         self.indices: dict[str, None] = {}
         self.defined: dict[str, None] = {}
 
@@ -180,11 +178,11 @@ class _Printer:
                 case ast.Assign(targets=[ast.Name(id=name)]):
                     yield self._assigned(name, one.value)
                 case ast.Assign(targets=[ast.Tuple(elts=[first, second])]):
-                    yield (style.define or style.assign).format("kept", self.text(first), mut="")
-                    yield style.assign.format(self.text(first), self.text(second))
-                    yield style.assign.format(self.text(second), "kept")
+                    yield (style.local or style.store).format(name="kept", value=self.text(first), mut="")
+                    yield style.stored(self.text(first), self.text(second))
+                    yield style.stored(self.text(second), "kept")
                 case ast.Assign(targets=[target]):
-                    yield style.assign.format(self.text(target), self.text(one.value))
+                    yield style.stored(self.text(target), self.text(one.value))
                 case ast.Return(value=ast.expr() as value):
                     yield style.leave.format(self.text(value))
 
@@ -198,9 +196,9 @@ class _Printer:
             self.indices[name] = None
         if isinstance(value, ast.Call) and isinstance(value.func, ast.Name) and value.func.id == "int":
             self.indices[name] = None
-        template = self.statements.assign if name in self.defined else self.statements.define or self.statements.assign
+        template = self.statements.store if name in self.defined else self.statements.local or self.statements.store
         self.defined[name] = None
-        return template.format(name, self.text(value), mut="mut " * self.changed[name])
+        return template.format(name=name, value=self.text(value), mut="mut " * self.changed[name])
 
     def index(self, one: ast.expr) -> str:
         """Return an index: variables that hold one as they are, others from the first index on."""
@@ -220,13 +218,13 @@ class _Printer:
         style = self.statements
         match one:
             case ast.Name(id="PIVOT"):
-                return ATOM, self.literals.real(PIVOT)
+                return ATOM, self.statements.literals.real(PIVOT)
             case ast.Name(id=name):
                 return ATOM, name
             case ast.Constant(value=bool() as value):
-                return self.literals.spelled(FLAG, value)
+                return self.statements.literals.spelled(FLAG, value)
             case ast.Constant(value=float() as value):
-                return self.literals.spelled(REAL, value)
+                return self.statements.literals.spelled(REAL, value)
             case ast.Constant(value=value):
                 return ATOM, str(value)
             case ast.Subscript(value=ast.Name(id=array), slice=ast.Tuple(elts=[row, column])):
@@ -254,6 +252,6 @@ class _Printer:
         raise NotImplementedError(ast.dump(one))
 
     def _operation(self, op: str, *args: ast.expr) -> tuple[int, str]:
-        operator = self.operations[op]
+        operator = self.statements.operations[op]
         texts = [self.text(arg, need) for arg, need in zip(args, operator.operands or (0,) * len(args), strict=True)]
         return operator.binds, operator.text.format(*texts)

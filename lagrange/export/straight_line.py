@@ -7,14 +7,14 @@ literals are exact, so nothing of a user's text is run.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from lagrange.errors import StatementError
 from lagrange.export.descriptions import indices
-from lagrange.export.elimination import ROWS, Statements
+from lagrange.export.elimination import ROWS, Statements, body, factored, solved
 from lagrange.export.identifiers import ascii_name, distinct
 from lagrange.export.module import ExportedQuantity, SourceModule
 from lagrange.export.target import SOLVED
@@ -22,7 +22,7 @@ from lagrange.graph.functions import CONDITIONS as FLAGS
 from lagrange.procedure.form import FLAG, REAL
 from lagrange.procedure.interpreter import OPERATIONS
 from lagrange.procedure.source_printer import LONGEST_VALUE
-from lagrange.procedure.spelling import ATOM, Literals, Operator
+from lagrange.procedure.spelling import ATOM, Operator
 from lagrange.program.program import GIVEN, Instruction, Program, ProgramBlock, uses_of
 
 CONDITIONS: Mapping[str, tuple[int, ...]] = {"select": (0,), "and": (0, 1), "or": (0, 1), "not": (0,)}
@@ -36,37 +36,32 @@ GENERATED = re.compile(r"(?:[xfsd]|singular)\d+")
 """Names that the printer makes for values, factors, solutions and conditions."""
 
 
-@dataclass(frozen=True)
-class Language:
+@dataclass(frozen=True, kw_only=True)
+class Language(Statements):
     """The spellings of a language, or of a library of Python.
 
     `operations` has a template for every operation. `helpers` are definitions that a file contains if it uses the
-    operation; `needs` are operations that a definition uses. `define` and `store` are templates of a name and a value
-    ({type} is one of `types`, of numbers and conditions), `element` one of an array and an index, which begins with
-    `first`. `condition` makes a condition of a number, `number` a number of a condition; languages that need neither
-    have None. `matrix`, `entry`, `factor` and `solve` are the lines that factor a matrix and solve a linear system;
-    without `entry` the call of `factor` takes all entries.
+    operation; `needs` are operations that a definition uses. `define` is a template of a value's name, the value and
+    its {type}, one of `types`, of numbers and conditions. `condition` makes a condition of a number, `number` a number
+    of a condition; languages that need neither have None. `matrix`, `entry`, `factor` and `solve` are the lines that
+    factor a matrix and solve a linear system; without `entry` the call of `factor` takes all entries. `factored` and
+    `solved` are the head and the end of the functions that these lines call.
     """
 
     name: str
-    operations: Mapping[str, Operator]
-    literals: Literals
     helpers: Mapping[str, str]
     factor: str
     solve: str
     define: str = "{name} = {value}"
-    store: str = "{name} = {value}"
     types: tuple[str, str] = ("", "")
-    element: str = "{0}[{1}]"
-    first: int = 0
     condition: Operator | None = None
     number: Operator | None = None
     matrix: str = ""
-    entry: Callable[[str, int, int], str] | None = None
     reserved: Sequence[str] = ()
     needs: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
-    statements: Statements | None = None
     key: Callable[[str], str] = str
+    factored: tuple[str, str] = ("", "")
+    solved: tuple[str, str] = ("", "")
 
     def with_needs(self, ops: Iterable[str]) -> list[str]:
         """Return some operations in alphabetical order, with those that their definitions use."""
@@ -75,6 +70,14 @@ class Language:
     def definitions(self, ops: Iterable[str]) -> list[str]:
         """Return the definitions that functions with some operations need."""
         return [self.helpers[op] for op in self.with_needs(ops) if op in self.helpers]
+
+    def systems(self, ops: Iterable[str]) -> Iterator[str]:
+        """Yield the lines of the functions for linear systems, each followed by a blank line, if they are needed."""
+        if "factor" in ops:
+            for function, (head, end) in ((factored, self.factored), (solved, self.solved)):
+                yield from head.splitlines()
+                yield from body(function, self)
+                yield from (end, "")
 
 
 class StraightLinePrinter:
@@ -181,13 +184,14 @@ class StraightLinePrinter:
         self.singular.append(f"singular{i}")
         self.declared += [("real", name, (n + ROWS, n)), ("flag", f"singular{i}", ())]
         entries = ", ".join(self.text(ref) for ref in one.args)
-        if language.entry is not None:
+        if language.entry:
             self._system(language.matrix, name, n)
             for k, ref in enumerate(one.args):
                 row = int(((8 * k + 1) ** 0.5 - 1) / 2)
                 if self.constants.get(ref, 1.0) != 0.0:
-                    place = language.entry(name, row, k - row * (row + 1) // 2)
-                    self.lines.append(language.store.format(name=place, value=self.text(ref)))
+                    column = k - row * (row + 1) // 2
+                    place = language.entry.format(name, row + language.first, column + language.first)
+                    self.lines.append(language.stored(place, self.text(ref)))
         self._system(language.factor, name, n, f"singular{i}", entries)
 
     def _system(self, template: str, name: str, order: int, other: str = "", entries: str = "") -> None:
@@ -416,4 +420,4 @@ class Functions:
 
     def _stored(self, array: str, place: int, value: str) -> str:
         name = self.language.element.format(array, place + self.language.first)
-        return self.language.store.format(name=name, value=value)
+        return self.language.stored(name, value)

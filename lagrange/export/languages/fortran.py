@@ -6,7 +6,6 @@ import struct
 from collections.abc import Iterator, Mapping, Sequence
 
 from lagrange.export.descriptions import about_of, indices, places, sizes, statement_comment
-from lagrange.export.elimination import Statements, body, factored, solved
 from lagrange.export.identifiers import LONGEST, distinct
 from lagrange.export.lines import commented, continued
 from lagrange.export.module import SourceModule
@@ -100,39 +99,6 @@ WIDTH, LONGEST_LINE = 110, 132
 LARGE = 4096
 """Numbers in local arrays from which on a compiler might keep them where two threads share them."""
 
-STATEMENTS = Statements(
-    first=1,
-    assign="{0} = {1}",
-    entry="{0}({1}, {2})",
-    element="{0}({1})",
-    loop="do {0} = {1}, {2}",
-    back="do {0} = {2}, {1}, -1",
-    when="if ({0}) then",
-    end_loop="end do",
-    end_when="end if",
-    to_real="real({0}, dp)",
-    to_index="int({0})",
-    leave="singular = {0}",
-)
-
-LANGUAGE = Language(
-    name="Fortran",
-    operations=OPERATIONS,
-    literals=LITERALS,
-    helpers=HELPERS,
-    element="{0}({1})",
-    first=1,
-    condition=WORDS["not"]._replace(text=".not. equal({0}, 0.0_dp)", operands=(0,)),
-    number=call("merge(1.0_dp, 0.0_dp, {0})"),
-    matrix="{name} = 0.0_dp",
-    entry=lambda name, i, j: f"{name}({i + 1}, {j + 1})",
-    factor="call factored({order}, {name}, {other})",
-    solve="call solved({order}, {other}, [{entries}], {name})",
-    needs={"factor": ("equal",), "condition": ("equal",)},
-    reserved=RESERVED,
-    key=str.lower,
-)
-
 FACTORED = """\
   pure subroutine factored(n, a, singular)
     integer, intent(in) :: n
@@ -148,6 +114,34 @@ SOLVED = """\
     real(dp), intent(in) :: a(:, :), right(:)
     real(dp), intent(out) :: x(:)
     integer :: i, j, row"""
+
+LANGUAGE = Language(
+    name="Fortran",
+    operations=OPERATIONS,
+    literals=LITERALS,
+    helpers=HELPERS,
+    element="{0}({1})",
+    first=1,
+    condition=WORDS["not"]._replace(text=".not. equal({0}, 0.0_dp)", operands=(0,)),
+    number=call("merge(1.0_dp, 0.0_dp, {0})"),
+    matrix="{name} = 0.0_dp",
+    factor="call factored({order}, {name}, {other})",
+    solve="call solved({order}, {other}, [{entries}], {name})",
+    needs={"factor": ("equal",), "condition": ("equal",)},
+    reserved=RESERVED,
+    key=str.lower,
+    entry="{0}({1}, {2})",
+    loop="do {0} = {1}, {2}",
+    back="do {0} = {2}, {1}, -1",
+    when="if ({0}) then",
+    end_loop="end do",
+    end_when="end if",
+    to_real="real({0}, dp)",
+    to_index="int({0})",
+    leave="singular = {0}",
+    factored=(FACTORED, "  end subroutine factored"),
+    solved=(SOLVED, "  end subroutine solved"),
+)
 
 
 def short(line: str) -> list[str]:
@@ -196,14 +190,7 @@ def source(module: SourceModule) -> str:
     ]
     for one in module.quantities:
         lines += _subroutine(one.name, "t, y, p, out", about_of(module, one.procedure), functions.quantity(one))
-    if "factor" in functions.needed:
-        lines += [
-            *FACTORED.splitlines(),
-            *body(factored, STATEMENTS, OPERATIONS, LITERALS),
-            "  end subroutine factored",
-            "",
-        ]
-        lines += [*SOLVED.splitlines(), *body(solved, STATEMENTS, OPERATIONS, LITERALS), "  end subroutine solved", ""]
+    lines += LANGUAGE.systems(functions.needed)
     return "\n".join([*lines, *LANGUAGE.definitions(functions.needed), f"end module {name}", ""])
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from lagrange.export.descriptions import about_of, indices, places, sizes, statement_comment
-from lagrange.export.elimination import Statements, body, factored, solved
 from lagrange.export.identifiers import distinct
 from lagrange.export.lines import commented, wrapped
 from lagrange.export.module import SourceModule
@@ -77,20 +76,6 @@ MODULES = (*_LIBRARY.split(), *_FROM_BASE.split())
 WIDTH = 110
 """Largest length of a line of comment."""
 
-STATEMENTS = Statements(
-    first=1,
-    assign="{0} = {1}",
-    entry="{0}[{1}, {2}]",
-    element="{0}[{1}]",
-    loop="for {0} in {1}:{2}",
-    back="for {0} in {2}:-1:{1}",
-    when="if {0}",
-    end_loop="end",
-    end_when="end",
-    to_index="Int({0})",
-    leave="return {0}",
-)
-
 LANGUAGE = Language(
     name="Julia",
     operations=OPERATIONS,
@@ -100,11 +85,20 @@ LANGUAGE = Language(
     condition=Operator(5, "{0} != 0.0", (6,)),
     number=call("Float64({0})"),
     matrix="{name} = zeros({rows}, {order})",
-    entry=lambda name, i, j: f"{name}[{i + 1}, {j + 1}]",
     factor="{other} = factored!({order}, {name})",
     solve="{name} = zeros({order})\nsolved!({order}, {other}, [{entries}], {name})",
     needs={"factor": ("sqrt",)},
     reserved=RESERVED,
+    entry="{0}[{1}, {2}]",
+    loop="for {0} in {1}:{2}",
+    back="for {0} in {2}:-1:{1}",
+    when="if {0}",
+    end_loop="end",
+    end_when="end",
+    to_index="Int({0})",
+    leave="return {0}",
+    factored=("function factored!(n, a)", "end"),
+    solved=("function solved!(n, a, right, x)", "end"),
 )
 
 
@@ -126,10 +120,8 @@ def source(module: SourceModule) -> str:
         *_constants(module, size),
         "",
         *LANGUAGE.definitions(functions.needed),
+        *LANGUAGE.systems(functions.needed),
     ]
-    if "factor" in functions.needed:
-        lines += ["function factored!(n, a)", *body(factored, STATEMENTS, OPERATIONS, LITERALS), "end", ""]
-        lines += ["function solved!(n, a, right, x)", *body(solved, STATEMENTS, OPERATIONS, LITERALS), "end", ""]
     return "\n".join([*lines, *printed, "end", ""])
 
 

@@ -6,7 +6,7 @@ import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 
 from lagrange.export.descriptions import about_of, places, statement_comment
-from lagrange.export.elimination import ROWS, Statements, body, factored, solved
+from lagrange.export.elimination import ROWS
 from lagrange.export.identifiers import distinct
 from lagrange.export.lines import commented, plain
 from lagrange.export.module import SourceModule
@@ -66,20 +66,6 @@ HELPERS: Mapping[str, str] = {
 }
 """Operations that are functions of the package, in which NaN stays NaN."""
 
-STATEMENTS = Statements(
-    first=1,
-    assign="{0} := {1};",
-    entry="{0}[{1}, {2}]",
-    element="{0}[{1}]",
-    loop="for {0} in {1}:{2} loop",
-    back="for {0} in {2}:-1:{1} loop",
-    when="if {0} then",
-    end_loop="end for;",
-    end_when="end if;",
-    to_index="integer({0} + 0.5)",
-    leave='assert(not ({0}), "a matrix is singular to round-off");',
-)
-
 TAKEN = """
     algorithm and annotation assert block break class connect connector constant constrainedby der discrete each else
     elseif elsewhen encapsulated end enumeration equation expandable extends external false final flow for function if
@@ -95,24 +81,7 @@ RESERVED = tuple(TAKEN.split())
 
 _OWN = "t y out parameters prepare factored solved smaller larger sign_of fill integer"
 
-LANGUAGE = Language(
-    name="Modelica",
-    operations=OPERATIONS,
-    literals=LITERALS,
-    helpers=HELPERS,
-    define="{name} := {value};",
-    store="{name} := {value};",
-    first=1,
-    condition=Operator(5, "{0} <> 0.0", (6,)),
-    number=Operator(1, "if {0} then 1.0 else 0.0"),
-    matrix="{name} := fill(0.0, {rows}, {order});",
-    entry=lambda name, i, j: f"{name}[{i + 1}, {j + 1}]",
-    factor="{name} := factored({order}, {name});",
-    solve="{name} := solved({order}, {other}, {{{entries}}});",
-    reserved=(*RESERVED, *_OWN.split(), *EXTERNAL, *QUANTITIES),
-)
-
-FACTORED = f"""
+FACTORED = f"""\
 // L U of a symmetric matrix, given by its lower triangle, in units in which its diagonal is one, if that is positive;
 // behind it where each row stood, the units, and the largest entries. A singular matrix ends the simulation.
 function factored
@@ -131,7 +100,7 @@ protected
 algorithm
     a := lower;"""
 
-SOLVED = f"""
+SOLVED = f"""\
 // The solution of a system whose matrix is factored.
 function solved
   input Integer n;
@@ -141,6 +110,32 @@ function solved
 protected
   Integer row;
 algorithm"""
+
+LANGUAGE = Language(
+    name="Modelica",
+    operations=OPERATIONS,
+    literals=LITERALS,
+    helpers=HELPERS,
+    define="{name} := {value};",
+    store="{name} := {value};",
+    first=1,
+    condition=Operator(5, "{0} <> 0.0", (6,)),
+    number=Operator(1, "if {0} then 1.0 else 0.0"),
+    matrix="{name} := fill(0.0, {rows}, {order});",
+    factor="{name} := factored({order}, {name});",
+    solve="{name} := solved({order}, {other}, {{{entries}}});",
+    reserved=(*RESERVED, *_OWN.split(), *EXTERNAL, *QUANTITIES),
+    entry="{0}[{1}, {2}]",
+    loop="for {0} in {1}:{2} loop",
+    back="for {0} in {2}:-1:{1} loop",
+    when="if {0} then",
+    end_loop="end for;",
+    end_when="end if;",
+    to_index="integer({0} + 0.5)",
+    leave='assert(not ({0}), "a matrix is singular to round-off");',
+    factored=(FACTORED, "end factored;"),
+    solved=(SOLVED, "end solved;"),
+)
 
 FINITE = """\
   for k in 1:{count} loop
@@ -193,9 +188,7 @@ def function_lines(functions: Functions) -> Iterator[str]:
         count = len(one.results)
         finite = FINITE.format(count=count) if one.program.solved else ""
         lines += _function(one.name, given, f"out[{count}]", functions.quantity(one), finite)
-    if "factor" in functions.needed:
-        lines += [*FACTORED.splitlines(), *body(factored, STATEMENTS, OPERATIONS, LITERALS), "end factored;"]
-        lines += [*SOLVED.splitlines(), *body(solved, STATEMENTS, OPERATIONS, LITERALS), "end solved;"]
+    lines += ["", *LANGUAGE.systems(functions.needed)][:-1]
     lines += [line for text in LANGUAGE.definitions(functions.needed) for line in text.rstrip().splitlines()]
     yield "package Functions"
     yield from (f"  {line}".rstrip() for line in lines)

@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from lagrange.export.descriptions import about_of, places, statement_comment
-from lagrange.export.elimination import Statements, body, factored, solved
 from lagrange.export.identifiers import LONGEST
 from lagrange.export.lines import commented, continued, number_lines
 from lagrange.export.module import SourceModule
@@ -84,19 +83,6 @@ RESERVED = (*KEYWORDS, *_BUILT_IN.split(), *_OWN.split(), *(f"{op}_of" for op in
 LONGEST_LINE = 120
 """Characters of a statement."""
 
-STATEMENTS = Statements(
-    first=1,
-    assign="{0} = {1};",
-    entry="{0}({1}, {2})",
-    element="{0}({1})",
-    loop="for {0} = {1}:{2}",
-    back="for {0} = {2}:-1:{1}",
-    when="if {0}",
-    end_loop="end",
-    end_when="end",
-    leave="singular = {0};",
-)
-
 LANGUAGE = Language(
     name="Octave",
     operations=OPERATIONS,
@@ -108,11 +94,19 @@ LANGUAGE = Language(
     first=1,
     number=call("double({0})"),
     matrix="{name} = zeros({rows}, {order});",
-    entry=lambda name, i, j: f"{name}({i + 1}, {j + 1})",
     factor="[{name}, {other}] = factored({order}, {name});",
     solve="{name} = solved({order}, {other}, [{entries}]);",
     needs={"factor": ("sqrt",)},
     reserved=RESERVED,
+    entry="{0}({1}, {2})",
+    loop="for {0} = {1}:{2}",
+    back="for {0} = {2}:-1:{1}",
+    when="if {0}",
+    end_loop="end",
+    end_when="end",
+    leave="singular = {0};",
+    factored=("function [a, singular] = factored(n, a)", "end"),
+    solved=("function x = solved(n, a, right)\n    x = zeros(n, 1);", "end"),
 )
 
 
@@ -155,16 +149,7 @@ def _text(module: SourceModule, head: str, about: Sequence[str], function: Print
     if function.status != "false":
         made += ["if singular", f"    {array}(:) = NaN;", "end"]
     lines += [f"    {part}" for line in made for part in continued(line, LONGEST_LINE - 4, "...")]
-    lines += ["end", "", *LANGUAGE.definitions(function.needed)]
-    if "factor" in function.needed:
-        lines += [
-            "function [a, singular] = factored(n, a)",
-            *body(factored, STATEMENTS, OPERATIONS, LITERALS),
-            "end",
-            "",
-        ]
-        lines += ["function x = solved(n, a, right)", "    x = zeros(n, 1);"]
-        lines += [*body(solved, STATEMENTS, OPERATIONS, LITERALS), "end", ""]
+    lines += ["end", "", *LANGUAGE.definitions(function.needed), *LANGUAGE.systems(function.needed)]
     return "\n".join(lines)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 
 from lagrange.export.descriptions import about_of, indices, places, sizes, statement_comment, statuses
-from lagrange.export.elimination import Statements, body, factored, solved
 from lagrange.export.identifiers import distinct
 from lagrange.export.lines import commented, continued
 from lagrange.export.module import SourceModule
@@ -122,22 +121,6 @@ RESERVED = (
 )
 """Words that cannot be names of values: keywords, names that the file uses, and parameters of functions."""
 
-STATEMENTS = Statements(
-    first=0,
-    assign="{0} = {1};",
-    define="let {mut}{0} = {1};",
-    entry="{0}[{1}][{2}]",
-    element="{0}[{1}]",
-    loop="for {0} in {1}..{2} {{",
-    back="for {0} in ({1}..{2}).rev() {{",
-    when="if {0} {{",
-    end_loop="}",
-    end_when="}",
-    to_real="{0} as f64",
-    to_index="{0} as usize",
-    leave="{0}",
-)
-
 LANGUAGE = Language(
     name="Rust",
     operations=OPERATIONS,
@@ -155,11 +138,21 @@ LANGUAGE = Language(
     condition=Operator(5, "{0} != 0.0", (6,)),
     number=Operator(1, "if {0} {{ 1.0 }} else {{ 0.0 }}"),
     matrix="let mut {name} = [[0.0; {order}]; {rows}];",
-    entry=lambda name, i, j: f"{name}[{i}][{j}]",
     factor="let {other} = factored(&mut {name});",
     solve="let mut {name} = [0.0; {order}];\nsolved(&{other}, &[{entries}], &mut {name});",
     reserved=RESERVED,
-    statements=STATEMENTS,
+    local="let {mut}{name} = {value};",
+    entry="{0}[{1}][{2}]",
+    loop="for {0} in {1}..{2} {{",
+    back="for {0} in ({1}..{2}).rev() {{",
+    when="if {0} {{",
+    end_loop="}",
+    end_when="}",
+    to_real="{0} as f64",
+    to_index="{0} as usize",
+    leave="{0}",
+    factored=("fn factored<const N: usize>(a: &mut [[f64; N]]) -> bool {\n    let n = N;", "}"),
+    solved=("fn solved<const N: usize>(a: &[[f64; N]], right: &[f64; N], x: &mut [f64; N]) {\n    let n = N;", "}"),
 )
 
 
@@ -216,11 +209,7 @@ def source(module: SourceModule) -> str:
         head = f"pub fn {one.name}(t: f64, y: &[f64], p: &[f64], out: &mut [f64]) -> bool {{"
         about = about_of(module, one.procedure)
         lines += _function(head, about, functions.quantity(one), f"let (y, p, out) = {slices};")
-    if "factor" in functions.needed:
-        lines += ["fn factored<const N: usize>(a: &mut [[f64; N]]) -> bool {", "    let n = N;"]
-        lines += [*body(factored, STATEMENTS, OPERATIONS, LITERALS), "}", ""]
-        lines += ["fn solved<const N: usize>(a: &[[f64; N]], right: &[f64; N], x: &mut [f64; N]) {", "    let n = N;"]
-        lines += [*body(solved, STATEMENTS, OPERATIONS, LITERALS), "}", ""]
+    lines += LANGUAGE.systems(functions.needed)
     needed = LANGUAGE.with_needs(functions.needed)
     lines += [*library_lines(needed), *(text.strip("\n") + "\n" for text in LANGUAGE.definitions(needed))]
     return "\n".join(lines).rstrip("\n") + "\n"
