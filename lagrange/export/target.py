@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from importlib import import_module
 from typing import ClassVar
 
@@ -93,30 +93,18 @@ def register(target: type[Target]) -> type[Target]:
     return target
 
 
-class TargetTable(Mapping[str, str]):
-    """A mapping from the name of each target to a line about it; prints as a table."""
-
-    def __init__(self, rows: Mapping[str, str]) -> None:
-        self._rows = dict(rows)
-
-    def __getitem__(self, name: str) -> str:
-        return self._rows[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._rows)
-
-    def __len__(self) -> int:
-        return len(self._rows)
+class TargetTable(dict[str, str]):
+    """The name of each target with a line about it; prints as a table."""
 
     def __str__(self) -> str:
-        wide = max(map(len, self._rows), default=0) + 2
-        return "\n".join(f"{name:<{wide}}{about}" for name, about in self._rows.items())
+        wide = max(map(len, self), default=0) + 2
+        return "\n".join(f"{name:<{wide}}{about}" for name, about in self.items())
 
     def __repr__(self) -> str:
         return str(self)
 
     def _repr_html_(self) -> str:
-        return table(("target", "about"), list(self._rows.items()))
+        return table(("target", "about"), list(self.items()))
 
 
 def targets() -> TargetTable:

@@ -11,6 +11,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 from lagrange.algorithm.linear.pivoted import PIVOT
 from lagrange.export.descriptions import named_places, statement_comment
@@ -19,6 +20,7 @@ from lagrange.export.lines import commented
 from lagrange.export.module import SourceModule
 from lagrange.export.programs import Script, marked, test_text
 from lagrange.export.straight_line import Language, StraightLinePrinter
+from lagrange.export.target import Target
 from lagrange.machine.python_source import LITERALS as PYTHON_LITERALS
 from lagrange.machine.python_source import RAISING
 from lagrange.procedure.spelling import Operator
@@ -124,20 +126,87 @@ def _substituted(eliminated, right):
 
 @dataclass(frozen=True)
 class Library:
-    """A library of array functions: its spellings, and text around them.
+    """A library of array functions: its spellings, and the texts of its files.
 
-    `head` are the lines that a file begins with; `systems` is the text of functions for linear systems.
+    `head` are the lines that a file begins with, `setting` is a line after them in a module, and `systems` is the text
+    of functions for linear systems. `functions` returns the text of a program's functions, given their name and the
+    names of values by instruction. `use` says in a module how functions are called, and `alone` in the docstring of a
+    single one, {name}. `evaluated` is the text of `evaluated(function, times, states)`, which calls one in the test.
     """
 
     language: Language
     head: str
     systems: str
+    functions: Callable[[Program, str, Mapping[int, str]], str]
+    use: str
+    alone: str
+    evaluated: str
+    setting: str = ""
 
     def text_before(self, *programs: Program) -> str:
         """Return the text before the functions of some programs: imports and the helpers that they need."""
         used = dict.fromkeys(one.op for program in programs for one in program.instructions)
         parts = [self.head, *self.language.definitions(used), *([self.systems.strip()] if "factor" in used else [])]
         return "\n\n\n".join(parts)
+
+    def source(self, program: Program, name: str, about: Sequence[str] = ()) -> str:
+        """Return a file with the functions of one program; `about` are lines of its docstring.
+
+        Raises StatementError for mathematics that the library does not have.
+        """
+        title = f"{name}(t, y, p) for {self.language.name}: {described(program)}."
+        text = "\n".join([title, "", self.alone.format(name=name), *(("", *about) if about else ())])
+        return f'"""{text}\n"""\n\n{self.text_before(program)}\n\n\n{self.functions(program, name, {})}'
+
+    def module(self, module: SourceModule) -> str:
+        """Return a module with the functions of all quantities."""
+        names = replace(module.names, state=(), parameters=(), entries=distinct(module.names.entries))
+        head, *helpers = self.text_before(*(one.program for one in module.quantities)).split("\n\n\n")
+        lines = [
+            *statement_comment(module, "#"),
+            "",
+            *head.splitlines(),
+            "",
+            *([self.setting, ""] if self.setting else []),
+            f"STATE = {len(module.state)}  # numbers in y: coordinates, then velocities",
+            f"PARAMETERS = {len(module.parameters)}  # numbers in p",
+            *named_places(module, "p"),
+            *commented(" ".join(self.use.split()), "#"),
+            *(line for text in helpers for line in ("", "", *text.splitlines())),
+        ]
+        for one in module.quantities:
+            lines += ["", "", *commented(f"{one.about} Results: {', '.join(one.results)}.", "#")]
+            lines += self.functions(one.program, one.name, names.of(one.program)).splitlines()
+        return "\n".join([*lines, ""])
+
+    @property
+    def script(self) -> Script:
+        """The self-test."""
+        evaluated = self.evaluated.replace("{", "{{").replace("}", "}}")
+        return Script(
+            comment=marked("#"),
+            head=f"import sys\n\nimport {{file}} as model\n{evaluated}{COMPARED}",
+            quantity="    failures += wrong(\n        {quoted},\n        model.{name}_checked,\n{tables}    )\n",
+            table="        [\n{numbers},\n        ],\n",
+            tail=TAIL,
+            literals=LITERALS,
+        )
+
+
+class TracedTarget(Target):
+    """A target whose files are a Python module for a library, and its test."""
+
+    library: ClassVar[Library]
+    contents = frozenset()
+
+    def files(self, module: SourceModule) -> Mapping[str, str]:
+        """Return the module, and that of its test."""
+        name, library = f"{module.name}_{self.name}", self.library
+        return {f"{name}.py": library.module(module), f"{name}_test.py": test_text(module, library.script, file=name)}
+
+    def commands(self, module: SourceModule) -> list[str]:
+        """Return the shell line that runs the test."""
+        return [f"python {module.name}_{self.name}_test.py"]
 
 
 def language(name: str, operations: Mapping[str, Operator], helpers: Mapping[str, str]) -> Language:
@@ -152,12 +221,12 @@ def language(name: str, operations: Mapping[str, Operator], helpers: Mapping[str
     )
 
 
-def function_body(program: Program, library: Library, names: Mapping[int, str]) -> tuple[list[str], str]:
+def function_body(program: Program, language: Language, names: Mapping[int, str]) -> tuple[list[str], str]:
     """Return the lines that compute every result and list them in `results`, and the status, without indentation.
 
     `names` are those of entries of the matrix, by instruction.
     """
-    printer = StraightLinePrinter(program, library.language, names)
+    printer = StraightLinePrinter(program, language, names)
     lines = []
     for letter, count in (("y", program.states), ("p", program.parameters)):
         if count:
@@ -189,60 +258,6 @@ def block(named: ProgramBlock) -> str:
     return f"{named.name}[{named.size}]"
 
 
-def module_files(
-    module: SourceModule,
-    library: Library,
-    suffix: str,
-    setting: str,
-    functions: Callable[[Program, str, Mapping[int, str]], str],
-    use: str,
-    test: Script,
-) -> dict[str, str]:
-    """Return the file of a module of functions without loops, and that of its test.
-
-    `setting` is a line after the imports. `functions` returns the functions of a program under a name, and `use`
-    documents their call.
-    """
-    names = replace(module.names, state=(), parameters=(), entries=distinct(module.names.entries))
-    head, *helpers = library.text_before(*(one.program for one in module.quantities)).split("\n\n\n")
-    lines = [
-        *statement_comment(module, "#"),
-        "",
-        *head.splitlines(),
-        "",
-        *([setting, ""] if setting else []),
-        f"STATE = {len(module.state)}  # numbers in y: coordinates, then velocities",
-        f"PARAMETERS = {len(module.parameters)}  # numbers in p",
-        *named_places(module, "p"),
-        *commented(" ".join(use.split()), "#"),
-        *(line for text in helpers for line in ("", "", *text.splitlines())),
-    ]
-    for one in module.quantities:
-        lines += ["", "", *commented(f"{one.about} Results: {', '.join(one.results)}.", "#")]
-        lines += functions(one.program, one.name, names.of(one.program)).splitlines()
-    name = f"{module.name}_{suffix}"
-    return {f"{name}.py": "\n".join([*lines, ""]), f"{name}_test.py": test_text(module, test, file=name)}
-
-
-def script(evaluated: str) -> Script:
-    """Return the test; `evaluated` is the text of `_evaluated(function, times, states)`, which calls the function."""
-    return Script(
-        comment=marked("#"),
-        head="import sys\n\nimport {file} as model\n" + evaluated.replace("{", "{{").replace("}", "}}") + COMPARED,
-        quantity="    failures += wrong(\n        {quoted},\n        model.{name}_checked,\n{tables}    )\n",
-        table="        [\n{numbers},\n        ],\n",
-        tail="""\
-    print(f"{module}: {{{count} - failures}} of {count} results are right")
-    return 0 if failures == 0 else 1
-
-
-if __name__ == "__main__":
-    sys.exit(test())
-""",
-        literals=LITERALS,
-    )
-
-
 COMPARED = '''
 
 
@@ -268,3 +283,12 @@ def test():
     """Compare results with those of multiple precision; return 0 if all are right, else 1."""
     failures = 0
 '''
+
+TAIL = """\
+    print(f"{module}: {{{count} - failures}} of {count} results are right")
+    return 0 if failures == 0 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(test())
+"""

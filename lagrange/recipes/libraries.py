@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from lagrange.errors import StatementError
-from lagrange.export.languages.casadi import source as casadi_source
-from lagrange.export.languages.jax import source as jax_source
+from lagrange.export.languages import casadi as casadi_target
+from lagrange.export.languages import jax as jax_target
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
 from lagrange.machine.python_source import defined
@@ -50,7 +50,7 @@ def casadi_function(model: Model, quantity: str, symbols: str, *, status: bool) 
     except ImportError as error:
         raise missing("as_casadi", "pip install casadi", error) from error
     name = f"{quantity}_checked" if flag(status, "status") else quantity
-    return defined(casadi_source(program, quantity, entries(model)), name, {})(getattr(casadi, symbols))
+    return defined(casadi_target.LIBRARY.source(program, quantity, entries(model)), name, {})(getattr(casadi, symbols))
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ def jax_function(model: Model, quantity: str) -> JaxFunction:
             "JAX computes in single precision, which has 7 digits: say jax.config.update('jax_enable_x64', True) "
             "before arrays are made, then model.as_jax()."
         )
-    text = jax_source(program, quantity, entries(model))
+    text = jax_target.LIBRARY.source(program, quantity, entries(model))
     function: Any = defined(text, quantity, {})
     return JaxFunction(function, function.__globals__[f"{quantity}_checked"], text)
 

@@ -23,7 +23,7 @@ from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
 from lagrange.recipes import sympy as sympy_recipe
 from tests.models import SYSTEMS, model
 
-SOURCES: dict[str, Callable[..., str]] = {"jax": jax.source, "casadi": casadi.source}
+SOURCES: dict[str, Callable[..., str]] = {"jax": jax.LIBRARY.source, "casadi": casadi.LIBRARY.source}
 MATHEMATICS = [op for op in ARITY if op not in STRUCTURE]
 
 VALUES = (
@@ -180,7 +180,7 @@ def rhs_checked(t, y, p):
 
 
 def test_the_text_of_the_pendulum() -> None:
-    text = jax.source(model("pendulum", "numpy").interpreted("rhs").program, "rhs", ["y = [theta, theta_dot]"])
+    text = jax.LIBRARY.source(model("pendulum", "numpy").interpreted("rhs").program, "rhs", ["y = [theta, theta_dot]"])
     assert text.startswith(PENDULUM)
     lines = text.removeprefix(PENDULUM).splitlines()
     assert lines[:2] == ["    (y0, y1) = y", "    (p0, p1, p2) = p"]

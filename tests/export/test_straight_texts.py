@@ -70,7 +70,7 @@ pub fn energy(t: f64, y: &[f64], p: &[f64], out: &mut [f64]) -> bool {
     let theta_dot: f64 = y[1];
     let m: f64 = p[0];
     let x9: f64 = p[3] * (theta_dot * theta_dot);
-    out[0] = m * (x9 - (p[4] * math::cos(theta) + 0.5 * x9));
+    out[0] = m * (x9 - (p[4] * f64::cos(theta) + 0.5 * x9));
     false
 }
 """,

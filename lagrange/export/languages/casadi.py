@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from lagrange.export.module import SourceModule
-from lagrange.export.target import Target, register
+from lagrange.export.target import register
 from lagrange.export.traced import (
     ELIMINATION,
     OPERATORS,
     Library,
+    TracedTarget,
     described,
     function_body,
     language,
-    module_files,
-    script,
 )
 from lagrange.procedure.spelling import Operator, call
 from lagrange.program.program import Program
@@ -71,31 +69,17 @@ def _solved(factors, *right):
     return [unit * x for unit, x in zip(units, _substituted(eliminated, scaled))]
 """
 
-LIBRARY = Library(language("CasADi", OPERATIONS, HELPERS), "import casadi as ca", SYSTEMS)
-
-
-@register
-class CasADi(Target):
-    """CasADi; see `Target`."""
-
-    name = "casadi"
-    about = "CasADi: a Python module that makes a casadi.Function of each quantity, quantities only"
-    contents = frozenset()
-
-    def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the module, and that of its test."""
-        return module_files(module, LIBRARY, "casadi", "", functions, USE, script(EVALUATED))
-
-    def commands(self, module: SourceModule) -> list[str]:
-        """Return the shell line that runs the test."""
-        return [f"python {module.name}_casadi_test.py"]
-
+LANGUAGE = language("CasADi", OPERATIONS, HELPERS)
 
 USE = """\
 NAME() returns a casadi.Function of t, y and the parameters p, of SX symbols, and NAME(ca.MX) one of MX symbols; its
 result is NaN throughout where a matrix is singular to round-off. NAME_checked() makes one with a second result, 1 where
 it is singular and 0 elsewhere. Given numbers for p and symbols for y, a function of SX symbols leaves nothing to be
 computed that depends on p alone."""
+
+ALONE = """\
+{name}() makes a casadi.Function of SX symbols, {name}(ca.MX) one of MX symbols. The result is NaN throughout where a
+mass matrix is singular; {name}_checked() makes one with a second result, 1 where it is singular and 0 elsewhere."""
 
 EVALUATED = '''\
 
@@ -108,30 +92,9 @@ def evaluated(make, times, states):
         yield result.T.elements(), float(singular) != 0.0'''
 
 
-def source(program: Program, name: str, about: Sequence[str] = ()) -> str:
-    """Return a file that defines `name(kind=ca.SX)` and `name_checked(kind=ca.SX)`, which return a `casadi.Function`.
-
-    Each is a function of t, y and p; the second returns the status, too. `about` are lines of the docstring. If a mass
-    matrix is singular, the result of the first is NaN throughout. Raises StatementError for functions that CasADi
-    does not have.
-    """
-    lines = "".join(f"{line}\n" for line in ("", *about)) if about else ""
-    return f'''\
-"""{name}(t, y, p) for CasADi: {described(program)}.
-
-{name}() makes a casadi.Function of SX symbols, {name}(ca.MX) one of MX symbols. The result is NaN throughout where a
-mass matrix is singular; {name}_checked() makes one with a second result, 1 where it is singular and 0 elsewhere.
-{lines}"""
-
-{LIBRARY.text_before(program)}
-
-
-{functions(program, name)}'''
-
-
-def functions(program: Program, name: str, names: Mapping[int, str] | None = None) -> str:
+def functions(program: Program, name: str, names: Mapping[int, str]) -> str:
     """Return the text of `name` and `name_checked`; `names` are those of values by instruction."""
-    lines, singular = function_body(program, LIBRARY, names or {})
+    lines, singular = function_body(program, LANGUAGE, names)
     body = textwrap.indent("\n".join(lines), "    ")
     results = "ca.vertcat(*results)"
     if len(program.shape) > 1:
@@ -154,3 +117,23 @@ def {name}(kind=ca.SX):
     result = ca.if_else(singular, float("nan"), result)
     return ca.Function("{name}", list(inputs), [result], ["t", "y", "p"], ["{name}"])
 '''
+
+
+LIBRARY = Library(
+    language=LANGUAGE,
+    head="import casadi as ca",
+    systems=SYSTEMS,
+    functions=functions,
+    use=USE,
+    alone=ALONE,
+    evaluated=EVALUATED,
+)
+
+
+@register
+class CasADi(TracedTarget):
+    """CasADi; see `TracedTarget`."""
+
+    name = "casadi"
+    about = "CasADi: a Python module that makes a casadi.Function of each quantity, quantities only"
+    library = LIBRARY

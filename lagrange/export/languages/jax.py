@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
-from lagrange.export.module import SourceModule
-from lagrange.export.target import Target, register
+from lagrange.export.target import register
 from lagrange.export.traced import (
     ELIMINATION,
     OPERATORS,
     Library,
+    TracedTarget,
     described,
     function_body,
     language,
-    module_files,
-    script,
 )
 from lagrange.procedure.spelling import Operator, call
 from lagrange.program.program import Program
@@ -112,33 +110,17 @@ def _solved(factors, *right):
     return list(units * jax.scipy.linalg.lu_solve(factors[1], units * b / factors[2]))
 """
 
-LIBRARY = Library(language("JAX", OPERATIONS, HELPERS), HEAD, SYSTEMS)
-
-
-@register
-class Jax(Target):
-    """JAX; see `Target`."""
-
-    name = "jax"
-    about = "JAX: a Python module of functions for jax.jit, jax.grad and jax.vmap, quantities only"
-    contents = frozenset()
-
-    def files(self, module: SourceModule) -> Mapping[str, str]:
-        """Return the module, and that of its test."""
-        return module_files(module, LIBRARY, "jax", DOUBLE, functions, USE, script(EVALUATED))
-
-    def commands(self, module: SourceModule) -> list[str]:
-        """Return the shell line that runs the test."""
-        return [f"python {module.name}_jax_test.py"]
-
-
-DOUBLE = 'jax.config.update("jax_enable_x64", True)  # double precision, for all of JAX in this process'
+LANGUAGE = language("JAX", OPERATIONS, HELPERS)
 
 USE = """\
 NAME(t, y, p) returns a quantity for y of shape (STATE,) and parameters p of shape (PARAMETERS,); NaN throughout where a
 matrix is singular to round-off. NAME_checked(t, y, p) returns (result, whether it is singular). Both are functions of
 arrays alone: take jax.jit, jax.grad, jax.jacfwd and jax.vmap of them. What depends on p alone is computed once for a
 batch of states where p is not in the batch: jax.vmap(rhs, (None, 0, None))."""
+
+ALONE = """\
+It is in double precision: jax.config.update("jax_enable_x64", True) comes first. The result is NaN throughout where a
+mass matrix is singular; {name}_checked returns (result, whether it is singular)."""
 
 EVALUATED = '''\
 import jax
@@ -152,29 +134,9 @@ def evaluated(function, times, states):
     return zip(results.reshape(len(times), -1).tolist(), singular.tolist())'''
 
 
-def source(program: Program, name: str, about: Sequence[str] = ()) -> str:
-    """Return a file that defines `name(t, y, p)` and `name_checked(t, y, p)`, which returns (result, singular).
-
-    `about` are lines of its docstring. Where a mass matrix is singular, the result of `name` is NaN throughout. Raises
-    StatementError for mathematics that JAX does not have.
-    """
-    lines = "".join(f"{line}\n" for line in ("", *about)) if about else ""
-    return f'''\
-"""{name}(t, y, p) for JAX: {described(program)}.
-
-It is in double precision: jax.config.update("jax_enable_x64", True) comes first. The result is NaN throughout where a
-mass matrix is singular; {name}_checked returns (result, whether it is singular).
-{lines}"""
-
-{LIBRARY.text_before(program)}
-
-
-{functions(program, name)}'''
-
-
-def functions(program: Program, name: str, names: Mapping[int, str] | None = None) -> str:
+def functions(program: Program, name: str, names: Mapping[int, str]) -> str:
     """Return the text of `name` and `name_checked`; `names` are those of values by instruction."""
-    lines, singular = function_body(program, LIBRARY, names or {})
+    lines, singular = function_body(program, LANGUAGE, names)
     body = textwrap.indent("\n".join(lines), "    ")
     wanted = f"(), ({program.states},), ({program.parameters},)"
     shape = "" if program.shape == (len(program.outputs),) else f".reshape({program.shape!r})"
@@ -193,3 +155,24 @@ def {name}(t, y, p):
     result, singular = {name}_checked(t, y, p)
     return jnp.where(singular, jnp.nan, result)
 '''
+
+
+LIBRARY = Library(
+    language=LANGUAGE,
+    head=HEAD,
+    systems=SYSTEMS,
+    functions=functions,
+    use=USE,
+    alone=ALONE,
+    evaluated=EVALUATED,
+    setting='jax.config.update("jax_enable_x64", True)  # double precision, for all of JAX in this process',
+)
+
+
+@register
+class Jax(TracedTarget):
+    """JAX; see `TracedTarget`."""
+
+    name = "jax"
+    about = "JAX: a Python module of functions for jax.jit, jax.grad and jax.vmap, quantities only"
+    library = LIBRARY

@@ -1,8 +1,8 @@
-"""Rust, edition 2021: one file, a module or a crate, with or without the standard library, and its test."""
+"""Rust, edition 2021: one file, a module or a crate, and its test."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 from lagrange.export.descriptions import about_of, indices, places, sizes, statement_comment, statuses
 from lagrange.export.identifiers import distinct
@@ -13,23 +13,19 @@ from lagrange.export.straight_line import Functions, Language, PrintedFunction
 from lagrange.export.target import QUANTITIES, Target, register
 from lagrange.procedure.spelling import OPERATORS, Literals, Operator, call
 
-METHODS: Mapping[str, str] = {
+FUNCTIONS: Mapping[str, str] = {
     **{name: name for name in ("sqrt", "sin", "cos", "tan", "asin", "acos", "atan", "exp", "sinh", "cosh", "tanh")},
     "log": "ln",
-    "log1p": "ln_1p",
-    "atan2": "atan2",
-    "power": "powf",
+    "abs": "abs",
 }
-"""Methods of the standard library by operation."""
-
-FOREIGN: Mapping[str, str] = {"power": "pow"}
-"""Names of functions in the C library, where they differ."""
+"""Functions of a number in the standard library by operation."""
 
 OPERATIONS: Mapping[str, Operator] = {
     **OPERATORS,
-    **{op: call(f"math::{op}({{0}})") for op in METHODS},
-    **{op: call(f"math::{op}({{0}}, {{1}})") for op in ("atan2", "power")},
-    **{op: call(f"{op}({{0}})") for op in ("abs", "sign", "asinh", "acosh", "atanh")},
+    **{op: call(f"f64::{name}({{0}})") for op, name in FUNCTIONS.items()},
+    "atan2": call("f64::atan2({0}, {1})"),
+    "power": call("f64::powf({0}, {1})"),
+    **{op: call(f"{op}({{0}})") for op in ("sign", "asinh", "acosh", "atanh")},
     "min": call("smaller({0}, {1})"),
     "max": call("larger({0}, {1})"),
     "select": Operator(1, "if {0} {{ {1} }} else {{ {2} }}"),
@@ -37,22 +33,7 @@ OPERATIONS: Mapping[str, Operator] = {
 
 LITERALS = Literals("f64::INFINITY", "f64::NAN")
 
-COPYSIGN = """
-#[inline]
-fn copysign(x: f64, y: f64) -> f64 {
-    let sign = 1 << 63;
-    f64::from_bits((x.to_bits() & !sign) | (y.to_bits() & sign))
-}
-"""
-
 HELPERS: Mapping[str, str] = {
-    "copysign": COPYSIGN,
-    "abs": """
-#[inline]
-fn abs(x: f64) -> f64 {
-    f64::from_bits(x.to_bits() & (u64::MAX >> 1))
-}
-""",
     "min": """
 #[inline]
 fn smaller(a: f64, b: f64) -> f64 {
@@ -75,12 +56,12 @@ fn sign(x: f64) -> f64 {
 // The methods of the standard library lose digits: here log1p takes what is small.
 #[inline]
 fn asinh(x: f64) -> f64 {
-    let size = abs(x);
+    let size = x.abs();
     if size > 1.0e8 {
-        return copysign(math::log(size) + core::f64::consts::LN_2, x);
+        return (size.ln() + std::f64::consts::LN_2).copysign(x);
     }
     let square = size * size;
-    copysign(math::log1p(size + square / (1.0 + math::sqrt(1.0 + square))), x)
+    (size + square / (1.0 + (1.0 + square).sqrt())).ln_1p().copysign(x)
 }
 """,
     "acosh": """
@@ -90,17 +71,17 @@ fn acosh(x: f64) -> f64 {
         return f64::NAN;
     }
     if x > 1.0e8 {
-        return math::log(x) + core::f64::consts::LN_2;
+        return x.ln() + std::f64::consts::LN_2;
     }
     let above = x - 1.0;
-    math::log1p(above + math::sqrt(above * (above + 2.0)))
+    (above + (above * (above + 2.0)).sqrt()).ln_1p()
 }
 """,
     "atanh": """
 #[inline]
 fn atanh(x: f64) -> f64 {
-    let size = abs(x);
-    copysign(0.5 * math::log1p(2.0 * size / (1.0 - size)), x)
+    let size = x.abs();
+    (0.5 * (2.0 * size / (1.0 - size)).ln_1p()).copysign(x)
 }
 """,
 }
@@ -111,7 +92,7 @@ _RESERVED = (
     "move mut pub ref return self Self static struct super trait true type unsafe use where while abstract "
     "become box do final gen macro override priv try typeof unsized virtual yield union f64 i64 u64 u8 usize "
     "bool str core std math Some None Ok Err main test mod y p out t h parameters factored solved "
-    "abs smaller larger sign copysign asinh acosh atanh prepare "
+    "smaller larger sign asinh acosh atanh prepare "
 )
 RESERVED = (
     *_RESERVED.split(),
@@ -126,12 +107,6 @@ LANGUAGE = Language(
     operations=OPERATIONS,
     literals=LITERALS,
     helpers=HELPERS,
-    needs={
-        "factor": ("abs", "sqrt"),
-        "asinh": ("abs", "copysign", "log", "log1p", "sqrt"),
-        "acosh": ("log", "log1p", "sqrt"),
-        "atanh": ("abs", "copysign", "log1p"),
-    },
     define="let {name}: {type} = {value};",
     store="{name} = {value};",
     types=("f64", "bool"),
@@ -156,42 +131,12 @@ LANGUAGE = Language(
 )
 
 
-def library_lines(ops: Sequence[str]) -> list[str]:
-    """Return the functions of a library that a file calls, from the standard library or from C's."""
-    standard, foreign, declared = [], [], []
-    for op in (op for op in ops if op in METHODS):
-        given, args = ("x: f64, y: f64", "x, y") if op in ("atan2", "power") else ("x: f64", "x")
-        head = f"    pub fn {op}({given}) -> f64 {{"
-        standard += ["    #[inline]", head, f"        x.{METHODS[op]}({args[3:]})", "    }"]
-        foreign += [head, f"        unsafe {{ c::{FOREIGN.get(op, op)}({args}) }}", "    }"]
-        declared.append(f"            pub fn {FOREIGN.get(op, op)}({given}) -> f64;")
-    return [
-        "#[cfg(not(no_std))]",
-        "mod math {",
-        *standard,
-        "}",
-        "",
-        "// Without the standard library these functions are those of the C library that the program is linked with.",
-        "#[cfg(no_std)]",
-        "mod math {",
-        "    mod c {",
-        '        extern "C" {',
-        *declared,
-        "        }",
-        "    }",
-        *foreign,
-        "}",
-        "",
-    ] if standard else []  # fmt: skip
-
-
 def source(module: SourceModule) -> str:
     """Return the file."""
     functions = Functions(module, LANGUAGE)
     lines = [
         *statement_comment(module, "//"),
         "",
-        "#![cfg_attr(no_std, no_std)]",
         "// Names are those of the statement. A program may leave functions unused.",
         "#![allow(dead_code, non_snake_case, unexpected_cfgs, unused_parens, unknown_lints, invalid_nan_comparisons)]",
         "",
@@ -210,8 +155,7 @@ def source(module: SourceModule) -> str:
         about = about_of(module, one.procedure)
         lines += _function(head, about, functions.quantity(one), f"let (y, p, out) = {slices};")
     lines += LANGUAGE.systems(functions.needed)
-    needed = LANGUAGE.with_needs(functions.needed)
-    lines += [*library_lines(needed), *(text.strip("\n") + "\n" for text in LANGUAGE.definitions(needed))]
+    lines += (text.strip("\n") + "\n" for text in LANGUAGE.definitions(functions.needed))
     return "\n".join(lines).rstrip("\n") + "\n"
 
 
@@ -316,7 +260,7 @@ class Rust(Target):
     """Rust; see `Target`."""
 
     name = "rust"
-    about = "Rust (edition 2021): one file, no crates, no unsafe code, no_std by a cfg, quantities only"
+    about = "Rust (edition 2021): one file, no crates, no unsafe code, quantities only"
     contents = frozenset()
     inexpressible = frozenset(("erf",))
 

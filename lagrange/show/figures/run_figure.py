@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import islice
 from math import ceil, sqrt
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
@@ -76,15 +76,16 @@ class Contents:
                 return self._each(quantities.invariants)
             case "multipliers":
                 return self._each(quantities.multipliers)
-            case "path" if not (found := self._paths()):
-                raise StatementError(
-                    f"{self.solutions[0].model.statement.name} has no named points: state positions={{'bob': (x, y)}} "
-                    "to see their paths, or draw its coordinates with what='coordinates'."
-                )
             case "path":
-                return found
+                return self._paths() or self._refuse_paths()
         row = {"energies": quantities.energies, "drift": quantities.energy, "violation": quantities.violation}[name]
         return self._over_time(row, wide=True)
+
+    def _refuse_paths(self) -> NoReturn:
+        raise StatementError(
+            f"{self.solutions[0].model.statement.name} has no named points: state positions={{'bob': (x, y)}} to see "
+            "their paths, or draw its coordinates with what='coordinates'."
+        )
 
     def _phases(self) -> list[Panel]:
         """Return the phase planes of the chosen coordinates."""
