@@ -403,11 +403,10 @@ class PathPanel:
 
 
 def _title(paths: Paths, shape: str) -> str:
-    if shape != "square":
-        return f"path{chr(10) if shape == 'column' else '; '}open circles: start"
-    begun = f" from t = {paths.times[0]:.4g} on" if paths.late else ""
+    begun = f"from t = {paths.times[0]:.4g}"
+    begun = (f"\n{begun}" if shape == "column" else f" {begun} on") * paths.late
     scale = "" if paths.to_scale or paths.view.spatial else ", not to scale"
-    return f"path{begun}{scale}{chr(10) if begun else '; '}open circles: start"
+    return f"path{begun}{scale}{chr(10) if begun or shape == 'column' else '; '}open circles: start"
 
 
 def _counted(origin: FloatArray) -> str:
