@@ -67,6 +67,16 @@ def test_a_stiffness_has_no_direction() -> None:
     assert result.message.endswith("the term -k*(x - rest) has the wrong sign: it should be k*(x - rest).")
 
 
+def test_a_friction_coefficient_has_no_direction() -> None:
+    """Nor has g where it is a factor of friction; a force and a magnetic field have one."""
+    assert "All is right" not in table().compare("m x'' = mu m g sign(x')\ny'' = 0\ny = 0").message
+    assert "All is right with -F in place of F" in oscillator().compare("m x'' + c x' + k x = m g - F cos(w t)").message
+    x, y = lg.coordinates("x y")
+    m, q, B = lg.parameters("m q B")
+    charge = lg.System(m * (x.dot**2 + y.dot**2) / 2, 0, forces={x: q * B * y.dot, y: -q * B * x.dot})
+    assert "All is right with -" in charge.compare("m x'' = -q B y'\nm y'' = q B x'").message
+
+
 NAMED = {
     "x'' = (m1 - m2) g/(m1 + m2 + 2 I/R^2)": "the denominator 2*I/R**2 + m1 + m2 is wrong: it should be I/R**2",
     "R^2 (m1 + m2) x'' + I x'' = R^2 (m1 + m2) g": "on the right side the term m2*g*R**2 has the wrong sign",
@@ -250,6 +260,21 @@ def driven() -> lg.System:
     return lg.System(m * l**2 * theta.dot**2 / 2, -m * l * (g + A * sp.sin(theta - gamma * lg.t)) * sp.cos(theta))
 
 
+def table() -> lg.System:
+    x, y = lg.coordinates("x y")
+    m, g, mu = lg.parameters("m g mu")
+    friction = -mu * m * g * sp.sign(x.dot)
+    kinetic = m * (x.dot**2 + y.dot**2) / 2
+    return lg.System(kinetic, m * g * y, constraints={"table": y}, forces={x: friction})
+
+
+def rolling() -> lg.System:
+    s, phi = lg.coordinates("s phi")
+    m, inertia, R, g, a = lg.parameters("m I R g alpha")
+    kinetic = m * s.dot**2 / 2 + inertia * phi.dot**2 / 2
+    return lg.System(kinetic, -m * g * s * sp.sin(a), constraints={"rolling": s - R * phi})
+
+
 def strung() -> lg.System:
     x, y = lg.coordinates("x y")
     m1, m2, g, L = lg.parameters("m1 m2 g L")
@@ -309,6 +334,15 @@ LARGER: list[tuple[Callable[[], lg.System], str, str]] = [
     (oscillator, "m x'' + c x + k x = m g + F cos(w t)", "the term c*x is wrong: it should be c*x_dot."),
     (oscillator, "m x'' + c x' + 2 k x = m g + F cos(w t)", "2 times what it should be, k*x."),
     (orbit, "(m - M) g + (m + M) r'' = m r phi'^2", "the term (m - M)*g is wrong"),
+    (
+        table,
+        "m x'' = mu N sign(x')\nm y'' = N - m g",
+        "the term mu*N*sign(x_dot) has the wrong sign: it should be -mu*N",
+    ),
+    (table, "m x'' = mu N sign(x')\nN = m g", "the term mu*N*sign(x_dot) has the wrong sign: it should be -mu*N"),
+    (table, "m x'' = -mu N sign(x')\nm y'' = N + m g", "the term m*g has the wrong sign: it should be -m*g."),
+    (rolling, "(m + I/R) s'' = m g sin(alpha)\ns = R phi", "the term I*s_ddot/R is wrong: it should be I*s_ddot/R**2."),
+    (rolling, "(m R + I) s'' = m g R^2 sin(alpha)\ns = R phi", "the term m*R*s_ddot is wrong: it should be m*R**2*s_"),
     (strung, "x'' = g\ny'' = -g", "the term -lambda_string/m1, the force of the constraint string, is missing."),
 ]
 """Wrong answers, and what is said of a part that is larger than a term, or of a force of a constraint."""

@@ -22,7 +22,7 @@ from lagrange.evidence.sample import SamplePoint, Sampler
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
 from lagrange.mechanics.grading.student_equations import HELD, EquationRow, StudentEquation, row_of
 from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, Write
-from lagrange.mechanics.grading.wrong_term import slip_of, wrong_term
+from lagrange.mechanics.grading.wrong_term import WrongTerm, slip_of, wrong_term
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
@@ -274,8 +274,7 @@ def _compared(
     multiples = multiples_of_multipliers(open_rows, samples) if wrong and moving else None
     wrong = () if multiples else wrong
     if wrong:
-        rows, wrong, write = _with_their_multipliers(rows, wrong, samples, write)
-        term = wrong_term(rows[wrong[0]], derivation, samples, write)
+        rows, wrong, term = _blamed(rows, wrong, derivation, samples, write)
         return _refuted(rows, wrong, samples, term.sentence), term.alone and len(wrong) == 1
     free = _undetermined(rows, samples)
     if free:
@@ -285,21 +284,30 @@ def _compared(
     return EquationsComparison(right=True, message=message), False
 
 
-def _with_their_multipliers(
-    rows: Sequence[EquationRow], wrong: tuple[int, ...], samples: Sequence[MotionSample], write: Write
-) -> tuple[Sequence[EquationRow], tuple[int, ...], Write]:
-    """Return the equations, the indices of the wrong ones and the writer, for the better sign of the multipliers.
+def _blamed(
+    rows: Sequence[EquationRow],
+    wrong: tuple[int, ...],
+    derivation: Derivation,
+    samples: Sequence[MotionSample],
+    write: Write,
+) -> tuple[Sequence[EquationRow], tuple[int, ...], WrongTerm]:
+    """Return the equations, the indices of the wrong ones and the first wrong term, for the better sign of multipliers.
 
-    A tension acts against the gradient of its constraint, so more equations may hold with the opposite sign.
+    A tension acts against the gradient of its constraint, so more equations may hold with the opposite sign. If as many
+    hold with either, one wrong term is better than several, and a tension or a normal force is positive.
     """
     turned = {constraint.multiplier: -constraint.multiplier for constraint in rows[0].statement.constraints}
-    if not any(row.zero.has(*turned) for row in rows):
-        return rows, wrong, write
-    others = [row.with_symbols(turned) for row in rows]
+    others = [row.with_symbols(turned) for row in rows] if any(row.zero.has(*turned) for row in rows) else []
     places = tuple(i for i, row in enumerate(others) if not row.holds(samples))
-    if not places or (len(places), -places[0]) >= (len(wrong), -wrong[0]):
-        return rows, wrong, write
-    return others, places, lambda expression: write(expression.xreplace(turned))
+    fewest = min(len(wrong), len(places) or len(wrong))
+    choices = []
+    for sign, listed, which in ((1, rows, wrong), (-1, others, places)):
+        if len(which) == fewest:
+            writer = write if sign == 1 else lambda expression: write(expression.xreplace(turned))
+            term = wrong_term(listed[which[0]], derivation, samples, writer)
+            negative = any(sign * force < 0 for sample in samples for force in sample.multipliers)
+            choices.append(((not term.alone, negative, -which[0]), (listed, which, term)))
+    return min(choices, key=lambda choice: choice[0])[1]
 
 
 def _without_sample(left: Sequence[Way], statement: Statement) -> str:
@@ -330,11 +338,12 @@ def _incomplete(statement: Statement, rows: Sequence[EquationRow], free: Sequenc
     """Return a sentence for equations that hold but are too few or dependent; `free` are undetermined coordinates."""
     count, needed = len(rows), len(statement.names)
     rate = "acceleration" if any(any(row.slopes.values()) for row in rows) else "motion"
+    rates = f"the {rate} of {listing(free)} is" if len(free) == 1 else f"the {rate}s of {listing(free)} are"
     start = "The equation holds" if count == 1 else "The equations hold"
     if count < needed and not statement.constraints:
         counted = "1 equation is" if count == 1 else f"{count} equations are"
-        return f"{start}, but {counted} given and {needed} are needed: the {rate} of {listing(free)} is left open."
-    return f"{start}, but not all are independent: the {rate} of {listing(free)} is left open."
+        return f"{start}, but {counted} given and {needed} are needed: {rates} left open."
+    return f"{start}, but not all are independent: {rates} left open."
 
 
 def _refuted(

@@ -100,7 +100,7 @@ class _EquationReader:
         """Return the equations of a text, one per line. A definition of the kinetic energy T is skipped."""
         equations = [typed for typed in self.typed.equations(given) if not self._is_kinetic_energy(typed)]
         if not equations:
-            raise StatementError(f"there is no equation: write one a line, such as {self.typed.example()}.")
+            raise StatementError(f"there is no equation: write one a line, {self.typed.example()}")
         letters = self._letters(given)
         return [_equation(f"equation {k}", typed, letters) for k, typed in enumerate(equations, 1)]
 

@@ -109,10 +109,19 @@ def scaled_product(there: Any, off: Numbers | None, numbers: Callable[[Any], Num
     """
     for term in sympy.Add.make_args(there):
         if any(factor.is_Add for factor in sympy.Mul.make_args(term)):
-            share = ratio_of(off, numbers(term))
-            if share is not None and share != 1:
-                return Difference(SCALED, term, _times(1 - share, term), 1 / (1 - share))
+            scaled = scaled_term(term, off, numbers(term))
+            if scaled is not None:
+                return scaled
     return None
+
+
+def scaled_term(term: Any, off: Numbers | None, values: Numbers | None) -> Difference | None:
+    """Return the difference if a constant factor of a typed term with these values explains it, else None.
+
+    `off` has the values of typed minus right coefficient.
+    """
+    share = ratio_of(off, values)
+    return None if share in (None, 1) else Difference(SCALED, term, _times(1 - share, term), 1 / (1 - share))
 
 
 def _without_common(left: Sequence[Any], right: Sequence[Any]) -> tuple[list[Any], list[Any]]:

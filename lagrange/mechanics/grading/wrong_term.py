@@ -36,6 +36,7 @@ from lagrange.mechanics.grading.term_difference import (
     ratio_of,
     same,
     scaled_product,
+    scaled_term,
     spread,
     summands,
 )
@@ -103,7 +104,7 @@ def _has_direction(parameter: Any, statement: Statement) -> bool:
     """Return True if a parameter has a direction, such as g or a force, unlike a mass, length or stiffness.
 
     Such a parameter is a factor of forces, or of terms of the potential with either sign. The kinetic energy does not
-    contain it.
+    contain it. Coefficients of drag and friction have no direction, unlike a magnetic field, whose forces do no work.
     """
     if statement.kinetic.has(parameter):
         return False
@@ -111,7 +112,8 @@ def _has_direction(parameter: Any, statement: Statement) -> bool:
     if any(slope.has(parameter) for slope in slopes):
         return False
     if any(slope != 0 for slope in slopes[1:]):
-        return True
+        power = sum(slope * v for slope, v in zip(slopes[1:], statement.velocities, strict=True))
+        return sympy.expand(power) == 0 or not any(slope.has(*statement.velocities) for slope in slopes[1:])
     slope = slopes[0].xreplace(statement.plain)
     below = sympy.fraction(sympy.together(slope))[1]
     return not (below.has(*statement.plain.values()) or slope.is_nonnegative or slope.is_nonpositive)
@@ -177,8 +179,8 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     if not any(row.slopes.values()) and not any(sample.first_order for sample in samples):
         name = row.statement.names[0]
         return WrongTerm(
-            f"{label} does not hold, and contains no acceleration: it is not an equation of motion. One reads "
-            f"{name}'' = ..., or {name}_ddot = ..., with the symbols of {row.statement.name} on its right side."
+            f"{label} does not hold, and contains no acceleration such as {name}'' or {name}_ddot: it is not an "
+            "equation of motion."
         )
     part = wrong_part(row, derivation, samples, write)
     if part:
@@ -197,7 +199,25 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
         return WrongTerm(f"{label} does not hold, and no term of it is that of an equation of motion.")
     product, difference = meant.finding()
     alone = meant.differing_terms == 1 or (len(meant.differing) == 1 and not difference.whole_is_wrong)
-    return WrongTerm(_sentence(meant.name, product, difference, row, write), alone)
+    scaled = _scaled_along_motion(row, product, difference, samples)
+    return WrongTerm(_sentence(meant.name, product, scaled or difference, row, write), alone or scaled is not None)
+
+
+def _scaled_along_motion(
+    row: EquationRow, product: Any, difference: Difference, samples: Sequence[MotionSample]
+) -> Difference | None:
+    """Return the difference by a factor if with it a wrong term makes the equation hold along the motion, else None.
+
+    An example is mu*N with the wrong sign, where N equals m*g.
+    """
+    if difference.kind != WRONG:
+        return None
+    term = row_of(StudentEquation(row.label, difference.there * product), row.statement)
+    try:
+        residuals, values = ([one.residual(sample)[0] for sample in samples] for one in (row, term))
+    except OutsideDomain:
+        return None
+    return scaled_term(difference.there, residuals, values)
 
 
 def _sentence(name: str, product: Any, difference: Difference, row: EquationRow, write: Write) -> str:
@@ -431,15 +451,17 @@ def _stated_rows(derivation: Derivation) -> list[tuple[str, Any]]:
 
 
 def _solved_rows(derivation: Derivation) -> list[tuple[str, Any]]:
-    """Return (coordinate name, acceleration - solution) for each acceleration; too long solutions are omitted."""
+    """Return (coordinate name, zero) of each solved acceleration, times its denominator; long ones are omitted."""
     statement = derivation.statement
     try:
         solved = list(derivation.accelerations.values())
     except StatementError:
         return []
     symbols = list(statement.plain.values())[2::3]
-    rows = zip(statement.names, symbols, solved, strict=True)
-    return [(name, symbol - formula) for name, symbol, formula in rows if formula.count_ops() <= LONGEST_FORMULA]
+    rows = zip(statement.names, symbols, map(sympy.fraction, solved), strict=True)
+    return [
+        (name, symbol * below - above) for name, symbol, (above, below) in rows if above.count_ops() <= LONGEST_FORMULA
+    ]
 
 
 class _Meant:
@@ -467,7 +489,7 @@ class _Meant:
             doubts += SOLVED if given.coefficients[unknown] == 1 else BENT
         agreeing = sum(len(terms) for product, terms in given.terms.items() if product not in self.differing)
         agreeing += sum(map(self._agreeing_terms, self.differing))
-        return self.differing_terms + doubts, simple, -agreeing, constant is None, accelerates, self.length
+        return self.differing_terms + doubts, simple, -agreeing, constant is None, self.length, accelerates
 
     @property
     def bent(self) -> bool:

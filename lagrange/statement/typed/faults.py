@@ -20,6 +20,10 @@ class TypedFault(Exception):
         self.reason, self.place, self.read = reason, place, read
 
 
+class UnknownWord(TypedFault):
+    """Fault of a word that is neither a symbol of the system nor a product of symbols."""
+
+
 def faults_of(tokens: Sequence[Token], names: Names) -> list[TypedFault]:
     """Return the faults that are found without parsing: characters, unknown words and derivatives, brackets."""
     faults = [TypedFault(token.text, token.begin) for token in tokens if token.kind == "fault"]
@@ -37,7 +41,7 @@ def _word_faults(token: Token, following: Sequence[Token], names: Names) -> list
     powered = bool(following) and (following[0].is_sign("^") or following[0].kind == "power")
     readings = [reading for reading in readings if all(piece.kind != "e" or powered for piece in reading)]
     if not readings:
-        return [TypedFault(f"{name!r} is not a symbol of this system.{names.hint(token.text)}", token.begin)]
+        return [UnknownWord(f"{name!r} is not a symbol of this system.{names.hint(token.text)}", token.begin)]
     if not differentiated(readings, token, names):
         return [TypedFault(f"{name!r} has no derivative of this order here", token.begin)]
     return []

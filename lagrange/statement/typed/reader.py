@@ -19,7 +19,7 @@ from lagrange.errors import SceneError, StatementError, listing
 from lagrange.statement.coordinate import t
 from lagrange.statement.scene.expressions import read_expression
 from lagrange.statement.typed.derivatives import with_derivatives
-from lagrange.statement.typed.faults import TypedFault, faults_of
+from lagrange.statement.typed.faults import TypedFault, UnknownWord, faults_of
 from lagrange.statement.typed.grammar import Choices, Formula, parsed
 from lagrange.statement.typed.lines import equation_spans
 from lagrange.statement.typed.names import RATES, Names
@@ -256,8 +256,8 @@ class TypedReader:
     def _equated(self, text: str, begin: int, end: int) -> list[list[list[Token]]]:
         """Return the sides of each equation of a part. Raises _Faults.
 
-        For a = b = c these are a = b and a = c. A further side with an unknown name, as in p = m x' = const, is left
-        out. For a side equated with "const", or a velocity with a name that is not a symbol, the derivative is zero.
+        For a = b = c these are a = b and a = c. A further side without faults but unknown names, as in p = m x' = const,
+        is left out. For a side equated with "const", or a velocity with a name that is not a symbol, the derivative is zero.
         """
         tokens = with_derivatives(tokens_of(text, begin, end))
         places = [i for i, token in enumerate(tokens) if token.is_sign("=")]
@@ -267,7 +267,7 @@ class TypedReader:
             if not left or not right:
                 side = "left" if not left else "right"
                 raise _Faults([TypedFault(f"nothing stands {side} of the sign of equality", tokens[place].begin)])
-        plain = [side for side in sides if self._is_constant(side) or not faults_of(side, self.names)]
+        plain = [side for side in sides if self._is_constant(side) or not self._is_foreign(side)]
         sides = plain if len(plain) > 1 else sides
         if len(sides) > 2 and not any(map(self._accelerates, sides)):
             many = f"there are {len(places)} signs of equality: write one equation with two sides"
@@ -275,6 +275,11 @@ class TypedReader:
         if len(sides) > 1 and (self._is_constant(sides[-1]) or self._is_integral(*sides)):
             return [[[Token("rate", "1", begin, begin), *_bracketed(side)]] for side in sides[:-1]]
         return [[sides[0], side] for side in sides[1:]] or [sides]
+
+    def _is_foreign(self, side: Sequence[Token]) -> bool:
+        """Return True if a side has unknown names, and no other fault."""
+        faults = faults_of(side, self.names)
+        return bool(faults) and all(isinstance(fault, UnknownWord) for fault in faults)
 
     @staticmethod
     def _is_constant(side: Sequence[Token]) -> bool:
@@ -345,8 +350,8 @@ class TypedReader:
         if not any(self._known(word) for word in WORD.findall(text)):
             shown = "".join(mark for mark in " ".join(text.split())[:60] if mark.isprintable())
             return (
-                f"{what or 'the text'} '{shown}' has no symbol of this system. An answer is an equation such as "
-                f"{self.example()}."
+                f"{what or 'the text'} '{shown}' has no symbol of this system. An answer is an equation "
+                f"{self.example()}"
             )
         sentences = [self._told(text, fault, what) for fault in faults[:MOST_TOLD]]
         end = f" The symbols are {self._symbols()}."
@@ -373,9 +378,9 @@ class TypedReader:
         )
 
     def example(self) -> str:
-        """Return an example of the form of an answer, without the solution."""
+        """Return the end of a sentence on the form of an answer, and the symbols."""
         first = self.names.bases[0] if self.names.bases else self.names.names[0]
-        return f"{first}'' = ..., or {first}_ddot = ..., with {self._symbols()} on its sides"
+        return f"such as {first}'' = ... The symbols are {self._symbols()}."
 
     def _symbols(self) -> str:
         """Return the list of the names of the system for a message."""

@@ -218,8 +218,12 @@ def test_derivatives_of_expressions_are_taken_along_the_motion() -> None:
         (r"\foo x", [r"column 1: the LaTeX command \foo is not known here"]),
         ("x\x1b = 0", ["the character U+001B (control character) cannot stand in an equation"]),
         ("x + = 0", ["a value is missing"]),
+        ("m(x'') = l x') = -k x", ["column 14: ')' closes nothing"]),
         ("x = ", ["nothing stands right of the sign of equality"]),
-        ("2 sin", ["has no symbol of this system. An answer is an equation such as theta'' = ..."]),
+        (
+            "2 sin",
+            ["has no symbol of this system. An answer is an equation such as theta'' = ... The symbols are theta, "],
+        ),
         ("d/dt(x'') = 0", ["the time derivative of x_ddot is in no equation of motion"]),
         ("x**1001 + 2 x", ["the exponent 1001 is out of bounds"]),
     ],
