@@ -31,11 +31,11 @@ class MassPoint:
 def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
     """Return the points for which a term of the stated T is half a mass times the square of their velocity.
 
-    Each term is the energy of one point at most. Points are left out if each component of their velocity is a constant
-    times the velocity of a coordinate: showing it explains nothing.
+    Each term is the energy of one point at most. There are none if each component of all their velocities is a constant
+    times the velocity of a coordinate: showing these explains nothing.
     """
     left = [page.algebra.merge_angles(page.read(term)) for term in Add.make_args(page.statement.kinetic)]
-    points = []
+    points, plain = [], True
     for name, position in page.statement.positions.items():
         rates = [page.at_constant_velocities(page.read(entry)) for entry in position]
         squares = (page.algebra.multiply(rate, rate) for rate in rates)
@@ -43,10 +43,9 @@ def moving_points(page: TextbookAlgebra) -> tuple[MassPoint, ...]:
         mass, place = next(_masses(page, squared, left), (None, 0))
         if mass is not None:
             del left[place]
-            if not all(_plain(page, rate) for rate in rates):
-                velocity = tuple(map(page.show, rates))
-                points.append(MassPoint(name, mass, tuple(position), velocity, page.show(squared)))
-    return tuple(points)
+            plain = plain and all(_plain(page, rate) for rate in rates)
+            points.append(MassPoint(name, mass, tuple(position), tuple(map(page.show, rates)), page.show(squared)))
+    return () if plain else tuple(points)
 
 
 def _masses(page: TextbookAlgebra, squared: MonomialSum, terms: list[MonomialSum]) -> Iterator[tuple[Any, int]]:

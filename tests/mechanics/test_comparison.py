@@ -212,7 +212,7 @@ PENDULUM = "theta_ddot + g/l*sin(theta)"
         (f"{PENDULUM} - theta_dot", "In equation 1, that of theta, the term -theta_dot should not be there."),
         (
             [PENDULUM, "theta_dot = 0"],
-            "Equation 2 does not hold, and contains no acceleration such as theta'' or theta_ddot: it is not an equation",
+            "Equation 2 does not hold, and contains no acceleration such as theta'' or theta_ddot: it is not an",
         ),
     ],
 )

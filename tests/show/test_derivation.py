@@ -18,6 +18,7 @@ from lagrange.show.terminal import FORMATS
 from lagrange.statement.coordinate import coordinate, coordinates, parameters, t
 from lagrange.statement.declare import declare
 from lagrange.system import System
+from tests.models import shared_scene
 
 m, g, l, k, c = parameters("m g l k c")
 theta, x = coordinates("theta x")
@@ -216,7 +217,7 @@ def test_constraints_are_stated_and_follow_the_equations() -> None:
 
 def test_multipliers_have_their_constraint_for_an_index() -> None:
     page = render(constrained(), "latex")
-    assert r" f_{\mathrm{rod}} = x^2 + y^2 - l^2 \]" in page
+    assert r" f_{\mathrm{rod}} = x^2 + y^2 - l^2, \qquad " in page
     assert r"\[ m \ddot{x} = 2 \lambda_{\mathrm{rod}} x + \lambda_{\mathrm{slide}} \]" in page
     assert r"\lambda_{\mathrm{rod}} = " in render(constrained(), "markdown")
 
@@ -306,6 +307,14 @@ def test_short_steps_stand_side_by_side_on_paper() -> None:
     assert (
         r"\[ T = \frac{1}{2} m \dot{s}^2, \qquad V = k s \]" in lg.System(m * s.dot**2 / 2, k * s).derivation().latex()
     )
+
+
+def test_a_fraction_is_as_wide_as_its_wider_part_on_paper() -> None:
+    """The steps of a coordinate with fractions fill two lines; no long fraction is in another."""
+    page = shared_scene("swinging-atwood-machine").derivation().latex()
+    steps = page.partition("Coordinate $x$}")[2].partition("\\section")[0]
+    assert steps.count("\\[") == 2 and "\\sqrt" in steps
+    assert r"\ddot{y} = -\frac{1}{m + M} \left(\frac" in page
 
 
 def test_an_energy_is_merged_where_it_is_stated() -> None:

@@ -238,6 +238,13 @@ def test_points_with_mass_begin_the_derivation() -> None:
     assert "Positions" not in shared_scene("kepler").derivation().text()
 
 
+def test_a_simple_point_is_shown_beside_others() -> None:
+    places = {"cart": (x, 0), "bob": (x + l * sin(theta), -l * cos(theta))}
+    kinetic = M * x.dot**2 / 2 + lg.kinetic_energy(m, places["bob"])
+    page = lg.System(kinetic, lg.gravity(m, places["bob"], g), positions=places).derivation().unicode()
+    assert "    r_cart = (x, 0)\n    v_cart = (ẋ, 0)\n    v_cart² = ẋ²\n    T_cart = ½ M v_cart²\n    r_bob" in page
+
+
 def test_html_folds_and_speaks_no_markup_of_the_statement() -> None:
     page = render(shared_scene("chain-of-springs").derivation(), "html", ["a < b & c"])
     assert page.startswith("<!doctype html>") and page.endswith("</html>\n")

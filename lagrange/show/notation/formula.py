@@ -21,7 +21,7 @@ from lagrange.show.notation.sections import (
     SignedTerms,
     Transpose,
 )
-from lagrange.show.notation.text import ATOM, POWER, PRODUCT, SUM, FormulaPiece, Notation, UnicodeNotation, width
+from lagrange.show.notation.text import ATOM, POWER, PRODUCT, SUM, FormulaPiece, Notation, PrintedWidth, width
 from lagrange.statement.coordinate import name_of, t
 from lagrange.statement.expression import RATE
 from lagrange.statement.statement import Statement
@@ -145,7 +145,8 @@ class Typesetter:
         if top == 1 and not fixed and len(moving) == 1 and moving[0][0].is_Symbol and below:
             fixed, moving = moving, []
         if len(moving) == 1 and moving[0][0].is_Add and not fixed and below and top == 1:
-            fixed, moving = moving, []
+            divided = any(power.exp.could_extract_minus_sign() for power in moving[0][0].atoms(sympy.Pow))
+            fixed, moving = (fixed, moving) if divided and not self.notation.in_one_line else (moving, [])
         front = self.over(self.factors(top, fixed), self.factors(bottom, below))
         return self.notation.product([front, *map(self.power, moving)]) if moving else front
 
@@ -341,7 +342,7 @@ class LineWriter:
         self.sides = SideWriter(statement, notation)
         self.notation = self.sides.notation
         self.setter = self.sides.setter
-        self.ruler = self.sides if self.notation.in_one_line else SideWriter(statement, UnicodeNotation)
+        self.ruler = self.sides if self.notation.in_one_line else SideWriter(statement, PrintedWidth)
 
     def formula(self, row: Formula) -> list[FormulaLine]:
         """Return the lines of a formula, broken where it is wide. Of two expressions the second is on a new line."""
@@ -417,10 +418,6 @@ class LineWriter:
         if line:
             yield self.notation.signs(line, leading=first)
 
-    def columns(self, factors: list[Any], number: int = 1) -> int:
-        """Return the width in columns of the numerator or denominator of a fraction on two levels."""
-        return width(self.ruler.setter.quotient(factors, [], sympy.Integer(number)).text)
-
     def product_lines(self, product: Any, room: int, *, leading: bool = True) -> list[str]:
         """Return the lines of a product with a long sum as a factor: the other factors, and the sum in parentheses.
 
@@ -443,8 +440,7 @@ class LineWriter:
         front = self.setter.quotient(rest, below, number)
         closed = front.text if front.level == PRODUCT else self.notation.grouped(front, POWER)
         before = [] if front == one else [closed]
-        over = number.p if number.is_Rational else 1
-        front_width = 0 if self.notation.in_one_line else max(self.columns(rest, over), self.columns(below))
+        front_width = 0 if self.notation.in_one_line else width(self.ruler.setter.quotient(rest, below, number).text)
         apart = front_width > WIDEST // 2
         taken = 2 if apart or not before else front_width if front_width > WIDEST // 3 else WIDEST // 5
         first, *more = self.sum_lines(longest, (WIDEST if apart else room) - taken)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import unicodedata
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from lagrange.show.notation.symbols import UNICODE_GREEK, index_parts, latin
@@ -274,3 +274,26 @@ class UnicodeNotation(Notation):
     def rate(self, inside: str) -> str:
         """Return d/dt ∂L/∂θ̇."""
         return f"d/dt {inside}"
+
+
+class PrintedWidth(UnicodeNotation):
+    """Text as wide as a printed formula: the wider part of each fraction on two levels, blanks at functions alone."""
+
+    product_sign = ""
+
+    def function(self, name: str, arguments: Sequence[FormulaPiece], exponent: str = "") -> FormulaPiece:
+        """Return a function with a blank before it."""
+        piece = super().function(name, arguments, exponent)
+        return replace(piece, text=f" {piece.text}", closed=f" {piece.closed}" if piece.closed else "")
+
+    def fraction(self, above: FormulaPiece, below: FormulaPiece) -> FormulaPiece:
+        """Return the numerator or the denominator, whichever is wider."""
+        return FormulaPiece(max(above.text, below.text, key=width), POWER)
+
+    def partial(self, above: str, below: str) -> str:
+        """Return ∂L or ∂θ̇, whichever is wider."""
+        return "∂" + max(above, below, key=width)
+
+    def rate(self, inside: str) -> str:
+        """Return the denominator of d/dt, and the inside."""
+        return f"dt {inside}"
