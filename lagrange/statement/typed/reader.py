@@ -256,9 +256,8 @@ class TypedReader:
     def _equated(self, text: str, begin: int, end: int) -> list[list[list[Token]]]:
         """Return the sides of each equation of a part. Raises _Faults.
 
-        For a = b = c these are a = b and a = c. A further side that only has an unknown name, as in p = m x' = const, is
-        left out. For a side equated with "const", or a velocity with a name that is not a symbol, the derivative is
-        zero.
+        For a = b = c these are a = b and a = c. A further side that is an unknown name, as in p = m x' = const, is
+        left out. For a side equated with "const", or a velocity with a name that is not a symbol, its rate is zero.
         """
         tokens = with_derivatives(tokens_of(text, begin, end))
         places = [i for i, token in enumerate(tokens) if token.is_sign("=")]
