@@ -98,12 +98,6 @@ def hanging_rods(n: int) -> Statement:
     )
 
 
-@cache
-def rods(n: int) -> Model:
-    """Return the compiled model of n rods."""
-    return model_of(hanging_rods(n), machine("llvm"))
-
-
 def oscillator() -> Statement:
     return stated(kinetic=m * x.dot**2 / 2, potential=k * x**2 / 2, initial={x: 1.0}, name="oscillator")
 

@@ -5,16 +5,29 @@ from __future__ import annotations
 import math
 import sys
 import threading
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 
 import mpmath
+import numpy as np
 import pytest
+import sympy as sp
 from hypothesis import given
 from hypothesis import strategies as st
 
 from lagrange.errors import StatementError
+from lagrange.graph.differentiate import gradient
+from lagrange.graph.evaluate import FUNCTIONS as VALUED
+from lagrange.graph.evaluate import precise, values
+from lagrange.graph.from_sympy import Translator
+from lagrange.graph.functions import FUNCTIONS
+from lagrange.graph.generic import generic_rank
 from lagrange.graph.node import Binding, Graph, Kind, Node, exact, reachable
+from lagrange.graph.share import share_sums
+from lagrange.graph.term_size import term_sizes
+from lagrange.machine.kernel.arithmetic import FLOATS
+from lagrange.program.lower import lower
 from tests.graph.trees import BINDINGS, Forms, evaluate, expressions, new_graph
 
 POINTS = (
@@ -282,3 +295,205 @@ def test_threads_that_build_at_once_share_nodes() -> None:
             assert len({node.depends for node in first[:20]}) == 20
     finally:
         sys.setswitchinterval(interval)
+
+
+# --- generic --------------------------------------------------------------------------------------------------
+# The rank of matrices of nodes at almost every point.
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_a_product_has_the_rank_of_its_thinner_factor(seed: int) -> None:
+    """A B of n x r and r x m random polynomials has the rank min(n, m, r)."""
+    rng, graph = np.random.default_rng(seed), Graph()
+    n, m, r = (int(count) for count in rng.integers(1, 6, 3))
+    symbols = [graph.symbol(f"x{i}", Binding.CONFIGURATION) for i in range(40)]
+
+    def entry() -> Node:
+        a, b, c = (symbols[k] for k in rng.choice(40, 3, replace=False))
+        return graph.sum([(int(rng.integers(1, 9)), a * b), (Fraction(int(rng.integers(1, 9)), 7), 1 / c)])
+
+    left = [[entry() for _ in range(r)] for _ in range(n)]
+    right = [[entry() for _ in range(m)] for _ in range(r)]
+    whole = [[graph.sum([(1, left[i][k] * right[k][j]) for k in range(r)]) for j in range(m)] for i in range(n)]
+    assert generic_rank(whole) == min(n, m, r)
+
+
+def test_sine_and_cosine_of_an_angle_are_on_a_circle_and_other_functions_are_free() -> None:
+    graph = Graph()
+    a, b = (graph.symbol(name, Binding.CONFIGURATION) for name in "ab")
+    c, s = graph.call("cos", a), graph.call("sin", a)
+    assert generic_rank([[c * c, c * s], [c * s, s * s]]) == 1
+    assert generic_rank([[c, s], [-s, c]]) == 2
+    # 1 - s**2 - c**2 with the sum kept apart by a square root that is not a polynomial.
+    root = graph.power(1 - s * s, Fraction(1, 2))
+    assert generic_rank([[root, c], [c, root]]) == 2
+    assert generic_rank([[c, graph.call("cos", b)], [2 * c, 2 * graph.call("cos", b)]]) == 1
+    assert generic_rank([[graph.zero, graph.zero], [graph.zero, graph.zero]]) == 0
+    assert generic_rank([[1 / a, 1 / b], [b, a]]) == 1
+
+
+# --- term size ------------------------------------------------------------------------------------------------
+# The sizes of the terms of an expression.
+
+x, y, l = sp.symbols("x y l", real=True)
+AT = {x: -0.3, y: 1.7, l: 2.0}
+
+
+def values_of(*expressions: sp.Expr) -> list[float]:
+    """Return the size of each expression, then its value, at the state above."""
+    graph = Graph()
+    leaves = {name: graph.symbol(str(name), Binding.CONFIGURATION) for name in AT}
+    nodes: list[Node] = [Translator(graph, leaves)(one) for one in expressions]
+    time = graph.symbol("t", Binding.TIME)
+    program = lower("sizes", {"all": [*term_sizes(nodes), *nodes]}, {"q": list(leaves.values())}, time, ())
+    found = FLOATS.evaluate(program, 0.0, list(AT.values()), [])
+    return list(map(float, found))
+
+
+@pytest.mark.parametrize(
+    ("stated", "size"),
+    [
+        (x**2 + y**2 - l**2, 0.09 + 2.89 + 4.0),
+        (3 * (x - y), 3 * 2.0),
+        ((x - y) * (x + l), 2.0 * 2.3),
+        ((x - y) ** 3, 8.0),
+        (sp.sqrt(x**2 + y**2) - l, np.sqrt(0.09 + 2.89) + 2.0),
+        (l * sp.sin(x) - y * sp.cos(x - y), 2.0 + 1.7),
+        (sp.Abs(x - y), 2.0),
+        (1 / x, 1 / 0.3),
+        (sp.exp(x) - 1, np.exp(-0.3) + 1),
+        (sp.atan2(y, x) - l, np.arctan2(1.7, -0.3) + 1 + 2.0),
+        (sp.Max(x - y, l), 2.0),
+        (sp.Piecewise((x - y, x < 0), (l, True)), 2.0),
+    ],
+)
+def test_sizes_add_where_terms_add_and_multiply_where_factors_do(stated: sp.Expr, size: float) -> None:
+    found, value = values_of(stated)
+    assert found == pytest.approx(size, rel=1e-14)
+    assert abs(value) <= found * (1 + 1e-15)
+
+
+def test_a_term_with_a_sine_counts_at_every_angle() -> None:
+    """Where the sine is zero as well: the size of a linkage is that of its links."""
+    (found, *_) = values_of(l * sp.sin(x - sp.Rational(-3, 10)))
+    assert found == 2.0
+
+
+# --- evaluate -------------------------------------------------------------------------------------------------
+# Values of nodes in many digits: every function of the graph has one, and what has none is told apart.
+
+CONTEXT = precise(40)
+
+
+def test_every_function_has_a_value() -> None:
+    assert set(FUNCTIONS) - {"piecewise"} <= set(VALUED)
+
+
+def test_values_and_the_largest_number() -> None:
+    graph = Graph()
+    x = graph.symbol("x", Binding.CONFIGURATION)
+    wave = graph.call("sin", x) ** 2 * 3 - graph.call("exp", x) / 7
+    branch = graph.piecewise([(graph.call("less", x, graph.constant(2)), wave)], x)
+    found = values([wave, branch, x**-1], {x: CONTEXT.mpf("1.5")}, CONTEXT)
+    assert found is not None
+    expected = 3 * math.sin(1.5) ** 2 - math.exp(1.5) / 7
+    assert [float(value) for value in found[0]] == pytest.approx([expected, expected, 1 / 1.5], rel=1e-14)
+    assert float(found[1]) >= math.exp(1.5)
+
+
+@pytest.mark.parametrize("value", [0, -2])
+def test_what_has_no_value(value: int) -> None:
+    graph = Graph()
+    x = graph.symbol("x", Binding.CONFIGURATION)
+    assert values([graph.call("log", x)], {x: CONTEXT.mpf(value)}, CONTEXT) is None
+
+
+# --- share ----------------------------------------------------------------------------------------------------
+# Sums in terms of the sums they contain: the same values, and a chain of links becomes linear in its length.
+
+POINT = {"m": "1.7", "x": "0.31", "y": "-0.83", "u": "1.21"}
+
+
+@given(st.lists(expressions(), min_size=1, max_size=3))
+def test_values_are_kept(forms: list[Forms]) -> None:
+    graph, symbols = new_graph()
+    nodes = [form.node(graph, symbols) for form in forms]
+    with mpmath.workdps(50):
+        at = {symbols[name]: mpmath.mpf(text) for name, text in POINT.items()}
+        for new, old in zip(share_sums(graph, nodes), nodes, strict=True):
+            expected = evaluate(old, at)
+            assert abs(evaluate(new, at) - expected) <= mpmath.mpf(10) ** -25 * (1 + abs(expected))
+
+
+@given(
+    st.lists(st.dictionaries(st.integers(0, 6), st.integers(-4, 4).filter(bool), min_size=2), min_size=2, max_size=7)
+)
+def test_overlapping_sums_with_coefficients_keep_their_values(sums: list[dict[int, int]]) -> None:
+    graph = Graph()
+    symbols = [graph.symbol(f"x{i}", Binding.CONFIGURATION) for i in range(7)]
+    nodes = [graph.sum([(c, symbols[i]) for i, c in terms.items()], k) for k, terms in enumerate(sums)]
+    product = graph.product([graph.call("sin", node) for node in nodes])
+    at = {symbol: mpmath.mpf(i * i + 1) for i, symbol in enumerate(symbols)}
+    outputs = share_sums(graph, [*nodes, product])
+    for new, terms, k in zip(outputs, sums, range(len(sums)), strict=False):
+        assert evaluate(new, at) == k + sum(c * (i * i + 1) for i, c in terms.items())
+    assert abs(evaluate(outputs[-1], at) - evaluate(product, at)) < 1e-12
+
+
+def chain(n: int) -> tuple[Graph, list[Node], Node]:
+    """Return L of n links, stated as SymPy flattens it: the k-th position is a sum of k terms."""
+    graph = Graph()
+    angles, rates = sp.symbols(f"a:{n}"), sp.symbols(f"w:{n}")
+    leaves = {a: graph.symbol(a.name, Binding.CONFIGURATION) for a in angles}
+    leaves |= {w: graph.symbol(w.name, Binding.VELOCITY) for w in rates}
+    total = []
+    for k in range(1, n + 1):
+        vx = sp.Add(*(sp.cos(a) * w for a, w in zip(angles[:k], rates, strict=False)))
+        vy = sp.Add(*(sp.sin(a) * w for a, w in zip(angles[:k], rates, strict=False)))
+        total += [vx**2 / 2, vy**2 / 2, sp.Add(*map(sp.cos, angles[:k]))]
+    return graph, list(leaves.values()), Translator(graph, leaves)(sp.Add(*total))
+
+
+def work(nodes: Sequence[Node]) -> int:
+    return sum(len(node.args) for node in reachable(nodes))
+
+
+def test_a_chain_becomes_linear_in_its_length_with_its_gradient() -> None:
+    sizes = {}
+    for n in (10, 20, 40):
+        graph, symbols, node = chain(n)
+        (shared,) = share_sums(graph, [node])
+        sizes[n] = (work([shared]), work(gradient(shared, symbols)))
+    for first, second, third in zip(*sizes.values(), strict=True):
+        assert third - second < 2.2 * (second - first)  # linear: equal growth for the doubled length would be 2
+    unshared = chain(40)[2]
+    assert work([unshared]) > 3 * sizes[40][0]
+
+
+def test_the_longest_contained_sum_is_taken_and_signs_count() -> None:
+    graph = Graph()
+    a, b, c, d = (graph.symbol(name, Binding.CONFIGURATION) for name in "abcd")
+    short, long = a + b, graph.sum([(1, a), (1, b), (1, c)])
+    whole = graph.sum([(2, a), (2, b), (2, c), (5, d)])
+    opposite = graph.sum([(1, a), (-1, b), (1, d)])
+    outputs = share_sums(graph, [short, long, whole, opposite])
+    assert outputs[1].args == tuple(sorted((short, c), key=lambda node: node.id))
+    assert outputs[2] is graph.sum([(2, outputs[1]), (5, d)])
+    assert outputs[3] is opposite  # a - b is not a + b
+
+
+def test_what_shares_nothing_comes_back_untouched() -> None:
+    graph = Graph()
+    a, b, c = (graph.symbol(name, Binding.CONFIGURATION) for name in "abc")
+    nodes = [graph.call("sin", a * b), a + b, b * c + 1]
+    assert all(new is old for new, old in zip(share_sums(graph, nodes), nodes, strict=True))
+
+
+def test_sharing_reaches_into_choices_and_functions() -> None:
+    graph = Graph()
+    a, b, c = (graph.symbol(name, Binding.CONFIGURATION) for name in "abc")
+    short, long = a + b, graph.sum([(1, a), (1, b), (1, c)])
+    inside = graph.piecewise([(graph.call("less", long, short), graph.call("exp", long))], long**2)
+    _, rebuilt = share_sums(graph, [short, inside])
+    sums = [node for node in reachable([rebuilt]) if node.kind is Kind.SUM]
+    assert all(len(node.args) <= 2 for node in sums)

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 import sympy as sp
 
-from lagrange.algorithm.dense.block import StepPolynomial, block_size
+from lagrange.algorithm.dense.block import StepPolynomial
 from lagrange.algorithm.dense.collocation import collocation_polynomial
-from lagrange.algorithm.dense.evaluate import polynomials
 from lagrange.algorithm.dense.hermite import hermite_polynomial
 from lagrange.algorithm.dense.runge_kutta import runge_kutta_polynomial
 from lagrange.algorithm.linear.columns import invert_columns
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.procedure.interpreter import Span, run
+from lagrange.procedure.interpreter import run
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.methods.radau import POINTS
 from lagrange.trajectory.tableaux.butcher import ButcherTableau
@@ -58,58 +56,6 @@ def states_of(compiled: Model) -> FloatArray:
 def dense_of(compiled: Model, kind: StepPolynomial) -> Any:
     derivative = compiled.kernel("jacobian") if kind.derivative else None
     return compiled.machine.dense(kind, compiled.kernel("rhs"), compiled.parameter_array(), derivative)
-
-
-def interpreted(compiled: Model, kind: StepPolynomial, states: FloatArray, step: int) -> FloatArray:
-    """Return the polynomial of one step (degree + 1, 2n) by the interpreter."""
-    n = states.shape[1]
-
-    def law(name: str) -> Callable[..., int]:
-        def evaluate(count: int, time: Span, q: Span, v: Span, _: Span, out: Span) -> int:
-            y = np.array([part[i] for part in (q, v) for i in range(n // 2)])
-            for i, value in enumerate(compiled.kernel(name)(time[0], y, compiled.parameter_array()).ravel()):
-                out[i] = float(value)
-            return -1
-
-        return evaluate
-
-    def invert(order: int, columns: int, a: Span, row: Span) -> None:
-        run(invert_columns.form(), order, columns, a, row)
-
-    def gathered(row: int, side: float) -> list[float]:
-        found = [GRID[row], GRID[row + 1] - GRID[row], side, *states[row], *states[row + 1]]
-        assert len(found) == block_size(n, 1)
-        return [float(value) for value in found]
-
-    own, beside = gathered(step, 0.0), gathered(step - 1 if step else 1, -1.0 if step else 1.0)
-    out, work = [0.0] * ((kind.degree + 1) * n + 8), [0.0] * kind.size(n, 1)
-    given: tuple[Any, ...] = (
-        law("rhs"),
-        [],
-        law("jacobian"),
-        [],
-        invert,
-        kind.table.tolist(),
-        kind.stages,
-        kind.degree,
-        n,
-    )
-    run(kind.procedure, *given, 1, own, beside, work, out)
-    return np.array(out[:-8]).reshape(kind.degree + 1, n)
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("name", ["Henon-Heiles", "cart and pole"])
-def test_machines_write_what_the_interpreter_does(name: str, kind: str, target: str) -> None:
-    """The laws differ by round-off, which weights of a path up to 545 multiply."""
-    compiled = model(name, target)
-    states, path = states_of(compiled), KINDS[kind]
-    c = dense_of(compiled, path).coefficients(GRID, states, np.arange(len(GRID) - 1))
-    assert c.shape == (path.degree + 1, states.shape[1], len(GRID) - 1)
-    for step in (0, 4, len(GRID) - 2):
-        expected = interpreted(compiled, path, states, step)
-        assert c[:, :, step] == pytest.approx(expected, rel=1e-9, abs=3e-13)
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -224,28 +170,6 @@ def test_inverses_of_many_matrices_are_those_of_each() -> None:
     for i in (0, 1, 3, 4, 5):
         assert found[i] @ matrices[i] == pytest.approx(np.eye(order), abs=1e-12)
     assert not np.isfinite(found[2]).all()
-
-
-@pytest.mark.parametrize("target", TARGETS)
-@pytest.mark.parametrize("kind", KINDS)
-def test_procedures_may_call_a_polynomial_themselves(kind: str, target: str) -> None:
-    """By its address or as a function: here the procedure that writes those of some blocks, on memory of its own."""
-    compiled = model("cart and pole", target)
-    dense, states = dense_of(compiled, KINDS[kind]), states_of(compiled)
-    written, n = dense.polynomial(), states.shape[1]
-    starts = np.minimum(np.arange(2 * written.columns), len(GRID) - 2)
-    out = np.zeros(2 * (dense.degree + 1) * n * written.columns + written.columns)
-    spare = [np.zeros(block_size(n, written.columns) + written.columns) for _ in range(2)]
-    arrays = [array.reshape(-1) for array in (GRID, states)]
-    numbers = n, dense.degree, written.columns, int(written.both), len(GRID) - 1
-    memory: list[Any] = [*arrays, *spare, np.zeros(written.work), starts, 2, out]
-    if target == "numpy":
-        memory = [one.data if isinstance(one, np.ndarray) else one for one in memory]
-    compiled.machine.called(polynomials.form())(written.function, written.given, *numbers, *memory)
-    blocks = out[: -written.columns].reshape(2, dense.degree + 1, n, written.columns)
-    expected = dense.coefficients(GRID, states, np.arange(len(GRID) - 1))
-    assert (blocks[0] == expected[:, :, : written.columns]).all()
-    assert (blocks[1, :, :, 0] == expected[:, :, written.columns]).all()
 
 
 @pytest.mark.parametrize("target", TARGETS)

@@ -16,16 +16,28 @@ import pytest
 import sympy as sp
 
 from lagrange.algorithm.step.run import COUNTS, RUN
-from lagrange.compiler import machine, model_of
+from lagrange.compiler import compile_model, machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
 from lagrange.machine.model import Model
 from lagrange.machine.state import DriverState, Outcome
+from lagrange.machine.steps.llvm_driver import laid_out
 from lagrange.program.step import Control, StepProgram, trace
 from lagrange.statement.coordinate import t
+from lagrange.statement.scene.library import load
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.integrator import Problem
-from tests.models import TARGETS, c, k, m, stated, x, y
-from tests.trajectory.runs import FIXED, IMPLICIT, SPLITTINGS, STEPPED, planned
+from lagrange.trajectory.plan import StepPlan
+from tests.models import TARGETS, c, k, m, model, stated, x, y
+from tests.trajectory.runs import (
+    CONSTRAINED,
+    CONTROLLED,
+    FIXED,
+    IMPLICIT,
+    SLOPES,
+    SPLITTINGS,
+    STEPPED,
+    planned,
+)
 
 S = DriverState
 
@@ -187,3 +199,60 @@ def test_no_part_of_a_step_may_be_beyond_all_numbers(large: int) -> None:
         assert state.cause is Outcome.NON_FINITE
         assert (state.count(S.STEPS), state.count(S.REJECTED)) == (0, 1)
     assert_same(*states)
+
+
+# --- procedure steps ------------------------------------------------------------------------------------------
+# Steps of both machines: the memory beside a vector, and decisions that rounding does not take.
+
+
+class Compiled:
+    """A compiled run, one step at a time."""
+
+    def __init__(self, name: str, compiled: Model, step: float, share: float = 0.0) -> None:
+        self.start = np.array(compiled.statement.initial)
+        problem = Problem(compiled, compiled.parameter_values(), 0.0, 1.0, self.start)
+        plan = planned(name, problem)
+        assert isinstance(plan, StepPlan)
+        self.step, self.projected = plan.step, plan.projected
+        self.driver: Any = plan.driver(compiled, compiled.parameter_array())
+        self.state = DriverState(0.0, 1.0, self.start, 1e-6, 1e-8, step if name in FIXED else 0.0, share)
+
+    def take(self) -> Outcome:
+        times, rows = np.empty(1), np.empty((5, len(self.start)))
+        self.state.counts[S.ROWS] = 0
+        return Outcome(self.driver.advance(self.state, 1, times, rows))
+
+
+@cache
+def four_bar() -> Model:
+    return compile_model(load("four-bar"), euler_lagrange(load("four-bar")))
+
+
+@pytest.mark.few
+@pytest.mark.parametrize(
+    "name", [name for name in (*SLOPES, *CONTROLLED, *STEPPED) if name not in CONSTRAINED + SPLITTINGS]
+)
+def test_the_projection_leaves_nothing_behind_the_entries_of_a_vector(name: str) -> None:
+    """Six entries in blocks of four: norms are taken of whole blocks, so what stands behind the entries must be 0."""
+    beside = Compiled(name, four_bar(), 0.01)
+    layout = laid_out(beside.step, 6, projected=True)
+    for _ in range(5):
+        beside.take()
+        for vector in range(layout.errors + len(layout.step.errors)):
+            place = layout.place(vector)
+            assert not beside.driver._work[place + layout.length : place + layout.width].any()
+
+
+@pytest.mark.parametrize("system", ["pendulum", "double pendulum", "cart and pole", "elastic pendulum"])
+@pytest.mark.parametrize("name", CONTROLLED)
+def test_the_numpy_machine_decides_alike_where_rounding_does_not(name: str, system: str) -> None:
+    """Corrections, matrices and steps: corrections end far above round-off where steps follow the error."""
+    ours, theirs = (Compiled(name, model(system, target), 0.0) for target in TARGETS)
+    for _ in range(40):
+        assert ours.take() is theirs.take()
+        assert (ours.state.counts == theirs.state.counts).all()
+        pairs = zip(ours.driver.kept(), theirs.driver.kept(), strict=True)
+        for one, other in pairs:
+            assert (one.step == 0.0) == (other.step == 0.0)
+            assert one.step == pytest.approx(other.step, rel=1e-5)
+            assert one.inverse == pytest.approx(other.inverse, rel=1e-4, abs=1e-6)

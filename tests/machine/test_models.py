@@ -6,6 +6,7 @@ import pickle
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -17,13 +18,13 @@ from sympy import cos, sin
 import lagrange as lg
 from lagrange.compiler import machine, model_of
 from lagrange.equations.euler_lagrange import euler_lagrange
-from lagrange.errors import RunError
+from lagrange.errors import RunError, StatementError
 from lagrange.machine.backend import SingularMassMatrix
 from lagrange.machine.kernel.llvm_module import KernelCode
 from lagrange.machine.llvm import engine
 from lagrange.machine.model import Model
 from lagrange.program.catalogue import QUANTITIES, program_of
-from tests.models import SYSTEMS, TARGETS, VALUES, M, build, k, l, m, model, phi, theta, x, y
+from tests.models import SYSTEMS, TARGETS, VALUES, M, build, k, l, m, model, phi, r, shared_scene, theta, x, y, z
 
 WIDTHS = (1, 2, 7, 8, 9, 64)
 KEPT: list[Any] = []
@@ -169,14 +170,6 @@ class TestSingular:
         assert np.isfinite(compiled.accelerations([0.3, 0.5], [0, 0])).all()
 
     @pytest.mark.parametrize("target", TARGETS)
-    @pytest.mark.parametrize("name", SYSTEMS)
-    def test_nan_is_not_singular(self, name: str, target: str) -> None:
-        compiled = model(name, target)
-        n = compiled.dimension
-        assert np.isnan(compiled.accelerations(np.full(n, np.nan), np.ones(n))).any()
-        assert np.isnan(compiled.accelerations(np.full((n, 9), np.nan), np.ones((n, 9)))).any()
-
-    @pytest.mark.parametrize("target", TARGETS)
     def test_regular_where_pivots_vanish(self, target: str) -> None:
         compiled = model("saddle", target)
         for q in ([0.0, 0.0, 0.0], [np.pi / 2] * 3):
@@ -221,21 +214,6 @@ def test_conditions_on_parameters_alone(target: str) -> None:
         assert slope == pytest.approx(-expected * 0.5, rel=1e-13)
         many = compiled.evaluate("forces", np.full((n, 9), 0.5), np.zeros((n, 9)), 0.0, values)[0]
         assert many == pytest.approx(np.full(9, -expected * 0.5), rel=1e-13)
-
-
-def both() -> Any:
-    return model("double pendulum", "llvm"), model("double pendulum", "numpy")
-
-
-@pytest.mark.parametrize("target", TARGETS)
-def test_a_model_pickles_as_its_statement_and_recompiles(target: str) -> None:
-    for name in ("double pendulum", "8 carried masses", "friction"):
-        original = model(name, target)
-        copy: Model = pickle.loads(pickle.dumps(original))
-        assert copy.target == target and copy.statement.names == original.statement.names
-        q, v, _ = states(name, 4)
-        assert (copy.accelerations(q, v) == original.accelerations(q, v)).all()
-        assert len(pickle.dumps(original)) < 20_000
 
 
 @pytest.mark.parametrize("target", TARGETS)
@@ -369,3 +347,110 @@ def test_other_defaults_change_the_values_and_compile_nothing(target: str) -> No
     assert pickle.loads(pickle.dumps(other)).statement.defaults == other.statement.defaults
     with pytest.raises(lg.StatementError, match="mass"):
         first.with_defaults({"mass": 1.0})
+
+
+# --- refusals -------------------------------------------------------------------------------------------------
+# What a model cannot be asked is refused in the system's own names.
+
+
+class TestRefusals:
+    """What cannot be meant is refused in the system's own names."""
+
+    @pytest.fixture(params=TARGETS)
+    def pendulums(self, request: pytest.FixtureRequest) -> Model:
+        return model("double pendulum", request.param)
+
+    @pytest.mark.parametrize(
+        ("q", "v", "message"),
+        [
+            (
+                [1.0],
+                [1.0],
+                r"q has shape \(1,\); this system has 2 coordinates \(a0, a1\): give \(2,\), or \(2, batch\)",
+            ),
+            ([1.0, 2.0], [1.0], r"v has shape \(1,\); this system has 2 coordinates"),
+            (np.ones((2, 2)), np.ones((2, 3)), r"q has shape \(2, 2\) and v \(2, 3\): give both the same shape"),
+            (np.ones((2, 2, 2)), np.ones((2, 2, 2)), r"q has shape \(2, 2, 2\)"),
+            (1.0, 1.0, r"q has shape \(\)"),
+            ([1j, 0], [0, 0], "q has entries of type complex128: give real numbers"),
+            ([sp.Symbol("a"), 0], [0, 0], "q has entries of type object: give real numbers"),
+            (["a", "b"], [0, 0], "q has entries of type <U1: give real numbers"),
+            ([0, 0], [True, False], "v has entries of type bool: give real numbers"),
+            ([None, 0], [0, 0], "q has entries of type object"),
+        ],
+    )
+    def test_states(self, pendulums: Model, q: Any, v: Any, message: str) -> None:
+        with pytest.raises(StatementError, match=message):
+            pendulums.accelerations(q, v)
+
+    def test_whole_states(self, pendulums: Model) -> None:
+        with pytest.raises(StatementError, match=r"y has shape \(3,\): give \[q, v\] of shape \(4,\), or \(4, batch\)"):
+            pendulums.rhs(0.0, [1, 2, 3])
+        with pytest.raises(StatementError, match="y has entries of type complex128"):
+            pendulums.jacobian(0.0, np.ones(4) * 1j)
+
+    def test_ragged_lists(self, pendulums: Model) -> None:
+        with pytest.raises(StatementError, match=r"q is not an array: .* Give rows of one length"):
+            pendulums.accelerations([[1, 2], [3]], [[1, 2], [3]])
+
+    @pytest.mark.parametrize(
+        ("t", "message"),
+        [
+            (np.zeros(3), r"t has shape \(3,\) and the states have \(2,\) columns: give one time, or one per column"),
+            (np.zeros((2, 1)), r"t has shape \(2, 1\)"),
+            (1j, "the time t is 1j, a complex number"),
+            ("now", "the time t is 'now'"),
+            (sp.Symbol("t"), "the time t is t, an expression with symbols in it"),
+            (np.array([1j, 0]), "the time t has entries of type complex128"),
+        ],
+    )
+    def test_times(self, pendulums: Model, t: Any, message: str) -> None:
+        with pytest.raises(StatementError, match=message):
+            pendulums.accelerations(np.ones((2, 2)), np.ones((2, 2)), t)
+
+    def test_a_time_per_column_without_columns(self, pendulums: Model) -> None:
+        with pytest.raises(StatementError, match=r"t has shape \(1,\) and the states have no columns"):
+            pendulums.accelerations(np.ones(2), np.ones(2), [0.0])
+
+    @pytest.mark.parametrize(
+        ("given", "message"),
+        [
+            ({"mass": 1}, "'mass' is not a parameter of this system; its parameters are"),
+            ({"m": float("nan")}, "parameter m is nan: give a finite number"),
+            ({"m": 1j}, "parameter m is 1j, a complex number"),
+            ({"m": "heavy"}, r"parameter m is 'heavy' \(str\): give a number"),
+            ({"m": sp.Symbol("a")}, "parameter m is a, an expression with symbols in it"),
+        ],
+    )
+    def test_parameters(self, pendulums: Model, given: Any, message: str) -> None:
+        with pytest.raises(StatementError, match=message):
+            pendulums.accelerations([0.1, 0.2], [0, 0], parameters=given)
+
+    def test_a_missing_parameter(self) -> None:
+        free = build(kinetic=m * r.dot**2 / 2, potential=sp.Symbol("stiffness", real=True) * r**2)
+        with pytest.raises(
+            StatementError, match=r"no value for parameter stiffness: give one, for example parameters="
+        ):
+            free.accelerations([0.1], [0.0])
+        assert free.accelerations([0.1], [0.0], parameters={"stiffness": 2})[0] == pytest.approx(-0.4 / VALUES[m])
+
+    def test_a_quantity_that_is_not_there(self, pendulums: Model) -> None:
+        with pytest.raises(StatementError, match="'speed' is not a quantity of a model: they are rhs, jacobian"):
+            pendulums.evaluate("speed", [0, 0], [0, 0])
+
+    def test_an_expression_with_a_stranger(self, pendulums: Model) -> None:
+        with pytest.raises(StatementError, match=r"the expression contains z\(t\), which this system does not have"):
+            pendulums.evaluate_expression(z, 0.0, np.ones((4, 2)))
+
+
+@pytest.mark.parametrize(("name", "count"), [("none", 0), ("two words", 1), ("", 1)])
+def test_a_function_has_a_name_and_a_node(name: str, count: int) -> None:
+    compiled = model("oscillator")
+    with pytest.raises(StatementError, match=f"there is no function '{name}' of {count} nodes: name it, and give a"):
+        compiled.function(name, compiled.equations.q[:count])
+
+
+def test_python_has_no_address_and_says_where_one_is() -> None:
+    kernel = shared_scene("pendulum").compile("numpy").kernel("rhs")
+    with pytest.raises(StatementError, match=r"no address: take that of the llvm target, system\.compile\('llvm'\)"):
+        attrgetter("address")(kernel)

@@ -2,15 +2,12 @@
 
 The states agree as well where a decision is taken wrongly: a shorter step only costs. So every entry of `DriverState`
 is compared, for series that terminate, fail, overflow, meet a wall, or have gaps, in any units, forwards and backwards.
-
-With the same series machine code does what the interpreter of procedures does, to the last bit. Between machines the
-series differ by rounding.
+Between machines the series differ by rounding.
 """
 
 from __future__ import annotations
 
-import ctypes
-from collections.abc import Callable
+import re
 from functools import cache
 from typing import Any
 
@@ -18,20 +15,23 @@ import numpy as np
 import pytest
 import sympy as sp
 
+import lagrange as lg
 from lagrange.algorithm.series.packing import pack
-from lagrange.algorithm.step.run import COUNTS, RUN
 from lagrange.algorithm.taylor.constants import PROBES
-from lagrange.algorithm.taylor.loop import taylor_steps
-from lagrange.algorithm.taylor.memory import HELD
 from lagrange.equations.euler_lagrange import euler_lagrange
+from lagrange.machine.llvm import engine, tiers
+from lagrange.machine.llvm.engine import Module
+from lagrange.machine.llvm.object_code import ObjectCode
 from lagrange.machine.series.interpreted_driver import NumpySeries
-from lagrange.machine.series.llvm_driver import CompiledJet, LlvmTaylorDriver
+from lagrange.machine.series.llvm_driver import CompiledJet, LlvmSeries, LlvmTaylorDriver
+from lagrange.machine.series.llvm_steps import _events, compiled_steps
 from lagrange.machine.state import DriverState, Outcome
-from lagrange.procedure.interpreter import Span, run
+from lagrange.machine.steps import llvm_driver
 from lagrange.program.taylor import series_program
 from lagrange.statement.coordinate import t
 from lagrange.statement.statement import Statement
-from tests.models import SYSTEMS, c, hanging_rods, k, m, omega, stated, x, y, z
+from tests.models import SYSTEMS, build, c, hanging_rods, k, m, omega, stated, x, y, z
+from tests.systems import unit_pendulum
 
 S = DriverState
 ORDERS = (5, 8, 14)
@@ -193,65 +193,6 @@ def test_all_machines_take_back_what_fails(order: int) -> None:
     assert_lockstep("bump", order, 1, (1e-8, 1e-10))
 
 
-def place(span: Span) -> int:
-    """Return the address of an array that the interpreter hands on."""
-    return int(span.memory.ctypes.data) + 8 * span.start
-
-
-def interpreted(
-    compiled: CompiledJet, order: int, given: Any, state: DriverState
-) -> Callable[[int, Any, Any], Outcome]:
-    """Return the loop over steps, interpreted, with a compiled series."""
-    layout, numbers = compiled.layout, compiled.numbers(given)
-    procedure = taylor_steps(layout)
-    work, held = np.zeros(layout.size(order)), HELD.structure()
-    work[: layout.dimension] = state.y
-    records = RUN.structure.from_buffer(state.floats), COUNTS.structure.from_buffer(state.integers)
-    series = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_double, *[ctypes.c_void_p] * 4, ctypes.c_int64)(
-        compiled.address
-    )
-
-    def jet(t: float, scale: float, y: Span, prepared: Span, constants: Span, rows: Span, order: int) -> bool:
-        return bool(series(t, scale, place(y), place(prepared), place(constants), place(rows), order))
-
-    def advance(budget: int, times: Any, rows: Any) -> Outcome:
-        floors = state.reals[S.FLOORS :]
-        output = state.outputs.record, state.outputs.times, state.outputs.states.ravel()
-        kept = state.taylor, floors, held, *output
-        (found,) = run(procedure, jet, *numbers, *records, *kept, times, rows.ravel(), budget, work, order)
-        state.y[:] = work[: layout.dimension]
-        return Outcome(found)
-
-    return advance
-
-
-@pytest.mark.parametrize(("order", "known"), [(4, True), (5, True), (6, True), (7, True), (8, True), (7, False)])
-@pytest.mark.parametrize("name", ["late", "bump", "thrown", "driven", "pole", "blocks", "wall", "three"])
-def test_machine_code_takes_the_steps_of_the_interpreter(name: str, order: int, known: bool) -> None:
-    """States of two entries, of four and of more, with a series that is written out for an order and one for any."""
-    statement = STATED[name]()
-    program = series_program(euler_lagrange(statement))[0]
-    given = np.array([*(statement.defaults[p] for p in statement.parameters), *[1.0] * program.sides])
-    compiled = CompiledJet(pack(program, 4), order if known else 0)
-    # Without a start of its own an entry that is zero gets a floor from its series.
-    ours, theirs = (S(0.0, TIMES.get(name, 6.0), np.array(statement.initial), 1e-6, 1e-9, 0.0, 1e-3) for _ in range(2))
-    driver, beside = LlvmTaylorDriver(compiled, order, given), interpreted(compiled, order, given, theirs)
-    for budget in (1, 1, 3, 3, 3, 3):
-        times, rows = np.zeros((2, 3)), np.zeros((2, 5, len(ours.y)))
-        outcome = driver.advance(ours, budget, times[0], rows[0])
-        assert beside(budget, times[1], rows[1]) is outcome
-        assert (ours.reals == theirs.reals).all()
-        assert (ours.counts == theirs.counts).all()
-        assert bytes(ours.taylor) == bytes(theirs.taylor)
-        assert (ours.y == theirs.y).all()
-        count = ours.count(S.ROWS)
-        assert (times[0] == times[1]).all()
-        assert (rows[0, :count] == rows[1, :count]).all()
-        if outcome is not Outcome.PAUSED:
-            break
-    assert name != "bump" or order < 7 or ours.count(S.REJECTED) > 0
-
-
 def test_what_is_probed_does_not_depend_on_how_a_run_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first step of a call was probed at 31 places, for the step before it was forgotten between calls."""
     statement = thrown()
@@ -276,3 +217,194 @@ def test_what_is_probed_does_not_depend_on_how_a_run_is_cut(monkeypatch: pytest.
         counts.append(len(looks) - state.count(S.EVALUATIONS))
         assert state.count(S.STEPS) == 20
     assert counts == [PROBES - 1] * 2
+
+
+# --- tiers ----------------------------------------------------------------------------------------------------
+# Tiered compilation: quick code first, code that is compiled well after many steps, and the same bits from both.
+
+INSPECTS, STEPS = r"define .*@inspect_step\(", r"define .*@taylor_steps\("
+TOLERANCES = [10.0**-k for k in range(3, 17)]
+
+
+@pytest.fixture
+def made(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return a list that gets the text of each module that is compiled."""
+    found = []
+    compiling = Module.__init__
+
+    def noted(self: Module, text: str, **how: bool) -> None:
+        found.append(text)
+        compiling(self, text, **how)
+
+    monkeypatch.setattr(Module, "__init__", noted)
+    return found
+
+
+def ran(model: Any, method: str, **options: Any) -> tuple[bytes, bytes]:
+    found = lg.integrate(model, (0.0, 9.0), method=method, **options)
+    assert found.status is lg.Status.SUCCESS
+    return found.t.tobytes(), found.y.tobytes()
+
+
+RUNS = {"taylor": {"rtol": 1e-9}, "dop853": {"rtol": 1e-7}, "rk4": {"step": 0.01}, "radau5": {"rtol": 1e-6}}
+
+
+@pytest.mark.parametrize("method", RUNS)
+def test_code_that_is_compiled_well_gives_the_same_bits(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first run is of quick code, the second one passes the number of steps, and the third is of the other code."""
+    compiled_steps.cache_clear()
+    llvm_driver._compiled.cache_clear()
+    model = unit_pendulum().compile(check=False)
+    first = ran(model, method, **RUNS[method])
+    monkeypatch.setattr(tiers, "STEPS", 1)
+    compiled_steps.cache_clear()
+    llvm_driver._compiled.cache_clear()
+    fresh = unit_pendulum().compile(check=False)
+    assert [ran(fresh, method, **RUNS[method]) for _ in range(2)] == [first] * 2
+
+
+def test_a_series_is_compiled_well_behind_many_steps(made: list[str]) -> None:
+    program = series_program(euler_lagrange(SYSTEMS["Kepler orbit"]()))[0]
+    jet = LlvmSeries(program).compiled(9)
+    quick = jet.address
+    assert jet.tiers is not None
+    jet.tiers.count(tiers.STEPS - 1)
+    assert (len(made), jet.address, jet.tiers.is_final) == (1, quick, False)
+    jet.tiers.count(1)
+    assert made == [jet.ir] * 2
+    assert jet.address != quick
+    jet.tiers.count(tiers.STEPS)
+    assert jet.tiers.is_final
+    assert len(made) == 2
+
+
+def test_drivers_go_on_with_the_code_that_another_run_has_had_compiled(
+    made: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(tiers, "STEPS", 400)
+    compiled_steps.cache_clear()
+    flow = lg.flow(unit_pendulum().compile(check=False), method="taylor", rtol=1e-9, atol=1e-9)
+    y = np.array([1.0, 0.0])
+    ends = [flow(y, 0.0, 200.0).tobytes() for _ in range(3)]
+    assert ends[1:] == ends[:-1]
+    assert sum("@taylor_steps(" in text for text in made) == 2
+
+
+@pytest.mark.parametrize("watching", [False, True])
+def test_another_tolerance_compiles_its_series_once_and_no_loop_over_steps(watching: bool, made: list[str]) -> None:
+    """The loop serves all orders, with events too."""
+    theta = lg.coordinate("theta")
+    model = unit_pendulum().compile(check=False)
+    events = [lg.Event(theta)] if watching else None
+    lg.integrate(model, (0.0, 3.0), rtol=1e-9, events=events)
+    made.clear()
+    for rtol in TOLERANCES:
+        lg.integrate(model, (0.0, 3.0), rtol=rtol, events=events)
+    series = [text for text in made if "@taylor_jet(" in text]
+    assert 8 < len(series) == len(dict.fromkeys(series))
+    assert not any("@taylor_steps(" in text for text in made)
+
+
+def test_a_run_with_the_same_events_and_resets_compiles_nothing(made: list[str]) -> None:
+    """What is watched, the resets and the series with the events are each compiled once for a model and its events."""
+    theta = lg.coordinate("theta")
+    model = unit_pendulum().compile(check=False)
+    for again in (False, True):
+        made.clear()
+        stops = [lg.Event(theta - 0.5), lg.Event(theta + 0.5, direction=-1, reset={theta.dot: -theta.dot})]
+        lg.integrate(model, (0.0, 3.0), rtol=1e-9, events=stops)
+        assert (made == []) is again
+
+
+def oscillators(dimension: int) -> lg.System:
+    """Return as many as there are coordinates."""
+    q = [lg.coordinate(f"q{i}") for i in range(dimension)]
+    kinetic, potential = sum(one.dot**2 for one in q) / 2, sum(one**2 for one in q) / 2
+    return lg.System(kinetic=kinetic, potential=potential, coordinates=q, name=f"{dimension} oscillators")
+
+
+@pytest.mark.slow
+def test_what_is_done_at_events_is_compiled_once_for_all_layouts(
+    made: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Quickly by the first loop of a process, and well by the first that is compiled well."""
+    monkeypatch.setattr(tiers, "STEPS", 40)
+    compiled_steps.cache_clear()
+    _events.cache_clear()
+    # Engines that are in use call the functions that were just given up.
+    engine._ENGINES.clear()
+    found = []
+    for dimension in (1, 2, 3):
+        system = oscillators(dimension)
+        q = system.coordinates[0]
+        model = system.compile(check=False)
+        ends = [lg.integrate(model, (0.0, 60.0), {q: 1.0}, rtol=1e-9, events=[lg.Event(q)]) for _ in range(3)]
+        times = [end.t_events[0].tobytes() for end in ends]
+        assert len(ends[0].t_events[0]) == 19 and times[1:] == times[:-1]
+        found.append([sum(re.search(kind, text) is not None for text in made) for kind in (INSPECTS, STEPS)])
+    assert found == [[2, 2], [2, 4], [2, 6]]
+
+
+# --- object code ----------------------------------------------------------------------------------------------
+# The same text is compiled once in a process, and what is kept of it is bounded.
+
+TEXT = "define double @f(double %a) {\n  %b = fadd double %a, 1.0\n  ret double %b\n}\n"
+
+
+def test_a_system_that_is_stated_again_is_not_compiled_again(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiled: list[str] = []
+    emitting: Any = engine._compiled
+
+    def noted(text: str, *how: object) -> bytes:
+        compiled.append(text)
+        return bytes(emitting(text, *how))
+
+    monkeypatch.setattr(engine, "COMPILED", ObjectCode())
+    monkeypatch.setattr(engine, "_compiled", noted)
+
+    def rates(stiffness: Any) -> list[float]:
+        made = build(kinetic=m * x.dot**2 / 2, potential=stiffness * x**2 / 2, forces={x: -c * x.dot})
+        return [float(rate) for rate in made.rhs(0.0, [0.5, 0.25])]
+
+    first, count = rates(k), len(compiled)
+    assert rates(k) == first and len(compiled) == count > 0
+    assert rates(2 * k) != first and len(compiled) > count
+
+
+def test_each_way_of_compiling_has_its_code(monkeypatch: pytest.MonkeyPatch) -> None:
+    ways: list[tuple[object, ...]] = []
+    emitting: Any = engine._compiled
+    monkeypatch.setattr(engine, "COMPILED", ObjectCode())
+
+    def noted(text: str, *how: object) -> bytes:
+        ways.append(how)
+        return bytes(emitting(text, *how))
+
+    monkeypatch.setattr(engine, "_compiled", noted)
+    for _ in range(2):
+        for how in ([], ["quickly"], ["optimize"], ["merge"], ["optimize", "quickly"]):
+            assert Module(TEXT, **dict.fromkeys(how, True)).address("f")
+    assert len(ways) == len(set(ways)) == 5
+
+
+def test_what_is_kept_is_bounded_and_the_oldest_goes_first() -> None:
+    made: list[str] = []
+    kept = ObjectCode(room=250)
+
+    def compiled(text: str) -> bytes:
+        made.append(text)
+        return text.encode() * 100
+
+    def ask(text: str) -> bytes:
+        return kept.of(text, "", lambda: compiled(text))
+
+    assert [ask(text) for text in "abab"] == [text.encode() * 100 for text in "abab"] and made == ["a", "b"]
+    for text in "aca":
+        ask(text)
+    assert made == ["a", "b", "c"], "a was asked for after b, which goes"
+    ask("b")
+    assert made == ["a", "b", "c", "b"]
+    assert ask("wide") == b"wide" * 100, "what is larger than the room is not kept, and comes all the same"
+    kept.forget()
+    ask("b")
+    assert made[4:] == ["wide", "b"]

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 import ctypes
+import math
+import struct
 from collections.abc import Callable
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, get_args
 
 import numpy as np
 import pytest
 
 from lagrange.errors import LagrangeError
+from lagrange.machine.llvm.called import CompiledProcedure
 from lagrange.machine.llvm.engine import Module
-from lagrange.machine.llvm.procedures import module
+from lagrange.machine.llvm.procedures import INLINE_ANGLES, module
 from lagrange.machine.python_source import loaded, source
-from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Kind, Procedure
+from lagrange.procedure import interpreter
+from lagrange.procedure.builder import Builder
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Kind, Note, Parameter, Procedure, Record, Statement, walk
 from lagrange.procedure.front.plain import Plain, procedure
 from lagrange.procedure.front.vocabulary import In, Out, each, record
 from lagrange.procedure.interpreter import run
+from lagrange.procedure.rewrite import Pruner
+from lagrange.procedure.visit import FIELDS, Visitor, defined, operands, visits
 from tests.procedure.plain_functions import (
     Counter,
     Pair,
@@ -34,6 +42,8 @@ from tests.procedure.plain_functions import (
     sized,
     spliced,
 )
+from tests.procedure.random_functions import SIZE, RandomFunction, example
+from tests.procedure.random_procedures import RandomProcedure
 
 WEIGHTS = Weights((1.0, 2.0, -0.5))
 C_TYPES: dict[Kind, Any] = {REAL: ctypes.c_double, WHOLE: ctypes.c_int64, FLAG: ctypes.c_bool}
@@ -382,3 +392,166 @@ def test_a_record_is_the_same_in_python_and_in_memory() -> None:
         @record
         class Wrong:
             name: str
+
+
+# --- visit ----------------------------------------------------------------------------------------------------
+# The visitor of statements: none is forgotten, and the table of fields says what a procedure reads and defines.
+
+
+def test_a_visitor_that_forgets_statements_is_refused() -> None:
+    with pytest.raises(TypeError, match="Forgetful has no method for Let, SineCosine, Reserve"):
+
+        class Forgetful(Visitor):
+            @visits(Note)
+            def note(self, note: Note) -> None:
+                pass
+
+
+def test_the_table_has_every_statement_and_fields_that_it_has() -> None:
+    kinds = get_args(Statement)
+    assert tuple(FIELDS) == kinds
+    for kind in kinds:
+        assert set(FIELDS[kind].read) | set(FIELDS[kind].defined) <= set(kind._fields)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_what_is_read_is_defined_once(seed: int) -> None:
+    procedure = RandomProcedure(seed, fused=True).build()
+    made = [one.ref for one in procedure.parameters if isinstance(one, Parameter)]
+    made += [ref for statement in walk(procedure.body) for ref in defined(statement)]
+    assert len(made) == len(dict.fromkeys(made))
+    # An entry of a fold is made inside its loop, which the loop itself reads.
+    assert {ref for statement in walk(procedure.body) for ref in operands(statement)} <= set(made)
+
+
+# --- local records --------------------------------------------------------------------------------------------
+# A record of a procedure's own: its fields are zero at first, and other procedures may write them.
+
+TALLY = Record.of("Tally", total=REAL, count=WHOLE)
+
+
+def add() -> Procedure:
+    p = Builder("add", "Add a number to a tally.")
+    tally: Any = p.record("tally", TALLY)
+    number = p.given("number", REAL)
+    tally.total = tally.total + number
+    tally.count = tally.count + 1
+    return p.finish()
+
+
+def mean() -> Procedure:
+    p = Builder("mean", "Return the mean of x and of numbers below a count, each added to a tally.")
+    x, count = p.given("x", REAL), p.given("count", WHOLE)
+    tally = p.reserve_record(TALLY)
+    adding = add()
+    p.call(adding, tally, x)
+    with p.loop(0, count) as i:
+        p.call(adding, tally, p.real(i))
+    p.leave(tally.total / p.real(tally.count))
+    return p.finish(REAL)
+
+
+@pytest.mark.parametrize("make", [lambda p: lambda *a: interpreter.run(p, *a)[0], loaded, CompiledProcedure])
+def test_it_is_empty_at_every_call(make: Any) -> None:
+    run = make(mean())
+    for _ in range(2):
+        assert run(6.0, 4) == (6 + 0 + 1 + 2 + 3) / 5
+
+
+# --- random functions -----------------------------------------------------------------------------------------
+# Random plain procedures: exact arithmetic, iterations in a shuffled order, the interpreter and machine code agree.
+
+DATA = [0.5, -1.25, 0.1, 0.0, -0.0, 1e200, -1e-200, 2.0, 7 / 3, -4.0, 1.0]
+INPUTS = [(0.75, -1.5, 2), (math.nan, 1.0, 0), (-math.inf, 0.0, 7), (1e-308, 1e308, 3)]
+
+
+def bits(value: Any) -> Any:
+    """Tell zeros apart; all NaN are one."""
+    return "nan" if value != value else struct.pack("<d", value)
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("seed", range(60))
+def test_a_random_function_does_the_same_in_every_life(seed: int, tmp_path: Path) -> None:
+    plain = example(seed, tmp_path)
+    kept_record = plain.function.__globals__["Kept"].record
+
+    def outcome(call: Any, given: tuple[float, float, int]) -> list[Any]:
+        data, kept = np.array([*DATA, *[0.0] * 8]), kept_record.structure(0.25, 3)
+        x, whole, flag = call(*given, data, np.array(DATA[::-1]), kept)
+        return [bits(float(x)), int(whole), bool(flag), *map(bits, data.tolist()[:SIZE]), bits(kept.x), kept.count]
+
+    for option in (False, True):
+        form = plain.form(option=option)
+        lives = {
+            "exact": partial(plain.exactly, option=option),
+            "shuffled": partial(plain.exactly, option=option, seed=seed),
+            "machine code": machine_code(form),
+        }
+        for given in INPUTS:
+            expected = outcome(partial(run, form), given)
+            for name, life in lives.items():
+                assert outcome(life, given) == expected, name
+
+
+def test_random_functions_have_every_construct() -> None:
+    text = "".join(RandomFunction(seed).text() for seed in range(60))
+    words = (
+        "for ",
+        "while ",
+        "else:",
+        " and ",
+        " or ",
+        " if ",
+        "each(",
+        "unrolled(",
+        "every_other(",
+        "fma(",
+        "likely(",
+    )
+    for word in (*words, "return ", "exchange(", "bounded(", "kept.x", "//", "%", "larger("):
+        assert word in text
+
+
+# --- sine cosine ----------------------------------------------------------------------------------------------
+# The sine and cosine of an angle as one operation: the same in every life of a procedure.
+
+ANGLES = (0.0, -0.0, 0.7, -2.5, 1e5, 3e7, -1e300, math.inf, math.nan)
+"""Beyond 2**20 the machine takes the C library's functions."""
+
+
+def pairs(count: int) -> Procedure:
+    """Return a procedure that computes the pair of an angle, and count - 1 others that nothing but a sum reads."""
+    p = Builder("pairs", "Return the sine and the cosine of x.")
+    x = p.given("x", REAL)
+    sine, cosine = p.sine_cosine(x)
+    total = p.real(0.0)
+    for k in range(1, count):
+        other = p.sine_cosine(x * float(k))
+        total = p.fnma(*other, total)
+    p.leave(sine, cosine, total)
+    return p.finish(REAL, REAL, REAL)
+
+
+@pytest.mark.parametrize("count", [1, INLINE_ANGLES + 1], ids=["written out", "of a function"])
+def test_every_life_has_the_sine_and_the_cosine(count: int) -> None:
+    procedure = pairs(count)
+    lives = partial(run, procedure), loaded(procedure), CompiledProcedure(procedure)
+    for x in ANGLES:
+        finite = math.isfinite(x)
+        expected = (math.sin(x), math.cos(x)) if finite else (math.nan, math.nan)
+        for life in lives:
+            found = life(x)
+            # The machine's own sine and the C library's are each right to less than a unit in the last place.
+            assert found[:2] == pytest.approx(expected, rel=2.0**-51, abs=0.0, nan_ok=True)
+            assert math.copysign(1.0, found[0]) == math.copysign(1.0, expected[0]) or not finite
+
+
+def test_what_nobody_reads_of_a_pair_is_not_printed() -> None:
+    p = Builder("half", "Return a cosine.")
+    x = p.given("x", REAL)
+    _, cosine = p.sine_cosine(x)
+    p.sine_cosine(x * 2.0)
+    p.leave(cosine)
+    procedure = Pruner().pruned(p.finish(REAL))
+    assert source(procedure).splitlines()[2:] == ["    return _cos(x)"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -10,11 +11,16 @@ import numpy as np
 import pytest
 
 from lagrange.algorithm.events.constants import MOST_COEFFICIENTS, MOST_ROOTS, TOO_MANY, UNFIT
+from lagrange.algorithm.events.polynomial import PADDED
 from lagrange.algorithm.events.roots import roots
+from lagrange.algorithm.taylor.event_series import doubtful_events, event_terms, only_passage, only_zero
+from lagrange.algorithm.taylor.memory import BLOCK, TaylorLayout
+from lagrange.algorithm.taylor.watching import TERM_SUMS
+from lagrange.machine.llvm.called import compiled
 from lagrange.machine.llvm_machine import LlvmMachine
 from lagrange.machine.numpy_machine import NumpyMachine
-from lagrange.procedure.interpreter import OPERATIONS, run
-from tests.covering import Share
+from lagrange.machine.printed_run import called
+from lagrange.procedure.interpreter import run
 
 EPSILON = 2.0**-52
 
@@ -65,22 +71,6 @@ def outcome(isolate: Callable[..., Any], case: Case, room: int = MOST_ROOTS) -> 
 
 @pytest.mark.few
 @pytest.mark.parametrize("seed", range(8))
-def test_machine_code_finds_what_the_interpreter_finds(seed: int, share: Share) -> None:
-    for case in cases(seed, share(150)):
-        assert outcome(LLVM, case) == outcome(interpreted, case), case
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("seed", range(8))
-def test_python_finds_what_the_interpreter_finds(seed: int, monkeypatch: pytest.MonkeyPatch, share: Share) -> None:
-    """To the last bit where products and sums are rounded one by one, as in Python."""
-    monkeypatch.setattr("lagrange.procedure.interpreter.OPERATIONS", {**OPERATIONS, "fma": lambda a, b, c: a * b + c})
-    for case in cases(seed, share(150)):
-        assert outcome(PYTHON, case) == outcome(interpreted, case), case
-
-
-@pytest.mark.few
-@pytest.mark.parametrize("seed", range(8))
 def test_python_decides_as_machine_code_does(seed: int) -> None:
     """The places differ by what the rounding of products does to a root."""
     for case in cases(seed, 400):
@@ -113,3 +103,116 @@ def test_what_is_not_finite_is_told(isolate: Callable[..., Any], bad: float) -> 
     for c, h, noise in (([1.0, bad], 1.0, 0.0), ([1.0, 2.0], bad, 0.0), ([1.0, 2.0], 1.0, bad), ([bad], 1.0, 0.0)):
         found, _, _ = outcome(isolate, (np.array(c), len(c), h, noise, 1, False, False))
         assert found[0] == UNFIT
+
+
+# --- event terms ----------------------------------------------------------------------------------------------
+# The sums of terms on a step tell of its only zero what the isolation of all its zeros finds, or nothing.
+
+MACHINES = [LlvmMachine(), NumpyMachine()]
+
+
+def told(machine: Any, c: Any, s: float, sign: int, noise: float) -> tuple[int, float]:
+    """Return the sign that a series takes on for the only time, 0 for none and 2 for unknown; and the time."""
+    order = len(c) - 1
+    terms, slopes, sums = np.full(PADDED, math.nan), np.full(PADDED, math.nan), np.empty(len(TERM_SUMS))
+    machine.called(event_terms.form())(np.ascontiguousarray(c), 1, order, s, terms, slopes, sums)
+    answer = int(machine.called(only_zero.form())(s, order, sign, noise, terms, sums))
+    if answer in (0, 2):
+        return answer, math.nan
+    return answer, s * float(machine.called(only_passage.form())(terms, slopes, sums, order, answer))
+
+
+@pytest.mark.parametrize("machine", MACHINES, ids=("llvm", "numpy"))
+@pytest.mark.parametrize("seed", range(2))
+def test_the_only_zero_is_the_one_that_isolation_finds(machine: Any, seed: int) -> None:
+    """Slow and fast series, ends near zero, sides that do not fit, terms out of range: where it tells, it is right."""
+    rng, answers = np.random.default_rng(seed), Counter[int]()
+    isolate = LlvmMachine().called(roots.form())
+    for _ in range(600):
+        order, s = int(rng.integers(4, 33)), float(rng.choice((1.0, 0.7, 3.0, 1e-7, 20.0)))
+        unit = rng.standard_normal(order + 1) * float(rng.choice((0.1, 0.2, 0.4, 0.9))) ** np.arange(order + 1)
+        unit[0] *= float(rng.choice((1.0, 0.3, 1e-15, 0.0), p=(0.7, 0.2, 0.05, 0.05)))
+        unit[1] *= float(rng.choice((1.0, 6.0, 0.0), p=(0.3, 0.6, 0.1)))
+        unit[0] = float(rng.choice((unit[0], -unit[1] * rng.random())))
+        unit[0] -= float(rng.choice((0.0, unit.sum()), p=(0.9, 0.1)))
+        unit[order - int(rng.integers(0, order - 3)) :] *= float(rng.choice((1.0, 0.0)))
+        unit *= float(rng.choice((1.0, 1e-150, 1e200), p=(0.8, 0.1, 0.1)))
+        with np.errstate(all="ignore"):
+            c = unit / s ** np.arange(order + 1)
+        if not np.isfinite(c).all():
+            continue
+        sign = int(np.sign(c[0]) * rng.choice((1, 0, -1), p=(0.8, 0.1, 0.1)))
+        noise = float(rng.choice((0.0, 1e-12 * np.abs(c[0]))))
+        answer, time = told(machine, c, s, sign, noise)
+        answers[answer] += 1
+        if answer == 2:
+            continue
+        times, rising = np.empty(MOST_ROOTS), np.empty(MOST_ROOTS, dtype=np.int64)
+        side = sign, *(False, False)
+        found, after, near = isolate(c, len(c), s, noise, *side, times, rising, MOST_ROOTS)
+        assert (after, near) == (answer or sign, False)
+        assert rising[:found].tolist() == ([answer] if answer else [])
+        if answer:
+            slope = np.polynomial.polynomial.polyval(time, np.polynomial.polynomial.polyder(c))
+            sizes = np.abs(c) @ abs(s) ** np.arange(order + 1)
+            assert abs(time - times[0]) <= 8 * EPSILON * (sizes / abs(slope) + s)
+    assert min(answers.values()) > 20 and len(answers) == 4
+
+
+def test_places_that_are_near_are_found_from_any_start() -> None:
+    """As many coefficients as there may be: the last ones are in no whole block."""
+    for count in (4, 5, 6, 7, MOST_COEFFICIENTS):
+        c = np.zeros(count)
+        c[:3] = -0.5, 0.75, 0.25
+        c[-1] += 0.01
+        answer, time = told(LlvmMachine(), c, 1.0, -1, 0.0)
+        unknown = count > 41
+        assert answer == (2 if unknown else 1)
+        assert unknown or abs(np.polynomial.polynomial.polyval(time, c)) < 1e-15
+
+
+# --- exclusion ------------------------------------------------------------------------------------------------
+# What may vanish on a Taylor step: nothing with a zero there is left out, and what is far from zero is.
+
+PRINTERS: dict[str, Callable[..., Any]] = {"printed as Python": called, "in machine code": compiled}
+
+
+def asked(machine: str, columns: Any, s: float, *, every: bool = False) -> tuple[list[bool], bool]:
+    """Return which of some series, (order + 1, k), are doubtful on a step, and whether any is."""
+    order, count = len(columns) - 1, columns.shape[1]
+    layout = TaylorLayout(2, 2 + count, count, 2, block=2)
+    work, doubtful = np.zeros(layout.size(order)), np.full(count + BLOCK, np.nan)
+    rows = work[layout.rows :][: (order + 1) * layout.width].reshape(order + 1, layout.width)
+    rows[:, layout.watched_at :] = columns
+    some = PRINTERS[machine](doubtful_events.form(layout=layout))(s, every, doubtful, work, order)
+    return doubtful[:count].astype(bool).tolist(), some
+
+
+@pytest.mark.parametrize("machine", PRINTERS)
+@pytest.mark.parametrize("count", [1, 3, 5, 9])
+def test_what_has_a_zero_on_the_step_is_doubtful(machine: str, count: int) -> None:
+    chance = np.random.default_rng(count)
+    for order in (4, 5, 6, 7, 20):
+        for _ in range(20):
+            columns = chance.normal(size=(order + 1, count)) * 0.3 ** np.arange(order + 1.0)[:, None]
+            columns[0] *= 10.0 ** chance.integers(-2, 2, count)
+            s = float(chance.uniform(0.1, 2.0))
+            values = np.polynomial.polynomial.polyval(np.linspace(0.0, s, 400), columns)
+            crosses = (values.min(axis=1) <= 0) & (values.max(axis=1) >= 0)
+            # The rest of the series outweighs the smaller end of its linear part, or the part changes its sign.
+            rest = np.abs(columns[2:] * s ** np.arange(2.0, order + 1)[:, None]).sum(axis=0)
+            ends = columns[0], columns[0] + columns[1] * s
+            expected = (np.minimum(*np.abs(ends)) <= rest) | (ends[0] * ends[1] <= 0)
+            found, some = asked(machine, columns, s)
+            assert found == expected.tolist() and some is bool(expected.any())
+            assert not (crosses & ~expected).any()
+
+
+@pytest.mark.parametrize("machine", PRINTERS)
+def test_all_are_doubtful_where_that_is_asked_for_and_where_nothing_is_known(machine: str) -> None:
+    columns = np.zeros((6, 3))
+    columns[0] = 1.0
+    assert asked(machine, columns, 1.0) == ([False] * 3, False)
+    assert asked(machine, columns, 1.0, every=True) == ([True] * 3, True)
+    columns[4, 1] = np.nan
+    assert asked(machine, columns, 1.0) == ([False, True, False], True)

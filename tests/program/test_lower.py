@@ -5,6 +5,8 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import nullcontext
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -13,13 +15,20 @@ import numpy as np
 import pytest
 from hypothesis import given
 
+import lagrange as lg
 from lagrange.errors import LagrangeError, StatementError
 from lagrange.graph.differentiate import gradient
 from lagrange.graph.functions import FUNCTIONS
 from lagrange.graph.node import Binding, Graph, Node
+from lagrange.machine.kernel.arithmetic import OPERATIONS
+from lagrange.machine.kernel.interpreted import InterpretedKernel
+from lagrange.machine.llvm.emitter import Emitter
+from lagrange.machine.llvm.operations import LIBRARY, spell
 from lagrange.machine.numpy_machine import NumpyMachine
+from lagrange.procedure.form import OPERATIONS as KINDS
 from lagrange.program.lower import lower
-from lagrange.program.program import Program
+from lagrange.program.program import ARITY, Instruction, Program, ProgramBlock
+from lagrange.program.simplify import LARGEST, LONGEST, operations, simplified
 from tests.graph.trees import SYMBOLS, Forms, evaluate, expressions, new_graph
 
 POINT = {"m": 1.7, "x": 0.31, "y": -0.83, "u": 1.21}
@@ -226,3 +235,273 @@ def test_a_long_product_is_lowered_without_depth() -> None:
     program = lower("long", {"out": [node]}, {"y": symbols}, graph.symbol("t", Binding.TIME), [])
     found = NumpyMachine().load(program)(0.0, np.linspace(0.9, 1.1, 5000), np.empty(0))
     assert found[0] == pytest.approx(np.prod(np.linspace(0.9, 1.1, 5000)), rel=1e-9)
+
+
+# --- program --------------------------------------------------------------------------------------------------
+# Programs: what is malformed is refused, what is right prints, and the tables of operations are complete.
+
+I = Instruction
+SOUND = Program(
+    name="sound",
+    inputs=(ProgramBlock("q", 1), ProgramBlock("v", 1)),
+    parameters=1,
+    instructions=(
+        I("parameter", place=0),
+        I("constant", value=0.1),
+        I("mul", (0, 1)),
+        I("state", place=0),
+        I("state", place=1),
+        I("time"),
+        I("fma", (2, 3, 5)),
+        I("factor", (3, 1, 4), order=2),
+        I("solve", (7, 6, 4), order=2),
+        I("component", (8,), 1),
+    ),
+    hoisted=3,
+    outputs=(9, 6, 9),
+    results=(ProgramBlock("a", 1), ProgramBlock("b", 2)),
+    shape=(3,),
+)
+
+
+def changed(i: int, instruction: Instruction) -> tuple[Instruction, ...]:
+    return (*SOUND.instructions[:i], instruction, *SOUND.instructions[i + 1 :])
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"instructions": changed(6, I("fuse", (2, 3, 5)))}, "%6 has the unknown operation fuse"),
+        ({"instructions": changed(6, I("fma", (2, 3)))}, "%6 = fma has 2 operands"),
+        ({"instructions": changed(6, I("fma", (2, 3, 6)))}, "%6 = fma reads a later result"),
+        ({"instructions": changed(6, I("fma", (2, 3, 9)))}, "%6 = fma reads a later result"),
+        ({"instructions": changed(6, I("fma", (2, 3, -1)))}, "%6 = fma reads a later result"),
+        ({"instructions": changed(5, I("time", (0,)))}, "%5 = time has 1 operands"),
+        ({"instructions": changed(7, I("factor", (3, 1), order=2))}, "%7 factors a matrix of order 2 from 2 entries"),
+        (
+            {"instructions": changed(8, I("solve", (7, 6), order=2))},
+            "%8 solves a system of order 2 with 1 right-hand sides",
+        ),
+        ({"hoisted": 4}, "%3 = state is hoisted but depends on the state"),
+        ({"hoisted": 6}, "is hoisted but depends on the state"),
+        ({"shape": (2,)}, r"3 outputs do not fill the shape \(2,\)"),
+        ({"outputs": (9, 6, 10)}, "an output is not a result"),
+        ({"outputs": (9, 6, -1)}, "an output is not a result"),
+        (
+            {"instructions": changed(7, I("factor", (3, 1, 4), order=2, negative=(1, 2)))},
+            r"%7 = factor of order 2 has the pivots \[1, 2\] below zero",
+        ),
+        ({"instructions": changed(6, I("fma", (2, 3, 5), negative=(0,)))}, "%6 = fma of order 0 has the pivots"),
+        ({"instructions": changed(4, I("state", place=2))}, "%4 = state 2 is not there"),
+        ({"instructions": changed(0, I("parameter", place=-1))}, "%0 = parameter -1 is not there"),
+        ({"results": (ProgramBlock("a", 2),)}, r"3 outputs do not fill a\[2\]"),
+        (
+            {"results": (ProgramBlock("q", 1), ProgramBlock("b", 2))},
+            r"\['q', 'v', 'q', 'b'\] do not name its inputs and results",
+        ),
+        ({"results": (ProgramBlock("a", 1), ProgramBlock("t", 2))}, "do not name its inputs and results"),
+        ({"results": (ProgramBlock("a", 1), ProgramBlock("b c", 2))}, "do not name its inputs and results"),
+        ({"returned": ("c",)}, r"\['c'\] are not among its results"),
+        ({"returned": ("b",)}, r"\['a'\] are not returned, and are no inputs"),
+    ],
+)
+def test_a_malformed_program_is_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(LagrangeError, match=f"program sound is malformed: .*{message}"):
+        replace(SOUND, **change)
+
+
+def test_a_program_prints_every_instruction_with_its_exact_numbers() -> None:
+    assert str(SOUND).splitlines() == [
+        "sound: t, q[1], v[1], p[1] -> a[1], b[2] as [3]",
+        "once per parameters:",
+        "  %0 = parameter 0",
+        "  %1 = constant 0.10000000000000001",
+        "  %2 = mul %0 %1",
+        "every time:",
+        "  %3 = state 0",
+        "  %4 = state 1",
+        "  %5 = time",
+        "  %6 = fma %2 %3 %5",
+        "  %7 = factor 2 %3 %1 %4",
+        "  %8 = solve 2 %7 %6 %4",
+        "  %9 = component 1 %8",
+        "return %9 %6 %9",
+    ]
+
+
+def test_an_indefinite_matrix_says_which_pivots_are_below_zero() -> None:
+    assert str(I("factor", (3, 1, 4), order=2, negative=(1,))) == "factor 2 -1 %3 %1 %4"
+
+
+def test_what_is_saved_is_what_the_rest_reads() -> None:
+    assert SOUND.saved == (2,)
+    hoisted = Program(
+        name="hoisted",
+        inputs=(ProgramBlock("q", 1), ProgramBlock("v", 1)),
+        parameters=3,
+        instructions=(
+            *(I("parameter", place=i) for i in range(3)),
+            I("mul", (0, 1)),
+            I("mul", (1, 2)),
+            I("factor", (3, 4, 2), order=2),
+            I("sin", (3,)),
+            I("state", place=0),
+            I("solve", (5, 7, 7), order=2),
+            I("component", (8,), 0),
+        ),
+        hoisted=7,
+        outputs=(9,),
+        results=(ProgramBlock("a", 1),),
+        shape=(1,),
+    )
+    # The entries of a saved matrix are kept with its factors, to factor it again with pivoting; sin is read by nobody.
+    assert hoisted.saved == (3, 4, 5)
+
+
+LEAVES = {"time", "state", "parameter", "constant"}
+SYSTEMS = {"factor", "solve", "component"}
+
+
+def test_every_operation_is_spelled_for_numpy() -> None:
+    assert set(OPERATIONS) == set(ARITY) - LEAVES - SYSTEMS
+
+
+@pytest.mark.parametrize("lanes", [1, 4])
+@pytest.mark.parametrize("op", sorted(set(ARITY) - LEAVES - SYSTEMS))
+def test_every_operation_is_spelled_for_llvm(op: str, lanes: int) -> None:
+    """On any number of lanes, but for those of the C library: vector routines have names of their own."""
+    e, args = Emitter(), [f"%a{i}" for i in range(ARITY[op] or 0)]
+    with pytest.raises(NotImplementedError) if lanes > 1 and op in LIBRARY else nullcontext():
+        last = spell(e, op, KINDS[op][0][0], args, lanes)
+        assert e.lines[-1].startswith(f"  {last} = ")
+        assert all(arg in "".join(e.lines) for arg in args)
+
+
+def test_only_matrices_have_any_number_of_operands() -> None:
+    assert {op for op, arity in ARITY.items() if arity is None} == {"factor", "solve"}
+
+
+# --- simplify -------------------------------------------------------------------------------------------------
+# A program with fewer operations computes the same.
+
+STATES = 4
+
+
+def program(*code: Instruction, outputs: tuple[int, ...]) -> Program:
+    """Return a program of one parameter, which is first, and of four states, which follow."""
+    given = (Instruction("parameter"), *(Instruction("state", place=i) for i in range(STATES)))
+    size = len(outputs)
+    return Program(
+        "made", (ProgramBlock("y", STATES),), 1, (*given, *code), 1, outputs, (ProgramBlock("a", size),), (size,)
+    )
+
+
+def results(of: Program) -> Any:
+    with np.errstate(all="ignore"):
+        return InterpretedKernel(of)(0.3, np.random.default_rng(3).normal(size=(STATES, 50)), np.array([1.7]))
+
+
+P, U, V, W, X = range(5)
+
+
+def test_what_cancels_is_not_computed() -> None:
+    """p x (u - v) + (p v x + w), as the derivative of an angle between two links gives, is p x u + w."""
+    given = program(
+        Instruction("sub", (U, V)),  # 5
+        Instruction("mul", (P, X)),
+        Instruction("mul", (6, 5)),
+        Instruction("mul", (P, V)),
+        Instruction("fma", (8, X, W)),
+        Instruction("add", (7, 9)),  # 10
+        outputs=(10,),
+    )
+    found = simplified(given)
+    assert operations(given) == 7 and operations(found) == 3
+    assert results(found) == pytest.approx(results(given), rel=1e-13)
+    assert [one.op for one in found.instructions[found.hoisted :] if one.op != "state"].count("sub") == 0
+
+
+@pytest.mark.parametrize("first", [1, -1])
+@pytest.mark.parametrize("second", ["add", "sub"])
+def test_what_does_not_cancel_stays(first: int, second: str) -> None:
+    """Of four sums of x (u - v) and x v with signs, two are x u or -x u."""
+    turned = Instruction("neg", (6,)) if first < 0 else Instruction("add", (6, W))
+    given = program(
+        Instruction("sub", (U, V)),
+        Instruction("mul", (X, 5)),
+        turned,
+        Instruction("mul", (V, X)),
+        Instruction(second, (7, 8)),
+        outputs=(9,),
+    )
+    found = simplified(given)
+    assert results(found) == pytest.approx(results(given), rel=1e-13, abs=1e-13)
+    code = found.instructions
+    differs = any(one.op == "sub" and all(code[arg].op == "state" for arg in one.args) for one in code)
+    assert differs == ((first > 0) != (second == "add"))
+
+
+def test_signs_go_where_they_cost_nothing() -> None:
+    """-(u - v) is v - u, -p u has -p computed once, and a sum of two negatives is the negative of a sum."""
+    given = program(
+        Instruction("sub", (U, V)),  # 5
+        Instruction("neg", (5,)),
+        Instruction("mul", (P, U)),
+        Instruction("neg", (7,)),
+        Instruction("constant", value=-0.5),
+        Instruction("mul", (9, W)),  # 10
+        Instruction("neg", (X,)),
+        Instruction("add", (10, 11)),
+        Instruction("neg", (12,)),
+        Instruction("abs", (11,)),
+        outputs=(6, 8, 13, 14),
+    )
+    found = simplified(given)
+    assert operations(found) == 5 and (results(found) == results(given)).all()
+    assert "neg" not in [one.op for one in found.instructions[found.hoisted :]]
+
+
+def test_a_sum_that_vanishes_is_zero() -> None:
+    given = program(
+        Instruction("sub", (U, V)),
+        Instruction("add", (5, V)),
+        Instruction("sub", (6, U)),
+        Instruction("mul", (7, X)),
+        outputs=(8,),
+    )
+    assert results(simplified(given)) == pytest.approx(0.0, abs=1e-15)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_programs_compute_the_same(seed: int) -> None:
+    """Of operations on earlier results, most of them sums and products of inputs that recur."""
+    rng = np.random.default_rng(seed)
+    code: list[Instruction] = []
+    names = {"add": 2, "sub": 2, "mul": 2, "neg": 1, "fma": 3, "div": 2, "abs": 1, "cos": 1, "sin": 1, "max": 2}
+    chosen = rng.choice(list(names), size=30, p=[0.2, 0.2, 0.2, 0.12, 0.08, 0.04, 0.04, 0.04, 0.04, 0.04])
+    for k, op in enumerate(chosen.tolist()):
+        here = len(code) + 1 + STATES
+        args = tuple(int(arg) for arg in rng.integers(max(0, here - 9) if k % 2 else 0, here, names[op]))
+        code.append(Instruction(op, args))
+    last = 1 + STATES + len(code)
+    given = program(*code, outputs=(last - 1, last - 2, last - 7, last - 12))
+    found, expected = results(simplified(given)), results(given)
+    finite = np.isfinite(expected) & (np.abs(expected) < 1e6)
+    assert operations(simplified(given)) <= operations(given)
+    assert found[finite] == pytest.approx(expected[finite], rel=1e-6, abs=1e-6)
+
+
+def test_the_double_pendulum_has_no_products_that_cancel() -> None:
+    """27 operations without the sharing, and 20 with it; a chain of five has 206 and 165."""
+    kernel = lg.scene("double-pendulum").compile(target="numpy").kernel("rhs")
+    assert operations(kernel.program) >= 27 and operations(simplified(kernel.program)) <= 20
+
+
+def test_long_programs_and_long_sums_are_left_alone() -> None:
+    long = program(*(Instruction("neg", (i,)) for i in range(5 - 1, 4 + LARGEST)), outputs=(LARGEST,))
+    assert simplified(long) is long
+    sums = [Instruction("sin", (U,))]
+    for k in range(3 * LONGEST):
+        sums += [Instruction("mul", (5 + 2 * k, U)), Instruction("add", (6 + 2 * k, V))]
+    wide = program(*sums, outputs=(5 + 6 * LONGEST,))
+    assert results(simplified(wide)) == pytest.approx(results(wide), rel=1e-12)

@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import inspect
+import json
+import os
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 import lagrange as lg
+from lagrange import methods
+from tests.public.audit import MARK, TEXT
 from tests.public.surface import flow, model, solution
 
 WRONG: list[tuple[Any, str]] = [
@@ -130,3 +139,81 @@ def test_a_trajectory_is_checked_when_it_is_made(change: dict[str, Any], words: 
     with pytest.raises(lg.StatementError) as refusal:
         lg.Trajectory(**{**vars(solution().trajectory), **change})
     assert words in str(refusal.value)
+
+
+# --- text -----------------------------------------------------------------------------------------------------
+# No text of a user's is ever run: every public callable, every argument, every container.
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_no_text_is_run_whatever_it_is_in(tmp_path: Path, everything: bool) -> None:
+    part = 1 if everything else 120
+    result = subprocess.run(
+        [sys.executable, "-W", "error", "-m", "tests.public.audit", str(part)],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT), "MPLBACKEND": "Agg"},
+        check=True,
+    )
+    answer = json.loads(result.stdout)
+    assert answer["wrong"] == []
+    assert answer["canary"] == []
+    assert answer["calls"] > 10_000 // part
+
+
+@pytest.mark.parametrize("call", [
+    lambda x: lg.rotational_energy([TEXT], [x.dot]),
+    lambda x: lg.rotational_energy(1, [TEXT]),
+    lambda x: lg.rotational_energy([[TEXT]], [x.dot]),
+    lambda x: lg.kinetic_energy(1, [TEXT]),
+    lambda x: lg.kinetic_energy(TEXT, [x]),
+    lambda x: lg.gravity(1, [x], TEXT),
+    lambda x: lg.spring(1, [x], [0], TEXT),
+])  # fmt: skip
+def test_text_in_an_energy_is_refused(call: object, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert callable(call)
+    with pytest.raises(lg.StatementError, match="is the text '__import__"):
+        call(lg.coordinate("x"))
+    assert not (tmp_path / MARK).exists()
+
+
+# --- docstrings -----------------------------------------------------------------------------------------------
+# Docstrings of the public surface say what a call raises, and name nothing that is not there.
+
+CLASSES = (lg.System, lg.Solution, lg.Race)
+"""Classes whose methods say it one by one; that of Model says once what all of its methods raise."""
+LINKED = re.compile(r"`((?:System|Model|Solution|Race)\.\w+|lagrange\.\w+|lg\.\w+)(?:\(\w*\))?`")
+
+
+def calls() -> Iterator[tuple[str, Any]]:
+    """Yield every public function that takes something, and such methods of public classes, by name."""
+    for module, names in ((lg, lg.__all__), (methods, methods.__all__)):
+        for name in names:
+            thing = getattr(module, name)
+            if inspect.isfunction(thing) and name[0].islower():
+                yield name, thing
+    for kind in CLASSES:
+        for name, thing in inspect.getmembers(kind, callable):
+            if not name.startswith("_"):
+                yield f"{kind.__name__}.{name}", thing
+
+
+def takes_something(thing: Any) -> bool:
+    return bool(set(inspect.signature(thing).parameters) - {"self", "cls"})
+
+
+@pytest.mark.parametrize("thing", [pytest.param(thing, id=name) for name, thing in calls() if takes_something(thing)])
+def test_a_call_that_takes_something_says_what_it_raises(thing: Any) -> None:
+    assert re.search(r"\b[Rr]aise[sd]?\b|Error\b", inspect.getdoc(thing) or "")
+
+
+def test_the_names_that_docstrings_refer_to_are_there() -> None:
+    texts = [inspect.getdoc(thing) or "" for _, thing in calls()]
+    named = {name for text in texts for name in LINKED.findall(text)}
+    assert len(named) > 5
+    for name in sorted(named):
+        home, _, member = name.rpartition(".")
+        assert hasattr(lg if home in ("lg", "lagrange") else getattr(lg, home), member), name

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+import ctypes
+import gc
+import re
+import shutil
+import subprocess
+import sys
+from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+import lagrange as lg
 from lagrange.errors import RunError, StatementError
 from lagrange.machine.python_source import defined
+from lagrange.recipes.libraries import NumbaFunction
 from lagrange.statement.coordinate import coordinate
-from tests.models import build, model, x
+from tests.models import build, c, l, m, model, x, y
 from tests.recipes.agreement import named, singular, states, unbounded
 
 jax: Any = pytest.importorskip("jax", reason="jax is not installed")
@@ -95,8 +105,8 @@ def test_units_do_not_make_a_matrix_singular(n: int) -> None:
 def test_what_has_no_value_is_nan_or_infinite_as_in_the_model() -> None:
     of = build("numpy", kinetic=x.dot**2 / 2, potential=1 / x + x ** (5 / 2), initial={x: 1.0})
     rhs, p = of.as_jax(), of.parameter_array()
-    for y in ([0.0, 1.0], [-1.0, 1.0], [np.nan, 1.0], [np.inf, 1.0], [1.0, -np.inf]):
-        state = np.array(y)
+    for start in ([0.0, 1.0], [-1.0, 1.0], [np.nan, 1.0], [np.inf, 1.0], [1.0, -np.inf]):
+        state = np.array(start)
         np.testing.assert_array_equal(rhs(0.0, state, p), of.kernel("rhs")(0.0, state, p))
 
 
@@ -119,3 +129,158 @@ def test_the_source_is_that_of_a_file() -> None:
     assert f"y = [theta, theta_dot]\np = [{names}]\n" in rhs.source
     y, p = np.array([0.3, 0.1]), np.array([1.0, 9.81, 0.7])
     np.testing.assert_array_equal(defined(rhs.source, "rhs", {})(0.0, y, p), rhs(0.0, y, p))
+
+
+# --- numba ----------------------------------------------------------------------------------------------------
+# The functions for Numba's compiled functions: values, parameters, statuses, refusals, how long the code lives.
+
+numba: Any = pytest.importorskip("numba", reason="numba is not installed")
+
+
+@cache
+def double_pendulum() -> NumbaFunction:
+    return model("double pendulum").as_numba()
+
+
+def test_compiled_loops_call_it_with_any_parameters() -> None:
+    of, made = model("double pendulum"), double_pendulum()
+    prepare, rhs = made.prepare, made.function
+
+    def walk(y: Any, p: Any, steps: int) -> Any:
+        prepared, h = prepare(p), 1e-3
+        for k in range(steps):
+            y = y + h * rhs(k * h, y, prepared)
+        return y
+
+    compiled = numba.njit(walk)
+    for values in (None, {m: 2.0, l: 0.9}):
+        y = np.array(of.statement.initial)
+        found = compiled(y, of.parameter_array(values), 20)
+        for k in range(20):
+            y = y + 1e-3 * of.rhs(k * 1e-3, y, values)
+        np.testing.assert_allclose(found, y, rtol=1e-13)
+
+
+def test_the_digits_are_those_of_the_model_and_shapes_too() -> None:
+    of = model("cart and pole")
+    p = of.parameter_array()
+    for quantity in ("rhs", "jacobian"):
+        made, out = of.as_numba(quantity), np.empty(of.kernel(quantity).program.shape)
+        prepared = made.prepare(p)
+        for time, state in states(of):
+            exact = of.kernel(quantity)(time, state, p)
+            np.testing.assert_array_equal(made.function(time, state, prepared), exact)
+            assert not made.fill(time, state, prepared, out)
+            np.testing.assert_array_equal(out, exact)
+
+
+def test_a_singular_mass_matrix_is_nan_and_a_status() -> None:
+    of = singular(2, "llvm")
+    made = of.as_numba()
+    prepared, y, out = made.prepare(of.parameter_array()), np.array([0.0, 0.0, 1.0, 1.0]), np.zeros(4)
+    assert made.fill(0.0, y, prepared, out) is True
+    assert np.isnan(made.function(0.0, y, prepared)).all()
+
+
+def test_a_singular_constant_matrix_is_nan() -> None:
+    """Check a system that is solved once for the parameters."""
+    of = build("llvm", kinetic=m * (x.dot**2 + y.dot**2) / 2 + c * x.dot * y.dot, potential=x, coordinates=[x, y])
+    made, values = of.as_numba(), of.parameter_array({m: 1.0, c: 1.0})
+    with pytest.raises(RunError, match="mass matrix"):
+        of.rhs(0.0, np.ones(4), values)
+    prepared, regular = made.prepare(values), made.prepare(of.parameter_array())
+    assert made.fill(0.0, np.ones(4), prepared, np.zeros(4)) and not made.fill(0.0, np.ones(4), regular, np.zeros(4))
+    assert np.isnan(made.function(0.0, np.ones(4), prepared)).all()
+
+
+def test_wrong_sizes_and_types_are_refused() -> None:
+    of, made = model("double pendulum"), double_pendulum()
+    prepared = made.prepare(of.parameter_array())
+    with pytest.raises(ValueError, match="another number of entries than the model"):
+        made.prepare(np.ones(1))
+    with pytest.raises(ValueError, match="another size than the model"):
+        made.function(0.0, np.ones(3), prepared)
+    with pytest.raises(ValueError, match="another size than the model"):
+        made.function(0.0, np.ones(4), of.parameter_array())
+    with pytest.raises(TypeError):
+        made.function(0.0, np.ones(4, dtype=int), prepared)
+
+
+def test_the_numpy_target_is_refused() -> None:
+    with pytest.raises(
+        StatementError, match=r"has no address: take that of the llvm target, system\.compile\('llvm'\)"
+    ):
+        model("double pendulum", "numpy").as_numba()
+
+
+def test_the_code_outlives_the_model() -> None:
+    of = build("llvm", kinetic=x.dot**2 / 2, potential=x**2 / 2)
+    made, p = of.as_numba(), of.parameter_array()
+    del of
+    gc.collect()
+    assert made.function(0.0, np.array([1.0, 2.0]), made.prepare(p)).tolist() == [2.0, -1.0]
+
+
+# --- c --------------------------------------------------------------------------------------------------------
+# The address of a kernel, called from C: the code on the page compiles without warnings and runs.
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "other-solvers.md"
+LAW = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p)
+
+
+def test_the_integrator_on_the_page(tmp_path: Path) -> None:
+    compiler = shutil.which("cc")
+    if compiler is None:
+        pytest.skip("cc is not installed")
+    (text,) = re.findall(r"^```c\n(.*?)^```$", PAGE.read_text("utf-8"), re.MULTILINE | re.DOTALL)
+    (tmp_path / "heun.c").write_text(text, encoding="utf-8")
+    warnings = ["-Wall", "-Wextra", "-Werror"]
+    # Without contraction into multiply-adds the digits are those of NumPy, on any processor.
+    given = [*warnings, "-ffp-contract=off", "-shared", "-fPIC", "-o", "heun.so", "heun.c"]
+    subprocess.run([compiler, *given], cwd=tmp_path, check=True)
+    heun = ctypes.CDLL(str(tmp_path / "heun.so")).heun
+    for of, status in ((model("double pendulum"), 0), (singular(2, "llvm"), 1)):
+        kernel: Any = of.kernel("rhs")
+        p, h = of.parameter_array(), 1e-3
+        start = np.array([0.0, 0.0, 1.0, 1.0]) if status else np.array(of.statement.initial)
+        y, work = start.copy(), np.empty(12)
+        prepared = kernel.prepare(p)
+        law = LAW(kernel.address)
+        pointers = [ctypes.c_void_p(array.ctypes.data) for array in (prepared, y, work)]
+        sizes = [ctypes.c_double(h), ctypes.c_int64(50), ctypes.c_int64(4)]
+        assert heun(law, pointers[0], *sizes, *pointers[1:]) == status
+        if status:
+            continue
+        expected = start
+        for k in range(50):
+            first = of.rhs(k * h, expected)
+            expected = expected + h / 2 * (first + of.rhs((k + 1) * h, expected + h * first))
+        np.testing.assert_allclose(y, expected, rtol=1e-14)
+
+
+# --- missing --------------------------------------------------------------------------------------------------
+# A recipe without its package is refused with the package and the command that installs it.
+
+
+@pytest.mark.parametrize("command", ["pip install jax", "pip install casadi", "pip install numba"])
+def test_a_missing_package_is_named_with_its_command(command: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    package = command.split()[2]
+    monkeypatch.setitem(sys.modules, package, None)
+    expected = rf"model\.as_{package}\(\) needs {package}, which cannot be imported \(.*\): {command}$"
+    with pytest.raises(StatementError, match=expected):
+        getattr(model("pendulum", "llvm"), f"as_{package}")()
+
+
+@pytest.mark.parametrize("method", ["as_jax", "as_casadi", "as_numba", "as_sympy"])
+def test_an_unknown_quantity_is_refused_with_the_list(method: str) -> None:
+    with pytest.raises(
+        StatementError, match=r"'rsh' is not a quantity of a model: they are rhs, jacobian.*\. Did you mean 'rhs'\?"
+    ):
+        getattr(model("pendulum", "llvm"), method)("rsh")
+
+
+def test_the_public_class_has_the_recipes() -> None:
+    assert isinstance(lg.scene("pendulum").compile("numpy"), lg.Model)
+    assert {name for name in dir(lg.Model) if name.startswith("as_")} == {
+        *("as_casadi", "as_jax", "as_numba", "as_scipy", "as_sympy")
+    }

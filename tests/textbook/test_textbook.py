@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import json
+from collections.abc import Callable, Iterator
+from fractions import Fraction
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import mpmath
+import numpy as np
 import pytest
 import sympy
+from hypothesis import Phase, given, settings
+from hypothesis import strategies as st
 from sympy.physics.mechanics import LagrangesMethod
 
 from lagrange.equations.derivation import Derivation, derive
-from lagrange.statement.coordinate import t
-from tests.textbook.systems import CASES, NAMES, Case, value
+from lagrange.statement.coordinate import acceleration_of, coordinate, t, velocity_of
+from lagrange.statement.declare import declare
+from lagrange.statement.statement import Statement
+from lagrange.system import System
+from tests.covering import Share
+from tests.textbook.systems import CASES, NAMES, Case, chain_of_masses, value
 
 TOLERANCE = mpmath.mpf(10) ** -30
 BOOKS = [case for case in CASES if case.book]
@@ -41,11 +51,11 @@ def test_accelerations_are_those_of_the_book(case: Case) -> None:
     assert case.book
     assert set(case.book) == set(statement.coordinates)
     for q, v, time in case.points():
-        for coordinate, formula in case.book.items():
+        for axis, formula in case.book.items():
             assert close(
-                value(derivation.accelerations[coordinate], statement, q, v, time),
+                value(derivation.accelerations[axis], statement, q, v, time),
                 value(formula, statement, q, v, time),
-            ), coordinate
+            ), axis
 
 
 @pytest.mark.few
@@ -73,9 +83,9 @@ def test_derivation_agrees_with_lagranges_method(case: Case) -> None:
                 statement.forces[i] - drag[i], statement, q, v, time
             )
         expected = mpmath.lu_solve(mass, right)
-        for i, coordinate in enumerate(statement.coordinates):
-            found = value(derivation.accelerations[coordinate], statement, q, v, time)
-            assert close(found, expected[i], 1 + max(abs(x) for x in expected)), coordinate
+        for i, axis in enumerate(statement.coordinates):
+            found = value(derivation.accelerations[axis], statement, q, v, time)
+            assert close(found, expected[i], 1 + max(abs(x) for x in expected)), axis
 
 
 @pytest.mark.few
@@ -84,7 +94,7 @@ def test_solved_accelerations_satisfy_the_equations(case: Case) -> None:
     statement = case.statement()
     derivation = derived(case)
     for q, v, time in case.points():
-        a = [value(derivation.accelerations[coordinate], statement, q, v, time) for coordinate in statement.coordinates]
+        a = [value(derivation.accelerations[axis], statement, q, v, time) for axis in statement.coordinates]
         for equation in derivation.equations:
             left = value(equation.lhs, statement, q, v, time, a)
             assert close(left, value(equation.rhs, statement, q, v, time), 100)
@@ -102,11 +112,201 @@ def test_lagrangian_momenta_and_energy_keep_their_meaning(case: Case) -> None:
             value(derivation.lagrangian, statement, q, v, time), value(statement.lagrangian, statement, q, v, time)
         )
         assert close(value(derivation.energy, statement, q, v, time), value(energy, statement, q, v, time))
-        for coordinate, p in zip(statement.coordinates, momenta, strict=True):
-            assert close(value(derivation.momenta[coordinate], statement, q, v, time), value(p, statement, q, v, time))
+        for axis, p in zip(statement.coordinates, momenta, strict=True):
+            assert close(value(derivation.momenta[axis], statement, q, v, time), value(p, statement, q, v, time))
 
 
 def test_at_least_twelve_systems_and_nine_books_are_compared() -> None:
     assert len(CASES) >= 12
     assert len(BOOKS) >= 9
     assert any(t in case.statement().lagrangian.free_symbols for case in CASES)
+
+
+# --- random ---------------------------------------------------------------------------------------------------
+# Random polynomial-trigonometric Lagrangians, derived and compiled, against SymPy's LagrangesMethod.
+
+Draw = Callable[[st.SearchStrategy[Any]], Any]
+TARGETS = ("numpy", "llvm")
+SMALL = st.integers(-3, 3)
+
+
+def terms(draw: Draw, qs: list[Any], most: int) -> Any:
+    """Draw a sum of products of powers, sines and cosines of the coordinates and of time."""
+    total = sympy.Integer(draw(SMALL))
+    for _ in range(draw(st.integers(0, most))):
+        term = sympy.Rational(draw(SMALL), draw(st.integers(1, 3)))
+        for _ in range(draw(st.integers(1, 2))):
+            argument = draw(st.sampled_from([*qs, qs[0] - qs[-1] / 2, qs[0] + qs[-1], t]))
+            kind = draw(st.sampled_from(["power", "sin", "cos"]))
+            term *= argument ** draw(st.integers(1, 3)) if kind == "power" else getattr(sympy, kind)(argument)
+        total += term
+    return total
+
+
+@st.composite
+def statements(draw: Draw, n: int) -> Statement:
+    """Draw L = |W(q, t) v|^2 / 2 + |v|^2 / 2 + b(q, t) . v - V(q, t), whose mass matrix is positive definite."""
+    qs = [coordinate(f"q{i}") for i in range(n)]
+    vs = [velocity_of(q) for q in qs]
+    rows = [sum(terms(draw, qs, 1) * v for v in vs) for _ in range(draw(st.integers(1, 2)))]
+    quadratic = sum(row**2 for row in rows) / 2 + sum(v**2 for v in vs) / 2
+    return declare(lagrangian=quadratic + sum(terms(draw, qs, 1) * v for v in vs) - terms(draw, qs, 3), coordinates=qs)
+
+
+def compare(statement: Statement, numbers: list[Fraction]) -> None:
+    n = len(statement.coordinates)
+    point = [mpmath.mpf(x.numerator) / x.denominator for x in numbers]
+    q, v, time = point[:n], point[n : 2 * n], point[-1]
+    derivation = derive(statement)
+    method = LagrangesMethod(statement.lagrangian, list(statement.coordinates))
+    method.form_lagranges_equations()
+    mass = mpmath.matrix(n, n)
+    for i in range(n):
+        for j in range(n):
+            mass[i, j] = value(method.mass_matrix[i, j], statement, q, v, time)
+    expected = mpmath.lu_solve(mass, mpmath.matrix([value(method.forcing[i], statement, q, v, time) for i in range(n)]))
+    scale = 1 + max(abs(x) for x in expected)
+    for i, q_i in enumerate(statement.coordinates):
+        assert (
+            abs(value(derivation.accelerations[q_i], statement, q, v, time) - expected[i])
+            < mpmath.mpf(10) ** -25 * scale
+        )
+    position, velocity = (np.array([float(x) for x in part]) for part in (q, v))
+    for target in TARGETS:
+        model = System.from_statement(statement).compile(target, check=False)
+        found = model.accelerations(position, velocity, float(time))
+        assert np.abs(found - [float(x) for x in expected]).max() <= 1e-12 * float(scale), target
+
+
+def numbers(count: int) -> st.SearchStrategy[list[Fraction]]:
+    return st.lists(st.fractions(-2, 2, max_denominator=64), min_size=count, max_size=count)
+
+
+@pytest.mark.parametrize(("n", "examples"), [(1, 15), (2, 10), (3, 5)])
+def test_random_lagrangians_agree_with_lagranges_method(n: int, examples: int, share: Share) -> None:
+    # An example costs a tenth of a second and more: shrinking one would take minutes.
+    @settings(max_examples=share(examples), phases=[Phase.explicit, Phase.reuse, Phase.generate])
+    @given(statements(n), numbers(2 * n + 1))
+    def agree(statement: Statement, point: list[Fraction]) -> None:
+        with mpmath.workdps(50):
+            compare(statement, point)
+
+    agree()
+
+
+# --- sicm -----------------------------------------------------------------------------------------------------
+# The derivation against equations printed in Structure and Interpretation of Classical Mechanics.
+
+DATA = json.loads((Path(__file__).parent / "references.json").read_text("utf-8"))
+PRINTED = DATA["cases"]
+POTENTIAL = sympy.Lambda(sympy.Symbol("s"), -sympy.Symbol("mu") / sympy.Symbol("s") + sympy.Symbol("s") ** 2)
+"""Stands for the book's undefined U(r), which a statement must write out."""
+
+
+class Reader:
+    """Reads the book's expressions, in which xd and xdd are the derivatives of x."""
+
+    def __init__(self, names: list[str]) -> None:
+        self.names = names
+        s = sympy.Symbol("s")
+        r = sympy.sqrt(sum(sympy.Symbol(name) ** 2 for name in names[:2]))
+        self.slope = POTENTIAL(s).diff(s).subs(s, r)
+        self.table: dict[Any, Any] = {sympy.Symbol("t"): t}
+        for name in names:
+            q = coordinate(name)
+            self.table |= {
+                sympy.Symbol(name): q,
+                sympy.Symbol(f"{name}d"): velocity_of(q),
+                sympy.Symbol(f"{name}dd"): acceleration_of(q),
+            }
+
+    def __call__(self, text: str) -> Any:
+        words = {"U": POTENTIAL, "V": POTENTIAL, "UP": self.slope, "A": sympy.Symbol("A"), "C": sympy.Symbol("C")}
+        return sympy.sympify(text, locals=words).doit().xreplace(self.table)
+
+
+def prepare(case: dict[str, Any]) -> tuple[Reader, list[Any], Any]:
+    read = Reader(case["q"])
+    qs = [coordinate(name) for name in case["q"]]
+    statement = declare(name=case["name"], kinetic=read(case["T"]), potential=read(case["V"]), coordinates=qs)
+    return read, qs, derive(statement)
+
+
+def having(key: str) -> pytest.MarkDecorator:
+    cases = [case for case in PRINTED if key in case["reference"]]
+    return pytest.mark.parametrize("case", cases, ids=[case["name"] for case in cases])
+
+
+def same(found: Any, printed: Any) -> bool:
+    return bool(sympy.simplify(found - printed) == 0)
+
+
+@having("eom")
+def test_equations_of_motion(case: dict[str, Any]) -> None:
+    read, _, derivation = prepare(case)
+    for equation, printed in zip(derivation.equations, case["reference"]["eom"], strict=True):
+        assert equation.rhs == 0
+        assert same(equation.lhs, read(printed)), printed
+
+
+@having("acc")
+def test_accelerations(case: dict[str, Any]) -> None:
+    read, qs, derivation = prepare(case)
+    for q, printed in zip(qs, case["reference"]["acc"], strict=True):
+        assert same(derivation.accelerations[q], read(printed)), printed
+
+
+@having("p")
+def test_momenta_and_energy(case: dict[str, Any]) -> None:
+    read, qs, derivation = prepare(case)
+    for q, printed in zip(qs, case["reference"]["p"], strict=True):
+        assert same(derivation.momenta[q], read(printed)), printed
+    assert same(derivation.energy, read(case["reference"]["energy"]))
+
+
+def test_every_case_is_used() -> None:
+    assert len(PRINTED) >= 9
+    assert all({"eom", "acc", "p"} & set(case["reference"]) for case in PRINTED)
+
+
+# --- compiled -------------------------------------------------------------------------------------------------
+# Compiled models against the textbook derivation, whose accelerations are evaluated in 40 digits.
+
+NEAR = 1e-12
+ALL = (*CASES, chain_of_masses(5))
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("case", ALL, ids=[*NAMES, "chain"])
+def test_compiled_model_agrees_with_the_derivation(case: Case, target: str) -> None:
+    statement = case.statement()
+    derivation = derive(statement)
+    model = System.from_statement(statement).compile(target)
+    n = len(statement.coordinates)
+    for q, v, time in case.points():
+        with mpmath.workdps(40):
+            accelerations = [
+                float(value(derivation.accelerations[c], statement, q, v, time)) for c in statement.coordinates
+            ]
+            momenta = [float(value(derivation.momenta[c], statement, q, v, time)) for c in statement.coordinates]
+            mass = [
+                [float(value(derivation.mass_matrix[i, j], statement, q, v, time)) for j in range(n)] for i in range(n)
+            ]
+            energy = float(value(derivation.energy, statement, q, v, time))
+        scale = 1 + np.abs(accelerations).max()
+        np.testing.assert_allclose(model.accelerations(q, v, time), accelerations, rtol=NEAR, atol=NEAR * scale)
+        np.testing.assert_allclose(model.momenta(q, v, time), momenta, rtol=NEAR, atol=NEAR)
+        np.testing.assert_allclose(model.energy(q, v, time), energy, rtol=NEAR, atol=NEAR * 100)
+        np.testing.assert_allclose(model.mass_matrix(q, time, v=v), mass, rtol=NEAR, atol=NEAR)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("case", ALL, ids=[*NAMES, "chain"])
+def test_batches_are_their_members_side_by_side(case: Case, target: str) -> None:
+    model = System.from_statement(case.statement()).compile(target)
+    points = case.points(count=5)
+    q, v = (np.array([point[part] for point in points]).T for part in (0, 1))
+    times = np.array([point[2] for point in points])
+    batch = model.accelerations(q, v, times)
+    single = np.array([model.accelerations(*point) for point in points]).T
+    np.testing.assert_allclose(batch, single, rtol=NEAR, atol=NEAR * (1 + np.abs(single).max()))

@@ -156,13 +156,6 @@ def test_a_short_run_compiles_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(found.t_events[0]) == 5
 
 
-def test_few_flights_compile_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Ten bounces, which are found on arrays in the time that it takes to compile a part of the loop."""
-    monkeypatch.setattr("lagrange.machine.llvm_machine.LlvmMachine.event_steps", refuse)
-    found = run(ball(), 20 * FALL, "dop853", events=[floor(1)], rtol=1e-9, atol=1e-9)
-    assert len(found.t_events[0]) == 10
-
-
 @pytest.mark.parametrize("name", ["dop853", "verlet", "radau5", "gauss2"])
 def test_bounces_are_done_in_machine_code(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 300 bounces all but the first few are done in machine code, and the output between them is right."""
@@ -289,13 +282,3 @@ def test_a_fast_entry_that_the_tolerance_leaves_out_is_not_screened_away(
     one, other = both(monkeypatch, lambda: run(of, 25.0, "dop853", events=events, rtol=tolerance, atol=10 * tolerance))
     alike(one, other, 1e-7)
     assert sum(len(times) for times in one.t_events) > 100
-
-
-def test_the_dense_output_of_bursts_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """With that of a screen and that of the solution it is three."""
-    of, initial = systems()["Henon-Heiles"]
-    made = counted(monkeypatch, "lagrange.machine.llvm_machine.LlvmMachine.dense")
-    reviews = counted(monkeypatch, "lagrange.trajectory.events.step_watch.StepWatch.review")
-    monkeypatch.setattr("lagrange.trajectory.events.event_loop.WORTH_COMPILING", math.inf)
-    run(of, 200.0, "radau5", initial=initial, events=[event(y, terminal=50)], rtol=1e-7, atol=1e-7)
-    assert len(made) <= 3 < len(reviews)

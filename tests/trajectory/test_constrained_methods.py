@@ -27,7 +27,6 @@ from tests.trajectory.constrained_systems import (
     HOLONOMIC,
     SYMPLECTIC,
     SYSTEMS,
-    angles,
     equal,
     from_angles,
     held,
@@ -87,14 +86,6 @@ def test_constraints_hold_after_many_steps(method: str) -> None:
     compiled = system("spherical")
     phi, psi = held(compiled, run(compiled, 400.0, method, step=0.02))
     assert phi.shape == (1, 20_001) and phi[:, -1000:].max() < 2 * 32 * 2.0**-52 and psi.max() < 10 * 32 * 2.0**-52
-
-
-@pytest.mark.parametrize("method", HOLONOMIC)
-def test_the_double_pendulum_is_that_in_angles(method: str) -> None:
-    compiled, free, count = system("double_pendulum"), build(**angles()), {2: 8000, 4: 500}
-    expected = from_angles(run(free, 1.0, Taylor(rtol=1e-15, atol=1e-15)).y[:, -1])
-    found = run(compiled, 1.0, method, step=1 / count[find(method).claims.order])
-    assert found.y[:, -1] == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize("name", ["pendulum", "spherical", "double_pendulum", "guided"])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -12,7 +11,6 @@ import sympy as sp
 from scipy.optimize import brentq
 from sympy import Abs, Max, Piecewise, cos, exp, log, sqrt, tan
 
-from lagrange.machine.model import Model
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
 from lagrange.trajectory.trajectory import Status
@@ -124,21 +122,3 @@ def test_an_event_that_stays_zero_is_no_obstacle() -> None:
 
 
 # Starts and ends
-
-
-def test_a_terminal_event_at_the_end_of_the_span() -> None:
-    found = go(free(), 1.0, [event(x - 1, terminal=True)])
-    assert found.status is Status.EVENT and found.t[-1] == 1.0
-
-
-SYSTEMS: list[Callable[[], Model]] = [free, ball, harmonic]
-
-
-@pytest.mark.parametrize("system", SYSTEMS)
-def test_the_machines_agree(system: Callable[..., Model]) -> None:
-    leaf = y if system is ball else x
-    events = [leaf - 0.3, event(leaf + 0.4, reset={leaf.dot: -leaf.dot / 2}), cos(3 * leaf) - t / 4]
-    llvm, numpy = (go(system(target), 3.0, events) for target in ("llvm", "numpy"))
-    for first, second in zip((*llvm.t_events, *llvm.y_events), (*numpy.t_events, *numpy.y_events), strict=True):
-        assert first == pytest.approx(second, abs=1e-9)
-    assert sum(map(len, llvm.t_events)) > 2

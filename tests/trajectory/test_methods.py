@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -11,10 +14,12 @@ import pytest
 import scipy.integrate
 from sympy import cos, sin
 
+from lagrange.errors import StatementError
 from lagrange.statement.coordinate import t
 from lagrange.trajectory.methods.explicit import RungeKutta
 from lagrange.trajectory.methods.registry import find
-from lagrange.trajectory.methods.splitting import KAHAN_LI, YOSHIDA6
+from lagrange.trajectory.methods.splitting import KAHAN_LI, YOSHIDA6, Splitting, composition
+from lagrange.trajectory.tableaux.gauss import BITS, collocation_tableau, gauss_tableau, lagrange_basis
 from lagrange.trajectory.trajectory import Status
 from tests.models import TARGETS, build, k, m, model, x, y
 from tests.trajectory.runs import ADAPTIVE, EQUAL, MOMENTA, SPLITTINGS, STEPPED, exact, run, stepped
@@ -140,7 +145,7 @@ def test_the_observed_order_is_the_claimed_one(name: str) -> None:
     """On two non-linear systems, by the four runs with the smallest errors above round-off.
 
     Methods of higher order come down to round-off before their errors fall by that order alone; those are measured
-    in more digits, in `test_steps_precisely.py`.
+    in more digits, in `test_tableau.py`.
     """
     claims = find(name).claims
     for system, end in (SEPARABLE if name in SPLITTINGS else GENERAL).items():
@@ -201,3 +206,111 @@ def test_steps_are_in_line_with_scipys(name: str) -> None:
     ours = run(compiled, 5.0, name, rtol=1e-8, atol=1e-10)
     assert ours.steps < 1.25 * (len(theirs.t) - 1)
     assert ours.evaluations < 1.25 * theirs.nfev
+
+
+# --- splitting ------------------------------------------------------------------------------------------------
+# Splittings: their coefficients, held to what they claim, and where they are refused.
+
+
+def test_the_parts_of_a_splitting_add_up_to_a_step() -> None:
+    with pytest.raises(StatementError, match=r"the kicks of half add up to 0\.5: they must add up to one step"):
+        Splitting("half", 1, ((0.5, 1.0),))
+    with pytest.raises(StatementError, match=r"the drifts of half add up to 2"):
+        Splitting("half", 1, ((1.0, 2.0),))
+    with pytest.raises(StatementError, match=r"the kicks of half add up to nan"):
+        Splitting("half", 1, ((math.nan, 1.0),))
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("name", SPLITTINGS)
+def test_a_splitting_is_of_no_higher_order_than_it_claims_and_holds_every_coefficient(name: str) -> None:
+    method = find(name)
+    assert isinstance(method, Splitting)
+    with pytest.raises(StatementError, match=f"{name} is not of order {method.order + 1}: the coefficient of"):
+        replace(method, order=method.order + 1)
+    if method.order > 1:
+        for i in range(len(method.stages) - 1):
+            (kick, drift), (later_kick, later_drift) = method.stages[i : i + 2]
+            moved = ((kick + 1e-9, drift - 1e-9), (later_kick - 1e-9, later_drift + 1e-9))
+            with pytest.raises(StatementError, match="is not of order"):
+                replace(method, stages=(*method.stages[:i], *moved, *method.stages[i + 2 :]))
+
+
+def test_symmetry_is_read_off_the_coefficients() -> None:
+    assert not Splitting("late", 1, ((0.25, 1.0), (0.75, 0.0))).symmetric
+    assert Splitting("apart", 2, ((0.25, 0.0), (0.25, 1.0), (0.5, 0.0))).symmetric, "kicks in a row are one kick"
+    assert [name for name in SPLITTINGS if not find(name).claims.symmetric] == [
+        "symplectic-euler", "symplectic-euler-b", "ruth3",
+    ]  # fmt: skip
+
+
+def test_a_composition_of_ones_own() -> None:
+    """Suzuki's five steps of order 4, from either end of a Verlet step."""
+    outer = 1 / (4 - 4 ** (1 / 3))
+    sizes = (outer, outer, 1 - 4 * outer, outer, outer)
+    compiled = model("Henon-Heiles")
+    truth = exact(compiled, 3.0).y[:, -1]
+    for first in ("drift", "kick"):
+        method = composition(sizes, name="suzuki", order=4, first=first)
+        assert method.symmetric
+        errors = [np.abs(run(compiled, 3.0, method, step=3.0 / n).y[:, -1] - truth).max() for n in (40, 57, 80)]
+        assert -np.polyfit(np.log([40, 57, 80]), np.log(errors), 1)[0] == pytest.approx(4, abs=0.15)
+    with pytest.raises(StatementError, match="suzuki is not of order 6: the coefficient of"):
+        composition(sizes, name="suzuki", order=6)
+    with pytest.raises(StatementError, match="first = 'push': a composition starts with a 'drift' or a 'kick'"):
+        composition(sizes, name="suzuki", order=4, first="push")
+    with pytest.raises(StatementError, match="the composition none has no coefficients: give at least one"):
+        composition((), name="none", order=2)
+
+
+def test_the_last_force_of_a_step_is_the_first_of_the_next() -> None:
+    compiled = model("Henon-Heiles")
+    for name, calls in {
+        "verlet": 11,
+        "velocity-verlet": 12,
+        "leapfrog": 12,
+        "yoshida6": 71,
+        "composition8": 171,
+    }.items():
+        assert run(compiled, 1.0, name, step=0.1).evaluations == calls
+
+
+# --- gauss ----------------------------------------------------------------------------------------------------
+# Coefficients of collocation to all the digits that they are kept in, twice those of a double and more.
+#
+# A coefficient that is wrong in its seventeenth digit shows in no order of convergence, only in what drifts over
+# millions of steps.
+
+CLOSE = Fraction(1, 2 ** (BITS - 10))
+"""Some thousand roundings to so many bits."""
+
+
+def moments(weights: Sequence[Any], points: Sequence[Any], end: Any, most: int) -> list[Any]:
+    """Return by how much the integrals of 1, x, x^2, ... from 0 to `end` are missed."""
+    pairs = list(zip(weights, points, strict=True))
+    return [abs(sum(w * x**k for w, x in pairs) - end ** (k + 1) / Fraction(k + 1)) for k in range(most)]
+
+
+@pytest.mark.parametrize("stages", [1, 2, 3, 4, 5])
+def test_gauss_integrates_twice_as_many_powers_as_it_has_stages(stages: int) -> None:
+    A, b, c = gauss_tableau(stages)
+    assert all(isinstance(entry, Fraction) for entry in (*b, *c, *(entry for row in A for entry in row)))
+    assert max(moments(b, c, Fraction(1), 2 * stages)) < CLOSE
+    assert moments(b, c, Fraction(1), 2 * stages + 1)[-1] > Fraction(1, 10**7)
+    assert max(miss for row, end in zip(A, c, strict=True) for miss in moments(row, c, end, stages)) < CLOSE
+    assert [float(x) for x in c] == pytest.approx((1 + np.polynomial.legendre.leggauss(stages)[0]) / 2, rel=1e-15)
+
+
+@pytest.mark.parametrize("points", [(Fraction(1, 3), Fraction(1)), (Fraction(0), Fraction(1, 5), Fraction(4, 7))])
+def test_collocation_is_exact_in_fractions(points: tuple[Fraction, ...]) -> None:
+    A, b, c = collocation_tableau(points)
+    assert tuple(c) == points
+    assert moments(b, c, Fraction(1), len(points)) == [0] * len(points)
+    for row, end in zip(A, c, strict=True):
+        assert moments(row, c, end, len(points)) == [0] * len(points)
+
+
+def test_a_basis_is_one_at_its_own_point_and_zero_at_the_others() -> None:
+    points = (Fraction(0), Fraction(1, 5), Fraction(4, 7), Fraction(1))
+    values = [[sum(a * x**k for k, a in enumerate(line)) for x in points] for line in lagrange_basis(points)]
+    assert values == [[int(i == j) for j in range(4)] for i in range(4)]

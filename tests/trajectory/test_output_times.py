@@ -2,17 +2,37 @@
 
 from __future__ import annotations
 
+import itertools
+import pickle
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import sympy as sp
+from sympy import exp, sqrt
 
 import lagrange as lg
+from lagrange.algorithm.dense.hermite import hermite_polynomial
+from lagrange.errors import StatementError
+from lagrange.machine.model import Model
+from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
+from lagrange.trajectory.integrator import Problem
+from lagrange.trajectory.methods.explicit import RungeKutta
+from lagrange.trajectory.methods.registry import find
+from lagrange.trajectory.methods.taylor import Taylor
 from lagrange.trajectory.paths.known import OutputPath
-from lagrange.trajectory.trajectory import FloatArray, Status
-from tests.models import TARGETS, model, y
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, run
+from lagrange.trajectory.paths.sampled import SampledPath, StepInterpolant, StepInterpolants
+from lagrange.trajectory.paths.step_paths import StepPath, step_path
+from lagrange.trajectory.plan import Planned
+from lagrange.trajectory.tableaux.dopri5 import DOPRI5
+from lagrange.trajectory.trajectory import FloatArray, Status, Trajectory
+from tests.models import TARGETS, VALUES, build, c, g, k, l, m, model, x, y, z
+from tests.show.examples import oscillator
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, SPLITTINGS, exact, run
 from tests.trajectory.watched import ball, floor
 
 RNG = np.random.default_rng(5)
@@ -57,18 +77,6 @@ def test_across_resets_too(name: str) -> None:
     assert (at_resets > 0).all()
 
 
-@pytest.mark.parametrize("name", ["dop853", "radau5", "verlet", "taylor"])
-@pytest.mark.parametrize("end", [40.0, -40.0])
-def test_outputs_are_evaluated_as_the_run_goes(name: str, end: float) -> None:
-    """Many calls of the driver, and what the outputs of one need of the steps of the call before."""
-    compiled = model("Henon-Heiles")
-    plain = run(compiled, end, name, **options(name, 0.02))
-    times = np.linspace(0.0, end, 1009)
-    found = run(compiled, end, name, t_eval=times, **options(name, 0.02))
-    assert found.steps == plain.steps
-    assert found.y == pytest.approx(plain.dense(times), abs=1e-13)
-
-
 def test_a_terminal_event_is_the_last_output() -> None:
     compiled = ball("llvm")
     plain = run(compiled, 5.0, "dop853", events=[event(y, terminal=True)])
@@ -109,15 +117,6 @@ def test_a_run_may_keep_its_outputs_alone(name: str, end: float, target: str) ->
         assert name in ("taylor", "verner9", "dop853")
 
 
-def test_memory_is_bounded_by_the_outputs() -> None:
-    """Some 80,000 steps of 40 bytes, in a tenth of their memory."""
-    compiled, times = model("Henon-Heiles"), np.linspace(0.0, 4000.0, 1001)
-    found = run(compiled, 4000.0, "verlet", step=0.05, t_eval=times)
-    assert found.steps == 80_000
-    bounded = lg.integrate(compiled, (0.0, 4000.0), method="verlet", step=0.05, t_eval=times, max_memory=300_000)
-    assert (bounded.y == found.y).all()
-
-
 def resets(times: FloatArray, **given: Any) -> lg.Solution:
     given |= {"method": "verlet", "step": 1e-3, "events": [floor(1.0)]}
     return lg.integrate(ball("llvm"), (0.0, 30.0), t_eval=times, **given)
@@ -155,3 +154,377 @@ def test_notes_on_the_sizes_of_a_run_need_no_steps() -> None:
     found = lg.integrate(model("Henon-Heiles"), (0.0, 2000.0), **given, max_memory=2000)
     assert "leaves it fewer digits" in whole.message
     assert found.message.startswith(whole.message + " The steps of the run took more than max_memory = 2000 bytes")
+
+
+# --- outputs --------------------------------------------------------------------------------------------------
+# States at output times of a Taylor run, which its steps write, are those of its path.
+
+GENERATOR = np.random.default_rng(11)
+
+
+def assert_on_the_path(found: Trajectory, plain: Trajectory, times: FloatArray) -> None:
+    """The outputs are the path of the same run without outputs, but for what rounding lost of its states."""
+    assert found.status is plain.status and found.steps == plain.steps and found.rejected == plain.rejected
+    assert np.array_equal(found.t, times)
+    size = np.abs(plain.y).max(axis=1, keepdims=True)
+    moving = np.flatnonzero(np.diff(plain.t))
+    rate = np.abs(np.diff(plain.y)[:, moving] / np.diff(plain.t)[moving]).max(axis=1, keepdims=True)
+    # The path begins each step from the rounded state and time, half a unit away, and rounds its own sums.
+    allowed = 2.0**-52 * (8 * size + 4 * rate * np.abs(times))
+    assert (np.abs(found.y - plain.dense(times)) <= allowed).all()
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("count", [1, 3, 2000])
+@pytest.mark.parametrize("end", [20.0, -20.0])
+@pytest.mark.parametrize("name", ["Henon-Heiles", "double pendulum", "charge"])
+def test_many_and_few_times(name: str, end: float, count: int, target: str) -> None:
+    compiled = model(name, target)
+    times = np.sort(GENERATOR.uniform(min(0, end), max(0, end), count))[:: 1 if end > 0 else -1]
+    found = run(compiled, end, "taylor", t_eval=times)
+    assert_on_the_path(found, run(compiled, end, "taylor"), times)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_step_that_is_taken_back_leaves_no_outputs(target: str) -> None:
+    """The narrow bump in the potential is found out from behind the step, and its outputs are written anew."""
+    bump = exp(-((10 * (x - 0.5)) ** 2)) / 10
+    hidden = build(target, kinetic=x.dot**2 / 2, potential=x**2 / 2 + bump, initial={x: 1.0, x.dot: 2.0})
+    times = np.linspace(0.0, 20.0, 800)
+    found = run(hidden, 20.0, "taylor", rtol=1e-6, t_eval=times)
+    assert found.rejected > 0
+    assert_on_the_path(found, run(hidden, 20.0, "taylor", rtol=1e-6), times)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_over_a_point_without_a_series(target: str) -> None:
+    """From rest with drag |v| v a run begins with a leap, and the outputs on it are those of its path."""
+    speed = sqrt(x.dot**2 + y.dot**2)
+    drag = {x: -c * speed * x.dot, y: -c * speed * y.dot}
+    thrown = build(target, kinetic=(x.dot**2 + y.dot**2) / 2, potential=9.81 * y, forces=drag)
+    plain = run(thrown, 1.5, "taylor")
+    leaps = np.flatnonzero(np.diff(plain.t) <= 1.6e-6)
+    assert len(leaps), "the run leaps"
+    starts, ends = plain.t[leaps], plain.t[leaps + 1]
+    times = np.sort(np.concatenate([np.linspace(0.0, 1.5, 40), (starts + ends) / 2]))
+    assert_on_the_path(run(thrown, 1.5, "taylor", t_eval=times), plain, times)
+
+
+def test_a_time_dependent_force_is_met_at_the_right_time() -> None:
+    """Against the closed form: an output reads the time at its place on the step."""
+    pushed = build(kinetic=x.dot**2 / 2, forces={x: t**2}, initial={x: 1.0})
+    times = np.linspace(0.0, 3.0, 50)
+    found = run(pushed, 3.0, "taylor", t_eval=times)
+    assert found.y[0] == pytest.approx(1 + times**4 / 12, rel=4e-16 * 8)
+
+
+# --- sampling -------------------------------------------------------------------------------------------------
+# States at times that a user chooses, and files with lines at a stated rate.
+
+
+def rows(path: Path) -> Any:
+    return np.loadtxt(path, delimiter=",", skiprows=1, ndmin=2)
+
+
+@pytest.mark.parametrize("times", [[0.0, 5.0], [1.0, -0.5]])
+def test_a_file_has_lines_at_a_stated_rate_from_dense_output(times: list[float], tmp_path: Path) -> None:
+    solution = oscillator(times)
+    found = rows(solution.to_csv(tmp_path / "run.csv", rate=10))
+    forward = np.sign(times[1] - times[0])
+    np.testing.assert_allclose(found[:, 0], times[0] + forward * np.arange(abs(times[1] - times[0]) * 10 + 1) / 10)
+    np.testing.assert_allclose(found[:, 1], np.cos(2 * found[:, 0]), atol=1e-14)
+    assert found[-1, 0] == times[1]
+
+
+def test_a_file_has_lines_at_stated_times(tmp_path: Path) -> None:
+    found = rows(oscillator().to_csv(tmp_path / "run.csv", t=[0.5, 0.125]))
+    np.testing.assert_array_equal(found[:, 0], [0.5, 0.125])
+    np.testing.assert_allclose(found[:, 2], -2 * np.sin([1.0, 0.25]))
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"rate": 0}, "rate = 0: give a positive number of lines to a unit of time"),
+        ({"rate": float("inf")}, "rate is inf: give a finite number"),
+        ({"rate": 1e8}, r"rate = 1e\+08 gives 5e\+08 lines from t = 0 to 5: give one that makes at most"),
+        ({"rate": 2, "t": [1.0]}, "give rate= or t= and not both"),
+        ({"t": [6.0]}, "t = 6 is outside the run, which went from 0 to 5"),
+    ],
+)
+def test_lines_that_cannot_be_written_are_refused(given: Any, message: str, tmp_path: Path) -> None:
+    with pytest.raises(StatementError, match=message):
+        oscillator().to_csv(tmp_path / "run.csv", **given)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_sampled_run_is_the_run_at_other_times() -> None:
+    run = oscillator().sampled([0.25, 3.0])
+    np.testing.assert_allclose(run["x"], np.cos([0.5, 6.0]))
+    np.testing.assert_allclose(run.energy, 2.0)
+    assert run.at(4.0)[0] == pytest.approx(np.cos(8.0))
+
+
+# --- sampled --------------------------------------------------------------------------------------------------
+# The polynomial that is read off a solver's interpolant.
+
+
+def curve(times: FloatArray) -> FloatArray:
+    return np.array([times**4 - times, 3 * times**3])
+
+
+def interpolant(first: float, last: float, degree: int = 5, off: float = 0.0) -> StepInterpolant:
+    ends = curve(np.array([first, last])).T
+    return StepInterpolant.read(
+        (first, last), (ends[0], ends[1]), (first - off, last - off), lambda s: curve(s + off), degree
+    )
+
+
+@pytest.mark.parametrize("degree", [4, 5, 12])
+@pytest.mark.parametrize("off", [0.0, 0.25])
+def test_a_polynomial_is_read_whole(degree: int, off: float) -> None:
+    for first, last in ((0.5, 1.25), (1.25, 0.5)):
+        times = np.linspace(first, last, 41)
+        np.testing.assert_allclose(interpolant(first, last, degree, off)(times), curve(times), rtol=0, atol=2e-15)
+
+
+def test_it_passes_through_the_accepted_states_whatever_the_interpolant_does() -> None:
+    ends = np.array([1.0, -1.0]), np.array([2.0, -2.0])
+    found = StepInterpolant.read((0.0, 1.0), ends, (0.0, 1.0), lambda s: np.array([s + 1.5, -s]), 5)
+    assert np.array_equal(found(np.array([0.0, 1.0])).T, ends)
+
+
+def test_a_step_whose_path_is_no_number_is_a_line() -> None:
+    """The states at its ends are sound, and the solver went on."""
+    ends = np.array([1.0, -1.0]), np.array([2.0, -3.0])
+    found = StepInterpolant.read((0.0, 1.0), ends, (0.0, 1.0), lambda s: np.array([s, np.where(s > 0.5, s, np.nan)]), 5)
+    np.testing.assert_allclose(found(np.array([0.0, 0.25, 1.0])), [[1.0, 1.25, 2.0], [-1.0, -1.5, -3.0]], atol=1e-15)
+
+
+@pytest.mark.parametrize("spacings", [1, 3, 40, 250])
+def test_a_step_of_a_few_spacings_is_a_line(spacings: int) -> None:
+    """Between rounded times the states of an interpolant go up in stairs; longer ones rise all the same."""
+    theta = np.linspace(0, 1, 101)
+    np.testing.assert_allclose(rounded(spacings)(theta)[0], theta, atol=1e-15)
+    assert (np.diff(rounded(256 + spacings)(theta)[0]) > 0).all()
+
+
+def rounded(spacings: int) -> StepInterpolant:
+    """A rise from 0 to 1 within so many spacings of a time."""
+    first = 1000.0
+    last = first + spacings * np.spacing(first)
+    ends = np.array([0.0]), np.array([1.0])
+    return StepInterpolant.read((0.0, 1.0), ends, (first, last), lambda s: ((s - first) / (last - first))[None], 12)
+
+
+def test_the_paths_of_a_burst_are_read_together() -> None:
+    times = np.array([0.0, 0.5, 0.75, 2.0])
+    path = SampledPath(times, curve(times).T, [interpolant(a, b) for a, b in itertools.pairwise(times)])
+    theta, steps = np.array([0.0, 0.3, 0.5, 1.0]), np.array([0, 2])
+    at = times[steps][:, None] + theta * np.diff(times)[steps][:, None]
+    np.testing.assert_allclose(path.inside(steps, theta), curve(at.ravel()).reshape(2, 2, 4), atol=1e-14)
+
+
+def test_paths_are_read_when_they_are_asked_for_and_once() -> None:
+    asked: list[float] = []
+
+    def seen(times: FloatArray) -> FloatArray:
+        asked.append(float(times[0]))
+        return curve(times)
+
+    def later(first: float, last: float) -> partial[StepInterpolant]:
+        ends = curve(np.array([first, last])).T
+        return partial(StepInterpolant.read, (first, last), (ends[0], ends[1]), (first, last), seen, 5)
+
+    entries: list[Any] = [later(0.0, 0.5), interpolant(0.5, 0.75), later(0.75, 2.0)]
+    paths = StepInterpolants(entries)
+    assert len(paths) == 3 and not asked
+    times = np.linspace(0.75, 2.0, 11)
+    for _ in range(2):
+        np.testing.assert_allclose(paths[2](times), curve(times), atol=1e-14)
+    assert len(asked) == 1 and asked[0] > 0.75
+    assert len(StepInterpolants(entries, 1)) == 2 and StepInterpolants(entries, 1)[-1] is paths[2] and len(asked) == 1
+    copied = pickle.loads(pickle.dumps(paths))
+    assert len(asked) == 2 and all(isinstance(one, StepInterpolant) for one in copied)
+    assert all(np.array_equal(one.values, other.values) for one, other in zip(copied, paths, strict=True))
+
+
+# --- dense ----------------------------------------------------------------------------------------------------
+# The path between steps: as accurate as its method, through every step, at any times, also after an early end.
+
+
+def path_round_off(name: str) -> float:
+    """The dense weights of verner9 reach 13,293 and cancel; those of the others reach 545."""
+    return 2e-12 if name == "verner9" else 1e-13
+
+
+def hermite(compiled: Model, times: FloatArray, states: FloatArray, order: int) -> StepPath:
+    return step_path(compiled, compiled.parameter_array(), hermite_polynomial(order), times, states)
+
+
+CLAIMED: dict[str, Planned] = {
+    **{name: method for name in NAMES if isinstance(method := find(name), Planned) and name != "taylor"},
+    **{f"taylor, order {order}": Taylor(order=order) for order in (4, 5, 8, 12)},
+}
+"""Every method of ours, by its own name or as it is asked for: the order of taylor follows from the tolerance."""
+
+
+def measured_order(method: Any, system: str, end: float) -> float:
+    """Return the order of the path alone: between states of the exact motion its error goes like h^(order + 1).
+
+    By the four grids with the smallest errors above round-off, from 2 to 1448 steps by factors of the square root of 2.
+    Round-off is more where weights of the path cancel: those of verner9 reach 13,293, those of dop853 545.
+    """
+    compiled, times = model(system), np.linspace(0.0, end, 499)
+    truth, kept = exact(compiled, end, t_eval=times).y, []
+    problem = Problem(compiled, compiled.parameter_values(), 0.0, end, truth[:, 0])
+    for count in (round(2 * 2 ** (i / 2)) for i in range(20)):
+        grid = np.linspace(0.0, end, count + 1)
+        path = method.plan(problem).path(problem, grid, exact(compiled, end, t_eval=grid).y.T, None)
+        error = np.abs(path(times) - truth).max()
+        if error < (3e-11 if method.name in ("verner9", "dop853") else 1e-12):
+            break
+        kept.append((count, error))
+    assert len(kept) >= 4, kept
+    counts, errors = zip(*kept[-4:], strict=True)
+    return float(-np.polyfit(np.log(counts), np.log(errors), 1)[0] - 1)
+
+
+def off(method: Any) -> float:
+    """Return by how much the measured order of the path differs from the claimed one."""
+    system, end = ("Henon-Heiles", 3.0) if method.name in SPLITTINGS else ("cart and pole", 1.2)
+    claimed: int = method.claims.dense
+    return abs(measured_order(method, system, end) - claimed)
+
+
+@pytest.mark.parametrize("name", CLAIMED)
+def test_the_observed_order_of_the_path_is_the_claimed_one(name: str) -> None:
+    """Neither less nor more: measured orders are within 0.17 of what is claimed."""
+    assert off(CLAIMED[name]) < 0.25
+
+
+def test_a_method_of_ours_that_has_a_path_claims_its_order() -> None:
+    assert [name for name in NAMES if find(name).claims.dense == 0] == []
+
+
+@pytest.mark.parametrize("stretched", [0.0, 1e-6])
+def test_the_path_of_a_stiff_run_is_as_good_as_its_steps(stretched: float) -> None:
+    """A spring of 1e4 or 1e8: slopes of the law at the ends would bring in its rate times what they miss."""
+    compiled = model("elastic pendulum")
+    rate = 1e8 if stretched == 0 else 1e4
+    length = (VALUES[l] + VALUES[m] * VALUES[g] * np.cos(0.5) / rate) * (1 + stretched)
+    given: Any = {"parameters": {k: rate}, "initial": {"r": length, "theta": 0.5, "theta_dot": 0}}
+    fine = run(compiled, 5.0, "radau5", rtol=1e-10, atol=1e-12, **given)
+    found = run(compiled, 5.0, "radau5", rtol=1e-6, atol=1e-8, **given)
+    times = np.linspace(0.0, 5.0, 2003)
+    at_steps = np.abs(found.y - fine.dense(found.t)).max(axis=1)
+    between = np.abs(found.dense(times) - fine.dense(times)).max(axis=1)
+    # The spring's own part, of 1e-9 and less, counts for nothing beside the tolerance.
+    assert (between < 1.02 * at_steps + 1e-9).all(), between / at_steps
+
+
+def test_a_tableau_of_high_order_without_a_path_gets_one() -> None:
+    """The cubic of a tableau of one's own is of order 3, too little for a method of order 5."""
+    compiled, times = model("Henon-Heiles"), np.linspace(0.0, 3.0, 203)
+    truth = exact(compiled, 3.0, t_eval=times).y
+    bare = replace(DOPRI5, error=None, dense=None).hermite()
+    runs = [run(compiled, 3.0, RungeKutta(bare, step=3.0 / n)).dense(times) for n in (24, 48)]
+    errors = [np.abs(found - truth).max() for found in runs]
+    assert np.log2(errors[0] / errors[1]) > 4.65, errors
+
+
+@pytest.mark.parametrize("order", [3, 5, 8])
+def test_a_hermite_path_is_smooth_at_the_joints(order: int) -> None:
+    compiled = model("cart and pole")
+    grid = np.linspace(0.0, 2.0, 11)
+    states = exact(compiled, 2.0, t_eval=grid).y
+    path = hermite(compiled, grid, states.T, order)
+    assert path(grid) == pytest.approx(states, abs=1e-14)
+    h = 1e-5
+    for sign in (-1.0, 1.0):
+        slopes = sign * (path(grid[1:-1] + sign * h) - states[:, 1:-1]) / h
+        assert slopes == pytest.approx(compiled.rhs(grid[1:-1], states[:, 1:-1]), abs=1e-3)
+
+
+def test_a_hermite_path_of_a_stiff_step_stays_the_cubic() -> None:
+    """x'' = -1e8 x' - x over steps of 0.1: the iteration would multiply what is wrong by 1e7 each time."""
+    compiled = build(kinetic=x.dot**2 / 2, potential=x**2 / 2, dissipation=sp.Integer(10) ** 8 * x.dot**2 / 2)
+    grid = np.linspace(0.0, 1.0, 11)
+    values = np.exp(-1e-8 * grid)
+    states = np.stack([values, -1e-8 * values], axis=1)
+    times = np.linspace(0.0, 1.0, 101)
+    for order in (3, 5, 8):
+        assert hermite(compiled, grid, states, order)(times)[0] == pytest.approx(np.exp(-1e-8 * times), abs=1e-7)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("end", [2.0, -2.0])
+def test_the_path_goes_through_every_step_and_is_continuous(name: str, target: str, end: float) -> None:
+    found = run(model("Henon-Heiles", target), end, name, **({"step": 0.1} if name in FIXED else {}))
+    assert found.dense(found.t) == pytest.approx(found.y, abs=path_round_off(name))
+    inner = found.t[1:-1]
+    near = [found.dense(np.nextafter(inner, side)) for side in (-9.0, 9.0)]
+    assert np.abs(near[0] - near[1]).max() < 10 * path_round_off(name)
+
+
+@pytest.mark.few
+@pytest.mark.parametrize("name", NAMES)
+def test_times_in_any_order_and_number(name: str) -> None:
+    found = run(model("Henon-Heiles"), 2.0, name, **({"step": 0.1} if name in FIXED else {}))
+    rng = np.random.default_rng(1)
+    times = rng.uniform(0, 2, 57)
+    together = found.dense(times)
+    assert together.shape == (4, 57)
+    for i in range(0, 57, 8):
+        assert found.dense(times[i : i + 1])[:, 0] == pytest.approx(together[:, i], abs=path_round_off(name))
+    assert found.dense(times[::-1]) == pytest.approx(together[:, ::-1], abs=path_round_off(name))
+    assert found.dense(np.empty(0)).shape == (4, 0)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", NAMES)
+def test_nothing_is_put_out_beyond_the_last_accepted_step(name: str, target: str) -> None:
+    compiled = build(target, kinetic=m * x.dot**2 / 2, forces={x: sp.Piecewise((k, x < 1))}, initial={x.dot: 1.0})
+    options: dict[str, Any] = {"step": 0.01} if name in FIXED else {}
+    times = np.linspace(0, 5, 501)
+    found = run(compiled, 5.0, name, t_eval=times, **options)
+    assert found.status is Status.NON_FINITE and f"{name} stopped at t = " in found.message
+    assert "x_dot is nan" in found.message or "the acceleration of x is nan" in found.message
+    assert "Look for a division by zero" in found.message
+    last = found.span[1]
+    assert (found.t == times[times <= last]).all() and last < 0.75
+    assert np.isfinite(found.y).all() and found.y.shape == (2, len(found.t))
+    nowhere = run(compiled, 5.0, name, t_eval=[4.0, 5.0], **options)
+    assert nowhere.t.shape == (0,) and nowhere.y.shape == (2, 0)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("name", ["euler", "midpoint", "rk4"])
+def test_a_run_that_ends_in_a_singular_configuration_has_its_path(name: str, target: str) -> None:
+    """The slope at the end of the last step is the one that there is not."""
+    compiled = build(
+        target,
+        kinetic=m * (x.dot + z.dot) ** 2 / 2 + sp.Max(0, 1 - t) * m * z.dot**2 / 2,
+        potential=k * (x - z) ** 2 / 2,
+        coordinates=[x, z],
+        initial={x: 0.3},
+    )
+    times = np.linspace(0, 5, 251)
+    found = run(compiled, 5.0, name, step=0.05, t_eval=times)
+    assert found.status is Status.SINGULAR and len(found.t) > 40 and np.isfinite(found.y).all()
+    last = np.array([found.span[1]])
+    steps = run(compiled, 5.0, name, step=0.05)
+    assert found.dense(last)[:, 0] == pytest.approx(steps.y[:, -1], rel=1e-12)
+    assert found.dense(steps.t) == pytest.approx(steps.y, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("name", ADAPTIVE)
+def test_the_path_of_an_adaptive_run_keeps_the_tolerance(name: str) -> None:
+    compiled = model("elastic pendulum")
+    times = np.linspace(0, 5, 301)
+    truth = exact(compiled, 5.0, t_eval=times).y
+    for rtol in (1e-6, 1e-9):
+        found = run(compiled, 5.0, name, rtol=rtol, atol=rtol)
+        ends = np.abs(found.y[:, -1] - truth[:, -1]).max()
+        assert np.abs(found.dense(times) - truth).max() < 300 * max(ends, rtol)

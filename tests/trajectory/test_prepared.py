@@ -2,24 +2,33 @@
 
 from __future__ import annotations
 
+import math
+import time
+from contextlib import nullcontext
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
+import sympy
 import sympy as sp
 
 import lagrange as lg
 from lagrange.errors import StatementError
+from lagrange.machine.kernel.interpreted import InterpretedKernel
+from lagrange.machine.kernel.llvm_kernel import LlvmKernel
 from lagrange.machine.model import Model
-from lagrange.machine.series.llvm_driver import LlvmTaylorDriver
 from lagrange.machine.state import Outcome
+from lagrange.machine.steps.llvm_driver import LlvmDriver
+from lagrange.statement import preparation
 from lagrange.statement.coordinate import t
 from lagrange.statement.event import event
+from lagrange.trajectory import run_loop
 from lagrange.trajectory.methods.explicit import DOP853
 from lagrange.trajectory.methods.registry import find
 from lagrange.trajectory.plan import DRIVERS_KEPT, PLANS_KEPT, Prepared
 from lagrange.trajectory.trajectory import Status
-from tests.models import TARGETS, build, k, m, model, x
+from tests.models import TARGETS, build, k, m, model, shared_scene, x
 from tests.trajectory.runs import FIXED, NAMES, planned, run, same
 
 STARTS = ({"x": 0.1, "y_dot": 0.2}, {"x": -0.2, "y": 0.1, "x_dot": 0.3})
@@ -95,17 +104,6 @@ def test_after_a_run_that_failed(method: str) -> None:
     assert same(run(compiled, 0.1, method, initial={x: 1.0}, **options), good)
 
 
-@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4"])
-def test_runs_with_events_and_with_output_times_between(method: str) -> None:
-    compiled = oscillator()
-    wanted: list[dict[str, Any]] = [{}, {"events": [x]}, {}, {"t_eval": [0.5, 1.0, 2.0]}, {}]
-    found = [run(compiled, 3.0, method, **options) for options in wanted]
-    for one, options in zip(found, wanted, strict=True):
-        compiled.prepared.clear()
-        fresh = run(compiled, 3.0, method, **options)
-        assert same(one, fresh) and all(map(np.array_equal, one.t_events, fresh.t_events))
-
-
 @pytest.mark.parametrize("method", ["taylor", "dop853"])
 def test_a_second_run_with_the_same_events_plans_nothing(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The resets of a plan have its parameters: with others there is another plan."""
@@ -125,26 +123,6 @@ def test_a_second_run_with_the_same_events_plans_nothing(method: str, monkeypatc
     compiled.prepared.clear()
     for options, expected in zip(given, first, strict=True):
         assert same(run(compiled, 9.0, method, events=[x - k / 10, wall], **options), expected)
-
-
-@pytest.mark.parametrize("options", [{"events": [x]}, {"t_eval": np.linspace(0.0, 300.0, 7)}])
-def test_a_second_run_of_as_many_steps_is_one_call(options: dict[str, Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    """With events or output times too."""
-    compiled, budgets = oscillator(), []
-    advance = LlvmTaylorDriver.advance
-
-    def counted(self: LlvmTaylorDriver, state: Any, budget: int, *arrays: Any) -> Outcome:
-        budgets.append(budget)
-        return advance(self, state, budget, *arrays)
-
-    monkeypatch.setattr(LlvmTaylorDriver, "advance", counted)
-    monkeypatch.setattr("lagrange.trajectory.run_loop.SECONDS_PER_CALL", np.inf)  # however busy the machine is
-    first = run(compiled, 300.0, "taylor", **options)
-    assert first.steps > budgets[0] and len(budgets) > 1
-    budgets.clear()
-    again = run(compiled, 300.0, "taylor", **options)
-    assert np.array_equal(again.t, first.t) and np.array_equal(again.y, first.y)
-    assert budgets == [first.steps + first.rejected + 2]
 
 
 def test_few_plans_and_drivers_are_kept() -> None:
@@ -201,8 +179,165 @@ def test_an_inertia_that_vanishes_at_a_later_start_is_refused() -> None:
     assert run(compiled, 0.1, "dop853", initial={x: 0.0}).status is Status.SINGULAR
 
 
-def test_plans_of_the_methods_are_those_that_are_kept() -> None:
-    compiled = oscillator()
-    unit = lg.Problem(compiled, compiled.parameter_values(), 0.0, 1.0, np.array([1.0, 0.0]), rtol=1e-7)
-    run(compiled, 1.0, "dop853", rtol=1e-7)
-    assert list(compiled.prepared.values())[-1].plan.tolerances == planned("dop853", unit).tolerances
+# --- preparation ----------------------------------------------------------------------------------------------
+# Deriving and compiling before a run end at `max_wall`, wherever they are.
+
+q, u = lg.coordinates("q u")
+FACTORS = sympy.prod([sympy.cos(q / k) for k in range(1, 7)])
+
+
+@dataclass
+class Clock:
+    """A clock that works for some readings and is late by 30 years from then on."""
+
+    left: float
+    readings: int = 0
+
+    def perf_counter(self) -> float:
+        self.readings += 1
+        self.left -= 1
+        return time.perf_counter() + (1e9 if self.left < 0 else 0.0)
+
+
+def wide(*, constrained: bool) -> lg.System:
+    """Return a system with a long right-hand side, and a longer series."""
+    rail = [u - q**2 / 8] if constrained else []
+    return lg.System(q.dot**2 / 2 + u.dot**2 / 2, FACTORS + u, constraints=rail, initial={q.dot: 0.5})
+
+
+@pytest.fixture
+def often(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
+    """Let small systems look at the clock often."""
+    for place in ("graph.node", "program.recurrence", "program.lower"):
+        monkeypatch.setattr(f"lagrange.{place}.CHECKED_EVERY", 8)
+    return monkeypatch
+
+
+@pytest.mark.parametrize(
+    ("method", "constrained"), [("taylor", False), ("taylor", True), ("radau5", False), ("scipy-lsoda", True)]
+)
+def test_preparation_ends_at_the_limit_wherever_it_is(
+    method: str, constrained: bool, often: pytest.MonkeyPatch
+) -> None:
+    """The time was first looked at when everything was compiled: 599 factors took 72 s with max_wall=5."""
+    wide(constrained=constrained).run(1.0, method=method)  # the same text is compiled once, and then comes from a cache
+    clock = Clock(math.inf)
+    with often.context() as patch:
+        patch.setattr(preparation, "time", clock)
+        whole = wide(constrained=constrained).run(1.0, method=method, max_wall=60.0)
+    assert whole.status is lg.Status.SUCCESS
+    assert clock.readings > 20
+    for place in np.linspace(0, clock.readings - 1, 4).astype(int).tolist():
+        system = wide(constrained=constrained)
+        with often.context() as patch:
+            patch.setattr(preparation, "time", Clock(place))
+            try:
+                run = system.run(1.0, method=method, max_wall=60.0)
+            except lg.RunError as refusal:  # its equations are not known: no run is there to have a status
+                message = str(refusal)
+            else:
+                message = run.message
+                assert run.status is lg.Status.MAX_WALL and run.steps == 0
+                assert run.t.tolist() == [0.0] and run.at(0.0).tolist() == run.y[:, 0].tolist()
+        assert "Compiling was ended after 1e+09 s, more than max_wall = 60 s" in message and len(message) <= 400
+        # What a preparation leaves behind serves the next one.
+        again = system.run(1.0, method=method, max_wall=60.0)
+        assert again.final == whole.final and again.steps == whole.steps
+
+
+def test_a_run_that_ends_before_its_first_step_has_its_outputs_and_events(often: pytest.MonkeyPatch) -> None:
+    system = wide(constrained=False)
+    system.compile()
+    often.setattr(preparation, "time", Clock(2))
+    run = system.run(1.0, t_eval=[0.5, 1.0], events=[q - 0.2], max_wall=60.0)
+    assert run.status is lg.Status.MAX_WALL and run.y.shape == (4, 0)
+    assert [len(times) for times in run.t_events] == [0]
+
+
+def test_steps_are_not_limited_by_the_time_of_preparation(often: pytest.MonkeyPatch) -> None:
+    """What a run compiles on its way, such as code with optimization, is not preparation."""
+    with preparation.preparation(0.0, 1e-9):
+        with pytest.raises(preparation.PreparationTooLongError):
+            preparation.check_time()
+        preparation.preparation_ends()
+        preparation.check_time()
+    seen: list[float] = []
+    system = wide(constrained=False)
+
+    def in_a_step(t: float) -> None:
+        often.setattr(preparation, "time", Clock(0))
+        preparation.check_time()
+        seen.append(t)
+
+    with often.context() as patch:
+        patch.setattr("lagrange.trajectory.run.progress_bar", lambda *_, **__: nullcontext(in_a_step))
+        run = system.run(1.0, max_wall=60.0, progress=True)
+    assert run.status is lg.Status.SUCCESS and seen
+
+
+# --- short runs -----------------------------------------------------------------------------------------------
+# What a run costs beside its steps: how often its driver comes back, and that no slow way is taken without a need.
+
+
+@pytest.mark.parametrize(("seconds", "calls"), [(1e9, [64, 1024]), (0.0, [64] * 16)])
+def test_a_run_of_quick_steps_comes_back_seldom(
+    seconds: float, calls: list[int], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A call costs as much as 50 steps of a small system; steps that are slow come back as often as before."""
+    model = shared_scene("pendulum").compile()
+    lg.integrate(model, (0.0, 0.1), method="rk4", step=0.01)
+    asked: list[int] = []
+    advance = LlvmDriver.advance
+
+    def counted(self: Any, state: Any, budget: int, *rest: Any) -> Any:
+        asked.append(budget)
+        return advance(self, state, budget, *rest)
+
+    monkeypatch.setattr(LlvmDriver, "advance", counted)
+    monkeypatch.setattr(run_loop, "SECONDS_PER_CALL", seconds)
+    assert lg.integrate(model, (0.0, 10.0), method="rk4", step=0.01).steps == 1000
+    assert asked == calls
+
+
+@pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "radau5"])
+@pytest.mark.parametrize("initial", [None, {"theta": np.pi / 2}], ids=["plain", "energy near zero"])
+@pytest.mark.parametrize("scene", ["pendulum", "elastic-pendulum"])
+def test_a_run_looks_at_its_ends_by_quick_calls(
+    scene: str, initial: Any, method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where nothing is wrong, neither the first slope nor an inertia or an energy is computed the slow way."""
+    model = shared_scene(scene).compile()
+    step: dict[str, Any] = {"step": 0.01} if method == "rk4" else {}
+    expected = lg.integrate(model, (0.0, 0.1), initial, method=method, **step)
+    for slow in (LlvmKernel, InterpretedKernel):
+        monkeypatch.setattr(slow, "__call__", None)
+        monkeypatch.setattr(slow, "columns", None)
+    found = lg.integrate(model, (0.0, 0.1), initial, method=method, **step)
+    assert found.status is lg.Status.SUCCESS and np.array_equal(found.y, expected.y)
+
+
+# --- first steps, which begin where their error estimate means something ---------------------------------------
+
+METHODS = ("bs3", "dopri5", "tsit5", "dop853", "verner9")
+SCENES = (
+    *("bead-on-hoop", "chain-of-springs", "charge-in-field", "double-pendulum", "elastic-pendulum", "henon-heiles"),
+    *("kepler", "mass-on-spring", "pendulum", "pleiades", "spherical-pendulum", "sun-earth-moon"),
+)
+"""Scenes that are at no equilibrium, and whose motion is not a polynomial in time that a method follows exactly."""
+
+MOST_GROWTH = 10.0
+"""Step control lets a step grow by this factor at most, whatever its error."""
+
+
+@pytest.mark.parametrize("rtol", [1e-4, 1e-8, 1e-11])
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("name", SCENES)
+def test_the_first_step_is_less_than_two_growths_away(name: str, method: str, rtol: float) -> None:
+    """An error far below the tolerance is round-off: a step then grows by the most that it may, again and again."""
+    model = shared_scene(name).compile()
+    span = shared_scene(name).statement.run.t_end or 10.0
+    for absolute in (None, rtol):
+        found = lg.integrate(model, (0.0, span), method=method, rtol=rtol, atol=absolute, max_steps=6)
+        steps = np.diff(found.t)
+        assert len(steps) >= 3
+        assert steps[2] < 0.9 * MOST_GROWTH**2 * steps[0]

@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import inspect
+import math
 import re
 import sys
+from collections.abc import Callable
+from dataclasses import replace
+from fractions import Fraction
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
+import lagrange as lg
 from lagrange.algorithm.series.cost import HIGHEST_ORDER
 from lagrange.algorithm.taylor.constants import LOWEST_ORDER
 from lagrange.errors import StatementError
@@ -18,11 +25,13 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.run_settings import DEFAULT_METHOD
 from lagrange.trajectory.integrator import Claims, Integrator
 from lagrange.trajectory.methods import registry
-from lagrange.trajectory.methods.explicit import RK4
-from lagrange.trajectory.methods.registry import BUILT_IN, GROUP, find, names, table
-from lagrange.trajectory.methods.splitting import Splitting, SymplecticEuler, Verlet
-from tests.models import model
-from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, run
+from lagrange.trajectory.methods.explicit import RK4, tableau
+from lagrange.trajectory.methods.own import step_method
+from lagrange.trajectory.methods.registry import BUILT_IN, GROUP, find, names, register, table
+from lagrange.trajectory.methods.splitting import Splitting, SymplecticEuler, composition
+from lagrange.trajectory.methods.taylor import Taylor
+from tests.models import TARGETS, model
+from tests.trajectory.runs import ADAPTIVE, FIXED, NAMES, STEPPED, exact, run
 
 
 def test_names_and_instances_are_found() -> None:
@@ -32,22 +41,6 @@ def test_names_and_instances_are_found() -> None:
     instance = RK4(step=0.1)
     assert find(instance) is instance
     assert set(NAMES) <= set(names()) and names() == list(methods.names())
-
-
-@pytest.mark.parametrize(
-    ("method", "message"),
-    [
-        ("rk5", r"there is no method 'rk5'; the methods are euler, .* Did you mean 'rk4'\?"),
-        ("", "there is no method ''"),
-        (RK4, r"give a name, such as 'taylor', or an instance, such as lg\.methods\.RK4\(step=0\.01\)"),
-        (Verlet, "give a name"),
-        (4, "method is 4: give a name"),
-        (Splitting, "give a name"),
-    ],
-)
-def test_what_is_no_method_is_refused(method: Any, message: str) -> None:
-    with pytest.raises(StatementError, match=message):
-        run(model("oscillator"), 1.0, method)
 
 
 class Standing:
@@ -161,3 +154,295 @@ def test_an_entry_point_is_loaded_once(monkeypatch: pytest.MonkeyPatch) -> None:
     first = find("scipy-rk45")
     monkeypatch.setattr(EntryPoint, "load", None)
     assert find("scipy-rk45") == first
+
+
+# --- own ------------------------------------------------------------------------------------------------------
+# Methods of a user's own: registered, run everywhere, and refused in words where they are not what they claim.
+
+
+@pytest.fixture(autouse=True)
+def _forgotten(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Forget what a test registers."""
+    monkeypatch.setattr(registry, "_registered", {})
+
+
+def heun(f: Any, t: Any, y: Any, h: Any) -> Any:
+    """Heun's method, as one writes it."""
+    first = f(t, y)
+    return y + h / 2 * (first + f(t + h, y + h * first))
+
+
+def kicked(a: Any, t: Any, q: Any, v: Any, h: Any) -> Any:
+    v = v + np.float64(0.5) * h * a(t, q)
+    q = q + h * v
+    return q, v + h / 2 * a(t + h, q)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_a_step_function_does_what_the_built_in_method_does(target: str) -> None:
+    register("my-heun", heun, order=2)
+    register("my-verlet", kicked, order=2)
+    pairs = (("double pendulum", "my-heun", "heun"), ("Henon-Heiles", "my-verlet", "velocity-verlet"))
+    for system, own, known in pairs:
+        found, expected = (run(model(system, target), 0.5, name, step=0.01) for name in (own, known))
+        assert found.y == pytest.approx(expected.y, rel=1e-13, abs=1e-14)
+        assert found.method == own and found.evaluations == expected.evaluations
+
+
+def test_a_registered_name_works_everywhere(capsys: pytest.CaptureFixture[str]) -> None:
+    from lagrange.cli.program import main
+
+    register("my-heun", heun, order=2)
+    system = lg.scene("pendulum")
+    assert system.run(1.0, method="my-heun", step=0.01).method == "my-heun"
+    assert lg.flow(system.compile(), method="my-heun") is not None
+    raced = lg.race(system, 1.0, methods=["my-heun", "rk4"])
+    assert "my-heun" in raced.methods
+    assert main(["run", "pendulum", "--t-end", "1", "--method", "my-heun", "--step", "0.01"]) == 0
+    assert "my-heun" in capsys.readouterr().out
+    assert names()[-1] == "my-heun" and table()[-1].about == "Heun's method, as one writes it"
+
+
+def test_a_tableau_is_registered_with_its_step_control() -> None:
+    register("ralston", tableau([[0, 0], ["2/3", 0]], ["1/4", "3/4"], order=2, embedded=[1, 0]))
+    compiled = model("double pendulum")
+    error = np.abs(run(compiled, 1.0, "ralston", rtol=1e-6).y[:, -1] - exact(compiled, 1.0).y[:, -1]).max()
+    assert find("ralston").name == "ralston" and find("ralston").claims.adaptive and error < 1e-4
+
+
+def test_a_trajectory_of_ones_own_says_what_it_was_made_with() -> None:
+    found = run(model("oscillator"), 1.0, "rk4", step=0.1)
+    assert (found.step, found.rtol, found.atol) == (0.1, None, None)
+    assert replace(found, step=None, rtol=0.5, atol=1).atol == 1.0
+    for setting in ("step", "rtol", "atol"):
+        wrong: dict[str, Any] = {setting: "small"}
+        with pytest.raises(lg.StatementError, match=f"{setting} of a trajectory"):
+            replace(found, **wrong)
+
+
+def test_the_table_says_what_a_registered_method_is() -> None:
+    register("ralston", tableau([[0, 0], ["2/3", 0]], ["1/4", "3/4"], order=2))
+    register("sourced", tableau([[0, 0], ["2/3", 0]], ["1/4", "3/4"], order=2, source="Ralston, 1962"))
+    register("turns", composition([1.0], name="turns", order=2))
+    assert [row.about for row in table()[-3:]] == [
+        "an explicit Runge-Kutta method of 2 stages", "Ralston, 1962", "a composition of kicks and drifts",
+    ]  # fmt: skip
+
+
+def test_instances_classes_and_factories_are_registered() -> None:
+    register("tenth", RK4(step=0.1))
+    register("fifth", lambda: RK4(step=0.2))
+    register("series", Taylor)
+    compiled = model("oscillator")
+    assert [run(compiled, 1.0, name).steps for name in ("tenth", "fifth")] == [10, 5]
+    assert run(compiled, 1.0, "series").status.complete
+    register("tenth", RK4(step=0.05), replaces=True)
+    assert run(compiled, 1.0, "tenth").steps == 20
+    assert run(compiled, 1.0, step_method(heun, order=2, step=0.25)).steps == 4
+
+
+def test_a_step_in_turn_is_refused_where_it_is_not_legal() -> None:
+    method = step_method(kicked, order=2)
+    with pytest.raises(
+        lg.StatementError, match=r"kicked moves coordinates and velocities in turn.*\. Use variational-"
+    ):
+        run(model("double pendulum"), 1.0, method)
+
+
+REFUSED: dict[str, tuple[Callable[..., Any], str]] = {
+    "sine": (lambda f, t, y, h: y + h * np.sin(y), "it takes numpy's sin of a vector"),
+    "product": (lambda f, t, y, h: y * f(t, y), "it multiplies two vectors"),
+    "matrix": (lambda f, t, y, h: y + h * (np.eye(2) @ f(t, y)), "it takes numpy's matmul of a vector"),
+    "branch": (lambda f, t, y, h: y if y > 0 else y + h * f(t, y), "it compares a vector: a step cannot branch"),
+    "equal": (lambda f, t, y, h: y if y == 0 else y + h * f(t, y), "it compares a vector: a step cannot branch"),
+    "true": (lambda f, t, y, h: y if y else y + h * f(t, y), "it asks whether a vector is true"),
+    "entry": (lambda f, t, y, h: y[0] + h * f(t, y), "it takes entry 0 of a vector: a step treats all"),
+    "unpacked": (lambda f, t, y, h: [*y], "it goes through the entries of a vector"),
+    "length": (lambda f, t, y, h: y + h * f(t, y) / len(y), "it asks for the length of a vector"),
+    "array": (lambda f, t, y, h: np.concatenate([y, f(t, y)]), "it makes an array of a vector"),
+    "copy": (lambda f, t, y, h: y.copy() + h * f(t, y), r"it uses \.copy of a vector"),
+    "one more": (lambda f, t, y, h: y + h * f(t, y) + 1, "it adds the number 1 to a vector"),
+    "few": (lambda f, t, y, h: y + h * f(y), r"it calls f\(t, y\) with 1 arguments"),
+    "swapped": (lambda f, t, y, h: y + h * f(y, t), r"it calls f\(t, y\) at a time that is"),
+    "number": (lambda f, t, y, h: y + h * f(t, h), r"it calls f\(t, y\) for the number 1 in place of a vector"),
+    "pair": (lambda f, t, y, h: (y, f(t, y)), "it returns a vector, a vector in place of the new state"),
+    "nothing": (lambda f, t, y, h: f(t, y) and None, "it asks whether a vector is true"),
+    "none": (lambda f, t, y, h: None, "it returns a NoneType in place of the new state"),
+    "idle": (lambda f, t, y, h: y, r"it never calls f\(t, y\)"),
+    "half": (lambda f, t, y, h: y / 2 + h * f(t, y), r"the new state holds 0\.5 times the old state"),
+    "slope": (lambda f, t, y, h: y + h * f(t, 2 * y), "a slope is taken at 2 times the old state"),
+    "broken": (lambda f, t, y, h: y + h * f(t, y) / 0, "it divides a vector by zero"),
+    "unknown": (lambda f, t, y, h: y + h * f(t, y, z=1), "it fails with TypeError"),
+    "root": (lambda f, t, y, h: y + math.sqrt(h) ** 2 * f(t, y), "of t and h it takes more than sums"),
+    "sign of h": (lambda f, t, y, h: y + h * f(t, y) if h > 0 else y, "of t and h it takes more than sums"),
+    "three": (lambda f, t, y: y, r"takes 3 arguments \(f, t, y\): write step\(f, t, y, h\)"),
+    "force": (lambda a, t, q, v, h: (q + h * v, v + h / 2 * a(t, q)), r"the new v holds.* 0\.5 times h a instead of 1"),
+    "speed": (lambda a, t, q, v, h: (q + h * v, v + h * a(t, v)), "an acceleration is taken at 0 times q instead of 1"),
+    "square": (lambda f, t, y, h: y + h**2 * f(t, y), "where h is small, at t = 0, its slopes add up to 0.000244"),
+    "clock": (lambda f, t, y, h: y + h * (1 + t) * f(t, y), "where h is small, at t = 2, its slopes add up to 3 times"),
+    "late": (lambda f, t, y, h: y + h * f(2 * t, y), "where h is small, at t = 2, a slope is taken at the time 4"),
+    "first": (lambda f, t, y, h: y + h * f(t + h, y) if t == 0 else y + h * f(t, y), "not do the same at every call"),
+    "unit": (lambda f, t, y, h: y + h * f(t, y) if h in (1, 2) else y + 2 * h * f(t, y), "the same at every call"),
+    "list": (lambda f, t, y, h: [y + h * f(t, y)], "it returns a list in place of the new state"),
+    "jerk": (lambda a, t, q, v, h: (q + h * h * v, v + h * a(t, q)), "the new q holds 2 times h v instead of 1"),
+    "clocked": (lambda a, t, q, v, h: (q + h * v, v + h * (1 + t) * a(t, q)), "the new v holds.* 3 times h a instead"),
+    "single": (lambda a, t, q, v, h: q + h * v, "it returns a vector in place of the new coordinates and velocities"),
+}
+
+
+def test_a_step_whose_numbers_are_not_in_proportion_to_h_is_held_to_be_a_step() -> None:
+    """Its slopes add up to h where h is small: that is consistent, which is what order 1 asks."""
+    method = step_method(lambda f, t, y, h: y + h / (1 + h) * f(t, y) + h**2 / (1 + h) * f(t + h, y), order=1)
+    assert run(model("oscillator"), 1.0, method, step=0.01).status.complete
+
+
+def test_a_step_function_that_carries_something_on_is_refused() -> None:
+    """It runs on trial and for its record, and never again: what it keeps from call to call would not count."""
+    calls = []
+
+    def stateful(f: Any, t: Any, y: Any, h: Any) -> Any:
+        calls.append(t)
+        return y + h * f(t, y) if len(calls) < 3 else y + 2 * h * f(t, y)
+
+    call = {"__call__": lambda self, f, t, y, h: y + h * f(t, y)}
+    unhashable: Any = type("Unhashable", (), {"__hash__": None, **call})
+    with pytest.raises(lg.StatementError, match="does not do the same at every call"):
+        step_method(stateful, order=1)
+    with pytest.raises(lg.StatementError, match="is a Unhashable without a hash: give a function"):
+        step_method(unhashable(), order=1)
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_is_no_step_is_refused_in_one_sentence_of_words(case: str) -> None:
+    function, words = REFUSED[case]
+    with pytest.raises(lg.StatementError, match=words) as refusal:
+        register("mine", function, order=1)
+    assert str(refusal.value).count("cannot be used") <= 1
+    assert "mine" in str(refusal.value) and "mine" not in names()
+
+
+@pytest.mark.parametrize(
+    ("name", "thing", "options", "words"),
+    [
+        ("rk4", heun, {"order": 2}, "there is a method 'rk4' already: give another name"),
+        ("Mine", heun, {"order": 2}, "name = 'Mine': give small letters and digits"),
+        ("", heun, {"order": 2}, "name = '': give small letters"),
+        (3, heun, {"order": 2}, "name = 3: give small letters"),
+        ("mine", heun, {}, r"mine takes arguments \(f, t, y, h\):.* a step function needs order="),
+        ("mine", 3, {}, "mine cannot be 3: give a ButcherTableau, an integrator, its class, or a step function"),
+        ("mine", 3, {"order": 1}, "the step function mine is the number 3: give a function"),
+        ("mine", dict, {}, r"method is \{\}: give a name"),
+        ("mine", RK4(), {"order": 4}, "mine is not a step function and has its order already: leave out order"),
+        ("mine", heun, {"order": 2.5}, r"order = 2\.5: give the order of the method, a whole number"),
+        ("mine", heun, {"order": 3}, r"'mine' is not what it claims: the condition of order 3, sum b_i c_i\^2 = 1/3"),
+    ],
+)
+def test_what_cannot_be_registered_is_refused(name: Any, thing: Any, options: dict[str, Any], words: str) -> None:
+    with pytest.raises(lg.StatementError, match=words):
+        register(name, thing, **options)
+    assert "mine" not in names()
+
+
+def test_a_name_is_given_once() -> None:
+    register("mine", heun, order=2)
+    with pytest.raises(
+        lg.StatementError, match=r"there is a method 'mine' already: .* Pass replaces=True to replace it"
+    ):
+        register("mine", kicked, order=2)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"A": [[0, 0], ["a", 0]], "b": [1, 0], "order": 1}, "has an entry that is not a number"),
+        ({"A": 3, "b": [1], "order": 1}, "has A = 3: give its rows"),
+        ({"A": [[0, 0], [1, 0]], "b": [1, 0], "order": 2}, "condition of order 2, sum b_i c_i = 1/2, fails by -0.5"),
+        ({"A": [[0, 1], [1, 0]], "b": [1, 0], "order": 1}, "is not explicit: A must be zero on and above"),
+        ({"A": [[0, 0], [1, 0]], "b": [0.5, 0.5], "order": 2, "embedded": [1]}, "2 weights in b and 1 in embedded"),
+        ({"A": [[0, 0], ["1e400", 0]], "b": [1, 0], "order": 1}, "has an entry that is not a number .*too large"),
+        ({"A": [[0, 0], [1, 0]], "b": [1, 0], "order": 1, "embedded": [1, 0]}, "has embedded equal to b: their differ"),
+        ({"A": [[]], "b": [1], "order": 12}, "orders up to 10 can be checked, not 12"),
+    ],
+)
+def test_a_tableau_that_is_not_one_is_refused(given: dict[str, Any], words: str) -> None:
+    with pytest.raises(lg.StatementError, match=words):
+        tableau(**given)
+
+
+@pytest.mark.parametrize("part", ["x", None, 10**400])
+def test_a_composition_of_what_is_no_number_is_refused(part: Any) -> None:
+    with pytest.raises(lg.StatementError, match="coefficient 1 of the composition mine is"):
+        composition([1, part], name="mine", order=2)
+
+
+# --- options --------------------------------------------------------------------------------------------------
+# Options of methods are checked when the method is made, not when it runs.
+
+made: Any = lg
+"""The package, of which nobody has told the types here."""
+
+WRONG: list[Any] = [
+    "nan", "0.1", b"1", [0.1], (0.1,), {}, set(), float("nan"), float("inf"), -0.0, -1.0, 1j, True, np.array([0.1]),
+    np.array(["a"]), np.ma.masked, object(), 10**400,
+]  # fmt: skip
+
+TAKES = [(name, option) for name, make in BUILT_IN.items() for option in inspect.signature(make).parameters]
+SCIPY = [name for name in lg.methods.__all__ if name.startswith("Scipy")]
+
+
+@pytest.mark.parametrize(("name", "option"), TAKES)
+def test_an_option_that_no_run_could_use_is_refused(name: str, option: str) -> None:
+    for value in WRONG:
+        with pytest.raises(lg.StatementError, match=option):
+            BUILT_IN[name](**{option: value})
+
+
+@pytest.mark.parametrize("name", [*SCIPY, "CVODE"])
+@pytest.mark.parametrize("option", ["max_step", "first_step"])
+def test_a_bound_of_steps_that_is_none_is_refused(name: str, option: str) -> None:
+    for value in WRONG:
+        if not (option == "max_step" and value == float("inf")):
+            with pytest.raises(lg.StatementError, match=option):
+                getattr(lg.methods, name)(**{option: value})
+    with pytest.raises(lg.StatementError, match="max_step"):
+        getattr(lg.methods, name)(max_step=None)
+
+
+@pytest.mark.parametrize("size", [0.1, 1, Fraction(1, 10), np.float64(0.1), np.array(0.1)])
+def test_a_number_of_any_kind_is_a_step(size: Any) -> None:
+    assert lg.methods.RK4(step=size).step == size
+
+
+def test_a_tolerance_of_zero_is_one() -> None:
+    assert lg.methods.Tsit5(rtol=0, atol=0.0).rtol == 0
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: made.Claims(order="a"), "order is 'a'"),
+        (lambda: made.Claims(order=4, symplectic="no"), "symplectic = 'no': give True or False"),
+        (lambda: made.methods.ImplicitMethod("mine", None, print), "the claims of mine are None: give an lg.Claims"),
+        (lambda: made.methods.ImplicitMethod("mine", lg.Claims(1), 3), "the function of mine is 3: give a function"),
+        (lambda: made.methods.ImplicitMethod("mine", lg.Claims(1), print, law="x"), "of a method is not 'x': give"),
+        (lambda: made.methods.ImplicitMethod("mine", lg.Claims(1), print, control=3), "the control of mine is 3: give"),
+        (lambda: made.methods.RungeKutta("rk4"), "'rk4' is not a tableau: make one with lg.methods.tableau"),
+        (lambda: made.methods.Splitting("mine", 1, "ab"), "the stages of mine is the text 'ab'"),
+        (lambda: made.methods.Splitting("mine", 1, [(1.0, 1j)]), "stage 0 of mine has entries of type complex128"),
+        (lambda: made.methods.Splitting("mine", 1, [(1.0,)]), "give pairs"),
+        (lambda: made.methods.tableau([[0]], ["1e999999999"], order=1), "has an entry that is not a number"),
+        (lambda: made.methods.tableau([[0]], [True], order=1), "has an entry that is not a number"),
+        (lambda: made.methods.ButcherTableau("mine", 1, [[]], [1]), "b, c and the rows of A are tuples of numbers"),
+        (lambda: made.methods.RK4().integrate(3), "rk4 cannot run 3: give an lg.Problem"),
+        (lambda: made.methods.plot_stability("rk4", left=1, right=0), "give left < right and top > 0"),
+        (lambda: made.methods.growth("rk4", ["a"]), "z has entries of type <U1: give numbers"),
+        (lambda: made.Model("x", "y", "z"), "a model is made by system.compile()"),
+        (lambda: made.Solution(1, 2, 3), "a solution is made by system.run() or lg.integrate()"),
+        (lambda: made.Race(1, "a", (0, 1)), "a race is made by lg.race()"),
+        (lambda: made.System.from_statement("x"), "'x' is not a statement: give the .statement of a system"),
+    ],
+)  # fmt: skip
+def test_records_are_checked_when_they_are_made(make: Any, words: str) -> None:
+    with pytest.raises(lg.StatementError) as refusal:
+        make()
+    assert words in str(refusal.value)
