@@ -278,6 +278,11 @@ class Equations:
         return self._translator(in_full(expression))
 
     @cached_property
+    def programs(self) -> dict[str, Any]:
+        """Programs of quantities by name, shared by all machines; see `lagrange.program.catalogue.program_of`."""
+        return {}
+
+    @cached_property
     def _translator(self) -> Translator:
         return Translator(self.graph, self.leaves)
 

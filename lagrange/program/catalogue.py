@@ -152,7 +152,15 @@ def quantities_of(equations: Equations) -> dict[str, Quantity]:
 
 
 def program_of(name: str, equations: Equations) -> Program:
-    """Return the program of a quantity of the system."""
+    """Return the program of a quantity of the system, lowered at the first call."""
+    if name not in equations.programs:
+        equations.programs[name] = _lowered(name, equations)
+    program: Program = equations.programs[name]
+    return program
+
+
+def _lowered(name: str, equations: Equations) -> Program:
+    """Return a new program of a quantity of the system."""
     quantity = {**quantities_of(equations), **LAW_QUANTITIES}[name]
     results = quantity.results(equations)
     count = sum(map(len, results.values()))
