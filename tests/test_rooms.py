@@ -48,7 +48,7 @@ MAY_IMPORT: Mapping[str, tuple[str, ...]] = {
     ),
     "trajectory runs": (
         *("machine records", "machine/kernel", "machine entries", "trajectory/constraints"),
-        *("trajectory records", "trajectory/paths", "trajectory/events"),
+        *("trajectory records", "trajectory/tableaux", "trajectory/paths", "trajectory/events"),
     ),
     "trajectory/methods": (
         *("machine records", "machine/steps", "machine entries"),

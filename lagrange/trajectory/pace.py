@@ -20,7 +20,8 @@ from lagrange.trajectory.events.actions import rates
 from lagrange.trajectory.events.end_messages import EventResult, sliding
 from lagrange.trajectory.integrator import Problem
 from lagrange.trajectory.outputs import Part
-from lagrange.trajectory.sizes import Slopes, raise_to_noise, slopes_of
+from lagrange.trajectory.sizes import raise_to_noise, slopes_of
+from lagrange.trajectory.tableaux.dopri5 import DOPRI5
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 ROWS = 64
@@ -128,28 +129,19 @@ class Pace:
 def limiting_entry(problem: Problem, state: DriverState) -> tuple[int, int] | None:
     """Return the entry that limits the step if its tolerance is far below those of its kind, with the largest of these.
 
-    The entry has the largest error, relative to its tolerance, of one step of RK4 against two of half its length.
+    The entry has the largest error of one step of DOPRI5, relative to its tolerance.
     """
-    t, y, h = state.t, state.y, float(state.reals[DriverState.H])
+    y, h = state.y, float(state.reals[DriverState.H])
     law = slopes_of(problem.model, problem.parameter_array)
     tolerances = state.reals[DriverState.RTOL] * np.abs(y) + state.floors
     with np.errstate(all="ignore"):
-        half = _rk4(law, t, y, h / 2)
-        ratios = np.nan_to_num(np.abs(_rk4(law, t, y, h) - _rk4(law, t + h / 2, half, h / 2)) / tolerances)
+        ratios = np.nan_to_num(np.abs(DOPRI5.moved(law, state.t, y, h)[1]) / tolerances)
     limiting = int(np.argmax(ratios))
     layout = problem.model.layout
     kind = layout.q if limiting < layout.q.stop else layout.v
     largest = kind.start + int(np.argmax(tolerances[kind]))
     small = ratios[limiting] > 0 and tolerances[limiting] < SMALL_FLOOR * tolerances[largest]
     return (limiting, largest) if small else None
-
-
-def _rk4(law: Slopes, t: float, y: FloatArray, h: float) -> FloatArray:
-    """Return the state after a step of the classical method of order 4."""
-    a = law(t, y)
-    b = law(t + h / 2, y + h / 2 * a)
-    c = law(t + h / 2, y + h / 2 * b)
-    return y + h / 6 * (a + 2 * b + 2 * c + law(t + h, y + h * c))
 
 
 MEMORY_DIVISOR = 4

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import cached_property, lru_cache
@@ -91,28 +90,9 @@ def runge_kutta_step(tableau: ButcherTableau) -> StepProgram:
     """Return the step program of a tableau."""
     estimate = tableau.error
     if estimate is None:
-        return trace(tableau.name, lambda f, t, y, h: _stages(tableau, f, t, y, h)[0])
-
-    def step(f: Callable[..., Any], t: Any, y: Any, h: Any) -> tuple[Any, ...]:
-        new, slopes = _stages(tableau, f, t, y, h)
-        errors = [_weighted(weights, slopes) * h for weights in (estimate.weights, estimate.damping) if weights]
-        return (new, *errors)
-
+        return trace(tableau.name, lambda f, t, y, h: tableau.moved(f, t, y, h)[0])
     control = Control(estimate.control, damped=bool(estimate.damping), memory=estimate.memory)
-    return trace(tableau.name, step, control=control)
-
-
-def _stages(tableau: ButcherTableau, f: Callable[..., Any], t: Any, y: Any, h: Any) -> tuple[Any, list[Any]]:
-    """Return the new state and the slopes of all stages."""
-    slopes: list[Any] = []
-    for row, c in zip(tableau.A, tableau.c, strict=True):
-        moved = y + _weighted(row, slopes) * h if any(row) else y
-        slopes.append(f(t + c * h if c else t, moved))
-    return y + _weighted(tableau.b, slopes) * h, slopes
-
-
-def _weighted(weights: Any, slopes: list[Any]) -> Any:
-    return sum(slope * (int(w) if w == int(w) else float(w)) for w, slope in zip(weights, slopes, strict=False) if w)
+    return trace(tableau.name, tableau.moved, control=control)
 
 
 @built_in("euler")
