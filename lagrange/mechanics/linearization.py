@@ -204,8 +204,12 @@ def linearized_at(point: StatedPoint) -> Linearization:
 
 def _matrix(symbols: Sequence[Any], point: StatedPoint, here: Mapping[Any, Any] | None = None) -> Any:
     """Return the Jacobian of the residuals with respect to `symbols` at the point, where `here` replaces symbols."""
-    table = point.table
-    rows = [[simplest(r.diff(x).xreplace(dict(here or {})).xreplace(table)) for x in symbols] for r in point.residuals]
+    moving, values = set(symbols), (here or {}, point.table)
+    residuals, free = point.residuals, [{x: y for x, y in table.items() if x not in moving} for table in values]
+    if all(moving.isdisjoint(value.free_symbols) for table in free for value in table.values()):
+        # Derivatives of the smaller expressions, with all other symbols replaced, take a tenth of the time.
+        residuals = tuple(r.xreplace(free[0]).xreplace(free[1]) for r in residuals)
+    rows = [[simplest(r.diff(x).xreplace(values[0]).xreplace(values[1])) for x in symbols] for r in residuals]
     return sympy.Matrix(len(rows), len(symbols), [x for row in rows for x in row])
 
 
