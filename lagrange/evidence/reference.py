@@ -57,6 +57,12 @@ SINGULAR = 2.0**-42
 In double precision four digits of the accelerations are left there. The limit of compiled code may be slightly lower.
 """
 
+LEAST_SIZE = 1e-20
+"""Smallest size of a coordinate or velocity, relative to the largest, by which its step is chosen.
+
+A projected start may have velocities of 1e-37 that are rounding: with such steps the energy keeps no digits. Lengths
+beside angles differ by 1e12 in units from 1e-12 to 1e12."""
+
 EXPONENT_LIMIT = 450
 """Largest binary exponent of an intermediate value: squares of it, as derivatives form them, still fit a double."""
 
@@ -246,8 +252,10 @@ class Reference:
 
     def _steps(self, point: SamplePoint) -> DifferenceSteps:
         step = self.number(DIFFERENCE_STEP)
-        sizes_q = [abs(self.number(x)) or self.number(1) for x in point.q]
-        sizes_v = [abs(self.number(x)) or self.number(1) for x in point.v]
+        sizes_q, sizes_v = (
+            [max(abs(self.number(x)), self.number(LEAST_SIZE * max(map(abs, part)))) or self.number(1) for x in part]
+            for part in (point.q, point.v)
+        )
         # Along the motion a step must change no argument by more than its own step: in SI units a second is nothing
         # to a planet, and all the digits would be lost in it.
         times = [size / abs(x) for size, x in zip(sizes_q, point.v, strict=True) if x]
