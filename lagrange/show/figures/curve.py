@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import floor, log10
 
@@ -87,6 +87,10 @@ class AxisWindow:
         room = ROOM * (self.high - self.low)
         return self.low - room, self.high + room
 
+    def clipped(self, rows: FloatArray) -> FloatArray:
+        """Return rows in which values beyond the bounds are replaced by them."""
+        return np.clip(rows, *self.bounds)
+
 
 def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
     """Return the window for rows (r, K) of a run at times (K,); None if the panel shows all values.
@@ -118,26 +122,22 @@ def window_of(solution: Solution, values: Rows) -> AxisWindow | None:
     )
 
 
-def row_of(values: Rows, k: int) -> Rows:
-    """Return the values of one row, (1, K), or of one entry of all points (p, K)."""
-    return lambda t: np.atleast_2d(values(t)[k])
+def times_in_sight(solution: Solution, values: Rows) -> tuple[FloatArray, str]:
+    """Return the initial times (K,) of a curve in a plane or in space, and a note if the run leaves its panel.
 
-
-def clipped(windows: Sequence[AxisWindow | None], rows: FloatArray) -> FloatArray:
-    """Return rows (r, ..., K) in which values beyond the window of each are replaced by its bounds."""
-    pairs = zip(windows, rows, strict=True)
-    return np.array([row if window is None else np.clip(row, *window.bounds) for window, row in pairs])
-
-
-def cut(windows: Sequence[AxisWindow | None], rows: FloatArray) -> FloatArray:
-    """Return clipped rows (r, ..., K) with NaN where a row is at its bounds, so that lines end there."""
-    beyond = np.zeros(rows.shape[1:], dtype=bool)
+    `values` are the d coordinates of one or several points, (d, K) or (d, p, K). The times end before the first one at
+    which a coordinate is outside of its window.
+    """
+    t = first_times(solution.trajectory)
+    rows = values(t)
+    windows = [window_of(solution, lambda t, k=k: np.atleast_2d(values(t)[k])) for k in range(len(rows))]
+    outside = np.zeros(len(t), dtype=bool)
     for window, row in zip(windows, rows, strict=True):
         if window is not None:
-            beyond |= (row <= window.bounds[0]) | (row >= window.bounds[1])
-    inner = beyond.copy()  # a line includes its first corner beyond the bounds
-    inner[..., 1:] &= beyond[..., :-1]
-    return np.where(inner, np.nan, rows)
+            outside |= ((row < window.low) | (row > window.high)).reshape(-1, len(t)).any(axis=0)
+    end = int(np.argmax(outside))
+    note = max(filter(None, windows), key=lambda window: abs(window.largest)).note if end > 1 else ""
+    return t[:end] if end > 1 else t, note
 
 
 def limits_of(windows: Sequence[AxisWindow | None], drawn: Sequence[FloatArray]) -> tuple[float, float] | None:
@@ -148,12 +148,6 @@ def limits_of(windows: Sequence[AxisWindow | None], drawn: Sequence[FloatArray])
     whole = [row[np.isfinite(row)] for window, row in zip(windows, drawn, strict=True) if window is None]
     ends += [float(end(row)) for row in whole if len(row) for end in (np.min, np.max)]
     return min(ends), max(ends)
-
-
-def notes_of(windows: Iterable[AxisWindow | None]) -> str:
-    """Return the note of the window with the largest value outside, or an empty text."""
-    found = [window for window in windows if window is not None]
-    return max(found, key=lambda window: abs(window.largest)).note if found else ""
 
 
 Rows = Callable[[FloatArray], FloatArray]

@@ -20,17 +20,14 @@ from lagrange.show.figures.curve import (
     Pixels,
     around,
     base_of,
-    clipped,
-    cut,
     first_times,
     in_plane,
     less,
     limits_of,
-    notes_of,
     outputs_alone,
     over_time,
-    row_of,
     thinned,
+    times_in_sight,
     window_of,
 )
 from lagrange.show.figures.new_figure import new_figure
@@ -423,12 +420,16 @@ def curves(quantity: PanelQuantity, solution: Solution, pixels: Pixels) -> Curve
     """
     run = solution.trajectory
     window = None if quantity.drift else window_of(solution, lambda t: quantity.values(solution.sampled(t)))
+
+    def shown(rows: FloatArray) -> FloatArray:
+        return rows if window is None else window.clipped(rows)
+
     if outputs_alone(run):
-        lines = [thinned(run.t, row, pixels) for row in clipped([window], quantity.values(solution)[None])[0]]
+        lines = [thinned(run.t, row, pixels) for row in shown(quantity.values(solution))]
         said = "the outputs, joined by straight lines"
         return Curves(lines, note=f"{said}; {window.note}" if window else said, window=window)
     lines = over_time(
-        lambda t: clipped([window], quantity.values(solution.sampled(t))[None])[0],
+        lambda t: shown(quantity.values(solution.sampled(t))),
         first_times(run),
         pixels,
         rounds=_DRIFT_ROUNDS if quantity.drift else MOST_ROUNDS,
@@ -467,8 +468,8 @@ class PhasePanel:
         keys = (self.name, f"{self.name}_dot")
         shades = colours(len(self.solutions), style.colours)
         statement = self.solutions[0].model.statement
-        windows = [_windows(run, keys) for run in self.solutions]
-        lines = [_line(run, keys, pixels, shown) for run, shown in zip(self.solutions, windows, strict=True)]
+        drawn = [_line(run, keys, pixels) for run in self.solutions]
+        lines = [line for line, _ in drawn]
         values = [row[np.isfinite(row)] for row in np.concatenate(lines, axis=1)]
         origin = np.array([base_of(row) for row in values])
         for line, label, shade in zip([line - origin[:, None] for line in lines], self.labels, shades, strict=True):
@@ -482,34 +483,19 @@ class PhasePanel:
         axis.set_xlabel(x, labelpad=2.0)
         axis.set_ylabel(y, labelpad=6.0)
         for k, side in enumerate("xy"):
-            seen = limits_of([shown[k] for shown in windows], [line[k] for line in lines]) or around(values[k])
-            axis.set(**{f"{side}lim": (seen[0] - origin[k], seen[1] - origin[k])})
+            low, high = around(values[k])
+            axis.set(**{f"{side}lim": (low - origin[k], high - origin[k])})
         few_ticks(axis)
-        notes = [notes_of(shown[k] for shown in windows) for k in range(2)]
-        said = "".join(f"\n{name}: {note}" for name, note in zip(("right", "up"), notes, strict=True) if note)
-        title = f"phase plane; open circles: start{said}"
+        title = "\n".join(dict.fromkeys(["phase plane; open circles: start", *(note for _, note in drawn if note)]))
         axis.set_title(title, loc="left", fontsize=10, color=style.ink)
         if len(self.solutions) > 1:
             legend(axis, style, title, 10)
 
 
-def _states(run: Solution, keys: tuple[str, str], t: FloatArray) -> FloatArray:
-    """Return a coordinate and its velocity at times (K,), (2, K)."""
-    return run.at(t)[[run.names.index(key) for key in keys]]
-
-
-def _windows(run: Solution, keys: tuple[str, str]) -> list[AxisWindow | None]:
-    """Return the windows of both axes for a run that leaves the panel."""
-    return [window_of(run, row_of(lambda t: _states(run, keys, t), k)) for k in range(2)]
-
-
-def _line(run: Solution, keys: tuple[str, str], pixels: Pixels, windows: Sequence[AxisWindow | None]) -> FloatArray:
-    """Return the path of a run in the phase plane, (2, K)."""
-
-    def states(t: FloatArray) -> FloatArray:
-        return clipped(windows, _states(run, keys, t))
-
+def _line(run: Solution, keys: tuple[str, str], pixels: Pixels) -> tuple[FloatArray, str]:
+    """Return the path of a run in the phase plane, (2, K), and a note if it leaves the panel."""
+    rows = [run.names.index(key) for key in keys]
+    times, note = times_in_sight(run, lambda t: run.at(t)[rows])
     if outputs_alone(run.trajectory):
-        return cut(windows, states(run.t))
-    line = in_plane(lambda t: states(t)[None], first_times(run.trajectory), pixels, equal=False)[1][0]
-    return cut(windows, line)
+        return run.at(times)[rows], note
+    return in_plane(lambda t: run.at(t)[rows][None], times, pixels, equal=False)[1][0], note

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from textwrap import fill
@@ -13,20 +13,14 @@ import numpy as np
 from lagrange.show.figures.curve import (
     LEVEL,
     MARGIN,
-    AxisWindow,
     Pixels,
     around,
     base_of,
-    clipped,
-    cut,
-    first_times,
     in_plane,
     lengths,
     less,
-    notes_of,
     outputs_alone,
-    row_of,
-    window_of,
+    times_in_sight,
 )
 from lagrange.show.figures.space import View, spring, view_of
 from lagrange.show.figures.style import (
@@ -238,7 +232,7 @@ def named_points(solution: Solution, t: FloatArray) -> dict[str, FloatArray]:
 
 def common_view(solutions: tuple[Solution, ...]) -> View | None:
     """Return a common view of the paths of several runs; None if no point is stated."""
-    runs = [placed_points(run, first_times(run.trajectory), _windows(run)) for run in solutions]
+    runs = [named_points(run, _times(run)[0]) for run in solutions]
     found = {f"{name} {k}": points for k, run in enumerate(runs) for name, points in run.items()}
     return view_of(found) if found else None
 
@@ -249,10 +243,9 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
     For a run that is longer than a line can show, they are its last part.
     """
     names = tuple(named_points(solution, solution.t[:1]))
-    windows = _windows(solution)
 
     def placed(t: FloatArray) -> list[FloatArray]:
-        return [*placed_points(solution, t, windows).values()]
+        return [*named_points(solution, t).values()]
 
     def seen(t: FloatArray) -> FloatArray:
         return np.array([view.of(point) for point in placed(t)])
@@ -262,11 +255,11 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
         flat = [point[:2] for point in points] if view.spatial else []
         return np.array([view.of(point) for point in [*points, *flat]])
 
-    first = first_times(solution.trajectory)
+    first, note = _times(solution)
     drawn = first
     if not outputs_alone(solution.trajectory):
         drawn = in_plane(seen_with_shadows, _last_part(first, seen(first)), pixels, equal=False)[0]
-    space = np.array([cut(windows, point) for point in placed(drawn)])
+    space = np.array(placed(drawn))
     fixed = fixed_points(solution.model.statement)
     return Paths(
         drawn,
@@ -278,23 +271,15 @@ def paths_of(solution: Solution, view: View, pixels: Pixels) -> Paths:
         tuple(fixed[name] for name in names),
         view,
         solution.model.statement.links,
-        notes_of(windows),
+        note,
     )
 
 
-def placed_points(solution: Solution, t: FloatArray, windows: Sequence[AxisWindow | None]) -> dict[str, FloatArray]:
-    """Return the positions of the named points; those beyond a window are moved to its bounds."""
-    return {name: clipped(windows, point) for name, point in named_points(solution, t).items()}
-
-
-def _windows(solution: Solution) -> list[AxisWindow | None]:
-    """Return the windows of each direction for a run whose points leave the panel; empty if no point is stated."""
-    dimension = max(map(len, named_points(solution, solution.t[:1]).values()), default=0)
-
-    def entries(t: FloatArray) -> FloatArray:
-        return np.stack([*named_points(solution, t).values()], axis=1)
-
-    return [window_of(solution, row_of(entries, k)) for k in range(dimension)]
+def _times(solution: Solution) -> tuple[FloatArray, str]:
+    """Return the initial times (K,) of the paths of a run, and a note if points leave the panel."""
+    if not named_points(solution, solution.t[:1]):
+        return solution.t[:1], ""
+    return times_in_sight(solution, lambda t: np.stack([*named_points(solution, t).values()], axis=1))
 
 
 def _last_part(t: FloatArray, points: FloatArray) -> FloatArray:
