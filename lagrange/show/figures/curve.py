@@ -130,7 +130,11 @@ def times_in_sight(solution: Solution, values: Rows) -> tuple[FloatArray, str]:
     """
     t = first_times(solution.trajectory)
     rows = values(t)
-    windows = [window_of(solution, lambda t, k=k: np.atleast_2d(values(t)[k])) for k in range(len(rows))]
+
+    def row_of(k: int) -> Rows:
+        return lambda t: np.atleast_2d(values(t)[k])
+
+    windows = [window_of(solution, row_of(k)) for k in range(len(rows))]
     outside = np.zeros(len(t), dtype=bool)
     for window, row in zip(windows, rows, strict=True):
         if window is not None:
