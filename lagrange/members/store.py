@@ -26,7 +26,6 @@ from lagrange.members.keep import OUTPUT_TIME, OUTPUTS, STATE, STATUS, TIME
 from lagrange.members.origin import BLOCK, CHECKSUM, MEMBER, VARIABLE, difference, origin, start_name, stored_names
 from lagrange.members.storage import ResultStorage
 from lagrange.members.table import MemberTable
-from lagrange.trajectory.trajectory import FloatArray
 
 if sys.platform != "win32":
     import fcntl
@@ -195,21 +194,6 @@ class StoreBlocks:
         return bool(checksum(np.asarray(self.group[name][begin:end])) == expected)
 
 
-def same_array(found: Any, wanted: Any) -> bool:
-    """Return True if two arrays have the same layout; codecs are not compared, as they differ between zarr versions."""
-    return bool(_layout(found) == _layout(wanted))
-
-
-def same_values(found: Any, wanted: FloatArray) -> bool:
-    """Return True if an array of a store has exactly these values."""
-    return bool(np.array_equal(np.asarray(found[:]), wanted))
-
-
-def _layout(array: Any) -> tuple[Any, ...]:
-    names = array.metadata.dimension_names
-    return array.shape, array.chunks, array.dtype.str, repr(array.fill_value), None if names is None else tuple(names)
-
-
 ATTRIBUTES = "lagrange"
 """Name of the attribute of a store that describes its ensemble."""
 
@@ -234,35 +218,14 @@ def find_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, A
 
 
 def open_store(path: Path, job: Job, table: MemberTable, made_of: Mapping[str, Any]) -> StoreBlocks:
-    """Return the blocks of an existing store.
-
-    Partial files of a killed call are removed. Array descriptions that are missing or changed are written again.
-    """
-    zarr = _zarr()
+    """Return the blocks of an existing store. Partial files of a killed call are removed."""
     with writing(path):
         for rest in path.rglob("*.partial"):
             rest.unlink(missing_ok=True)
-        files = _files(zarr, job, table, made_of)
-        _restore(zarr, path, files)
     with reading(path):
-        group = zarr.open_group(str(path), mode="r+")
+        group = _zarr().open_group(str(path), mode="r+")
     names = tuple(variables_of(job, table, 0, 0, Results.empty(0, job.columns)))
     return StoreBlocks(path, group, names, len(table), made_of["block"])
-
-
-def _restore(zarr: Any, path: Path, files: Mapping[str, bytes]) -> None:
-    """Write the files of an array again if it is missing, or differs in layout from the array of `files`."""
-    buffer = zarr.core.buffer.default_buffer_prototype().buffer.from_bytes
-    made = zarr.open_group(zarr.storage.MemoryStore({name: buffer(text) for name, text in files.items()}), mode="r")
-    for name, wanted in made.arrays():
-        try:
-            found = zarr.open_array(str(path / name), mode="r")
-            same = same_array(found, wanted) and (name != OUTPUT_TIME or same_values(found, wanted[:]))
-        except DAMAGE:
-            same = False
-        for file in () if same else files:
-            if file.startswith(f"{name}/"):
-                write_file(path / file, files[file])
 
 
 def _zarr() -> Any:
@@ -406,7 +369,7 @@ class ZarrStorage(ResultStorage):
     """Results kept in a store on disk; incomplete blocks are kept in memory."""
 
     def __init__(self, job: Job, table: MemberTable, blocks: StoreBlocks, lock: StoreLock) -> None:
-        with writing(blocks.path):
+        with reading(blocks.path), writing(blocks.path):
             super().__init__(job, blocks.left())
         self._table, self._blocks, self._lock = table, blocks, lock
         self._open: dict[int, tuple[Results, int]] = {}

@@ -6,7 +6,7 @@ import math
 import os
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from itertools import groupby
 from numbers import Integral
 from pathlib import Path
@@ -150,19 +150,7 @@ def _dress(axis: Axes, race: Race, style: FigureStyle) -> None:
     axis.set_ylabel(f"largest error {where}, {unit}")
 
 
-COLUMNS = (
-    "method",
-    "adaptive",
-    "setting",
-    "error",
-    "resolved",
-    "time",
-    "timed",
-    "steps",
-    "evaluations",
-    "status",
-    "message",
-)
+COLUMNS = tuple(field.name for field in fields(Entry))
 """Columns of the file and keys of a record: the fields of an `Entry`."""
 
 GOALS = tuple(10.0**-k for k in (3, 6, 9, 12))

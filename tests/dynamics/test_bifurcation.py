@@ -133,12 +133,13 @@ def test_what_cannot_be_meant_is_refused(system: Any, arguments: tuple[Any, Any]
 
 
 def test_options_that_cannot_be_meant_are_refused() -> None:
-    for system, more, says in (
+    cases: tuple[tuple[Any, dict[str, Any], str], ...] = (
         (duffing, {"points": 1}, "points = 1"),
         (duffing, {"skip": -1}, "skip = -1"),
         (duffing, {"follow": 2}, "follow = 2: give True or False"),
         (hoop, {}, "bead on a hoop is not driven: give section=.*system.equilibria\\(\\) and system.eigenvalues"),
-    ):
+    )
+    for system, more, says in cases:
         name = system().statement.parameters[0]
         with pytest.raises(StatementError, match=says):
             lg.bifurcation(system(), name, [1.0, 2.0], **more)
