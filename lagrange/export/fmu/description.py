@@ -157,13 +157,11 @@ def fmi2_description(module: SourceModule, token: str) -> str:
 def fmi3_description(module: SourceModule, token: str) -> str:
     """Return modelDescription.xml of FMI 3.0."""
     found = variables(module)
-    derivatives = _derivatives(module)
     can = {
         "modelIdentifier": module.name,
         "canGetAndSetFMUState": "true",
         "canSerializeFMUState": "true",
-        "providesDirectionalDerivatives": derivatives,
-        "providesAdjointDerivatives": derivatives,
+        "providesDirectionalDerivatives": _derivatives(module),
     }
     time = {"name": "time", "valueReference": 0, "causality": "independent", "variability": "continuous"}
     reals = [*element("Float64", {**time, "unit": module.units.get("t", "")})]

@@ -594,32 +594,9 @@ NONE(SetIntervalFraction, const fmi3UInt64 counters[], const fmi3UInt64 resoluti
 NONE(SetShiftDecimal, const Real shifts[])
 NONE(SetShiftFraction, const fmi3UInt64 counters[], const fmi3UInt64 resolutions[])
 
-EXPORTED Status FMI(GetAdjointDerivative)(
-    Component component, const Reference unknowns[], size_t unknown_count, REFERENCES, const Real seed[],
-    size_t seeds, Real sensitivity[], size_t sensitivities) {
-    NEEDS(EVALUATING)
-    if (seeds != unknown_count || sensitivities != count) {
-        FAIL("the number of values is another");
-    }
-    for (size_t i = 0; i < count; i++) {
-        double direction[Model_STATES] = {0.0};
-        if (!is_state(references[i])) {
-            FAIL("derivatives are those by the state");
-        }
-        direction[references[i] - FIRST_STATE] = 1.0;
-        sensitivity[i] = 0.0;
-        for (size_t j = 0; j < unknown_count; j++) {
-            double value = 0.0;
-            const int found = derivative_of(model, unknowns[j], direction, &value);
-            if (found != FINE) {
-                GIVE(found);
-            }
-            sensitivity[i] += value * seed[j];
-        }
-    }
-    return OK;
-}
-
+REFUSED(GetAdjointDerivative, ERROR, "there are directional derivatives only", Component component,
+    const Reference unknowns[], size_t unknown_count, REFERENCES, const Real seed[], size_t seeds,
+    Real sensitivity[], size_t sensitivities)
 REFUSED(GetNumberOfVariableDependencies, ERROR, "dependencies do not change", Component component,
     Reference reference, size_t *count)
 

@@ -58,8 +58,7 @@ _FROM_BASE = """
 """
 _OWN = "y p t h out parameters power_of factored! solved!"
 
-KEYWORDS = (*_KEYWORDS.split(),)
-RESERVED = (*KEYWORDS, *_FROM_BASE.split(), *_OWN.split(), *(f"{op}_of" for op in HELPERS), *QUANTITIES)
+RESERVED = (*_KEYWORDS.split(), *_FROM_BASE.split(), *_OWN.split(), *(f"{op}_of" for op in HELPERS), *QUANTITIES)
 """Words that cannot be names of values: keywords, functions, and names of parameters of functions."""
 
 _LIBRARY = """

@@ -76,8 +76,7 @@ _BUILT_IN = """
 """
 _OWN = "y p t h out parameters singular factored solved pick smaller larger power_of"
 
-KEYWORDS = (*_KEYWORDS.split(),)
-RESERVED = (*KEYWORDS, *_BUILT_IN.split(), *_OWN.split(), *(f"{op}_of" for op in HELPERS))
+RESERVED = (*_KEYWORDS.split(), *_BUILT_IN.split(), *_OWN.split(), *(f"{op}_of" for op in HELPERS))
 """Words that cannot be names of values: keywords, functions, and parameters and results of functions."""
 
 LONGEST_LINE = 120
