@@ -15,7 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
-from lagrange.dynamics.axes import Plane, difference
+from lagrange.dynamics.axes import Axis, Plane, difference
 from lagrange.dynamics.fixed_points import SADDLE, FixedPoint
 from lagrange.dynamics.runs import Runs
 from lagrange.machine.backend import FloatArray
@@ -51,11 +51,9 @@ class PlaneWindow:
     reach: float
     """Longest time for which an orbit is followed, in each direction of time."""
 
-    @property
-    def turns(self) -> bool:
-        """True if the horizontal axis is an angle."""
-        first = self.plane[0]
-        return first.row < len(self.periodic) and self.periodic[first.row]
+    def wraps(self, axis: Axis) -> bool:
+        """Return whether an axis is an angle."""
+        return axis.row < len(self.periodic) and self.periodic[axis.row]
 
     @property
     def rows(self) -> tuple[int, int]:
@@ -71,7 +69,7 @@ class PlaneWindow:
         """Return the terminal events of leaving the window. An axis with an angle has none, because the angle wraps."""
         statement = runs.model.statement
         entries = (*statement.coordinates, *(velocity_of(q) for q in statement.coordinates))
-        axes = [axis for axis in self.plane if not (axis.row < len(self.periodic) and self.periodic[axis.row])]
+        axes = [axis for axis in self.plane if not self.wraps(axis)]
         return [
             event(
                 (entries[axis.row] - (axis.low - MARGIN * axis.width))
@@ -84,10 +82,7 @@ class PlaneWindow:
 
     def holds(self, state: FloatArray) -> bool:
         """Return True if a state is inside the window."""
-        return all(
-            axis.low <= state[axis.row] <= axis.high or (axis.row < len(self.periodic) and self.periodic[axis.row])
-            for axis in self.plane
-        )
+        return all(axis.low <= state[axis.row] <= axis.high or self.wraps(axis) for axis in self.plane)
 
     def distance(self, states: States, place: FloatArray) -> FloatArray:
         """Return the distances of states (k, 2n) from a place (2n,) on the plane, as parts of the window, (k,)."""

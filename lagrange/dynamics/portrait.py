@@ -214,7 +214,7 @@ def _made(work: _Portrait, held: Mapping[int, float], starts: Any, progress: Rep
     return PortraitData(
         statement=runs.model.statement,
         plane=plane,
-        turns=work.window.turns,
+        turns=work.window.wraps(plane[0]),
         held={names[row]: value for row, value in held.items()},
         time=work.time if work.driven else None,
         x=x,
@@ -264,7 +264,7 @@ def _cells(work: _Portrait, states: FloatArray) -> tuple[FloatArray, FloatArray]
     found = []
     for axis in reversed(work.plane):
         values = states[:, axis.row]
-        if axis.row < len(work.periodic) and work.periodic[axis.row]:
+        if work.window.wraps(axis):
             values = wrapped(values, axis.low)
         places = np.floor((values - axis.low) / axis.width * CELLS)
         found.append(np.clip(np.nan_to_num(places, nan=-1.0), -1, CELLS).astype(int) + 1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -46,16 +46,8 @@ class Runs:
         """Run from a state (2n,) at t0 to t1. With `t_eval` (k,) only the states at these times are kept."""
         options, statement = self.options, self.model.statement
         values = dict(zip(statement.parameters, self.parameters.tolist(), strict=True))
-        chosen = RunOptions(
-            options.method,
-            options.rtol,
-            options.atol,
-            options.step,
-            t_eval,
-            options.events if events is None else events,
-            options.max_steps,
-            parameters=values,
-        )
+        watched = options.events if events is None else events
+        chosen = replace(options, t_eval=t_eval, events=watched, parameters=values)
         initial = dict(zip(statement.state_names, start.tolist(), strict=True))
         return integrate(self.model, (t0, t1), initial, chosen)[0]
 

@@ -29,7 +29,7 @@ from lagrange.show.figures.section_figure import plot_section, plot_sweep
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.picture import picture
-from lagrange.show.notebook.html_card import image, pairs, sentences
+from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.notebook.shown_lists import ExpressionTuple
 from lagrange.show.terminal import text_table
 from lagrange.statement.contact import check_without_contacts
@@ -78,11 +78,7 @@ class Drawn(ABC):
         return f"{self._heading()}\n{text_table(('', ''), self._card())}"
 
     def _repr_html_(self) -> str:
-        card = pairs(self._heading(), self._card())
-        try:
-            return card + image(self.plot(), f"plot of {self._heading()}")
-        except StatementError as nothing_to_draw:
-            return card + sentences([str(nothing_to_draw)])
+        return pictured(pairs(self._heading(), self._card()), self.plot, self._heading())
 
     def _heading(self) -> str:
         return f"{self.statement.name}: {self.status.value}"

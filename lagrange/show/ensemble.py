@@ -48,7 +48,7 @@ from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.csv_format import write_rows
 from lagrange.show.files.picture import picture
-from lagrange.show.notebook.html_card import image, pairs, sentences
+from lagrange.show.notebook.html_card import pairs, pictured
 from lagrange.show.terminal import duration, text_table
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.event import declare_events
@@ -250,12 +250,7 @@ class Ensemble:
         """Return the card for a notebook, with the picture if there is one."""
         heading, *lines = self._card()
         card = pairs(heading[1], lines)
-        if len(self) > MOST_DRAWN:
-            return card
-        try:
-            return card + image(self.plot(), f"plot of {heading[1]}")
-        except StatementError as nothing_to_draw:
-            return card + sentences([str(nothing_to_draw)])
+        return card if len(self) > MOST_DRAWN else pictured(card, self.plot, heading[1])
 
     def to_xarray(self) -> xarray.Dataset:
         """Return a Dataset: kept quantities as functions of varied ones, with a dimension for each axis of a grid.

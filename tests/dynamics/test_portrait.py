@@ -14,7 +14,7 @@ from sympy import Eq, cos
 import lagrange as lg
 from lagrange.dynamics import portrait
 from lagrange.dynamics.axes import Axis
-from lagrange.dynamics.orbits import CLOSED, LINEAR_ERROR
+from lagrange.dynamics.orbits import CLOSED, LINEAR_ERROR, PlaneWindow
 from lagrange.dynamics.runs import Runs
 from lagrange.errors import StatementError
 from tests.dynamics.planar import (
@@ -231,7 +231,8 @@ def test_constraints_and_what_is_no_system_are_refused() -> None:
 
 
 def test_cells_of_states_beyond_all_bounds_are_the_border() -> None:
-    work: Any = SimpleNamespace(plane=(Axis("x", 0, -1.0, 1.0, 3), Axis("x_dot", 1, -1.0, 1.0, 3)), periodic=(False,))
+    plane = Axis("x", 0, -1.0, 1.0, 3), Axis("x_dot", 1, -1.0, 1.0, 3)
+    work: Any = SimpleNamespace(plane=plane, window=PlaneWindow(plane, (False,), 1.0))
     rows, columns = portrait._cells(work, np.array([[1e300, -np.inf], [-1e25, np.nan], [0.0, 0.0]]))
     assert columns.tolist()[:2] == [portrait.CELLS + 1, 0] and rows.tolist()[:2] == [0, 0]
     assert 1 <= rows[2] <= portrait.CELLS and 1 <= columns[2] <= portrait.CELLS

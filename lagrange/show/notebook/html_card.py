@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from html import escape
 from typing import TYPE_CHECKING
 
-from lagrange.errors import counted
+from lagrange.errors import StatementError, counted
 from lagrange.show.figures.new_figure import SCREEN_DPI
 from lagrange.show.files.picture import bounded_png
 from lagrange.show.notation.symbols import plain_text
@@ -68,3 +68,11 @@ def image(figure: Figure, about: str) -> str:
     width = round(SCREEN_DPI * figure.get_size_inches()[0])
     source = f"data:image/png;base64,{data}"
     return f"<img src='{source}' width='{width}' style='max-width:100%;height:auto' alt='{text(about)}'>"
+
+
+def pictured(card: str, draw: Callable[[], Figure], about: str) -> str:
+    """Return a card with a picture under it, or with the sentence that says why nothing can be drawn."""
+    try:
+        return card + image(draw(), f"plot of {about}")
+    except StatementError as nothing_to_draw:
+        return card + sentences([str(nothing_to_draw)])
