@@ -124,6 +124,45 @@ def test_a_factor_that_is_a_difference_stays_one(text: str, said: str) -> None:
     assert said in message, message
 
 
+ROUNDED = {
+    "theta'' = -0.6667 g sin(theta)/(R - r)": "Equation 1 is right to 4 digits: 0.6667 stands for 2/3.",
+    "theta'' = -0.666 g sin(theta)/(R - r)": "Equation 1 is right to 3 digits: 0.666 stands for 2/3.",
+    "theta'' = -0.5*1.333 g sin(theta)/(R - r)": "Equation 1 is right to 4 digits: 0.6665 stands for 2/3.",
+    "0.75 (R - r) theta'' = -0.500 g sin(theta)": "The equations are right",
+    "1.500 (R - r) theta'' + 1.414*0.707 g sin(theta) = 0": "0.999698 stands for 1.",
+}
+"""Answers that are right but for rounded numbers, and what is said of these."""
+
+COARSE = {
+    "theta'' = -0.67 g sin(theta)/(R - r)": "To 2 digits 0.67 stands for 2/3: give at least 3, or the exact number.",
+    "theta'' = -0.667 g sin(theta)": "is wrong: it should be -2*g*sin(theta)/(3*",
+    "theta'' = -0.668 g sin(theta)/(R - r)": "it is 501/500 times what it should be, -2*g*sin(theta)/(3*(R - r)).",
+    "1.001 (R - r) theta'' + 0.6667 g sin(theta) = 0": "is wrong",
+    "1.500 (R - r) theta'' + 0.999 g sin(theta) = 0": "it is 999/1000 times what it should be, g*sin(theta).",
+    "theta'' = 0.6667 g sin(theta)/(R - r)": "is wrong",
+}
+"""Answers with too few digits, with digits that are neither rounded nor cut off, or with another error."""
+
+
+@pytest.mark.parametrize("text", [*ROUNDED, *COARSE])
+def test_a_decimal_stands_for_the_number_that_it_is_rounded_from(text: str) -> None:
+    theta, (m, R, r, g) = lg.coordinate("theta"), lg.parameters("m R r g")
+    bowl = lg.System(sp.Rational(3, 4) * m * (R - r) ** 2 * theta.dot**2, -m * g * (R - r) * sp.cos(theta))
+    result = bowl.compare(text)
+    assert bool(result) == (text in ROUNDED), result.message
+    assert (ROUNDED | COARSE)[text] in result.message, result.message
+
+
+def test_a_decimal_may_stand_for_a_root_or_a_longer_decimal() -> None:
+    x, (m, k) = lg.coordinate("x"), lg.parameters("m k")
+    driven = lg.System(m * x.dot**2 / 2, k * x**2 / 2, forces={x: sp.sqrt(2) * sp.cos(lg.t)})
+    assert driven.compare("m x'' + k x = 1.414 cos(t)").message.endswith("1.414 stands for 1.414214.")
+    assert not driven.compare("m x'' + k x = 1.42 cos(t)")
+    falling = lg.System(m * x.dot**2 / 2, 9.80665 * m * x)
+    assert falling.compare("x'' = -9.81").message.endswith("right to 3 digits: 9.81 stands for 9.80665.")
+    assert not falling.compare("x'' = -9.8")
+
+
 def test_of_two_readings_only_that_of_the_wrong_equation_is_quoted() -> None:
     found = shared_scene("double-pendulum")
     result = found.compare(

@@ -20,6 +20,7 @@ from lagrange.evidence.laws import solve_dense
 from lagrange.evidence.precise import OutsideDomain, all_ways, describe_way
 from lagrange.evidence.sample import SamplePoint, Sampler
 from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample, MotionStates, motion_samples
+from lagrange.mechanics.grading.rounded_numbers import with_exact_numbers
 from lagrange.mechanics.grading.student_equations import HELD, EquationRow, StudentEquation, row_of
 from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, Write
 from lagrange.mechanics.grading.wrong_term import WrongTerm, slip_of, wrong_term
@@ -217,7 +218,9 @@ def compare_equations(
     if result.wrong:
         slip = slip_of([reading for reading, _ in understood], statement, samples, alone=alone)
         remark = f" {slip}" if slip else ""
-    shown = [i for i, equation in enumerate(equations) if equation.others and (i in result.wrong or not result.wrong)]
+    told = [i for i in range(len(equations)) if i in result.wrong or not result.wrong]
+    remark += "".join(f" {understood[i][0].rounded}" for i in told if understood[i][0].rounded)
+    shown = [i for i in told if equations[i].others]
     remark += f" Read as {listing(understood[i][0].read for i in shown[:MOST_READ])}." if shown else ""
     read = "\n".join(equation.read for equation, _ in understood)
     if len(result.message + remark) <= LONGEST_MESSAGE:
@@ -236,6 +239,7 @@ def _likeliest(
 ) -> tuple[StudentEquation, EquationRow]:
     """Return the first reading of an equation that holds at all samples, or else its first linear reading.
 
+    A reading may hold with exact numbers for its decimals. Such a one has a sentence on these.
     A reading that is not linear in the accelerations is skipped. Raises StatementError if all readings are such.
     """
     rows: list[tuple[StudentEquation, EquationRow]] = []
@@ -249,6 +253,10 @@ def _likeliest(
         if row.holds(samples):
             return reading, row
         rows.append((reading, row))
+    for reading, row in rows:
+        exact = with_exact_numbers(reading, row, samples)
+        if exact is not None:
+            return exact, row_of(exact, statement)
     if rows:
         return rows[0]
     raise refused or StatementError(f"{equation.label} cannot be read.")

@@ -37,7 +37,7 @@ class StudentEquation:
     `label` names it in messages. `zero` is left side minus right side; `right` is the right side. `read` is the text of
     the equation as it was understood. `differentiated` are the expressions whose time derivative was typed, and
     `letters` maps multipliers to the letters that were typed for them. `others` are further readings of an ambiguous
-    text.
+    text. `rounded` is a sentence on decimals that stand for exact numbers, or "".
     """
 
     label: str
@@ -47,6 +47,7 @@ class StudentEquation:
     differentiated: tuple[Any, ...] = ()
     letters: Mapping[Any, Any] = field(default_factory=dict)
     others: tuple[StudentEquation, ...] = ()
+    rounded: str = ""
 
 
 def read_equations(given: Any, statement: Statement) -> list[StudentEquation]:

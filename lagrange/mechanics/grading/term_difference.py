@@ -87,7 +87,8 @@ def difference_of(there: Any, wanted: Any, numbers: Callable[[Any], Numbers | No
         return Difference(EXTRA, there, wanted)
     ratio = ratio_of(numbers(there), numbers(wanted))
     if ratio is not None:
-        return Difference(SCALED, there, _times(1 / ratio, there), ratio, whole=True)
+        right = wanted if there.has(sympy.Float) else _times(1 / ratio, there)
+        return Difference(SCALED, there, right, ratio, whole=True)
     off = numbers(there - wanted)
     scaled = scaled_product(there, off, numbers)
     if scaled is not None:

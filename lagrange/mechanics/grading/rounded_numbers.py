@@ -1,0 +1,96 @@
+"""Decimals of an equation that stand for exact numbers, such as 0.6667 for 2/3."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from decimal import Decimal
+from typing import Any
+
+import sympy
+
+from lagrange.errors import StatementError, counted, listing
+from lagrange.evidence.laws import solve_dense
+from lagrange.evidence.precise import OutsideDomain
+from lagrange.mechanics.grading.motion_samples import SINGULAR, MotionSample
+from lagrange.mechanics.grading.student_equations import HELD, EquationRow, StudentEquation, row_of
+from lagrange.mechanics.grading.term_difference import constant_of
+
+FEWEST_DIGITS = 3
+"""Fewest significant digits of a rounded number that is right: 9.81 and 0.667 are, 9.8 and 0.67 are not."""
+
+LONGEST_ROUNDED = 400
+"""Largest number of operations of an equation whose decimals are examined; each costs a derivative."""
+
+_DECIMAL = re.compile(r"(?<![\w.])[0-9]*\.[0-9]+(?:e[+-]?[0-9]+)?(?!\w)")
+
+
+def with_exact_numbers(
+    equation: StudentEquation, row: EquationRow, samples: Sequence[MotionSample]
+) -> StudentEquation | None:
+    """Return an equation with a sentence on its decimals if exact numbers make it hold at all samples, else None.
+
+    A decimal is an exact number, rounded or cut off. For a product of decimals, which SymPy multiplies, the relative
+    error is that of the most precise one. The exact numbers replace decimals with enough digits.
+    """
+    typed = sorted(map(Decimal, _DECIMAL.findall(equation.read)), key=_unit)
+    decimals = sorted(row.zero.atoms(sympy.Float), key=str)
+    if not typed or not 0 < len(decimals) < len(samples) or row.zero.count_ops() > LONGEST_ROUNDED:
+        return None
+    try:
+        exact = _exact_numbers(row, decimals, samples)
+        corrected = replace(equation, **{side: getattr(equation, side).xreplace(exact) for side in ("zero", "right")})
+        holds = row_of(corrected, row.statement).holds(samples)
+    except (OutsideDomain, StatementError):
+        return None
+    sources = {x: next((y for y in typed if float(y) == abs(float(x))), typed[0]) for x in exact}
+    errors = [(exact[x] / x - 1) / _unit(source) for x, source in sources.items()]
+    if not holds or any(not HELD - 0.5 < error < 1 - HELD for error in errors):
+        return None
+    digits = min(len(source.as_tuple().digits) for source in sources.values())
+    told = listing(f"{abs(float(x)):.15g} stands for {_text(abs(value), digits)}" for x, value in exact.items())
+    if digits < FEWEST_DIGITS:
+        advice = f"give at least {FEWEST_DIGITS}, or the exact number."
+        return replace(equation, rounded=f"To {counted(digits, 'digit')} {told}: {advice}")
+    label = f"{equation.label[0].upper()}{equation.label[1:]}"
+    return replace(corrected, rounded=f"{label} is right to {digits} digits: {told}.")
+
+
+def _unit(number: Decimal) -> float:
+    """Return a unit of the last digit relative to a decimal number."""
+    return 10.0 ** int(number.as_tuple().exponent) / float(number) if number else 1.0
+
+
+def _text(value: Any, digits: int) -> str:
+    """Return a number as a fraction, or as a decimal if it is not one, or one of many digits such as 981/100."""
+    return str(value) if value.is_Rational and value.q not in (10, 100, 1000) else f"{float(value):.{digits + 3}g}"
+
+
+def _exact_numbers(row: EquationRow, decimals: Sequence[Any], samples: Sequence[MotionSample]) -> dict[Any, Any]:
+    """Return {decimal: number} so that the equation holds at as many samples, by one step of Newton's method.
+
+    Decimals that are exact are left out. The last ones stay as they are if the others determine the equation up to a
+    factor. Raises OutsideDomain if no number is determined.
+    """
+    names = {number: sympy.Dummy(real=True) for number in decimals}
+    opened, typed = row.zero.xreplace(names), {name: number for number, name in names.items()}
+    slopes = [StudentEquation(row.label, sympy.diff(opened, name).xreplace(typed)) for name in typed]
+    columns = [[row_of(slope, row.statement).residual(sample)[0] for sample in samples] for slope in slopes]
+    residuals = [row.residual(sample)[0] for sample in samples]
+    for count in range(len(decimals), 0, -1):
+        lines = [list(line) for line in zip(*columns[:count], strict=True)]
+        try:
+            steps = solve_dense(lines[:count], residuals[:count], SINGULAR)
+        except OutsideDomain:
+            continue
+        values = [(x, float(x) - step) for x, step in zip(decimals, steps, strict=False)]
+        changed = [(x, value) for x, value in values if abs(value - float(x)) > HELD * abs(float(x))]
+        return {x: _number(value) for x, value in changed}
+    raise OutsideDomain("no decimal is determined")
+
+
+def _number(value: Any) -> Any:
+    """Return a number of many digits as a small fraction if it is one."""
+    fraction = constant_of([value])
+    return sympy.Float(str(value), 30) if fraction is None else sympy.Rational(fraction)
