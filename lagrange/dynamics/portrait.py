@@ -175,7 +175,7 @@ def portrait(
     for row, value in held.items():
         base[row] = value
     plane = default_plane(runs, base) if window is None else plane_of(statement, window, "window", FIELD)
-    free = [row for row in range(2 * len(statement.coordinates)) if row not in held]
+    free = [row for row in range(len(statement.state_names)) if row not in held]
     if sorted(axis.row for axis in plane) != free:
         names = statement.state_names
         raise StatementError(
@@ -305,7 +305,7 @@ def held_entries(model: Model, at: Mapping[Any, Any] | None, window: Any) -> dic
     for key, value in (at or {}).items():
         row = row_of(statement, key, "at")
         held[row] = real_number(value, f"the value of {statement.state_names[row]} in at")
-    left = 2 * len(statement.coordinates) - len(held)
+    left = len(statement.state_names) - len(held)
     if window is None and left == 2 and len(statement.coordinates) > 1:
         free = [name for row, name in enumerate(statement.state_names) if row not in held]
         raise StatementError(

@@ -200,14 +200,14 @@ class _Session:
 
     def _columns(self) -> list[int]:
         """Return the next columns of the Jacobian to check: all if they are few, else in turn."""
-        width = 2 * len(self.statement.coordinates)
+        width = len(self.statement.state_names)
         share = min(width, MOST_COLUMNS, max(8, math.ceil(width / self.point_count)))
         start = len(self.used) * share
         return [(start + i) % width for i in range(share)]
 
     def _columns_left(self) -> list[str]:
         """Return a note on columns of the Jacobian that no point has checked; empty if all are checked."""
-        width, share = 2 * len(self.statement.coordinates), len(self._columns())
+        width, share = len(self.statement.state_names), len(self._columns())
         checked = share * len(self.used)
         if checked >= width:
             return []

@@ -99,7 +99,7 @@ def local_terms(statement: Statement, digits: int) -> LocalTerms | None:
     by_place = [Precise([part], statement, digits) for part in _by(statement.coordinates, lagrangian)]
     drag = _by(statement.velocities, _terms(statement.dissipation, statement))
     dissipation = [Precise([part], statement, digits) for part in drag]
-    touched: list[list[int]] = [[] for _ in range(2 * n)]
+    touched: list[list[int]] = [[] for _ in statement.state_names]
     for i, force in enumerate(statement.forces):
         parts = (by_velocity[i], by_place[i], dissipation[i], Precise([force], statement, digits))
         # If p_i contains a coordinate, dp_i/dt contains its velocity.
@@ -245,7 +245,7 @@ def momentum_rate(
 ) -> Numbers:
     """Return dp/dt for velocities v and accelerations a, n numbers, or only the entries listed in `rows`."""
     n, here, direction = len(q), [*q, *v], [*v, *a]
-    needed = range(2 * n) if rows is None else sorted({k for i in rows for k in source.read(i)})
+    needed = range(len(here)) if rows is None else sorted({k for i in rows for k in source.read(i)})
     for k in needed:
         direction[k] *= source.nudge("velocity", k) if k < n else source.nudge("acceleration", k - n)
     t_along = source.nudge("time", 0)

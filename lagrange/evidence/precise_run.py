@@ -179,7 +179,7 @@ class PreciseLaws:
             forces=lambda q, v, t: loads(q, v, t, values)[:-1],
             dissipation=(lambda i: lambda q, v, t: loads(q, v, t, values)[-1]) if statement.dissipation != 0 else None,
             nudge=laws.exactly,
-            read=lambda i: range(2 * len(statement.coordinates)),
+            read=lambda i: range(len(statement.state_names)),
             touched=lambda j: range(len(statement.coordinates)),
         )
         holonomic = tuple(constraint.holonomic for constraint in statement.constraints)

@@ -243,7 +243,7 @@ class Reference:
             forces=(lambda q, v, t: loads(q, v, t, parameters)[:-1]) if self._loaded else (lambda q, v, t: still),
             dissipation=dissipation.__getitem__ if self.statement.dissipation != 0 else None,
             nudge=nudge,
-            read=lambda i: local.by_velocity[i].entries if local else range(2 * n),
+            read=lambda i: local.by_velocity[i].entries if local else range(len(self.statement.state_names)),
             touched=local.touched.__getitem__ if local else (lambda j: range(n)),
         )
 

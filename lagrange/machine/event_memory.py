@@ -41,7 +41,7 @@ class Reaction(NamedTuple):
 def idle(program: SeriesProgram) -> EventMemory:
     """Return the memory of a run without events: the driver returns before each step that may cross a surface."""
     events = len(program.watched) - program.sides
-    return EventMemory(2 * program.dimension, program.sides, [Reaction()] * events)
+    return EventMemory(program.states, program.sides, [Reaction()] * events)
 
 
 @lru_cache(maxsize=64)

@@ -311,11 +311,10 @@ class _Problem:
                 f"parameters={{'{missing[0]}': 1.0}}."
             )
         values = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
-        n = len(form.q)
-        state = np.zeros(2 * n)
-        state[list(self.rows)] = np.array(statement.initial[:n])[list(self.rows)]
-        for i, v in enumerate(form.v):
-            state[n + i] = number(self.speeds.get(v, sympy.S.Zero), values).real
+        state = np.zeros(model.layout.size)
+        state[list(self.rows)] = np.array(statement.initial)[list(self.rows)]
+        for i, v in enumerate(form.v, model.layout.v.start):
+            state[i] = number(self.speeds.get(v, sympy.S.Zero), values).real
         search = Search(
             model=model,
             parameters=model.parameter_array(),

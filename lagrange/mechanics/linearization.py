@@ -311,7 +311,6 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
 
     If a column of B differs, return both versions of that column instead. NaN if the matrices have no values.
     """
-    n = len(point.q)
     state = numeric(sympy.Matrix([*point.q, *point.v]), values).ravel()
     mass, damping, stiffness, pushes = (numeric(x, values) for x in (lin.M, lin.C, lin.K, lin.input_matrix))
     places, speeds, slopes = (numeric(x, values) for x in (lin.basis, lin.velocity_basis, lin.velocity_slope))
@@ -326,17 +325,19 @@ def _both(lin: Linearization, point: StatedPoint, model: Model, values: Any) -> 
     parameters = {p: float(values[p]) for p in point.form.statement.parameters}
     if lin.first_order:
         # The velocities follow from the coordinates, v = f(x), so that dv/dt = (df/dx) v.
-        slopes = model.jacobian(time, state, parameters)[n:, n:]
+        slopes = model.jacobian(time, state, parameters)[model.layout.v, model.layout.v]
         return [*slopes.ravel()], [*np.linalg.solve(damping, -stiffness).ravel()]
     # The independent velocities are a selection of all velocities, so their rates are rows of the full Jacobian.
-    jacobian = model.jacobian(time, state, parameters)[n:][lin.speeds]
-    compiled = np.hstack([jacobian[:, :n] @ places + jacobian[:, n:] @ slopes, jacobian[:, n:] @ speeds])
+    jacobian = model.jacobian(time, state, parameters)[model.layout.v][lin.speeds]
+    by_place, by_speed = jacobian[:, model.layout.q], jacobian[:, model.layout.v]
+    compiled = np.hstack([by_place @ places + by_speed @ slopes, by_speed @ speeds])
     formulas = np.linalg.solve(mass, np.hstack([-stiffness, -damping]))
     scale = max(1e-300, np.abs(compiled).max())
     for k, u in enumerate(point.inputs):
         # One-sided difference: an input declared positive must not become negative.
         near, here, far = (
-            model.rhs(time, state, {**parameters, u: parameters[u] + share * INPUT_STEP})[n:] for share in (1, 0, 2)
+            model.rhs(time, state, {**parameters, u: parameters[u] + share * INPUT_STEP})[model.layout.v]
+            for share in (1, 0, 2)
         )
         column = (4 * near - 3 * here - far) / (2 * INPUT_STEP)
         symbolic = speeds @ np.linalg.solve(mass, pushes[:, k])

@@ -156,7 +156,7 @@ class _InTurns:
         places, rates, accelerations = self._changes(y, numeric(self.accelerations, numbers).ravel())
         free = np.linalg.solve(mass, -np.hstack([slope, drag]))
         expected = accelerations[:, : 2 * self.n] + accelerations[:, 2 * self.n :] @ free
-        compiled = jacobian[len(y) // 2 :] @ np.vstack([places, rates])
+        compiled = jacobian[model.layout.v] @ np.vstack([places, rates])
         if not np.abs(compiled - expected).max() <= LARGEST_DIFFERENCE * max(np.abs(compiled).max(), 1e-300):
             raise RunError(f"the linear equations of {statement.name} differ from its compiled model. {FAULT}")
 

@@ -348,7 +348,7 @@ def eigenvalue_path(statement: Statement, parameter: Any, values: Any, at: Any, 
         rows[k] = _matched(np.linalg.eigvals(matrix), _expected(known, rows, chosen, value))
         known = [*known[-1:], k]
         before = state if point.decimal else None
-        places[k] = state[:n]
+        places[k] = state[model.layout.q]
     if np.isnan(places).all():
         raise StatementError(
             f"no equilibrium was found at any of the {len(chosen)} values of {label}: give one at the first value, as "
@@ -399,23 +399,23 @@ def _equilibrium(point: StatedPoint, model: Model, given: Any, before: FloatArra
 
     `before` is the state at the previous value, or None.
     """
-    state, n = _stated(point, given), len(point.q)
+    state, (q, v) = _stated(point, given), (model.layout.q, model.layout.v)
     if state is None:
         return None
     if before is not None:
-        state[:n] = before[:n]
+        state[q] = before[q]
     for _ in range(STEPS):
         try:
-            a = model.accelerations(state[:n], state[n:], 0.0, given)
-            slopes = model.jacobian(0.0, state, given)[n:, :n]
+            a = model.accelerations(state[q], state[v], 0.0, given)
+            slopes = model.jacobian(0.0, state, given)[v, q]
         except RunError:
             return None
         if not (np.isfinite(a).all() and np.isfinite(slopes).all()):
             return None
         step = np.linalg.pinv(slopes, rcond=1e-10) @ a
-        state[:n] -= step
-        if np.abs(step).max() <= CLOSE * (1 + np.abs(state[:n]).max()):
-            left = np.abs(model.accelerations(state[:n], state[n:], 0.0, given)).max()
+        state[q] -= step
+        if np.abs(step).max() <= CLOSE * (1 + np.abs(state[q]).max()):
+            left = np.abs(model.accelerations(state[q], state[v], 0.0, given)).max()
             return state if left <= 1e-6 * max(1e-300, np.abs(slopes).max()) else None
     return None
 

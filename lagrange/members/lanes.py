@@ -30,7 +30,7 @@ from lagrange.algorithm.series.packing import pack
 from lagrange.algorithm.series.written_out import WrittenJet
 from lagrange.algorithm.step.constants import LEAST_FLOOR, RELATIVE_PERTURBATION, perturbation_factors
 from lagrange.algorithm.taylor.memory import SIZES
-from lagrange.equations.euler_lagrange import node_of
+from lagrange.equations.euler_lagrange import StateLayout, node_of
 from lagrange.graph.node import Node
 from lagrange.machine.backend import MemberRuns
 from lagrange.machine.event_memory import EventMemory, Reaction
@@ -140,7 +140,7 @@ def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
     prepared = Prepared.of([*laws.values()])
     kernels = {name: kernel(program, prepared, name, f"The quantity {name}.") for name, program in laws.items()}
     preparing, size = prepare(prepared, ABOUT), prepared.size
-    observed = _observed(kernels, model.dimension)
+    observed = _observed(kernels, model.layout)
     sampled = None
     if nodes:
         reductions = tuple((one.how, different.index(node)) for one, node in zip(wanted.reductions, nodes, strict=True))
@@ -158,7 +158,7 @@ def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
         members = TaylorMembers(jet.layout, plan.order, jet.build(), numbers, observed, sampled, events)
         if wanted.watched is not None:
             sizes = np.array([getattr(jet.layout, name) for name in SIZES.places], dtype=np.int64)
-            read |= {"sizes": sizes, **wanted.watched.arrays(2 * model.dimension)}
+            read |= {"sizes": sizes, **wanted.watched.arrays(model.layout.size)}
     else:
         assert step is not None
         numbers = Numbers(size, parameters, preparing if wanted.varying else None)
@@ -169,8 +169,8 @@ def compiled_members(model: Model, plan: Plan, wanted: Wanted) -> Compiled:
         if wanted.path is not None and wanted.watched is not None:
             screened = step.control is not None and wanted.path.degree > hermite_polynomial(3).degree
             watch = StepEvents(kernels["watched"], wanted.watched.events, screened)
-            read |= wanted.watched.arrays_of_steps(2 * model.dimension)
-        members = StepMembers(step, 2 * model.dimension, kernels["step"], numbers, observed, dense, sampled, watch)
+            read |= wanted.watched.arrays_of_steps(model.layout.size)
+        members = StepMembers(step, model.layout.size, kernels["step"], numbers, observed, dense, sampled, watch)
     made = None if wanted.varying else Pruner().pruned(preparing)
     code = model.machine.members(members.build())
     assert code is not None, f"{model.target} runs no members side by side"
@@ -192,14 +192,14 @@ def _jet(series: TaylorProcedures, order: int) -> WrittenJet | ByOrderJet:
     return WrittenJet(series.single, series.numbers, order)
 
 
-def _observed(kernels: Mapping[str, Procedure], dimension: int) -> Observed:
+def _observed(kernels: Mapping[str, Procedure], layout: StateLayout) -> Observed:
     """Return the procedure for the observed values of a state: the energy and the momenta."""
     p = Builder("observed", "The energy and the momenta.")
-    t, y = p.given("t", REAL), p.array("y", size=2 * dimension, read=True)
-    held, out = p.array("p", read=True), p.array("out", size=1 + dimension)
+    t, y = p.given("t", REAL), p.array("y", size=layout.size, read=True)
+    held, out = p.array("p", read=True), p.array("out", size=1 + len(layout.rates))
     singular = p.call(kernels["energy"], t, y, held, out)
     p.leave(singular | p.call(kernels["momenta"], t, y, held, out.at(1)))
-    return Observed(p.finish(FLAG), 1 + dimension)
+    return Observed(p.finish(FLAG), 1 + len(layout.rates))
 
 
 _COMPILED: WeakKeyDictionary[Model, dict[Any, Compiled]] = WeakKeyDictionary()

@@ -184,9 +184,9 @@ def _rates(model: Model, parameters: tuple[float, ...], initial: tuple[float, ..
 
     If they have no value they count as zero: the page itself reports a start without accelerations.
     """
-    n = len(model.statement.names)
+    values = dict(zip(model.statement.parameters, parameters, strict=True))
     try:
-        rates = model.rhs(0.0, np.array(initial), dict(zip(model.statement.parameters, parameters, strict=True)))[n:]
+        rates = model.rhs(0.0, np.array(initial), values)[model.layout.v]
     except RunError:
-        return [0.0] * n
+        return [0.0] * len(model.layout.rates)
     return [float(rate) if math.isfinite(rate) else 0.0 for rate in rates]

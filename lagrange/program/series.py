@@ -117,6 +117,11 @@ class SeriesProgram:
         for problem in _problems(self):
             raise LagrangeError(f"series program {self.name} is malformed: {problem}")
 
+    @property
+    def states(self) -> int:
+        """The length of a state: coordinates and velocities."""
+        return len(self.rates) + self.dimension
+
     @cached_property
     def depth(self) -> tuple[int, ...]:
         """The number of stages to solve, at each order, before each value is known."""

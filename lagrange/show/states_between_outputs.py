@@ -62,7 +62,7 @@ class _Between:
     def __init__(self, solution: Solution, known: OutputPath) -> None:
         order = slice(None, None, 1 if known.times[-1] >= known.times[0] else -1)
         self.solution, self.t, self.y = solution, known.times[order], np.ascontiguousarray(known.states[:, order])
-        self.n = len(self.y) // 2
+        self.n = solution.model.layout.v.start
         self.rates = self._rates(self.t, self.y)
 
     def _rates(self, t: FloatArray, y: FloatArray) -> FloatArray:

@@ -47,7 +47,7 @@ class Row:
 
 def by_order_layout(packing: Packing) -> TaylorLayout:
     """Return the layout for members side by side."""
-    program, width = packing.program, Row(packing, 2 * packing.program.dimension).size
+    program, width = packing.program, Row(packing, packing.program.states).size
     ways = {"by_rows": True, "observes": len(program.watched) > 0}
     return TaylorLayout.of(program, width, scratch=by_order_scratch(packing), **ways)
 

@@ -29,14 +29,14 @@ class Image:
 
     def __init__(self, packing: Packing, first: int) -> None:
         self.packing, self.first = packing, first
-        n = packing.program.dimension
-        self.homes: dict[int, int] = {i: i for i in range(2 * n)}
+        states = range(packing.program.states)
+        self.homes: dict[int, int] = {i: i for i in states}
         """The index of each value."""
-        self.repeated: dict[int, int] = {i: i for i in range(2 * n)}
+        self.repeated: dict[int, int] = {i: i for i in states}
         """The value at each index of a home."""
         self.places: dict[Operand, int] = {}
         self.gathered: dict[Operand, None] = {}
-        self.end = 2 * n
+        self.end = len(states)
         self.place_homes(dict.fromkeys((*packing.summed, *packing.delayed)))
         kept = dict.fromkeys((*packing.summed, *packing.delayed, *packing.rates))
         for operand in kept:

@@ -69,7 +69,7 @@ class Jet:
         start.run_moving(ANGLES_AT_ONCE if self.packing.lanes > 1 else 1)
         values = [start.value(ref) for ref in program.start.outputs]
         self.origin = dict(zip(program.started, values, strict=False))
-        for i in range(2 * program.dimension):
+        for i in range(program.states):
             self.origin.setdefault(i, self.y[i])
         triangles, memory = iter(values[len(program.started) :]), self.matrices()
         flags = [p.false if start.singular is None else Flag.of(start.singular.value)]

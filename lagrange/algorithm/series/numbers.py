@@ -157,8 +157,8 @@ class Start(Body):
         slots = {} if state is None else numbers.slots
         super().__init__(p, numbers.program.start, Inputs(prepared, slots, time, state), style)
         self.count, self.constants = numbers.program.constants.parameters, constants
-        self.dimension = numbers.program.dimension
-        self.moved = padded - 2 * numbers.program.dimension if padded else 0
+        self.states = numbers.program.states
+        self.moved = padded - self.states if padded else 0
 
     def run_moving(self, width: int) -> None:
         """Add what depends on the state; the sines and cosines of `width` angles at once, those of angles later."""
@@ -195,7 +195,7 @@ class Start(Body):
         one = self.program.instructions[ref]
         if one.op == "parameter" and one.place >= self.count:
             self.values[ref] = self.constants[one.place - self.count]
-        elif one.op == "state" and one.place >= 2 * self.dimension and ref not in self.values:
+        elif one.op == "state" and one.place >= self.states and ref not in self.values:
             assert self.inputs.state is not None
             self.values[ref] = self.inputs.state[one.place + self.moved]
         else:

@@ -160,7 +160,7 @@ class Packing:
     @cached_property
     def state(self) -> tuple[Chunk, ...]:
         """The coordinates and the velocities."""
-        return (*self.coordinates, *(chunk for chunk in self.unknowns if chunk.values[0] < 2 * self.program.dimension))
+        return (*self.coordinates, *(chunk for chunk in self.unknowns if chunk.values[0] < self.program.states))
 
     @cached_property
     def unknowns(self) -> tuple[Chunk, ...]:
@@ -301,7 +301,7 @@ class _Packer:
 
     def unknowns(self, stage: Stage) -> tuple[Chunk, ...]:
         """Return the unknowns of a stage, velocities apart from others."""
-        end = 2 * self.program.dimension
+        end = self.program.states
         velocities = [value for value in stage.unknowns if value < end]
         others = [value for value in stage.unknowns if value >= end]
         return (*self.chunks("unknown", velocities), *self.chunks("unknown", others))

@@ -127,7 +127,7 @@ class TaylorLayout(Offsets):
 
         `parts` are other fields, such as `scratch`.
         """
-        dimension, watched = 2 * program.dimension, len(program.watched)
+        dimension, watched = program.states, len(program.watched)
         end = whole_blocks(dimension, block)
         ways = {"projected": program.projection is not None, "crossing": program.may_cross}
         return cls(dimension, width or end + watched, watched, end, block, **ways, **parts)

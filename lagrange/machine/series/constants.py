@@ -19,7 +19,7 @@ def constants(program: SeriesProgram, parameters: FloatArray) -> tuple[FloatArra
     The inverse is NaN if an entry is, as while the side of a switch is not known. Raises SingularMassMatrix.
     """
     with np.errstate(all="ignore"):
-        values = FLOATS.evaluate(program.constants, 0.0, [0.0] * (2 * program.dimension), list(parameters))
+        values = FLOATS.evaluate(program.constants, 0.0, [0.0] * program.states, list(parameters))
     table, rest = np.array(values[: len(program.numbers)], dtype=float), values[len(program.numbers) :]
     unknown, found = bool(np.isnan(parameters).any()), []
     for plan in (stage.plan for stage in program.stages if not stage.plan.moving):

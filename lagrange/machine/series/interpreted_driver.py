@@ -84,10 +84,9 @@ class NumpySeries(Shared):
         """Return the scaled coefficients at the state y + low, where `low` is below rounding; see `Series`."""
         with np.errstate(all="ignore"):
             found = self._jet(parameters).coefficients(t, y, order, scale, low)
-            n = self.program.dimension
             zero = np.zeros(order + 1)
             watched = [zero if i is None else found[:, i] for i in self.program.watched]
-            rows: FloatArray = np.column_stack([found[:, : 2 * n], *watched])
+            rows: FloatArray = np.column_stack([found[:, : self.program.states], *watched])
             return rows
 
     def _jet(self, parameters: FloatArray) -> Jet:
@@ -110,7 +109,7 @@ class NumpySeriesDense(NumpyDense):
     @property
     def dimension(self) -> int:
         """The length of a state."""
-        return 2 * self.series.program.dimension
+        return self.series.program.states
 
     @property
     def degree(self) -> int:
@@ -231,10 +230,9 @@ def _between_arrays(series: NumpySeries, parameters: FloatArray) -> Callable[...
 
     The array of the state has its 2n entries, then their rounding errors.
     """
-    dimension = 2 * series.program.dimension
 
     def jet(t: float, scale: float, y: Any, _: Any, __: Any, rows: Any, order: int) -> bool:
-        state = np.frombuffer(y, count=2 * dimension).reshape(2, -1)
+        state = np.frombuffer(y, count=2 * series.program.states).reshape(2, -1)
         try:
             found = series.rows(order, t, state[0], scale, parameters, state[1])
         except SingularMassMatrix:

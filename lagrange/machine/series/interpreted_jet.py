@@ -42,10 +42,10 @@ class Jet:
         n = program.dimension
         x = np.full((order + 1, len(program.rules)), self.arithmetic.number(0.0), dtype=self.arithmetic.dtype)
         table = self._table[: len(program.numbers)]
-        lost = [self.arithmetic.number(0.0)] * (2 * n) if low is None else low
+        lost = [self.arithmetic.number(0.0)] * program.states if low is None else low
         first = self._with_systems.evaluate(program.start, t, [*y, *lost], [*self.parameters, *table])
         x[0, list(program.started)] = first[: len(program.started)]
-        x[0, : 2 * n] = list(y)
+        x[0, : program.states] = list(y)
         matrices = self._matrices(first[len(program.started) :])
         for k in range(1, order + 1):
             x[k, :n] = x[k - 1, list(program.rates)] * scale / k
@@ -76,7 +76,7 @@ class Jet:
 
     @cached_property
     def _table(self) -> list[Any]:
-        zeros = [self.arithmetic.number(0.0)] * (2 * self.program.dimension)
+        zeros = [self.arithmetic.number(0.0)] * self.program.states
         return self.arithmetic.evaluate(self.program.constants, zeros[0], zeros, self.parameters)
 
     @cached_property

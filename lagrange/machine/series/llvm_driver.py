@@ -121,7 +121,7 @@ class LlvmSeriesDense(LlvmDense):
     @property
     def dimension(self) -> int:
         """The length of a state."""
-        return 2 * self.series.program.dimension
+        return self.series.program.states
 
     @property
     def degree(self) -> int:
@@ -217,11 +217,10 @@ class CompiledJet:
 def layout_of(packing: Packing, order: int) -> TaylorLayout:
     """Return the layout of a series at one order, or for every order with an order of 0."""
     program = packing.program
-    dimension = 2 * program.dimension
-    block = 2 if dimension <= 2 else 4 if dimension <= 4 else 8
+    block = 2 if program.states <= 2 else 4 if program.states <= 4 else 8
     if order:
         return TaylorLayout.of(program, block=block, chains=True)
-    width = whole_blocks(Row(packing, whole_blocks(dimension, block)).size, MOST_LANES)
+    width = whole_blocks(Row(packing, whole_blocks(program.states, block)).size, MOST_LANES)
     return TaylorLayout.of(program, width, block=block, scratch=by_order_scratch(packing))
 
 

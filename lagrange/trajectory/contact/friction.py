@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import sympy
 
+from lagrange.equations.euler_lagrange import StateLayout
 from lagrange.machine.model import Model
 from lagrange.statement.contact import Contact
 from lagrange.statement.coordinate import coordinate_of, velocity_of
@@ -49,42 +50,42 @@ class WrittenFriction:
 
     def of_whole(self, problem: Problem, way: int, moment: float) -> Problem:
         """Return a problem of the system as one of this model that begins with a way."""
-        n = len(problem.y0) // 2
-        y0, parameters = np.insert(problem.y0, [n, 2 * n], [way, 0.0]), {**problem.parameters, self.moment: moment}
+        y0 = np.insert(problem.y0, [self.model.layout.q.stop - 1, len(problem.y0)], [way, 0.0])
+        parameters = {**problem.parameters, self.moment: moment}
         return replace(problem, model=self.model, y0=y0, parameters=parameters)
 
     def plain(self, y: FloatArray) -> FloatArray:
         """Return states (2n,) or (2n, N) of the system from those of this model."""
-        return plain_states(self.model.dimension, y)
+        return plain_states(self.model.layout, y)
 
     def plain_run(self, part: Trajectory) -> Trajectory:
         """Return a run of this model as one of the system."""
         events = tuple(self.plain(states.T).T for states in part.y_events)
-        dense = PlainPath(part.dense, self.model.dimension)
+        dense = PlainPath(part.dense, self.model.layout)
         return replace(part, y=self.plain(part.y), dense=dense, y_events=events)
 
     def ways(self, part: Trajectory, last: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return the times (k,) at which a run changes, the states before (k, 2n + 2), and the ways after (k,)."""
-        place, row = -len(self.events), self.model.dimension - 1
+        place, row = -len(self.events), self.model.layout.q.stop - 1
         times, _, states = in_order(part.t_events[place:], part.y_events[place:])
         return times, states, np.append(states[:, row], last[row])[1:]
 
 
 @dataclass(frozen=True)
 class PlainPath:
-    """Dense output of a system from that of a model with one more coordinate, n in all."""
+    """Dense output of a system from that of a model with one more coordinate, whose states have a `layout`."""
 
     path: Callable[[FloatArray], FloatArray]
-    n: int
+    layout: StateLayout
 
     def __call__(self, times: FloatArray) -> FloatArray:
         """Return the states at the times, (2n - 2, K)."""
-        return plain_states(self.n, self.path(times))
+        return plain_states(self.layout, self.path(times))
 
 
-def plain_states(n: int, y: FloatArray) -> FloatArray:
-    """Return states without the last of n coordinates, and without its velocity."""
-    return np.delete(y, [n - 1, 2 * n - 1], axis=0)
+def plain_states(layout: StateLayout, y: FloatArray) -> FloatArray:
+    """Return states without the last of the coordinates, and without its velocity."""
+    return np.delete(y, [layout.q.stop - 1, layout.v.stop - 1], axis=0)
 
 
 def written_friction(model: Model, which: int) -> WrittenFriction | None:
@@ -152,7 +153,7 @@ def _written(model: Model, which: int, forces: _Forces) -> WrittenFriction:
         forces=(*applied, sympy.S.Zero),
         parameters=(*statement.parameters, moment),
         defaults=MappingProxyType({**statement.defaults, moment: 0.0}),
-        initial=tuple(np.insert(statement.initial, [len(applied), 2 * len(applied)], 0.0).tolist()),
+        initial=tuple(np.insert(statement.initial, [model.layout.q.stop, model.layout.v.stop], 0.0).tolist()),
         contacts=(),
     )
     cone = (each.friction[0] * forces.normal) ** 2 - forces.hold**2

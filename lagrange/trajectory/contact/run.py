@@ -226,7 +226,7 @@ class _ContactRun:
             return None
         times, before, ways = friction.ways(found, last)
         states, at = np.column_stack([before.T, last]), np.append(times, found.span[1])
-        sticking = states[len(last) // 2 - 1] == 0
+        sticking = states[friction.model.layout.q.stop - 1] == 0
         if not self.kinematics.held(friction.which, at, friction.plain(states), sticking):
             return None
         following = {way: mode.going(friction.which, way) for way in (-1, 0, 1)}

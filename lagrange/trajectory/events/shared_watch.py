@@ -56,7 +56,7 @@ class SharedWatch(EventLog):
         hides_growth: bool,
         steep: bool,
     ) -> None:
-        super().__init__(len(impacts), 2 * series.program.dimension)
+        super().__init__(len(impacts), series.program.states)
         self.series, self.driver = series, driver
         self.impacts, self.surfaces = tuple(impacts), series.program.sides
         self.zero_sides = [Side()] * (self.surfaces + len(self.impacts))
@@ -85,8 +85,7 @@ class SharedWatch(EventLog):
             Reaction(one.direction, one.terminal, one.first, one.rows, one.root, one.smooth) for one in self.impacts
         ]
         resets = next((one.kernel for one in self.impacts if one.kernel is not None), None)
-        size = 2 * series.program.dimension
-        return EventMemory(size, self.surfaces, reactions, series.values, resets, parameters)
+        return EventMemory(series.program.states, self.surfaces, reactions, series.values, resets, parameters)
 
     @property
     def values(self) -> FloatArray:

@@ -137,13 +137,13 @@ def _kinetic(problem: Problem, y: FloatArray) -> FloatArray:
 
 def _noise(problem: Problem, before: float) -> float:
     """Return the largest change of the initial energy under displacements that are only rounding or a first step."""
-    n, y0 = problem.model.dimension, problem.y0
-    sizes = np.repeat([np.abs(y0[:n]).max(), np.abs(y0[n:]).max()], n)
-    ways = np.cos(np.outer(np.arange(1, 2 * n + 1), np.arange(1, DIRECTIONS + 1)))
-    rates = problem.model.kernel("rhs")(problem.t0, y0, problem.parameter_array)[n:]
-    begun = np.append(FIRST_DISPLACEMENT * sizes[:n] * rates / (np.abs(rates).max() or 1.0), np.zeros(n))
+    layout, y0 = problem.model.layout, problem.y0
+    sizes = np.concatenate([np.full(len(part), np.abs(part).max()) for part in layout.split(y0)])
+    ways = np.cos(np.outer(np.arange(1, layout.size + 1), np.arange(1, DIRECTIONS + 1)))
+    rates = problem.model.kernel("rhs")(problem.t0, y0, problem.parameter_array)[layout.v]
+    begun = np.append(FIRST_DISPLACEMENT * sizes[layout.q] * rates / (np.abs(rates).max() or 1.0), 0.0 * rates)
     moved = y0[:, None] + np.column_stack([begun, ROUND_OFF_DISPLACEMENT * sizes[:, None] * ways])
-    energies = problem.model.energy(*problem.model.layout.split(moved), problem.t0, problem.parameter_array)
+    energies = problem.model.energy(*layout.split(moved), problem.t0, problem.parameter_array)
     return float(_finite(np.abs(energies - before)).max(initial=0.0))
 
 
