@@ -41,9 +41,9 @@ from lagrange.statement.given.function import given as given
 from lagrange.statement.given.motion import table as table
 from lagrange.statement.rotation import rotation as rotation
 from lagrange.statement.rotation import turn as turn
-from lagrange.statement.rotation import x as x
-from lagrange.statement.rotation import y as y
-from lagrange.statement.rotation import z as z
+from lagrange.statement.space import x as x
+from lagrange.statement.space import y as y
+from lagrange.statement.space import z as z
 from lagrange.system import System as System
 from lagrange.system import scene as scene
 from lagrange.trajectory.integrator import Claims as Claims

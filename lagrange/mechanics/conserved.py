@@ -174,9 +174,9 @@ def _momenta_of_turns(
             weights = [sympy.Integer(k == axis) for k in range(3)] if of_body else each.matrix.row(axis)
             momentum = sum(weight * p for weight, p in zip(weights, momenta, strict=True))
         about = f"{AXES[axis]} of {'the body' if of_body else 'space'}"
-        name = f"angular momentum {AXES[axis]}{' of the body' if of_body else ''}"
+        whose = f" of {each.name}" if len(statement.coordinates) > len(each.quaternion) else ""
         yield Conserved(
-            name if len(statement.rotations) == 1 else f"{name}, {each.name}",
+            f"angular momentum {AXES[axis]}{' of the body' if of_body else ''}{whose}",
             momentum,
             f"Turning {each.name} about the axis {about} leaves the Lagrangian as it is.",
             statement,

@@ -25,7 +25,8 @@ from lagrange.mechanics.linearization import linearized as in_coordinates
 from lagrange.mechanics.plain_form import numeric, simplest
 from lagrange.statement.coordinate import acceleration_of, t, velocity_of
 from lagrange.statement.given.function import require_values
-from lagrange.statement.rotation import Rotation, body_rates, cross_matrix, matrix_of, product, rotation_of, x, y, z
+from lagrange.statement.rotation import Rotation, rotation_of
+from lagrange.statement.space import body_rates, cross_matrix, matrix_of, velocities_at, x, y, z
 
 LARGEST_DIFFERENCE = 1e-7
 """Largest difference from the Jacobian of the compiled model, relative to its largest entry: both have ten digits."""
@@ -184,14 +185,14 @@ class _InTurns:
                 )
                 places = (first + k, n + first + k, 2 * n + first + k)
                 for column, (turn, rate, acceleration) in zip(places, cases, strict=True):
-                    dq = _half_product(q, turn)
-                    dv = _half_product(dq, w) + _half_product(q, rate)
-                    da = _half_product(dv, w) + _half_product(moving, rate)
-                    da += _half_product(dq, push) + _half_product(q, acceleration)
+                    dq = _velocities(q, turn)
+                    dv = _velocities(dq, w) + _velocities(q, rate)
+                    da = _velocities(dv, w) + _velocities(moving, rate)
+                    da += _velocities(dq, push) + _velocities(q, acceleration)
                     made[:, rows, column] = dq, dv, da
         return made[0, :, : 2 * n], made[1, :, : 2 * n], made[2]
 
 
-def _half_product(q: Any, vector: Any) -> FloatArray:
-    """Return half of the product of a quaternion and a vector, (4,)."""
-    return np.array(product(q, (0.0, *vector))) / 2
+def _velocities(q: Any, rates: Any) -> FloatArray:
+    """Return the time derivatives of a quaternion that turns with rates about the axes of the body, (4,)."""
+    return np.array(velocities_at(q, rates, space=False))

@@ -16,7 +16,8 @@ from lagrange.equations.textbook_algebra import StatedAlgebra, canonical, is_ide
 from lagrange.errors import listing
 from lagrange.mechanics.plain_form import vanishes_in_symbols
 from lagrange.statement.coordinate import rotation_name
-from lagrange.statement.rotation import Rotation, product, rotation_of
+from lagrange.statement.rotation import Rotation, rotation_of
+from lagrange.statement.space import product
 
 Placing = Callable[..., tuple[Any, ...]]
 

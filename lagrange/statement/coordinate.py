@@ -143,6 +143,10 @@ ROTATION = "rotation"
 """Attribute of the coordinates of a rotation, with its name."""
 
 
+RATE = "rate"
+"""Attribute of a quasi-coordinate, a function of time of which only the rate is defined; holds this rate."""
+
+
 def rotation_name(coordinate: Any) -> str | None:
     """Return the name of the rotation to whose quaternion a coordinate belongs, or None."""
     return getattr(coordinate.func, ROTATION, None)
@@ -193,13 +197,14 @@ def parameters(names: str, *, positive: bool = True) -> Any:
 
 
 def velocity_of(coordinate: Any) -> Any:
-    """Return dq/dt of any function of time, also of one made by ``dynamicsymbols``."""
-    return Derivative(coordinate, t)
+    """Return dq/dt of any function of time, also of one made by ``dynamicsymbols``; of a quasi-coordinate its rate."""
+    return getattr(coordinate.func, RATE, None) or Derivative(coordinate, t)
 
 
 def acceleration_of(coordinate: Any) -> Any:
     """Return d2q/dt2 of any function of time."""
-    return Derivative(coordinate, (t, 2))
+    rate = getattr(coordinate.func, RATE, None)
+    return Derivative(coordinate, (t, 2)) if rate is None else Derivative(rate, t)
 
 
 def name_of(coordinate: Any) -> str:

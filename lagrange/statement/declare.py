@@ -28,7 +28,7 @@ from lagrange.statement.coordinate import (
     velocity_of,
 )
 from lagrange.statement.energy import first_order_remedy, without_velocity
-from lagrange.statement.expression import TEXTS, as_typed, entries, expression, in_full
+from lagrange.statement.expression import TEXTS, as_typed, entries, expression, in_full, is_shorthand
 from lagrange.statement.given.function import check_given, coordinate_or_given
 from lagrange.statement.given.motion import motion_of
 from lagrange.statement.number import one_of, real_number, text
@@ -39,8 +39,8 @@ from lagrange.statement.rotation import (
     explanation,
     forces_on_coordinates,
     in_coordinates,
+    in_symbols,
     is_scalar,
-    names_rotations,
     reading,
     start_in_turns,
     with_length,
@@ -92,9 +92,9 @@ def declare(
     force_table, drag = _forces(forces, by_name, survey), _dissipation(dissipation, by_name, survey)
     if check_inertia:
         _check_velocities(chosen, moving, checked, (kinetic, lagrangian), force_table, drag, main)
-    points = _positions(positions, survey)
-    bodies = declare_contacts(contacts, simultaneous, survey, checked)
-    _check_declared(survey, chosen, checked, redundant)
+    points, bodies = _positions(positions, survey), declare_contacts(contacts, simultaneous, survey, checked)
+    _check_constraints(checked, chosen, redundant)
+    _check_declared(survey, chosen)
     known, unify = _parameters(parameters, survey, by_name)
     statement = Statement(
         coordinates=chosen,
@@ -183,11 +183,12 @@ def initial_state(given: Mapping[Any, Any], coordinates: tuple[Any, ...], base: 
             "default."
         )
     rows, values = state_rows(coordinates), list(base)
-    if names_rotations(given):
+    if any(key not in rows for key in given):
         given = in_coordinates(given, dict(zip((*coordinates, *map(velocity_of, coordinates)), base, strict=True)))
     for key, value in given.items():
         if key not in rows:
-            known = [label for label in rows if isinstance(label, str)]
+            labels = (label for label in rows if isinstance(label, str))
+            known = in_symbols(labels, dict.fromkeys(filter(None, map(rotation_name, coordinates))))
             raise StatementError(
                 f"initial names {label_of(key)!r}, which is not a coordinate or velocity of this system; they are "
                 f"{listing(known)}." + suggestion(label_of(key), known)
@@ -263,7 +264,7 @@ def _first_order(forces: Any, dissipation: Any) -> Iterator[Any]:
     """
     rubbed = dissipation.atoms(sympy.Derivative) if isinstance(dissipation, sympy.Basic) else ()
     for q in (*(forces if isinstance(forces, Mapping) else ()), *(rate.expr for rate in rubbed)):
-        if isinstance(q, AppliedUndef) and q.args == (t,) and motion_of(q) is None:
+        if isinstance(q, AppliedUndef) and q.args == (t,) and motion_of(q) is None and not is_shorthand(q):
             yield q
 
 
@@ -337,11 +338,8 @@ def _check_constraints(constraints: Sequence[Constraint], coordinates: tuple[Any
         )
 
 
-def _check_declared(
-    survey: Survey, coordinates: tuple[Any, ...], constraints: Sequence[Constraint], redundant: str
-) -> None:
-    """Raise StatementError for too many constraints, and for functions that are neither coordinates nor given."""
-    _check_constraints(constraints, coordinates, redundant)
+def _check_declared(survey: Survey, coordinates: tuple[Any, ...]) -> None:
+    """Raise StatementError for functions that are neither coordinates nor given."""
     names = [name_of(q) for q in coordinates]
     declared = frozenset(coordinates)
     for q in survey.coordinates:
@@ -352,13 +350,14 @@ def _check_declared(
 
 def _forces(given: Mapping[Any, Any] | None, by_name: dict[str, Any], survey: Survey) -> dict[Any, Any]:
     table: dict[Any, Any] = {}
-    given = forces_on_coordinates(given)
+    given = forces_on_coordinates(given, by_name.values())
+    known = in_symbols(by_name, dict.fromkeys(filter(None, map(rotation_name, by_name.values()))))
     for key, value in table_of(given, "forces", "coordinate to generalized force").items():
         label = label_of(key)
         if label not in by_name:
             raise StatementError(
-                f"forces names {label!r}, which is not a coordinate of this system; they are {listing(by_name)}."
-                + suggestion(label, by_name)
+                f"forces names {label!r}, which is not a coordinate of this system; they are {listing(known)}."
+                + suggestion(label, known)
             )
         if by_name[label] in table:
             raise StatementError(f"forces names {label!r} twice: give the sum of the forces on it.")

@@ -63,21 +63,16 @@ def as_typed(value: Any, what: str) -> Any:
 SHORTHAND = "shorthand"
 """Attribute of a function of time: the expression that it abbreviates, such as an entry of a rotation."""
 
-RATE = "rate"
-"""Attribute of a small turn of a body, a function of time of which only the rate is defined; holds this rate."""
+
+def is_shorthand(value: Any) -> bool:
+    """Return True for a function of time that abbreviates an expression."""
+    return isinstance(value, AppliedUndef) and hasattr(value.func, SHORTHAND)
 
 
 def in_full(expression: Any) -> Any:
-    """Return an expression with each shorthand replaced by its expression, also inside derivatives.
-
-    Rates of small turns become the rates of the body.
-    """
+    """Return an expression with each shorthand replaced by its expression, also inside derivatives."""
     functions = expression.atoms(AppliedUndef)
-    known = {f: getattr(f.func, SHORTHAND) for f in functions if hasattr(f.func, SHORTHAND)}
-    for f in functions:
-        if (rate := getattr(f.func, RATE, None)) is not None:
-            value, (time,) = getattr(rate.func, SHORTHAND), f.args
-            known |= {sympy.Derivative(f, time): value, sympy.Derivative(f, (time, 2)): value.diff(time)}
+    known = {f: getattr(f.func, SHORTHAND) for f in functions if is_shorthand(f)}
     return _differentiated(expression.xreplace(known)) if known else expression
 
 

@@ -14,12 +14,13 @@ from typing import Any, NoReturn
 
 import numpy as np
 import sympy
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from sympy.core.function import AppliedUndef
 
 from lagrange.errors import StatementError, listing, shown
 from lagrange.statement.coordinate import (
     COORDINATES,
+    RATE,
     ROTATION,
     check_name,
     function_of_time,
@@ -28,11 +29,19 @@ from lagrange.statement.coordinate import (
     t,
     velocity_of,
 )
-from lagrange.statement.expression import RATE, SHORTHAND, as_typed, entries, expression, in_full
+from lagrange.statement.expression import SHORTHAND, TEXTS, as_typed, entries, in_full, is_shorthand
 from lagrange.statement.number import real_number
-
-x, y, z = (sympy.ImmutableMatrix([int(i == k) for i in range(3)]) for k in range(3))
-"""Unit vectors along the axes."""
+from lagrange.statement.space import (
+    Quaternion,
+    SpaceMatrix,
+    body_rates,
+    cross_matrix,
+    in_space,
+    matrix_of,
+    product,
+    space_rates,
+    velocities_at,
+)
 
 ENTRIES = "wxyz"
 """Suffixes of the names of a quaternion's entries: the scalar, then the vector."""
@@ -42,58 +51,6 @@ AXES = "xyz"
 
 ROUNDING = 1e-9
 """Largest deviation of a start from a rotation: of M^T M from the unit matrix, or of a quaternion's length from one."""
-
-Quaternion = tuple[Any, Any, Any, Any]
-
-
-def product(a: Sequence[Any], b: Sequence[Any]) -> Quaternion:
-    """Return the product of two quaternions."""
-    (a0, a1, a2, a3), (b0, b1, b2, b3) = a, b
-    return (
-        a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
-        a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
-        a0 * b2 + a2 * b0 + a3 * b1 - a1 * b3,
-        a0 * b3 + a3 * b0 + a1 * b2 - a2 * b1,
-    )
-
-
-def conjugate(q: Sequence[Any]) -> Quaternion:
-    """Return the conjugate of a quaternion: the inverse rotation."""
-    return q[0], -q[1], -q[2], -q[3]
-
-
-def matrix_of(q: Sequence[Any]) -> list[list[Any]]:
-    """Return the rotation matrix of a quaternion of any length, three rows."""
-    w, i, j, k = q
-    square = w**2 + i**2 + j**2 + k**2
-    return [
-        [(w**2 + i**2 - j**2 - k**2) / square, 2 * (i * j - w * k) / square, 2 * (i * k + w * j) / square],
-        [2 * (i * j + w * k) / square, (w**2 - i**2 + j**2 - k**2) / square, 2 * (j * k - w * i) / square],
-        [2 * (i * k - w * j) / square, 2 * (j * k + w * i) / square, (w**2 - i**2 - j**2 + k**2) / square],
-    ]
-
-
-def body_rates(q: Sequence[Any], velocities: Sequence[Any]) -> tuple[Any, Any, Any]:
-    """Return the angular velocity about the axes of the body, three numbers or expressions.
-
-    `q` is a quaternion of any length and `velocities` are its time derivatives, four each.
-    """
-    twice = 2 / sum(entry**2 for entry in q)
-    _, i, j, k = product(conjugate(q), velocities)
-    return twice * i, twice * j, twice * k
-
-
-def space_rates(q: Sequence[Any], velocities: Sequence[Any]) -> tuple[Any, Any, Any]:
-    """Return the angular velocity about the axes of space; see `body_rates`."""
-    twice = 2 / sum(entry**2 for entry in q)
-    _, i, j, k = product(velocities, conjugate(q))
-    return twice * i, twice * j, twice * k
-
-
-def cross_matrix(vector: Sequence[Any]) -> Any:
-    """Return the matrix of the vector products with a vector of three entries, (3, 3)."""
-    a, b, c = vector
-    return sympy.Matrix([[0, -c, b], [c, 0, -a], [-b, a, 0]])
 
 
 def _refusal(instead: str) -> Callable[..., NoReturn]:
@@ -111,8 +68,8 @@ class Rotation:
 
     `body` and `space` are its rates about the axes of the body and of space, each a vector of three expressions.
     `R * v` is a vector of the body in the axes of space, `R.T * v` the opposite, and `R[i, j]` an entry.
-    `quaternion` are the four coordinates: the scalar, then the vector. `turns` are small turns about the axes of the
-    body, with the rates `body`; a derivation is written in them.
+    `quaternion` are the four coordinates: the scalar, then the vector. `turns` are quasi-coordinates, small turns about
+    the axes of the body, with the rates `body`; a derivation is written in them.
     """
 
     _op_priority = 100.0
@@ -134,12 +91,7 @@ class Rotation:
         """Return a vector of functions of time that abbreviate expressions."""
         pairs = zip(names, values, strict=True)
         named = [function_of_time(f"{self.name}_{name}", {SHORTHAND: value}) for name, value in pairs]
-        return sympy.ImmutableMatrix(named)
-
-    @property
-    def rates(self) -> dict[Any, Any]:
-        """The rate about each axis of the body, by its turn."""
-        return dict(zip(self.turns, self.body, strict=True))
+        return SpaceMatrix(named)
 
     def __repr__(self) -> str:
         return f"<Rotation {self.name}>"
@@ -156,7 +108,13 @@ class Rotation:
         return self.matrix.T
 
     def __getitem__(self, place: Any) -> Any:
-        return self.matrix[place]
+        try:
+            return self.matrix[place]
+        except (IndexError, TypeError):
+            raise StatementError(
+                f"{self.name} is a 3 by 3 matrix without an entry {shown(place)}: rows and columns are 0, 1 and 2, as "
+                f"in {self.name}[2, 2]."
+            ) from None
 
     def __mul__(self, other: Any) -> Any:
         if isinstance(other, Rotation):
@@ -165,9 +123,7 @@ class Rotation:
         if parts is None or len(parts) != 3:
             given = shown(other) if parts is None else f"{len(parts)} entries"
             raise StatementError(f"{self.name} is a rotation and turns a vector of three entries, not {given}.")
-        if isinstance(other, sympy.MatrixBase):
-            return self.matrix * other
-        return self.matrix * sympy.ImmutableMatrix([as_typed(part, "an entry of the vector") for part in parts])
+        return self.matrix * (other if isinstance(other, sympy.MatrixBase) else in_space(parts))
 
     __add__ = __radd__ = __sub__ = __rsub__ = __neg__ = __pow__ = __truediv__ = _refusal(
         "use its entries {0}[i, j], its rates {0}.body and {0}.space, or a turned vector {0}*v"
@@ -198,16 +154,23 @@ rotation_of = cache(Rotation)
 """The rotation of a name, as `rotation` returns it, without entering it in the order of declaration."""
 
 
+def shorthands(rotations: Iterable[str]) -> dict[str, Any]:
+    """Return the entries and the rates of rotations by their names, such as R_xx, R_body_x and R_space_x."""
+    turned = map(rotation_of, rotations)
+    return {name_of(f): f for each in turned for f in (*each.matrix, *each.body, *each.space)}
+
+
 def turn(axis: ArrayLike, angle: float) -> Quaternion:
     """Return the start of a rotation that is turned by an angle in radians about an axis of any length.
 
     It is a quaternion of length one, scalar first. Raises StatementError for an axis that is not a vector of three
     numbers, or zero.
     """
-    along = np.array([real_number(part, "an entry of the axis") for part in entries(axis, "the axis") or [axis]])
+    parts = () if isinstance(axis, TEXTS) else entries(axis, "the axis") or [axis]
+    along = np.array([real_number(part, "an entry of the axis") for part in parts])
     size = float(np.linalg.norm(along))
     if along.shape != (3,) or size == 0:
-        raise StatementError(f"the axis of a turn is {shown(axis)}: give three numbers that are not all zero.")
+        raise StatementError(f"the axis of a turn is {shown(axis)}: give three numbers that are not all zero, or lg.x.")
     half = real_number(angle, "the angle of a turn") / 2
     i, j, k = (float(part) for part in np.sin(half) * along / size)
     return float(np.cos(half)), i, j, k
@@ -254,39 +217,81 @@ def _of_length(name: str, size: float) -> str:
     )
 
 
-def names_rotations(table: Iterable[Any]) -> bool:
-    """Return True if a key of a table is a rotation, or a vector such as its rates."""
-    return any(isinstance(key, (Rotation, sympy.MatrixBase)) for key in table)
-
-
 def in_coordinates(given: Mapping[Any, Any], values: Mapping[Any, Any], table: str = "initial") -> dict[Any, Any]:
     """Return a `table` of a state with entries of coordinates and velocities in place of those of rotations.
 
-    Keys are rotations, {R: start}, and their rates, {R.body: three values} or {R.space: three values}, numbers or
-    expressions. `values` has those of all coordinates and velocities that are not given. A start without rates keeps
-    the rates about the axes of the body. Raises StatementError for what is not a rotation, and for both rates at once.
+    Keys are rotations, {R: start}, and rates as in `_on_rates`; values are numbers or expressions. `values` has those
+    of all coordinates and velocities that are not given. Rates that are not given stay: those about the axes of the
+    body, or about the axes of space if others of these are given. Raises StatementError for a start that is not a
+    rotation, and for rates about both.
     """
-    plain = {key: value for key, value in given.items() if not isinstance(key, (Rotation, sympy.MatrixBase))}
-    turned = {each.name: each for each in given if isinstance(each, Rotation)}
-    rates = {key: value for key, value in given.items() if isinstance(key, sympy.MatrixBase)}
-    for key in rates:
-        each = _of_rates(key, table)
-        turned[each.name] = each
-    if unknown := [name for name, each in turned.items() if not values.keys() >= {*each.quaternion}]:
-        raise StatementError(f"{table} names the rotation {unknown[0]}, which is not in this system.")
-    for name, each in turned.items():
-        now = [values[q] for q in each.quaternion]
-        q = quaternion_of(given[each], name) if each in given else now
+    plain, rates = _on_rates(given, values, table)
+    starts = {key: plain.pop(key) for key in list(plain) if isinstance(key, Rotation)}
+    for each in starts:
+        if each.quaternion[0] not in values:
+            raise StatementError(f"{table} names the rotation {each.name}, which is not in this system.")
+    for each in _rotations_of(tuple(values)):
+        if each not in starts and each.body not in rates and each.space not in rates:
+            continue
         if each.body in rates and each.space in rates:
-            raise StatementError(f"{table} gives both {name}.body and {name}.space: give one of the two.")
-        if each.space in rates:
-            moved = product((0, *_three(rates[each.space], f"{name}.space")), q)
-        else:
-            kept = body_rates(now, [values[velocity_of(entry)] for entry in each.quaternion])
-            moved = product(q, (0, *(_three(rates[each.body], f"{name}.body") if each.body in rates else kept)))
+            raise StatementError(f"{table} gives both {each.name}.body and {each.name}.space: give one of the two.")
+        now, moving = [values[q] for q in each.quaternion], [values[velocity_of(q)] for q in each.quaternion]
+        q = quaternion_of(starts[each], each.name) if each in starts else now
+        kept, vector = (space_rates, each.space) if each.space in rates else (body_rates, each.body)
+        given_rates = rates.get(vector, [None] * 3)
+        w = [old if new is None else new for old, new in zip(kept(now, moving), given_rates, strict=True)]
+        moved = velocities_at(q, w, space=vector is each.space)
         plain |= dict(zip(each.quaternion, q, strict=True))
-        plain |= {velocity_of(entry): rate / 2 for entry, rate in zip(each.quaternion, moved, strict=True)}
+        plain |= {velocity_of(entry): rate for entry, rate in zip(each.quaternion, moved, strict=True)}
     return plain
+
+
+def set_rates(states: NDArray[np.float64], coordinates: tuple[Any, ...], values: Mapping[Any, Any]) -> None:
+    """Set rates of rotations in states (m, 2n); `values` (m,) are those of rates such as R.body[2]."""
+    for each in _rotations_of(coordinates) if values else ():
+        rows = np.array([coordinates.index(q) for q in each.quaternion])
+        for rates, known in ((each.body, body_rates), (each.space, space_rates)):
+            if values.keys().isdisjoint(rates):
+                continue
+            q, v = [*states[:, rows].T], [*states[:, rows + len(coordinates)].T]
+            w = [values.get(rate, old) for rate, old in zip(rates, known(q, v), strict=True)]
+            moved = velocities_at(q, w, space=rates is each.space)
+            states[:, rows + len(coordinates)] = np.transpose(moved)
+
+
+def _on_rates(
+    table: Mapping[Any, Any], coordinates: Iterable[Any], label: str, what: str = ""
+) -> tuple[dict[Any, Any], dict[Any, list[Any]]]:
+    """Return the entries of a table that are not on rates of rotations, and three values by each vector of rates.
+
+    Keys on rates are R.body and R.space with three values each, and single rates such as R.body[2] or "R_body_z". A
+    value that is not given is None. `what` is the prefix of names of rates in messages. Raises StatementError for other
+    vectors, entries of a rotation and repeated keys.
+    """
+    places: dict[Any, tuple[Any, Sequence[int]]] = {}
+    for each in _rotations_of(tuple(coordinates)):
+        for rates in (each.body, each.space):
+            places[rates] = rates, range(3)
+            for k, rate in enumerate(rates):
+                places[rate] = places[name_of(rate)] = rates, (k,)
+    plain: dict[Any, Any] = {}
+    values: dict[Any, list[Any]] = {}
+    for key, value in table.items():
+        if key not in places:
+            if isinstance(key, sympy.MatrixBase) or is_shorthand(key):
+                raise StatementError(
+                    f"{label} names {shown(key)}: use R.body or R.space of a rotation R of this system."
+                )
+            plain[key] = value
+            continue
+        rates, axes = places[key]
+        row = values.setdefault(rates, [None] * 3)
+        parts = [value] if len(axes) == 1 else _three(value, f"{what}{_vector_name(rates)}")
+        for k, part in zip(axes, parts, strict=True):
+            if row[k] is not None:
+                raise StatementError(f"{label} names {name_of(rates[k])} twice: give one value.")
+            row[k] = part if isinstance(part, (int, float)) else as_typed(part, f"{what}{name_of(rates[k])}")
+    return plain, values
 
 
 STRETCH = 1e-4
@@ -296,15 +301,18 @@ A long run at loose tolerances ends with a deviation of 1e-5.
 """
 
 
-def check_start(coordinates: Sequence[Any], values: Sequence[float]) -> None:
-    """Raise StatementError for a state (q, v) in which a quaternion has not length one, or its length changes."""
+def check_start(coordinates: Sequence[Any], values: ArrayLike) -> None:
+    """Raise StatementError for a state (q, v) in which a quaternion has not length one, or its length changes.
+
+    `values` are those of one state (2n,) or of several (2n, m).
+    """
     for each in _rotations_of(tuple(coordinates)):
-        places = [coordinates.index(q) for q in each.quaternion]
-        q, v = (np.array([values[place + shift] for place in places]) for shift in (0, len(coordinates)))
-        size = float(np.linalg.norm(q))
-        if abs(size - 1) > STRETCH:
-            raise StatementError(_of_length(each.name, size))
-        if abs(q @ v) > STRETCH * np.linalg.norm(v):
+        rows = np.array([coordinates.index(q) for q in each.quaternion])
+        q, v = (np.asarray(values, dtype=float)[rows + shift] for shift in (0, len(coordinates)))
+        sizes = np.atleast_1d(np.linalg.norm(q, axis=0))
+        if (off := np.abs(sizes - 1)).max() > STRETCH:
+            raise StatementError(_of_length(each.name, float(sizes[off.argmax()])))
+        if np.any(np.abs((q * v).sum(axis=0)) > STRETCH * np.linalg.norm(v, axis=0)):
             raise StatementError(
                 f"the start of {each.name} has velocities of {each.name}_w to {each.name}_z that change the length of "
                 f"the quaternion: give {each.name}.body or {each.name}.space."
@@ -321,6 +329,14 @@ def _rotations_of(coordinates: tuple[Any, ...]) -> tuple[Rotation, ...]:
     return tuple(map(rotation_of, names))
 
 
+def in_symbols(names: Iterable[str], rotations: Iterable[str]) -> list[str]:
+    """Return names of coordinates and velocities for a message, with R and R.body for the entries of quaternions."""
+    rotations = tuple(rotations)
+    entries_of = {f"{name}_{entry}{end}" for name in rotations for entry in ENTRIES for end in ("", "_dot")}
+    others = [name for name in names if name not in entries_of]
+    return [*others, *(text for name in rotations for text in (name, f"{name}.body"))]
+
+
 def is_scalar(coordinate: Any) -> bool:
     """Return True for the scalar of a quaternion, which is one where nothing is turned."""
     name = rotation_name(coordinate)
@@ -331,40 +347,38 @@ def _three(value: Any, what: str) -> list[Any]:
     parts = entries(value, what)
     if parts is None or len(parts) != 3:
         raise StatementError(f"{what} is {shown(value)}: give three values, about the axes x, y and z.")
-    return [part if isinstance(part, (int, float)) else expression(part, what) for part in parts]
+    return parts
 
 
-def _of_rates(key: Any, table: str) -> Rotation:
-    """Return the rotation R of a key R.body or R.space. Raises StatementError for other keys of the table."""
-    names = {rotation_name(q) or "" for q in in_full(key).atoms(AppliedUndef)} - {""}
-    for each in map(rotation_of, sorted(names)):
-        if key in (each.body, each.space):
-            return each
-    raise StatementError(f"{table} names {shown(key)}: use R.body or R.space of a rotation R.")
+def _vector_name(rates: Any) -> str:
+    """Return R.body or R.space, from the rates of R."""
+    name, kind, _ = name_of(rates[0]).rsplit("_", 2)
+    return f"{name}.{kind}"
 
 
-def forces_on_coordinates(forces: Any) -> Any:
+TORQUES = "forces", "the torque on "
+"""Words of messages on torques: the name of the table, and the prefix of the name of a rate."""
+
+
+def forces_on_coordinates(forces: Any, coordinates: Iterable[Any]) -> Any:
     """Return a table of forces with generalized forces in place of the torques of rotations.
 
-    Torques are {R.body: three expressions} about the axes of the body, or {R.space: ...}. The generalized force on an
-    entry of the quaternion is the sum of each torque times the derivative of its rate by the velocity of the entry.
-    Raises StatementError for another number of torques, and for {R: ...}, which does not name axes.
+    Torques are on rates, about the axes of the body or of space; see `_on_rates`. The generalized force on an entry of
+    the quaternion is the sum of each torque times the derivative of its rate by the velocity of the entry. Raises
+    StatementError for another number of torques, and for {R: ...}, which does not name axes.
     """
-    if not isinstance(forces, Mapping) or not names_rotations(forces):
+    if not isinstance(forces, Mapping):
         return forces
-    table: dict[Any, Any] = {}
-    for key, value in forces.items():
+    table, torques = _on_rates(forces, coordinates, *TORQUES)
+    for key in table:
         if isinstance(key, Rotation):
             raise StatementError(f"forces names the rotation {key.name}: give torques on {key.name}.body or .space.")
-        if not isinstance(key, sympy.MatrixBase):
-            table[key] = value
-            continue
-        each = _of_rates(key, "forces")
-        torques = _three(value, f"the torque on {each.name}")
-        for q in each.quaternion:
-            rate = velocity_of(q)
-            parts = (torque * sympy.diff(in_full(about), rate) for torque, about in zip(torques, key, strict=True))
-            table[q] = table.get(q, sympy.S.Zero) + sum(parts)
+    for each in _rotations_of(tuple(coordinates)):
+        for rates in (each.body, each.space):
+            for q in each.quaternion if rates in torques else ():
+                slopes = (sympy.diff(in_full(rate), velocity_of(q)) for rate in rates)
+                parts = (torque * slope for torque, slope in zip(torques[rates], slopes, strict=True) if torque)
+                table[q] = table.get(q, sympy.S.Zero) + sum(parts)
     return table
 
 
@@ -379,22 +393,18 @@ def reading(
     turned = list(map(rotation_of, names))
     known: dict[Any, Any] = {}
     for each in turned:
-        rates = [velocity_of(turn) for turn in each.turns]
-        known |= dict(zip(each.body, rates, strict=True))
-        known |= dict(zip(each.space, each.matrix * sympy.Matrix(rates), strict=True))
-        moved = each.matrix * cross_matrix(rates)
+        known |= dict(zip(each.space, each.matrix * each.body, strict=True))
+        moved = each.matrix * cross_matrix(each.body)
         known |= {velocity_of(entry): rate for entry, rate in zip(each.matrix, moved, strict=True)}
     quaternions = {q for each in turned for q in each.quaternion}
     places = [q for q in coordinates if q not in quaternions] + [turn for each in turned for turn in each.turns]
     table = dict.fromkeys(places, sympy.S.Zero)
-    for key, value in (forces or {}).items():
-        if isinstance(key, sympy.MatrixBase):
-            each = _of_rates(key, "forces")
-            torques = sympy.Matrix([as_typed(part, "a torque") for part in value])
-            torques = each.T * torques if key == each.space else torques
-            table |= {turn: table[turn] + part for turn, part in zip(each.turns, torques, strict=True)}
-        else:
-            table |= {q: as_typed(value, "a force") for q in coordinates if key in (q, name_of(q))}
+    plain, torques = _on_rates(forces or {}, coordinates, *TORQUES)
+    for key, value in plain.items():
+        table |= {q: as_typed(value, "a force") for q in coordinates if key in (q, name_of(q))}
+    for each in turned:
+        body, space = ([torque or 0 for torque in torques.get(rates, (0, 0, 0))] for rates in (each.body, each.space))
+        table |= dict(zip(each.turns, each.T * space + body, strict=True))
     if not quaternions.isdisjoint(table):
         return None
     kinetic, *rest = (energy.xreplace(known) for energy in energies.values())
@@ -442,21 +452,15 @@ def shorter(formula: Any, names: Iterable[str]) -> Any:
     return other if other.count_ops() < formula.count_ops() else formula
 
 
-def in_rates(formula: Any, names: Iterable[str]) -> Any:
-    """Return an expression with the rates of the bodies in place of the derivatives of turns, as they are typed."""
-    pairs = (pair for each in map(rotation_of, names) for pair in each.rates.items())
-    return formula.xreplace({velocity_of(turn): rate for turn, rate in pairs})
-
-
 def explanation(name: str, values: Mapping[Any, float]) -> str:
     """Return the sentences that explain a rotation in a derivation; `values` are those of the start."""
     matrix = f"{name}_xx to {name}_zz are the entries of the rotation {name}."
     rates, turns = (listing(f"{name}_{kind}_{axis}" for axis in AXES) for kind in ("body", "turn"))
     start = ", ".join(f"{values[q]:.6g}" for q in rotation_of(name).quaternion)
     return (
-        f"{matrix} {rates} are its rates about the axes of the body. {turns} are small turns about these axes; the "
-        f"derivative of L by a turn contains p x {name}_body, since the axes turn with the body. {name} starts as the "
-        f"quaternion ({start})."
+        f"{matrix} {rates} are its rates about the axes of the body. {turns} are quasi-coordinates, small turns "
+        f"about these axes; the derivative of L by one contains p x {name}_body, since the axes turn with the body. "
+        f"{name} starts as the quaternion ({start})."
     )
 
 

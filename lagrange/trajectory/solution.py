@@ -19,7 +19,7 @@ from lagrange.machine.model import Model
 from lagrange.machine.parameters import Parameters
 from lagrange.statement.coordinate import multiplier, row_label
 from lagrange.statement.number import ByName, real_array
-from lagrange.statement.rotation import Rotation
+from lagrange.statement.rotation import Rotation, in_symbols, rotation_of, shorthands
 from lagrange.trajectory.contact.history import ContactResult, ContactRun
 from lagrange.trajectory.measures.constraint_drift import ConstraintDrift, constraint_drift
 from lagrange.trajectory.measures.constraint_forces import ConstraintForces
@@ -123,8 +123,14 @@ class Solution:
             return np.array([self.evaluate(entry) for entry in key])
         label = row_label(key)
         if label not in self.names:
+            rotations = self.model.statement.rotations
+            if label in rotations:
+                return self[rotation_of(label)]
+            if label in (known := shorthands(rotations)):
+                return self.evaluate(known[label])
+            names = in_symbols(self.names, rotations)
             raise StatementError(
-                f"{label[:80]!r} is neither a coordinate nor a velocity of this system; they are {listing(self.names)}."
+                f"{label[:80]!r} is neither a coordinate nor a velocity of this system; they are {listing(names)}."
                 + (suggestion(label, self.names) or " For an expression use solution.evaluate(...).")
             )
         row: FloatArray = self.y[self.names.index(label)]

@@ -216,6 +216,15 @@ def test_conserved_momenta_of_a_symmetric_top() -> None:
         assert np.ptp(values) < 1e-9, name
 
 
+def test_conserved_momenta_of_a_thrown_body_have_different_names() -> None:
+    x, y, z = lg.coordinates("x y z")
+    centre = sympy.Matrix([x, y, z])
+    kinetic = R.body.dot(sympy.diag(1, 1, a) * R.body) / 2 + lg.kinetic_energy(m, centre)
+    names = [quantity.name for quantity in lg.System(kinetic, m * g * z, name="box").conserved()]
+    assert len(set(names)) == len(names)
+    assert {"angular momentum z", "angular momentum z of R", "angular momentum z of the body of R"} <= set(names)
+
+
 def test_a_body_passes_the_pole_of_euler_angles() -> None:
     """It turns about the node through theta = 0, where phi and psi have no values."""
     run = body((1, 2, 3), (-1.0, 0, 0), lg.turn((1, 0, 0), 0.5)).run(1.0, rtol=1e-13)

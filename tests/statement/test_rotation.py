@@ -14,7 +14,10 @@ from scipy.spatial.transform import Rotation as Matrix
 from sympy import diag
 
 import lagrange as lg
-from lagrange.statement.rotation import body_rates, in_coordinates
+from lagrange.dynamics.runs import starts_of
+from lagrange.members.table import member_table
+from lagrange.statement.rotation import in_coordinates
+from lagrange.statement.space import body_rates, space_rates
 from tests.models import m, x
 
 R = lg.rotation("R")
@@ -89,6 +92,52 @@ def test_a_rotation_beside_coordinates_and_constraints() -> None:
     assert np.allclose(run[R.space][:, -1], [0, 1, 0.5], rtol=0, atol=1e-10)
 
 
+def test_a_tuple_beside_a_turned_vector_is_a_vector() -> None:
+    turned, place = R * (0, 0, 2), (x, 0, 1)
+    column = sympy.Matrix(place)
+    assert place + turned == turned + list(place) == turned + column
+    assert place - turned == column - turned
+    assert turned - np.array([1, 2, 3]) == turned - sympy.Matrix([1, 2, 3])
+    assert R.T * sympy.Matrix([0, 0, 2]) == R.T * (0, 0, 2)
+    assert lg.kinetic_energy(m, place + turned) == lg.kinetic_energy(m, column + turned)
+
+
+def test_single_rates_are_keys_of_starts_forces_runs_and_pictures() -> None:
+    start = top(initial={"R_body_z": 5, R.body[0]: 1}, forces={R.space[1]: 2, "R_body_z": x.subs(x, 3)}).statement
+    whole = top(initial={R.body: (1, 0, 5)}, forces={R.space: (0, 2, 0), R.body: (0, 0, 3)}).statement
+    assert start.initial == whole.initial
+    assert all(sympy.expand(a - b) == 0 for a, b in zip(start.forces, whole.forces, strict=True))
+    assert start.reading is not None and whole.reading is not None and start.reading.forces == whole.reading.forces
+    run = top(initial={R: lg.turn((1, 2, 0), 0.4), R.space: (1, 2, 3)}).run(0.1, {R.space[1]: 0})
+    assert np.allclose(run[R.space][:, 0], [1, 0, 3], rtol=0, atol=1e-14)
+    assert (run["R_space_z"] == run[R.space][2]).all() and (run[R.body[0]] == run["R_body_x"]).all()
+    assert (run["R"] == run[R]).all() and (run["R_zx"] == run[R][:, 2, 0]).all()
+    (axis,) = run.plot("R_body_z").axes
+    assert np.allclose(np.asarray(axis.lines[0].get_ydata())[[0, -1]], run["R_body_z"][[0, -1]], rtol=1e-6)
+
+
+def test_rates_vary_between_the_members_of_an_ensemble() -> None:
+    model = top(initial={R: lg.turn((1, 1, 1), 0.7), R.space: (1, 2, 3)}).compile("numpy", check=False)
+    for known, rates in ((body_rates, R.body), (space_rates, R.space)):
+        table = member_table(model, {rates[2]: [4.0, 5.0], rates[0].func.__name__: [0.1, 0.2]}, None)
+        states = table.starts(np.arange(2)).states
+        found = np.array(known([*states[:, :4].T], [*states[:, 4:].T]))
+        assert np.allclose(found[[0, 2]], [[0.1, 0.2], [4.0, 5.0]], rtol=0, atol=1e-14)
+        assert np.allclose(np.linalg.norm(states[:, :4], axis=1), 1, rtol=0, atol=1e-15)
+
+
+def test_equations_are_written_and_compared_in_rates() -> None:
+    system, body = top(), R.body
+    euler = J1 * body[0].diff(lg.t) - (J1 - J3) * body[1] * body[2] - m * R[2, 1]
+    assert sympy.expand(system.equations()[0].lhs - euler) == 0
+    assert system.momenta[R.turns[2]] == J3 * body[2]
+    others = "J1*R_body_y' + (J1 - J3)*R_body_x*R_body_z = -m*R_zx", "d/dt(J3*R_body_z) = 0"
+    assert system.compare([euler, *others])
+    left = "2 equations are given and 3 are needed: the acceleration of R is left open"
+    assert left in system.compare(others).message
+    assert system.compare([euler - 2 * m * R[2, 1], *others]).wrong == (0,)
+
+
 def test_scenes_and_pickles_keep_rotations(tmp_path: Path) -> None:
     system = top(initial={R: lg.turn((1, 0, 0), 0.3), R.body: (0, 0, 20)}, positions={"tip": R * (0, 0, 1)})
     ends = [other.run(0.5)[R][-1] for other in (system, lg.System.from_scene(system.to_scene(tmp_path / "top.toml")))]
@@ -149,7 +198,22 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "both rates": (lambda: top(initial={R.body: (1, 2, 3), R.space: (1, 2, 3)}), "gives both R.body and R.space"),
     "another rotation": (lambda: top(initial={lg.rotation("S"): (1, 0, 0, 0)}), "names the rotation S, which is not"),
     "a torque on R": (lambda: top(forces={R: (1, 0, 0)}), "give torques on R.body or .space"),
-    "two torques": (lambda: top(forces={R.body: (1, 0)}), "the torque on R is"),
+    "two torques": (lambda: top(forces={R.body: (1, 0)}), "the torque on R.body is"),
+    "a torque on an entry": (lambda: top(forces={R[0, 0]: 1}), "forces names R_xx.*use R.body or R.space"),
+    "a rate twice": (lambda: top(initial={R.body: (1, 2, 3), "R_body_x": 1}), "initial names R_body_x twice"),
+    "an entry outside": (lambda: R[3, 0], r"without an entry \(3, 0\): rows and columns are 0, 1 and 2"),
+    "an axis by its letter": (lambda: lg.turn("x", 1), "the axis of a turn is 'x': give three numbers"),
+    "two entries beside a vector": (lambda: (1, 2) + R * lg.x, r"a vector in space is \(1, 2\): give three entries"),
+    "an unknown force": (lambda: top(forces={"R_a": 1}), "is not a coordinate of this system; they are R and R.body"),
+    "an unknown row": (lambda: top().run(0.1)["R_a"], "neither a coordinate nor a velocity.*they are R and R.body"),
+    "members of another length": (
+        lambda: lg.ensemble(top(), 0.1, initial={"R_x": [0.0, 0.5]}),
+        "the start of R is a quaternion of length 1.11803",
+    ),
+    "starts of another length": (
+        lambda: starts_of(top().compile("numpy", check=False), [[1, 0, 0, 0.5, 0, 0, 0, 0]], np.zeros(8)),
+        "the start of R is a quaternion of length 1.11803",
+    ),
     "a moment above the sum": (
         lambda: lg.System(R.body.dot(diag(1, 1, 3) * R.body) / 2),
         "the moments of inertia of R are 1, 1 and 3",

@@ -20,6 +20,7 @@ from lagrange.show.files.picture import LEAST_DPI, MOST_DPI
 from lagrange.statement.coordinate import row_label
 from lagrange.statement.expression import entries
 from lagrange.statement.number import whole_number
+from lagrange.statement.rotation import shorthands
 from lagrange.trajectory.solution import Solution
 from lagrange.trajectory.trajectory import Status
 
@@ -54,7 +55,9 @@ class Contents:
         if isinstance(what, str):
             if what in WHAT:
                 return self.named(what)
-            names = self.solutions[0].names
+            names, turned = self.solutions[0].names, shorthands(self.solutions[0].model.statement.rotations)
+            if what in turned:
+                return self.of(turned[what])
             if what not in names and (other := OTHER_NAMES.get(" ".join(what.replace("_", " ").split()))):
                 return self.named(other)
             if what not in names:

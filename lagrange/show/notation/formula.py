@@ -22,8 +22,7 @@ from lagrange.show.notation.sections import (
     Transpose,
 )
 from lagrange.show.notation.text import ATOM, POWER, PRODUCT, SUM, FormulaPiece, Notation, PrintedWidth, width
-from lagrange.statement.coordinate import name_of, t
-from lagrange.statement.expression import RATE
+from lagrange.statement.coordinate import RATE, name_of, t
 from lagrange.statement.statement import Statement
 from lagrange.statement.vocabulary.words import WORDS
 

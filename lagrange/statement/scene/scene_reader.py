@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
@@ -34,7 +34,7 @@ from lagrange.statement.given.function import given
 from lagrange.statement.given.motion import table
 from lagrange.statement.number import printable, real_number
 from lagrange.statement.parameters import rate_name
-from lagrange.statement.rotation import Rotation, forces_on_coordinates, rotation_of
+from lagrange.statement.rotation import Rotation, forces_on_coordinates, rotation_of, shorthands
 from lagrange.statement.run_settings import RunSettings
 from lagrange.statement.scene.expressions import Expressions, read_number
 from lagrange.statement.scene.guard import RefusalError
@@ -194,7 +194,7 @@ class SceneReader:
         symbols = self.symbols(values)
         given_names = self.given(coordinates, symbols)
         speed = {impact_speed.name: impact_speed} if "contacts" in self.data else {}
-        turned = {name_of(f): f for each in rotations for f in (*each.matrix, *each.body, *each.space)}
+        turned = shorthands(each.name for each in rotations)
         names = {**turned, **speed, **given_names, **coordinates, **velocities, **symbols}
         reader = self.reader(names, given_names)
         forces = self.forces(reader, coordinates, rotations)
@@ -202,7 +202,7 @@ class SceneReader:
         initial = document.table("initial", known, "coordinate or velocity of this scene")
         stated = self.energies(reader)
         dissipation = document.expression(reader, "dissipation") if "dissipation" in self.data else sympy.S.Zero
-        self.check_velocities(coordinates, stated, forces_on_coordinates(forces), dissipation)
+        self.check_velocities(coordinates, stated, forces_on_coordinates(forces, coordinates.values()), dissipation)
         try:
             declared = declare(
                 **stated,
@@ -212,7 +212,7 @@ class SceneReader:
                 constraints=self.constraints(reader),
                 redundant=self.redundant(),
                 parameters={symbols[name]: value for name, value in values.items()},
-                initial=_by_body({name: document.number("initial", name) for name in initial}, rotations),
+                initial={name: document.number("initial", name) for name in initial},
                 positions=self.positions(reader),
                 links=self.links(),
                 name=self.title(),
@@ -238,8 +238,7 @@ class SceneReader:
         """Return the forces on coordinates, and the torques about the axes of bodies, R_body_x to R_body_z."""
         known = [*coordinates, *(name_of(rate) for each in rotations for rate in each.body)]
         stated = self.document.table("forces", known, "coordinate of this scene")
-        forces = {coordinates.get(name, name): self.document.expression(reader, "forces", name) for name in stated}
-        return _by_body(forces, rotations)
+        return {coordinates.get(name, name): self.document.expression(reader, "forces", name) for name in stated}
 
     def events(self, reader: ExpressionReader, declared: Statement) -> tuple[Event, ...]:
         """Return the events of the list of tables [[events]]: `when` is zero there; the other keys are optional."""
@@ -540,13 +539,3 @@ class SceneReader:
         if "method" in table and not re.fullmatch(r"[\w.:+-]{1,64}", self.document.text("run", "method")):
             self.document.refuse("method is not a name of a method: write one such as 'dop853'.", "run", "method")
         return RunSettings(**{**table, **numbers})
-
-
-def _by_body(table: Mapping[Any, Any], rotations: Iterable[Rotation]) -> dict[Any, Any]:
-    """Return a table with {R.body: three values} in place of R_body_x to R_body_z; one that is missing is zero."""
-    found = dict(table)
-    for each in rotations:
-        names = list(map(name_of, each.body))
-        if not found.keys().isdisjoint(names):
-            found[each.body] = [found.pop(name, 0) for name in names]
-    return found

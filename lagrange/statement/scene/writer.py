@@ -11,11 +11,11 @@ import sympy
 
 from lagrange.errors import StatementError
 from lagrange.statement.contact import Contact, impact_speed
-from lagrange.statement.coordinate import constraint_of, name_of, t
+from lagrange.statement.coordinate import RATE, constraint_of, name_of, t
 from lagrange.statement.event import Event
 from lagrange.statement.given.motion import TabulatedFunction, motion_of, table_of
 from lagrange.statement.parameters import label_of, rate_name
-from lagrange.statement.rotation import in_rates, rotation_of
+from lagrange.statement.rotation import rotation_of
 from lagrange.statement.scene.guard import RefusalError
 from lagrange.statement.scene.lexer import MULTIPLIER
 from lagrange.statement.scene.scene_reader import MOST_RATES, NO_SIGN, OPEN
@@ -54,7 +54,7 @@ class _SceneWriter:
 
     def __init__(self, statement: Statement) -> None:
         self.statement, names = statement, statement.rotations
-        self.typed = (statement.reading or statement).mapped(lambda expression: in_rates(expression, names))
+        self.typed = statement.reading or statement
         self.leaves = {leaf: symbol.name for leaf, symbol in statement.plain.items()}
         for function in statement.given:
             rates = ((k, sympy.Derivative(function, (t, k))) for k in range(1, MOST_RATES + 1))
@@ -145,8 +145,7 @@ class _SceneWriter:
     def tables(self) -> Mapping[str, Mapping[str, str]]:
         """Return the tables of the file, with the text of each value."""
         statement = self.statement
-        rates = {turn: rate for each in map(rotation_of, statement.rotations) for turn, rate in each.rates.items()}
-        named = [name_of(rates.get(q, q)) for q in self.typed.coordinates]
+        named = [name_of(getattr(q.func, RATE, q)) for q in self.typed.coordinates]
         forces = zip(named, self.typed.forces, strict=True)
         states = zip(statement.state_names, statement.initial, strict=True)
         settings = {key: getattr(statement.run, key) for key in ("t_end", "rtol", "atol", "step")}
