@@ -20,6 +20,7 @@ from lagrange.statement.coordinate import t
 from lagrange.statement.declare import initial_state
 from lagrange.statement.given.function import with_values
 from lagrange.statement.number import real_array
+from lagrange.statement.rotation import check_start
 from lagrange.statement.statement import Statement
 from lagrange.trajectory.integrate import integrate
 from lagrange.trajectory.integrator import RunOptions
@@ -99,6 +100,7 @@ def _of_array(model: Model, given: FloatArray) -> FloatArray:
         )
     if not np.isfinite(array).all():
         raise StatementError("starts has entries that are not finite: give finite numbers.")
+    check_start(model.statement.coordinates, array.T)
     return array.copy()
 
 

@@ -13,9 +13,11 @@ from lagrange.errors import StatementError, counted, listing, shown, suggestion
 from lagrange.machine.model import Model
 from lagrange.members.chunk import Starts
 from lagrange.members.varied import Arrays, MemberNumbers, Varied
+from lagrange.statement.coordinate import name_of
 from lagrange.statement.declare import initial_state, state_rows
 from lagrange.statement.number import real_array, real_number
 from lagrange.statement.parameters import label_of
+from lagrange.statement.rotation import check_start, in_symbols, rotation_of, set_rates
 from lagrange.trajectory.trajectory import FloatArray
 
 
@@ -23,14 +25,17 @@ from lagrange.trajectory.trajectory import FloatArray
 class MemberTable:
     """Members by their common state (2n,) and parameters (k,), and by the entries that vary.
 
-    `rows` maps rows of the state, and `columns` indices of parameters, to the keys of `varied` that replace them.
+    `rows` maps rows of the state, `rates` rates of rotations, and `columns` indices of parameters, to the keys of
+    `varied` that replace them.
     """
 
     varied: Varied
     state: FloatArray
     parameters: FloatArray
     rows: Mapping[int, Any]
+    rates: Mapping[Any, Any]
     columns: Mapping[int, Any]
+    coordinates: tuple[Any, ...]
 
     def __len__(self) -> int:
         return len(self.varied)
@@ -50,6 +55,7 @@ class MemberTable:
         states = np.repeat(self.state[None], len(which), axis=0)
         for row, key in self.rows.items():
             states[:, row] = self.varied.values(key, which)
+        set_rates(states, self.coordinates, {rate: self.varied.values(key, which) for rate, key in self.rates.items()})
         parameters = np.repeat(self.parameters[None], len(which) if self.columns else 1, axis=0)
         for column, key in self.columns.items():
             parameters[:, column] = self.varied.values(key, which)
@@ -74,33 +80,45 @@ def member_table(model: Model, initial: Any, parameters: Any) -> MemberTable:
             "lg.sample(...)."
         )
     varied = _together(sources)
-    rows, columns = _places(model, varied)
+    rows, rates, columns = _places(model, varied)
     _check_held(varied, plain)
     state = np.array(initial_state(plain["initial"], statement.coordinates, statement.initial))
     first = {statement.parameters[i]: float(varied.values(key, np.zeros(1, int))[0]) for i, key in columns.items()}
     values = model.parameter_array({**plain["parameters"], **first})
     _check_signs(model, varied, columns)
-    return MemberTable(varied, state, values, rows, columns)
+    table = MemberTable(varied, state, values, rows, rates, columns, statement.coordinates)
+    if statement.rotations:
+        check_start(statement.coordinates, table.starts(np.arange(min(len(table), MOST_CHECKED))).states.T)
+    return table
 
 
-def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[int, Any]]:
-    """Return the varying keys by row of the state, and by index of the parameter."""
+MOST_CHECKED = 100_000
+"""Largest number of members whose rotations are checked at their starts."""
+
+
+def _places(model: Model, varied: Varied) -> tuple[dict[int, Any], dict[Any, Any], dict[int, Any]]:
+    """Return the varying keys by row of the state, by rate of a rotation, and by index of the parameter."""
     statement = model.statement
     rows, by_name = state_rows(statement.coordinates), {p.name: i for i, p in enumerate(statement.parameters)}
-    of_state, of_parameters = dict[int, Any](), dict[int, Any]()
+    turned = map(rotation_of, statement.rotations)
+    rates = {key: f for each in turned for f in (*each.body, *each.space) for key in (f, name_of(f))}
+    of_state, of_rates, of_parameters = dict[int, Any](), dict[Any, Any](), dict[int, Any]()
     for key in varied.keys:
         label = label_of(key)
         if key in rows:
             of_state[rows[key]] = key
+        elif key in rates:
+            of_rates[rates[key]] = key
         elif label in by_name:
             of_parameters[by_name[label]] = key
         else:
-            names = [*(name for name in rows if isinstance(name, str)), *by_name]
+            labels = in_symbols((name for name in rows if isinstance(name, str)), statement.rotations)
+            names = [*labels, *by_name]
             raise StatementError(
                 f"{label!r} varies, and is not a coordinate, velocity or parameter of {statement.name}; they are "
                 f"{listing(names)}.{suggestion(label, names)}"
             )
-    return of_state, of_parameters
+    return of_state, of_rates, of_parameters
 
 
 def _check_signs(model: Model, varied: Varied, columns: Mapping[int, Any]) -> None:
