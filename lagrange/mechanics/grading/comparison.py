@@ -24,6 +24,7 @@ from lagrange.mechanics.grading.rounded_numbers import with_exact_numbers
 from lagrange.mechanics.grading.student_equations import HELD, EquationRow, StudentEquation, row_of
 from lagrange.mechanics.grading.term_difference import LARGEST_FACTOR, Write
 from lagrange.mechanics.grading.wrong_term import WrongTerm, slip_of, wrong_term
+from lagrange.statement.coordinate import name_of, rotation_name
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
 
@@ -327,24 +328,29 @@ def _without_sample(left: Sequence[Way], statement: Statement) -> str:
 
 
 def _undetermined(rows: Sequence[EquationRow], samples: Sequence[MotionSample]) -> list[str]:
-    """Return names of the coordinates whose accelerations the equations and the constraints do not determine.
+    """Return names of coordinates and rotations whose accelerations the equations and constraints do not determine.
 
-    An equation without accelerations enters by its derivative with respect to time.
+    An equation without accelerations enters by its derivative with respect to time. The length of a quaternion needs no
+    equation.
     """
-    names, sample = rows[0].statement.names, samples[0]
+    statement, sample = rows[0].statement, samples[0]
+    names = [rotation_name(q) or name_of(q) for q in statement.coordinates]
     n, unknowns = len(names), len(rows[0].slopes)
     matrix = [[float(x) for x in row.leading(sample)] for row in rows]
     matrix += [[float(x) for x in row] + [0.0] * (unknowns - n) for row in sample.gradient]
+    for each in statement.rotations:
+        along = [float(x) if name == each else 0.0 for name, x in zip(names, sample.point.q, strict=True)]
+        matrix.append(along + [0.0] * (unknowns - n))
     scaled = np.array([[x / (max(map(abs, row)) or 1.0) for x in row] for row in matrix])
     _, sizes, directions = np.linalg.svd(scaled)
     rank = int((sizes > 1e-10 * sizes[0]).sum()) if sizes[0] else 0
     free = np.abs(directions[rank:, :n]).max(axis=0, initial=0.0)
-    return [name for name, size in zip(names, free, strict=True) if size > 1e-8]
+    return list(dict.fromkeys(name for name, size in zip(names, free, strict=True) if size > 1e-8))
 
 
 def _incomplete(statement: Statement, rows: Sequence[EquationRow], free: Sequence[str]) -> str:
     """Return a sentence for equations that hold but are too few or dependent; `free` are undetermined coordinates."""
-    count, needed = len(rows), len(statement.names)
+    count, needed = len(rows), len(statement.names) - len(statement.rotations)
     rate = "acceleration" if any(any(row.slopes.values()) for row in rows) else "motion"
     rates = f"the {rate} of {listing(free)} is" if len(free) == 1 else f"the {rate}s of {listing(free)} are"
     start = "The equation holds" if count == 1 else "The equations hold"

@@ -16,8 +16,9 @@ from lagrange.evidence.sample import SamplePoint
 from lagrange.mechanics.grading.motion_samples import MotionSample
 from lagrange.mechanics.plain_form import vanishes_in_symbols as vanishes
 from lagrange.statement.coordinate import constraint_of, name_of, t
-from lagrange.statement.expression import TEXTS, entries, expression
+from lagrange.statement.expression import TEXTS, entries, expression, in_full
 from lagrange.statement.parameters import coordinate_name
+from lagrange.statement.rotation import shorthands
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 from lagrange.statement.typed.reader import TypedEquation, TypedReader
@@ -88,6 +89,9 @@ class _EquationReader:
         self.names |= {p.name: p for p in statement.parameters}
         self.given = dict(statement.prescribed)
         self.names |= {_given_name(leaf): value for leaf, value in self.given.items()}
+        turned = shorthands(statement.rotations)
+        turned |= {f"{name}_dot": f.diff(t) for name, f in turned.items()}
+        self.names |= {name: in_full(f).xreplace(self.plain) for name, f in turned.items()}
         multipliers = {f"{MULTIPLIER}{constraint.name}": constraint.multiplier for constraint in statement.constraints}
         self.names = multipliers | self.names
         letters = [letter for letter in FORCES if letter not in self.names]

@@ -186,7 +186,7 @@ def wrong_term(row: EquationRow, derivation: Derivation, samples: Sequence[Motio
     if part:
         return WrongTerm(part, alone=True)
     given = _Sorted.of(row.zero, row.statement, samples, _solved_for(row, samples[0]))
-    if given is None:
+    if given is None or row.statement.rotations:
         return WrongTerm(f"{label} does not hold.")
     meant = _nearest(given, _candidates(given, _stated_rows(derivation)))
     if meant is None or meant.differing_terms > 1:

@@ -330,7 +330,8 @@ class TypedReader:
     def _rates(self) -> dict[Any, Any]:
         """Return {symbol: its time derivative} for coordinates, velocities and given functions."""
         pairs = ((base + low, base + high) for base in self.names.bases for low, high in pairwise(RATES))
-        return {self.symbols[low]: self.symbols[high] for low, high in pairs if {low, high} <= self.symbols.keys()}
+        known = {self.symbols[low]: self.symbols[high] for low, high in pairs if {low, high} <= self.symbols.keys()}
+        return {low: high for low, high in known.items() if low.is_Symbol}
 
     def differentiated(self, expression: Any, order: int) -> Any:
         """Return the time derivative of that order along the motion. Raises SceneError if a symbol has none."""
