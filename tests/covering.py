@@ -72,6 +72,12 @@ def many(item: pytest.Item) -> bool:
     return item.get_closest_marker("few") is not None or len([*item.iter_markers("parametrize")]) > 1
 
 
+def most_of(item: pytest.Item) -> int:
+    """Return how many cases of its test a default run takes: `CASES`, or as many as the mark says, `few(1)`."""
+    few = item.get_closest_marker("few")
+    return int(few.args[0]) if few is not None and few.args else CASES
+
+
 def thinned(items: Sequence[pytest.Item]) -> tuple[list[pytest.Item], list[pytest.Item]]:
     """Return the cases that a default run takes, in their order, and the others."""
     tests: dict[str, list[pytest.Item]] = {}
@@ -84,5 +90,5 @@ def thinned(items: Sequence[pytest.Item]) -> tuple[list[pytest.Item], list[pytes
                 kept.add(item)
     for cases in tests.values():
         cases.sort(key=lambda item: zlib.crc32(item.nodeid.encode()))
-        kept.update(cases[k] for k in covering([case_of(item) for item in cases]))
+        kept.update(cases[k] for k in covering([case_of(item) for item in cases], most_of(cases[0])))
     return [item for item in items if item in kept], [item for item in items if item not in kept]

@@ -24,6 +24,7 @@ def test_runs_are_counted_and_written(tmp_path: Path, capsys: pytest.CaptureFixt
     assert json.loads(capsys.readouterr().out)["shape"] == [3, 2]
 
 
+@pytest.mark.slow
 def test_a_store_is_written_and_gone_on_with(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     zarr = pytest.importorskip("zarr")
     command = [
@@ -42,6 +43,7 @@ def test_a_store_is_written_and_gone_on_with(tmp_path: Path, capsys: pytest.Capt
     assert group["max(theta)"][5] == pytest.approx(2.0) and group["theta_end"][5] == pytest.approx(alone.y[0, -1])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("out", "more", "begins"),
     [

@@ -34,6 +34,7 @@ def test_a_scene_without_positions_says_that_its_coordinates_are_drawn(
     assert "\nNo positions are stated: the coordinates are drawn over time." in capsys.readouterr().out
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("name", "start"), [("a.png", b"\x89PNG"), ("a.SVG", b"<?xml"), ("a.pdf", b"%PDF")])
 def test_plot_writes_a_picture(name: str, start: bytes, scene: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["plot", scene, "--out", name, "--t-end", "0.5", "--set", "g=3"]) == 0

@@ -81,6 +81,10 @@ def test_list(name): ...
 @pytest.mark.parametrize("seed", range(40))
 def test_chance(seed): ...
 
+@pytest.mark.few(1)
+@pytest.mark.parametrize("name", range(4))
+def test_costly(name): ...
+
 @pytest.mark.parametrize("name", ["quick", pytest.param("long", marks=pytest.mark.slow)])
 def test_long(name): ...
 
@@ -127,10 +131,11 @@ def test_what_a_run_takes(tmp_path: Path) -> None:
         "test_product": 3,
         "test_list": 7,
         "test_chance": 3,
+        "test_costly": 1,
         "test_long": 1,
         "test_sizes": 3,
     } | dict.fromkeys(("test_size", "test_law"), 1)
-    assert len(taken[everything]) == 10 + 7 + 40 + 2 + 5 + 1 + 1
+    assert len(taken[everything]) == 10 + 7 + 40 + 4 + 2 + 5 + 1 + 1
     both = {case for case in taken[default] if "size" in case or "law" in case}
     assert sorted(taken[everything]) == sorted({*taken[default], *taken[remaining]})
     assert {*taken[default]} & {*taken[remaining]} == both and len(both) == 5

@@ -98,6 +98,7 @@ def test_a_second_build_gives_the_same_text(everything: bool) -> None:
         assert texts(name) == texts(name)
 
 
+@pytest.mark.slow
 def test_every_process_gives_the_same_text(everything: bool) -> None:
     count, processes = (4, 6) if everything else (1, 2)
     first, others = in_processes(f"digests({count})", processes)
@@ -105,6 +106,7 @@ def test_every_process_gives_the_same_text(everything: bool) -> None:
     assert all(digests == first for digests in others)
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", NAMES)
 def test_no_text_names_what_the_user_named(name: str) -> None:
     """A symbol's own name never reaches generated code."""

@@ -67,6 +67,7 @@ def without_states_between(path: Path) -> Path:
     return path
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("name", ["double-pendulum", "charge-in-field", "two-point-vortices", "cartesian-pendulum"])
 def test_a_run_from_a_file_moves_as_the_run(name: str, tmp_path: Path) -> None:
     """A pixel is a thousandth of a picture, and the states are interpolated between four in each step."""

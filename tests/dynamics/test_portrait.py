@@ -155,6 +155,7 @@ def test_forces_whose_products_are_beyond_all_doubles_have_their_equilibria() ->
     assert [(one.state[0], one.kind) for one in found.equilibria] == [(-1, "centre"), (0, "saddle"), (1, "centre")]
 
 
+@pytest.mark.slow
 def test_orbits_of_more_oscillations_than_a_picture_shows_end_and_that_is_said() -> None:
     x = lg.coordinate("x")
     driven = lg.System(x.dot**2 / 2, x**2 / 2, forces={x: cos(2 * lg.t)}, initial={x: 1}, name="driven")

@@ -213,6 +213,7 @@ def test_a_pivot_that_vanishes_does_no_harm() -> None:
     assert derivation.accelerations == {x: -x, y: -y, theta: 0}
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("n", [4, pytest.param(5, marks=pytest.mark.slow)])
 def test_long_chains_satisfy_their_equations_with_straight_arms(n: int) -> None:
     angles = [coordinate(f"q{i}") for i in range(n)]
@@ -284,6 +285,7 @@ def test_nesting_too_deep_for_sympy_is_refused_in_words(monkeypatch: pytest.Monk
         left_sides(kinetic=x.dot**2 / 2)
 
 
+@pytest.mark.slow
 def test_wide_sums_of_products_stay_products() -> None:
     width = sum(sin(i * x) for i in range(1, 47))
     statement = declare(kinetic=x.dot**2 / 2, potential=width * sum(cos(i * x) for i in range(1, 47)) * sqrt(x))

@@ -15,6 +15,7 @@ from sympy import Abs, Max, Min, Rational, Symbol, cos, exp, sign, sin, sqrt
 from lagrange.equations.collect import Collector
 from lagrange.equations.solve_plan import NestedCofactors, coupled_blocks, vanishes
 from lagrange.equations.terms import Algebra, TooLargeError, common_factor, differentiable, printable
+from tests.covering import examples
 
 x, y, z, v = (Symbol(name, real=True) for name in "xyzv")
 a, b, c = (Symbol(name, positive=True) for name in "abc")
@@ -129,7 +130,7 @@ def number(expression: Any) -> Any:
     return sympy.N(expression.subs(POINT), 40)
 
 
-@settings(max_examples=60)
+@settings(max_examples=examples(60))
 @given(EXPRESSIONS)
 def test_every_way_of_writing_keeps_value_and_slope(expression: Any) -> None:
     algebra = Algebra(1_000_000)

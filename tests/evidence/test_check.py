@@ -32,7 +32,7 @@ def failing(report: Report) -> list[str]:
     return [row.quantity for row in report.rows if not row.holds]
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("make", statements.ALL, ids=lambda make: make.__name__)
 def test_what_is_right_holds(make: Callable[[], Statement]) -> None:
     report = checked(StandIn(make()), seed=1)
@@ -223,6 +223,7 @@ def test_a_textbook_that_divides_by_zero_is_unexplained() -> None:
     assert "textbook accelerations have no value" in report.unexplained[0]
 
 
+@pytest.mark.slow
 def test_another_target_gets_a_row() -> None:
     model = StandIn(statements.kepler())
     same = StandIn(statements.kepler(), target="elsewhere")

@@ -19,7 +19,7 @@ HONEST = 1e-13
 """Rounding errors seen here are below 1e-14 of the size; the limit of the check is 2e-12."""
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("make", statements.ALL, ids=lambda make: make.__name__)
 def test_compiled_systems_hold_on_both_targets(make: Callable[[], Statement]) -> None:
     statement = make()

@@ -68,7 +68,7 @@ def wire() -> lg.System:
 SYSTEMS = [rod_pendulum, disc, mixed, appell, wire]
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("make", SYSTEMS, ids=lambda make: make.__name__)
 def test_everything_holds(make: Callable[[], lg.System]) -> None:
     report = make().check(points=2)
@@ -136,6 +136,7 @@ BUILT_WRONG: dict[str, Change] = {
 }
 
 
+@pytest.mark.few
 @pytest.mark.parametrize("fault", BUILT_WRONG)
 def test_constraints_that_are_derived_wrong_are_found(fault: str, monkeypatch: pytest.MonkeyPatch) -> None:
     right, change = constraint_equations, BUILT_WRONG[fault]
@@ -147,6 +148,7 @@ def test_constraints_that_are_derived_wrong_are_found(fault: str, monkeypatch: p
             quick_check(model)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "held",
     [

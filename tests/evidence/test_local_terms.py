@@ -67,6 +67,7 @@ def test_local_terms_give_the_same_reference(monkeypatch: pytest.MonkeyPatch) ->
             assert abs(a - b) <= 1e-30 * size + 1e-50, name
 
 
+@pytest.mark.slow
 def test_columns_that_are_left_out_are_told() -> None:
     system = lg.System.from_statement(row(LOCAL_FROM))
     report = system.check(points=1)

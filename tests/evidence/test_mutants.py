@@ -316,13 +316,14 @@ def test_mutant_is_caught(mutant: Mutant) -> None:
     assert not report, f"{mutant.name} survived:\n{report}"
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", TERMS)
 def test_the_same_system_passes_without_a_mutant(name: str, share: Share) -> None:
     report = plane(TERMS[name]).check(points=share(5))
     assert report, str(report)
 
 
+@pytest.mark.slow
 def test_the_rich_system_passes_without_a_mutant() -> None:
     report = rich().check()
     assert report, str(report)

@@ -136,6 +136,7 @@ def test_the_clock_is_looked_at() -> None:
         run(oscillator(), [1.0], max_wall=1e-9)
 
 
+@pytest.mark.slow
 def test_two_settings_agree_to_the_digits_of_the_lesser() -> None:
     statement = double_pendulum()
     rough, fine = (run(statement, [3.0], digits=digits)[0] for digits in (18, 26))

@@ -87,6 +87,7 @@ def test_the_work_of_sizes_is_linear_in_a_chain() -> None:
     assert counts[40] < 2.5 * counts[20]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(3))
 def test_right_equations_in_small_and_large_units_pass(seed: int) -> None:
     """The quick check called those in which x/1e-3 stands a fault of lagrange."""

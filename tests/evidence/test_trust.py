@@ -39,6 +39,7 @@ def test_a_run_that_holds_to_its_end_says_so() -> None:
     assert backwards.complete and backwards.time == -10.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
 def test_it_is_not_over_claimed(seed: int) -> None:
     """Random starts of a double pendulum that goes over the top, against a run in multiple precision."""

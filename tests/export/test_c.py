@@ -32,6 +32,7 @@ def run(command: str, folder: Path) -> str:
     return done.stdout
 
 
+@pytest.mark.few(1)
 @needs_cc
 @pytest.mark.parametrize("scene", SCENES)
 def test_the_self_test_passes(scene: str, tmp_path: Path) -> None:

@@ -122,6 +122,7 @@ print(*(name.rpartition(".")[2] for name in sys.modules if name.startswith("lagr
 """
 
 
+@pytest.mark.slow
 def test_an_export_loads_the_language_that_it_writes() -> None:
     done = subprocess.run([sys.executable, "-c", LOADED_BY_C], capture_output=True, text=True, check=True)
     loaded = set(done.stdout.split())

@@ -119,6 +119,7 @@ def systems(at_once: int) -> Iterator[lg.System]:
         yield named(some[:COORDINATES], some[COORDINATES:], next(titles))
 
 
+@pytest.mark.few
 @pytest.mark.parametrize(
     "target",
     [

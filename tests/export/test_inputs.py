@@ -61,6 +61,7 @@ def test_an_fmu_has_variables_of_causality_input(tmp_path: Path) -> None:
         assert exchange.get(key) == "false"
 
 
+@pytest.mark.slow
 def test_an_fmu_is_driven_through_its_inputs(tmp_path: Path, wanted: list[float]) -> None:
     fmpy = pytest.importorskip("fmpy", reason="FMPy is not installed")
     made = driven().export("fmu", tmp_path, ["rhs"])
@@ -97,6 +98,7 @@ def test_a_series_of_an_open_input_is_refused(tmp_path: Path) -> None:
         driven().export("c", tmp_path, ["taylor"])
 
 
+@pytest.mark.slow
 def test_casadi_and_jax_take_inputs_in_the_parameters(wanted: list[float]) -> None:
     model = driven().compile("numpy")
     p = model.parameter_array(at(TIME))

@@ -130,6 +130,7 @@ def test_names_of_functions_of_octave_have_63_letters_at_most(tmp_path: Path) ->
     assert len({path.stem for path in made.files}) == len(made.files)
 
 
+@pytest.mark.slow
 def test_large_local_arrays_of_fortran_are_no_static_ones(tmp_path: Path) -> None:
     for count, word in ((2, "pure subroutine rhs("), (65, "pure recursive subroutine rhs(")):
         q = [lg.coordinate(f"q{k}") for k in range(count)]

@@ -19,7 +19,11 @@ STRICT = "python -W error"
 
 TARGETS = [
     pytest.param(
-        name, marks=pytest.mark.skipif(importlib.util.find_spec(name) is None, reason=f"{name} is not installed")
+        name,
+        marks=[
+            pytest.mark.skipif(importlib.util.find_spec(name) is None, reason=f"{name} is not installed"),
+            *([pytest.mark.slow] if name == "jax" else []),
+        ],
     )
     for name in ("jax", "casadi")
 ]
@@ -78,6 +82,7 @@ def test_events_are_exported_and_steps_are_refused(target: str, tmp_path: Path) 
     assert run(f"{STRICT} {test.name}", tmp_path).endswith("pendulum: 24 of 24 results are right\n")
 
 
+@pytest.mark.slow
 @every_target
 def test_the_program_on_the_page_runs(target: str, tmp_path: Path) -> None:
     program = section({"jax": "JAX", "casadi": "CasADi"}[target]).split("```python\n")[2].partition("```")[0]

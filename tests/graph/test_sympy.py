@@ -446,6 +446,7 @@ def shallow() -> None:
     assert sys.getrecursionlimit() < 5_000 / 4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("terms", "factors"), TERMS)
 def test_a_sum_of_many_terms_through_sympy(terms: int, factors: int) -> None:
     names = [f"x{i}" for i in range(factors)]
@@ -478,6 +479,7 @@ def nest(graph: Graph, x: Node, depth: int) -> Node:
     return node
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("depth", DEPTHS)
 def test_a_deep_nesting_built_directly(depth: int) -> None:
     graph = Graph()
@@ -513,6 +515,7 @@ def test_the_adjoints_of_a_nesting_grow_linearly() -> None:
     assert sizes[2] - sizes[1] < 2.1 * (sizes[1] - sizes[0])
 
 
+@pytest.mark.slow
 def test_a_long_nesting_runs_in_machine_code() -> None:
     graph = Graph()
     x = graph.symbol("x", Binding.CONFIGURATION)

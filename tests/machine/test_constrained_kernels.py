@@ -205,6 +205,7 @@ def steps_of(program: Program, most: int = 32) -> list[int | SolveGroup]:
     return scheduled(program, range(program.hoisted, len(program.instructions)), lambda _: most)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("n", ORDERS)
 @pytest.mark.parametrize("kind", REGULAR, ids=lambda kind: kind.__name__)
 def test_together_is_one_by_one_to_the_last_bit(
@@ -241,6 +242,7 @@ def test_multipliers_too(n: int, monkeypatch: pytest.MonkeyPatch) -> None:
         assert (together == alone).all()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", SINGULAR, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("n", ORDERS)
 def test_a_singular_matrix_of_a_group_is_told(n: int, kind: Matrix) -> None:

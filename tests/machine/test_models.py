@@ -36,7 +36,7 @@ def states(name: str, width: int, seed: int = 1) -> tuple[Any, Any, Any]:
     return rng.uniform(0.3, 1.2, (n, width)), rng.uniform(-1, 1, (n, width)), rng.uniform(0, 3, width)
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_both_machines_give_the_same_for_every_quantity_and_element(name: str) -> None:
     q, v, t = states(name, 3)

@@ -376,6 +376,7 @@ def test_the_inertia_of_a_lone_coordinate_is_looked_up_without_the_whole_matrix(
     assert len(model._masses.program.outputs) == 40
 
 
+@pytest.mark.slow
 def test_a_deep_and_a_wide_system_run() -> None:
     for system in (nested(60), chain(60)):
         first, second = (system.run(1.0, method=method, rtol=1e-9).require().y for method in ("taylor", "dop853"))

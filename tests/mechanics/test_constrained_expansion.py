@@ -73,6 +73,7 @@ def test_independent_coordinates_may_be_any() -> None:
     assert found.C[0, 1] * found.C[1, 0] == -3 * m**2 * r**4 * w**2 / 4
 
 
+@pytest.mark.slow
 def test_a_disc_on_a_circle_rolls_on_it_steadily() -> None:
     tilt, turn = sympy.pi / 6, sympy.Integer(1)
     # Gravity balances the turning of the spin: g sin b + r cos b (3/2 spin + 5/4 turn sin b) turn = 0.

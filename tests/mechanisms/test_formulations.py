@@ -60,7 +60,7 @@ def expected_states(name: str) -> Any:
     return times, formulation(name).states(times)
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", [*FORMULATIONS])
 def test_the_run_is_that_of_the_formulation(name: str) -> None:
     times, right = expected_states(name)
@@ -71,6 +71,7 @@ def test_the_run_is_that_of_the_formulation(name: str) -> None:
         assert (np.abs(found - expected) / size).max() <= 1e-8, time
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["dopri5", "dop853", "radau5"])
 @pytest.mark.parametrize("name", FORMULATIONS)
 def test_other_methods_run_to_the_same_end(name: str, method: str) -> None:

@@ -48,7 +48,7 @@ def one_after_the_other(monkeypatch: pytest.MonkeyPatch, *args: Any, **options: 
 
 
 @pytest.mark.parametrize("backward", [False, True])
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", list(METHODS))
 def test_states_at_output_times_are_those_of_a_run(method: str, backward: bool) -> None:
     """Times at the ends, twice at once, several in a step, and steps without one.
@@ -67,6 +67,7 @@ def test_states_at_output_times_are_those_of_a_run(method: str, backward: bool) 
     assert np.array_equal(runs.y[:, -1], ends.y)
 
 
+@pytest.mark.slow
 def test_a_run_with_a_limit_of_steps_ends_where_it_ends_alone() -> None:
     times = np.linspace(0.0, 3.0, 31)
     for method, options in METHODS.items():
@@ -82,7 +83,7 @@ def test_a_run_with_a_limit_of_steps_ends_where_it_ends_alone() -> None:
                 assert np.isnan(runs.y[:, reached:, 1]).all()
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", list(METHODS))
 def test_extremes_and_means_of_an_oscillator_have_closed_forms(method: str) -> None:
     """x = a cos 2t over t = 5: three periods and a part.
@@ -104,6 +105,7 @@ def test_extremes_and_means_of_an_oscillator_have_closed_forms(method: str) -> N
     assert (runs["min(Abs(x))"] < 2e-8).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["taylor", *(pytest.param(name, marks=pytest.mark.slow) for name in [*METHODS][1:])])
 def test_a_member_alone_keeps_the_same(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same points, rule and search: what differs is round-off of the path, some units of 2**-52."""
@@ -132,6 +134,7 @@ def test_the_drift_is_that_to_the_time_of_the_end(method: str, monkeypatch: pyte
     assert np.allclose(together["drift"], alone["drift"], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_rejected_taylor_step_leaves_no_trace(monkeypatch: pytest.MonkeyPatch) -> None:
     """A motion without forces meets a bump that its series do not show: steps that end beyond it are rejected.
 

@@ -82,6 +82,7 @@ def is_right_or_refused(make: Callable[[], dict[str, Any]], right: dict[str, Any
     return bool(done.all())
 
 
+@pytest.mark.slow
 def test_every_file_of_a_store_that_is_damaged_in_every_way(tmp_path: Path, whole: Path, everything: bool) -> None:
     """The files of one block are healed, and those that describe the store may be refused."""
     right = columns(run(whole))

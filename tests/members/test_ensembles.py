@@ -38,6 +38,7 @@ def starts(name: str) -> dict[str, Any]:
     return {first: value + np.linspace(-0.2, 0.25, SPREAD)}
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", ["pendulum", "henon-heiles", "double-pendulum"])
 def test_a_member_ends_where_a_run_of_its_own_ends(name: str, method: str) -> None:
@@ -170,6 +171,7 @@ def test_a_grid_is_every_combination_and_a_sample_is_repeated_by_its_seed() -> N
         assert one.values("m", every).min() >= 0.9 and one.values("m", every).max() <= 1.1
 
 
+@pytest.mark.slow
 def test_what_is_kept_is_what_a_run_has() -> None:
     x, y = system("henon-heiles").coordinates
     keep = ("end", "counts", "drift", ("max", x), ("min", x**2 - y), ("mean", x), ("events", 2))

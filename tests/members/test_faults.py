@@ -66,6 +66,7 @@ def check_member(runs: lg.Ensemble, i: int, own: Trajectory | str) -> None:
         assert np.isnan(times[i][len(found) :]).all()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("fault", [*FAULTY, *FAULTY_CONSTRAINTS, *FAULTY_EVENTS], ids=lambda fault: fault.name)
 def test_a_fault_beside_healthy_members(fault: Faulty, method: str) -> None:
@@ -90,6 +91,7 @@ def test_a_fault_beside_healthy_members(fault: Faulty, method: str) -> None:
             check_member(runs, i, own)
 
 
+@pytest.mark.slow
 def test_the_faults_run_in_lanes(everything: bool) -> None:
     """But for those with switching surfaces, which Taylor's method watches."""
     faults = FAULTY if everything else FAULTY[:2]
@@ -100,6 +102,7 @@ def test_the_faults_run_in_lanes(everything: bool) -> None:
     assert len(taylor) >= len(faults) - 4
 
 
+@pytest.mark.slow
 def test_a_store_has_the_sentences_of_memory(tmp_path: Any) -> None:
     pytest.importorskip("zarr")
     galaxy, starts = lg.scene("henon-heiles").compile(), {"x": [0.1, 1.0, 0.2, 1.1]}

@@ -67,6 +67,7 @@ def test_a_member_ends_where_a_run_of_its_own_ends(name: str, monkeypatch: pytes
     agree(together, alone, 1e-11)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("by_order")
 @pytest.mark.parametrize(
     "case", [pytest.param(case, marks=[pytest.mark.slow] * (k > 0)) for k, case in enumerate(list(HENON)[:6])]

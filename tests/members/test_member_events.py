@@ -127,6 +127,7 @@ BEYOND = ("a transcendental one",)
 that is as right as the tolerance of 1e-10 makes it."""
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("case", list(HENON))
 @pytest.mark.parametrize("end", [20.0, pytest.param(-7.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("method", FIRST)
@@ -173,6 +174,7 @@ def random_ensemble(rng: np.random.Generator) -> tuple[lg.System, dict[str, Any]
     return system, starts, {"events": events, "keep": (("events", 5),)}
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(1, 12))])
 @pytest.mark.parametrize("method", EQUAL_STEPS)
 def test_events_on_equal_steps_are_those_of_the_compiled_loop_to_the_last_bit(
@@ -207,6 +209,7 @@ def test_events_at_both_ends_of_a_run(method: str, monkeypatch: pytest.MonkeyPat
                 agree(together, lg.ensemble(ball(), 1.0, start, workers=1, **given))
 
 
+@pytest.mark.slow
 def test_a_root_in_the_forces_is_watched_in_lanes_too(monkeypatch: pytest.MonkeyPatch) -> None:
     """sqrt(1 + x) has no value from x = -1 on: a run ends there, and says so, whoever runs beside it."""
     x = lg.coordinate("x")
@@ -234,6 +237,7 @@ def test_a_limit_of_steps_holds_with_events(method: str, monkeypatch: pytest.Mon
     agree(together, alone, 1e-6 if controlled else 1e-12, method)
 
 
+@pytest.mark.slow
 def test_an_event_between_two_explicit_steps_ends_the_run_at_the_accepted_state(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

@@ -46,6 +46,7 @@ KEPT: dict[str, tuple[Any, Any]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "which", ["occurrences", *(pytest.param(name, marks=pytest.mark.slow) for name in [*KEPT][:-1])]
 )
@@ -67,6 +68,7 @@ def test_a_store_of_an_event_that_differs_in_its_last_digits_is_refused(tmp_path
         pendulum(events=[theta - np.nextafter(0.1, 1.0)], store=tmp_path / "runs.zarr")
 
 
+@pytest.mark.slow
 def test_a_quotient_has_a_place_in_a_store(tmp_path: Path) -> None:
     pytest.importorskip("zarr")
     xarray = pytest.importorskip("xarray")

@@ -80,7 +80,7 @@ def slide(tab: Tab, place: int) -> float:
     return moved
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("scene", lg.scenes())
 def test_a_scene_moves_as_ours_and_follows_its_sliders(scene: str, browser: Browser, tmp_path: Path) -> None:
     system = shared_scene(scene)

@@ -52,6 +52,7 @@ def test_gradients_by_parameters_and_by_time_are_differences() -> None:
         np.testing.assert_allclose(slopes[1][:, k], difference, rtol=1e-6, atol=1e-7)
 
 
+@pytest.mark.slow
 def test_the_gradient_of_the_energy_by_reverse_sweep() -> None:
     of = model("8 carried masses", "numpy")
     rhs, energy, (time, y) = of.as_jax(), of.as_jax("energy"), list(states(of))[1]
@@ -62,6 +63,7 @@ def test_the_gradient_of_the_energy_by_reverse_sweep() -> None:
     assert abs(slope @ of.rhs(time, y)) < 1e-11 * abs(slope).max() * abs(of.rhs(time, y)).max()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [2, 6])
 def test_a_singular_mass_matrix_is_nan_throughout_and_told(n: int) -> None:
     """Check a matrix that is written out, and one for LAPACK."""
@@ -142,6 +144,7 @@ def double_pendulum() -> NumbaFunction:
     return model("double pendulum").as_numba()
 
 
+@pytest.mark.slow
 def test_compiled_loops_call_it_with_any_parameters() -> None:
     of, made = model("double pendulum"), double_pendulum()
     prepare, rhs = made.prepare, made.function
@@ -213,6 +216,7 @@ def test_the_numpy_target_is_refused() -> None:
         model("double pendulum", "numpy").as_numba()
 
 
+@pytest.mark.slow
 def test_the_code_outlives_the_model() -> None:
     of = build("llvm", kinetic=x.dot**2 / 2, potential=x**2 / 2)
     made, p = of.as_numba(), of.parameter_array()

@@ -12,6 +12,7 @@ from lagrange.errors import SceneError
 from lagrange.statement.scene.library import LIBRARY
 from lagrange.statement.scene.scene_reader import read_scene
 from lagrange.statement.statement import Statement
+from tests.covering import examples
 
 TEXTS = [path.read_text("utf-8") for path in sorted(LIBRARY.glob("*.toml")) if path.stat().st_size < 2000]
 PIECES = [
@@ -41,7 +42,7 @@ PIECES = [
 ]
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(
     st.sampled_from(TEXTS),
     st.integers(0, 2000),

@@ -12,6 +12,7 @@ from lagrange.errors import SceneError
 from lagrange.statement.coordinate import t
 from lagrange.statement.scene.expressions import read_expression
 from lagrange.statement.vocabulary.words import WORDS
+from tests.covering import examples
 from tests.statement.names import NAMES
 
 Pair = tuple[str, Any]
@@ -85,7 +86,7 @@ def assert_same(found: Any, value: Any) -> None:
         assert abs(difference.xreplace(point).evalf(30)) <= 1e-12 * (1 + abs(value.xreplace(point).evalf(30)))
 
 
-@settings(max_examples=150)
+@settings(max_examples=examples(150))
 @given(st.recursive(leaf(), larger, max_leaves=10))
 def test_random_expressions_read_back_equal(pair: Pair) -> None:
     text, value = pair
@@ -96,7 +97,7 @@ def test_random_expressions_read_back_equal(pair: Pair) -> None:
         assert any(word in refused.reason for word in ("finite", "constant", "too", "longer", "divides")), refused
 
 
-@settings(max_examples=100)
+@settings(max_examples=examples(100))
 @given(st.recursive(leaf(), larger, max_leaves=8))
 def test_what_sympy_prints_reads_back_equal(pair: Pair) -> None:
     value = pair[1]
@@ -117,7 +118,7 @@ def test_any_text_is_read_or_refused(text: str) -> None:
         assert 1 <= refused.column <= len(text) + 1
 
 
-@settings(max_examples=300)
+@settings(max_examples=examples(300))
 @given(st.lists(st.sampled_from(TOKENS), max_size=14))
 def test_any_tokens_are_read_or_refused(tokens: list[str]) -> None:
     found, refused = outcome(" ".join(tokens))

@@ -58,7 +58,7 @@ def test_accelerations_are_those_of_the_book(case: Case) -> None:
             ), axis
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("case", CASES, ids=NAMES)
 def test_derivation_agrees_with_lagranges_method(case: Case) -> None:
     statement = case.statement()
@@ -182,6 +182,7 @@ def numbers(count: int) -> st.SearchStrategy[list[Fraction]]:
     return st.lists(st.fractions(-2, 2, max_denominator=64), min_size=count, max_size=count)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("n", "examples"), [(1, 15), (2, 10), (3, 5)])
 def test_random_lagrangians_agree_with_lagranges_method(n: int, examples: int, share: Share) -> None:
     # An example costs a tenth of a second and more: shrinking one would take minutes.

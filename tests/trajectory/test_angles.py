@@ -66,6 +66,7 @@ def by_hand(law: tuple[Any, Any, Callable[[float], tuple[float, float]]], start:
     return z0
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(("start", "end"), STARTS, ids=["once", "over", "up"])
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: str(law[0]))
 def test_a_force_jumps_where_the_angle_does(law: Any, start: list[float], end: float) -> None:

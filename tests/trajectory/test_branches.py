@@ -156,6 +156,7 @@ def go(model: Model, method: Any, **options: Any) -> Trajectory:
     return integrate(model, (0.0, END), None, RunOptions(method, **options))[0]
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.parametrize("target", TARGETS)
 def test_a_series_goes_through(name: str, target: str) -> None:

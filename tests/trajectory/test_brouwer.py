@@ -46,7 +46,7 @@ def allowed(name: str) -> float:
     return 2.0 if name in MOMENTA else 0.4
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     "name", ["implicit-midpoint", "gauss2", "gauss3", "variational-midpoint", "galerkin4", "galerkin6"]
 )
@@ -71,6 +71,7 @@ def moment(state: Any) -> Any:
     return a * d - b * c
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["gauss3", "galerkin6"])
 def test_energy_walks_at_random(name: str) -> None:
     """Of a pendulum, with steps so short that the energy of the method is that of the pendulum to round-off."""

@@ -95,6 +95,7 @@ def alike(one: Trajectory, other: Trajectory, off: float = 1e-9) -> None:
         assert states == pytest.approx(right, abs=off, rel=1e-9)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(5))
 @pytest.mark.parametrize("name", METHODS)
 def test_events_of_random_systems(name: str, seed: int, monkeypatch: pytest.MonkeyPatch, everything: bool) -> None:
@@ -184,7 +185,7 @@ def test_the_terminal_count_of_bounces_ends_the_run(monkeypatch: pytest.MonkeyPa
     assert found.y[1, -1] == pytest.approx(G * FALL) and found.y_events[0][-1][1] == pytest.approx(-G * FALL)
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", ["dop853", "rk4", "radau5", "gauss2", "implicit-midpoint", "bdf2", "verner9"])
 def test_the_digits_of_events_do_not_depend_on_how_many_steps_a_call_takes(
     name: str, monkeypatch: pytest.MonkeyPatch, everything: bool

@@ -46,6 +46,7 @@ FLOOR = 2e-11
 """Errors below this are left out: round-off, some 1e-13, would move a measured order where they double."""
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("name", [*SYSTEMS, "sleigh"])
 @pytest.mark.parametrize("method", CONSTRAINED)
 def test_the_observed_order_is_the_claimed_one(method: str, name: str) -> None:
@@ -81,6 +82,7 @@ def test_steps_that_end_on_the_constraints_are_not_projected(method: str) -> Non
     assert plan.projected is (method not in HOLONOMIC)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", HOLONOMIC)
 def test_constraints_hold_after_many_steps(method: str) -> None:
     compiled = system("spherical")

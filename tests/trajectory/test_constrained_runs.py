@@ -99,6 +99,7 @@ def test_a_splitting_runs_where_constraints_are_linear(name: str) -> None:
     assert coarse.constraint_error.max() < ROUNDED
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_random_mechanisms_stay_on_their_constraints(seed: int, target: str) -> None:
@@ -111,7 +112,7 @@ def test_random_mechanisms_stay_on_their_constraints(seed: int, target: str) -> 
         assert solution.constraint_error.max() < ROUNDED
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", SEEDS)
 def test_runs_of_random_mechanisms_converge_to_one_motion(seed: int) -> None:
     model = compiled(seed)

@@ -60,7 +60,7 @@ def test_a_contact_entered_the_wrong_way_acts_at_once(method: str) -> None:
     assert below.require().t_events[0].tolist() == [0.0] and below.final["y"] == pytest.approx(0.05095, abs=1e-7)
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_ball_aimed_at_a_corner_stays_in_the_box(method: str, share: Share) -> None:
     walls = [turn(x - 1, x.dot, 1), turn(x, x.dot), turn(y - 1, y.dot, 1), turn(y, y.dot)]

@@ -229,6 +229,7 @@ def linkage_at(time: float) -> np.ndarray:
     return np.array([angle, 0.0, angle, rate, 0.0, rate])
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("rtol", [1e-8, 1e-10, 1e-12, 1e-13])
 @pytest.mark.parametrize("method", ["taylor", "dop853", "radau5"])
 def test_flows_pass_crossings_as_runs_do(method: str, rtol: float) -> None:

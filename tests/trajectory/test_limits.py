@@ -236,7 +236,7 @@ def test_a_pipe_is_told_nothing(capfd: pytest.CaptureFixture[str], monkeypatch: 
     assert capfd.readouterr() == ("", "")
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", ["taylor", "dop853", "rk4", "verlet", "radau5", "scipy-dop853"])
 def test_time_is_kept_while_events_are_located(method: str) -> None:
     """A step with hundreds of zeros takes a while; a block of steps is not looked at to its end first."""

@@ -336,6 +336,7 @@ def test_a_coordinate_that_a_constraint_holds_at_zero_takes_no_steps() -> None:
     assert tries <= fewest + 2
 
 
+@pytest.mark.slow
 def test_members_in_lanes_are_not_limited_by_rounding() -> None:
     """They went on to the step limit: lanes raised no floors under way."""
     system, start, end = net(2, 2)
