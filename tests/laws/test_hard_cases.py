@@ -80,6 +80,7 @@ def test_the_figure_eight_returns(method: str) -> None:
     assert run.y[:, -1] == pytest.approx(run.y[:, 0], abs=2e-11)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_burraus_bodies_part_as_published(method: str) -> None:
     """The mass of 3 leaves the other two, which are bound (V. Szebehely, C. F. Peters, Astron. J. 72, 1967)."""
@@ -114,6 +115,7 @@ def test_the_threshold_of_kapitzas_pendulum(method: str) -> None:
     assert threshold == pytest.approx(math.sqrt(2 * g) / omega, rel=0.02)  # a^2 omega^2 = 2 g l, to leading order
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("method", METHODS)
 def test_a_free_body_flips_about_its_middle_axis(method: str) -> None:
     """Jacobi's functions (L. D. Landau, E. M. Lifshitz, Mechanics, section 37) near the separatrix: errors grow."""

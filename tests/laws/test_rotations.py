@@ -79,6 +79,7 @@ def test_stability_of_a_steady_spin(axis: int, growth: float) -> None:
     assert linear.note == "About a steady motion."
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", range(3))
 def test_linear_equations_anywhere_agree_with_the_compiled_model(seed: int) -> None:
     """With a coordinate, torques and an input: `linearize` compares itself with the model, and raises if it differs."""
@@ -178,6 +179,7 @@ def random_top(seed: int) -> tuple[lg.System, lg.System]:
     return body(moments, spins, start, potential(lambda i, j: R[i, j])), other
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("seed", [*range(5), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(5, 100))])
 def test_the_motion_is_that_of_euler_angles(seed: int) -> None:
     """Away from their pole. Half a unit of time: errors do not grow by more than a factor of ten."""

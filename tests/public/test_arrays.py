@@ -147,6 +147,7 @@ def test_a_trajectory_is_checked_when_it_is_made(change: dict[str, Any], words: 
 ROOT = Path(__file__).resolve().parents[2]
 
 
+@pytest.mark.slow
 def test_no_text_is_run_whatever_it_is_in(tmp_path: Path, everything: bool) -> None:
     part = 1 if everything else 120
     result = subprocess.run(

@@ -130,6 +130,7 @@ def test_every_public_class_has_an_instance_whose_methods_are_called() -> None:
     assert [kind.__name__ for kind in classes() if kind not in INSTANCES] == []
 
 
+@pytest.mark.slow
 def test_what_is_called_rightly_works(tmp_path: Path) -> None:
     """The arguments that stay as they are must be right, or no wrong one would be looked at."""
     refused = {}

@@ -44,7 +44,7 @@ def recorded(kind: str) -> Any:
     return RECORDS[kind]()
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize("kind", RECORDS)
 def test_a_record_has_a_card_a_picture_and_a_file(kind: str, tmp_path: Path) -> None:
     record = recorded(kind)

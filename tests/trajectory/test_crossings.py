@@ -178,6 +178,7 @@ def test_redundant_constraints_that_are_allowed_are_no_crossing(method: str) -> 
     assert solution.status is lg.Status.SUCCESS, solution.message
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("loops", "rtol"),
     [(1, 1e-12), (3, 1e-8), *(pytest.param(*each, marks=pytest.mark.slow) for each in ((1, 1e-8), (3, 1e-12)))],

@@ -45,6 +45,7 @@ def until(system: lg.System, name: str, method: str = "taylor", target: str = "l
     return system.run(5.0, events=[event], method=method, rtol=1e-12, target=target)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("target", ["llvm", "numpy"])
 @pytest.mark.parametrize("method", METHODS)
 def test_a_particle_leaves_the_sphere_at_two_thirds_of_its_height(method: str, target: str) -> None:
@@ -97,7 +98,7 @@ def chain(links: int) -> lg.System:
     )
 
 
-@pytest.mark.parametrize("links", [2, 10])
+@pytest.mark.parametrize("links", [2, pytest.param(10, marks=pytest.mark.slow)])
 def test_series_and_steps_agree_on_a_chain(links: int) -> None:
     """Small systems are written out for each order, large ones loop."""
     system = chain(links)

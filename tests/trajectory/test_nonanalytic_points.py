@@ -53,6 +53,7 @@ def touching(*bodies: Any) -> Any:
     return sum(Piecewise(((p - q) ** Rational(5, 2), p > q), (0, True)) for p, q in pairwise(bodies))
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("start", [{x.dot: 1.0}, {x: -0.1, x.dot: 1.0}, {x: 0.2}, {x: -0.1, z: 0.1, x.dot: 1.0}])
 def test_what_is_at_rest_is_hit(start: Any) -> None:
     """The force on it grows as a power of the time, and there is no velocity that it could be small against."""
@@ -62,6 +63,7 @@ def test_what_is_at_rest_is_hit(start: Any) -> None:
     assert found.y[:, -1] == pytest.approx(right.y[:, -1], abs=1e-8)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("force", [1 / sqrt(x - y), log(x - y)])
 def test_no_leap_into_a_force_that_is_infinite_where_it_begins(force: Any) -> None:
     balls = lg.System(
@@ -101,6 +103,7 @@ def test_what_stays_at_rest_takes_few_leaps() -> None:
     assert not found.y.any()
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("power", [Rational(1, 2), Rational(1, 3), Rational(3, 4)])
 def test_an_oscillation_with_drag_of_a_fractional_power(power: Rational) -> None:
     """Forces that depend on a power of the speed squared, at every turn of the oscillation."""
@@ -128,7 +131,7 @@ def test_a_force_that_jumps_is_not_leapt_over(force: Any) -> None:
     assert "sqrt(x**2 - 2*x*y + y**2) becomes zero there" in found.message and "as abs" in found.message
 
 
-@pytest.mark.few
+@pytest.mark.few(1)
 @pytest.mark.parametrize(
     ("square", "absolute"),
     [

@@ -77,6 +77,7 @@ def _fill(memory: Any, arrays: tuple[str, ...], record: Any) -> None:
 SPANS = (0.0, 9.0), (0.0, 4.0), (3.0, 0.0), (0.0, 9.0), (0.0, 260.0), (0.0, 9.0)
 
 
+@pytest.mark.few(1)
 @pytest.mark.parametrize("outputs", [False, True])
 @pytest.mark.parametrize("force", FORCES)
 @pytest.mark.parametrize("events", WATCHED)
