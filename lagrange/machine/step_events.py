@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from lagrange.algorithm.events.event_run import EVENT_RUN, MOST_STEPS, SETTINGS
+from lagrange.algorithm.events.event_steps import EVENT_RUN, MOST_STEPS, SETTINGS
 from lagrange.algorithm.events.step_zeros import MOST_ZEROS, REVIEW
 from lagrange.machine.state import MOST_LANES, DriverState
 
@@ -59,7 +59,7 @@ class Happened(NamedTuple):
 
 
 class StepEventMemory:
-    """Memory of a run with events, for states of a `size`; see `EVENT_RUN`, `REVIEW` and `ReviewArguments`.
+    """Memory of a run with events, for states of a `size`; see `EventRun`, `Review` and `Watch`.
 
     Steps that are not reviewed yet are rows of `times` and `states` from row 1 on. Row 0 is the state before them.
     """

@@ -7,181 +7,497 @@ wait for it.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
 
-from lagrange.algorithm.events.constants import AHEAD, CLOSE, LONGEST_LOOK, NOISE_HALVES
-from lagrange.algorithm.events.event_reset import reset
-from lagrange.algorithm.events.event_run import COUNTED, LOOK, MOST_STEPS, NUMBERS, READ_EVENTS, EventRun, count, number
+from lagrange.algorithm.dense.block import LANES
+from lagrange.algorithm.events.constants import AHEAD, ALONG, CLEARLY, CLOSE, CLOSEST, LONGEST_LOOK, NOISE_HALVES
 from lagrange.algorithm.events.step_review import review
-from lagrange.algorithm.events.step_zeros import CHANGED, CROWDED, ENDED
+from lagrange.algorithm.events.step_samples import Samples, edge_noise, samples_type
+from lagrange.algorithm.events.step_zeros import ANYHOW, CHANGED, CROWDED, ENDED, UNKNOWN, Watch
 from lagrange.algorithm.outcome import Outcome
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import WHOLE, Procedure
-from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Flag, Memory, Real, Whole
+from lagrange.algorithm.step.constants import EARLIEST
+from lagrange.algorithm.step.run import COUNTS, RUN
+from lagrange.procedure.form import FLAG, REAL, WHOLE, Array, Callee
+from lagrange.procedure.front.plain import Bundle, Stated, inline, procedure
+from lagrange.procedure.front.vocabulary import (
+    In,
+    Out,
+    WholesIn,
+    WholesOut,
+    fma,
+    form_of,
+    larger,
+    quotient,
+    record,
+    smaller,
+    unlikely,
+)
+
+READ = Array(read=True)
+
+STEPS = Callee((Array(WHOLE, read=True), Array(), Array(WHOLE), Array(), WHOLE, Array(), Array()), (WHOLE,))
+"""A function that takes steps and returns an `Outcome`.
+
+Its arguments: data that the machine has prepared, the numbers and counts of the run, work memory, the number of tries,
+and the arrays for times and states."""
+
+FUNCTION = Callee((REAL, READ, READ, Array()), (FLAG,))
+"""A function of a time, a state and numbers that the machine has prepared; it says whether it has no value."""
+
+MOST_STEPS = 1024
+"""Steps that are taken, at most, before they are reviewed: their times and states are kept until then."""
+
+LOOK, READ_EVENTS = 16, 17
+"""Codes beside those of `Outcome`: a step is irregular; the arrays of events or of changes of the motion are full."""
+
+RESET_AT, RESET_SIZE, UNTIL_END, SETTINGS = range(4)
+"""For each event: where among the results of all resets its own begin, how many there are, and how often it has to
+count until the run ends, or 0. Behind them, at `SETTINGS` blocks, stand the entries of the state that are reset."""
+
+NUMBERS, COUNTED = len(RUN.fields), len(COUNTS.fields)
+"""Number of reals and counts of a run. The floors follow the reals."""
+
+T, END, H, SHARE, PREVIOUS, START, STEP = (
+    RUN.places[name] for name in ("t", "end", "h", "share", "previous", "start", "step")
+)
+"""Indices of numbers of a run; see `Run`."""
+
+ACCEPTED, ROWS, SLOPE_KNOWN, AFTER_REJECT, KEPT = (
+    COUNTS.places[name] for name in ("steps", "rows", "slope_known", "after_reject", "kept")
+)
+"""Indices of counts of a run; see `Counts`."""
 
 
-@shared
-def event_steps() -> Procedure:
-    """Return the loop; it gives an `Outcome`, `LOOK` or `READ_EVENTS`.
+@record
+class EventRun:
+    """State of a run with events."""
+
+    count: int
+    """Number of steps since all were reviewed; step i of them leads from row i to the next."""
+
+    begin: int
+    """The first of them, from 1 on, that is to be reviewed."""
+
+    before: int
+    """1 if row 0 is the state before row 1, of the same motion."""
+
+    outcome: int
+    """Their `Outcome`."""
+
+    rows: int
+    """Number of rows that were written before them."""
+
+    proven: int
+    """Number of zeros that were written before them."""
+
+    budget: int
+    """Number of steps that the caller allows."""
+
+    left: int
+    """Number of them that are left."""
+
+    longest: int
+    """Largest number of steps before a review."""
+
+    ahead: int
+    """Number of steps before the next review."""
+
+    since: int
+    """Number of steps of the motion."""
+
+    fixed: int
+    """1 for steps of equal length."""
+
+    both: int
+    """1 if the dense output of a step needs the next step: the first step of a motion waits for the second."""
+
+    resets: int
+    """1 if the state may be reset in the loop."""
+
+    starts: int
+    """1 if the motion starts at row 1."""
+
+    jumps: int
+    """Number of resets."""
+
+    changed_at: int
+    """Number of steps when the motion began, or changed last."""
+
+    breaks: int
+    """Number of changes of the motion that are written."""
+
+    break_room: int
+    """Number of them that the arrays can hold."""
+
+    due: int
+    """1 + the index of the event that changes the motion at the state, or 0."""
+
+    way: int
+    """Direction of the zero of that event."""
+
+    changed: float
+    """Time when the motion began, or changed last."""
+
+    interval: float
+    """Time between the last two resets."""
+
+    final: float
+    """End of the run: a function that comes to zero within its noise there counts as zero."""
+
+
+EVENT_RUN = form_of(EventRun)
+"""The record in memory."""
+
+
+GO_ON = -1
+"""Code while the loop continues."""
+
+
+@dataclass(frozen=True)
+class Waiting:
+    """Steps of a run that wait for their review, the driver that takes them, and the arrays for rows of the run.
+
+    They are rows of `times` and `states`, from row 0 on, for states of a `dimension`. `drive` takes steps, from the
+    `laws`; see `STEPS`. `reals` are the numbers of the run and then its floors, and `counts` its counts; `kept_reals`
+    and `kept_counts` are those before the steps. The driver has the state `y` at the indices `entries` of its memory.
+    """
+
+    event_run: EventRun
+    dimension: int
+    times: Out
+    states: Out
+    drive: Callable[..., Any]
+    laws: WholesIn
+    reals: Out
+    counts: WholesOut
+    kept_reals: Out
+    kept_counts: WholesOut
+    driver_work: Out
+    entries: WholesIn
+    y: Out
+    row_times: Out
+    row_states: Out
+
+    @inline
+    def row(self, number: int) -> Out:
+        """Return the state in a row."""
+        return self.states[number * self.dimension :]
+
+    @inline
+    def take(self) -> int:
+        """Take the next steps; return `GO_ON`, or the code with which the loop ends."""
+        run, n, reals, counts = self.event_run, self.dimension, self.reals, self.counts
+        t, end = reals[T], reals[END]
+        is_first = run.both != 0 and run.before == 0
+        if t == end:
+            return Outcome.DONE
+        if run.left <= 0 or (is_first and run.left < 2 and run.left < run.budget):
+            return Outcome.PAUSED
+        if run.breaks >= run.break_room:
+            return READ_EVENTS
+        self.kept_reals[: n + NUMBERS] = reals[: n + NUMBERS]
+        self.kept_counts[:COUNTED] = counts[:COUNTED]
+        self.times[1] = t
+        self.row(1)[:n] = self.y[:n]
+        for i in range(n):
+            self.driver_work[self.entries[i]] = self.y[i]
+        run.rows = counts[ROWS]
+        counts[ROWS] = 0
+        tries = min(run.ahead, run.left, MOST_STEPS)
+        outcome = self.try_steps(max(tries, min(2, run.left)) if is_first else tries)
+        while is_first and run.left < run.budget - 1 and outcome == Outcome.PAUSED and counts[ROWS] < 2:
+            outcome = self.try_steps(1)
+        for i in range(n):
+            self.y[i] = self.driver_work[self.entries[i]]
+        run.count = counts[ROWS]
+        run.begin, run.outcome = 1, outcome
+        counts[ROWS] = run.rows
+        if run.count > 0:
+            return GO_ON
+        run.ahead = min(run.ahead * 2, run.longest)
+        return GO_ON if outcome == Outcome.PAUSED else outcome
+
+    @inline
+    def try_steps(self, tries: int) -> int:
+        """Try a number of steps, and return their `Outcome`."""
+        self.event_run.left -= tries
+        given = self.laws, self.reals, self.counts, self.driver_work
+        outcome: int = self.drive(*given, tries, self.times[2:], self.row(2))
+        return outcome
+
+    @inline
+    def accept(self) -> int:
+        """Write the steps as rows; return `GO_ON`, or their outcome if that ends the loop."""
+        run, n, times = self.event_run, self.dimension, self.times
+        self.write_rows(run.count)
+        run.since, run.ahead = run.since + run.count, min(run.ahead * 2, run.longest)
+        times[0] = times[run.count]
+        self.row(0)[:n] = self.row(run.count)[:n]
+        run.before, run.begin, run.count = 1, 1, 0
+        return GO_ON if run.outcome == Outcome.PAUSED else run.outcome
+
+    @inline
+    def write_rows(self, kept: int) -> None:
+        """Write the first `kept` steps as rows of the run."""
+        rows, n = self.event_run.rows, self.dimension
+        self.row_times[rows : rows + kept] = self.times[2 : kept + 2]
+        size = kept * n
+        self.row_states[rows * n :][:size] = self.row(2)[:size]
+        self.counts[ROWS] = rows + kept
+
+    @inline
+    def go_back(self, kept: int, t: float, state: In, length: float) -> None:
+        """Keep the first steps, the last one up to a time and a state; the next step begins a motion of its own.
+
+        `length` is the length of the step in which this is.
+        """
+        run, reals, counts, n = self.event_run, self.reals, self.counts, self.dimension
+        self.times[kept + 1] = t
+        self.row(kept + 1)[:n] = state[:n]
+        self.y[:n] = state[:n]
+        self.write_rows(kept)
+        steps = self.kept_counts[ACCEPTED] + kept
+        counts[ACCEPTED] = steps
+        for place in (SLOPE_KNOWN, AFTER_REJECT, KEPT):
+            counts[place] = 0
+        reals[T], reals[PREVIOUS] = t, 1.0
+        if run.fixed != 0:
+            reals[START] = t - float(steps) * reals[STEP]
+        else:
+            interval = larger(AHEAD * abs(t - run.changed), CLOSE * abs(t))
+            reals[H] = math.copysign(smaller(abs(length), interval), length)
+        run.ahead = max(1, min(run.since + kept, LONGEST_LOOK))
+        run.since, run.count, run.begin, run.before = 0, 0, 1, 0
+
+    @inline
+    def lower_floors(self, kept: int) -> None:
+        """Reset the floors to those from before the steps, raised by the rows that are left of these."""
+        share, floors, rows = self.reals[SHARE], self.reals[NUMBERS:], self.row(2)
+        for j in range(self.dimension):
+            size = 0.0
+            for i in range(kept):
+                size = larger(size, abs(rows[i * self.dimension + j]))
+            floors[j] = larger(self.kept_reals[NUMBERS + j], share * size)
+
+
+@dataclass(frozen=True)
+class EventLoop:
+    """The arguments of the loop over steps with events.
+
+    `values` are the event functions, and `resets` the new values of all resets; see `FUNCTION`. `break_times` and
+    `break_states` are the ends of the steps that were cut at changes of the motion, NaN if no step was cut.
+    """
+
+    samples: Samples
+    watch: Watch
+    waiting: Waiting
+    values: Callable[..., Any]
+    value_numbers: In
+    resets: Callable[..., Any]
+    reset_numbers: In
+    settings: WholesOut
+    scratch: Out
+    break_rows: WholesOut
+    break_times: Out
+    break_states: Out
+
+    @inline
+    def path(self, first: int, steps: int) -> Samples:
+        """Return the samples of a number of the steps that wait, from a row on."""
+        waiting = self.waiting
+        run = waiting.times[first:], waiting.row(first)
+        return replace(self.samples, dimension=waiting.dimension, times=run[0], states=run[1], steps=steps)
+
+    @inline
+    def setting(self, block: int, event: int) -> WholesOut:
+        """Return the array that begins with a setting of an event."""
+        return self.settings[event + self.samples.events * block :]
+
+
+def loop_type() -> Bundle:
+    """Return the type of the arguments of the loop."""
+    waiting = Bundle(Waiting, {"drive": STEPS, "row_states": Array(room=LANES)})
+    types: dict[str, Stated] = {"samples": samples_type("dimension", "times", "states", "steps")}
+    types |= {"watch": Bundle(Watch, {}), "waiting": waiting, "values": FUNCTION, "resets": FUNCTION}
+    return Bundle(EventLoop, types)
+
+
+@procedure(loop=loop_type)
+def event_steps(loop: EventLoop) -> int:
+    """Take and review steps up to an irregular event, or the end; return an `Outcome`, `LOOK` or `READ_EVENTS`.
 
     `Outcome.WATCHED` says that the state stands at a change of the motion that is due. The loop goes on where it ended:
     steps that the caller has reviewed in the meantime are not reviewed again.
     """
-    return _EventSteps().build()
+    run, found, waiting = loop.waiting.event_run, loop.watch.review, loop.waiting
+    code = GO_ON
+    while code == GO_ON:
+        if run.begin > run.count:
+            run.proven = found.found
+            code = waiting.take()
+        if code == GO_ON and run.begin <= run.count:
+            why = review_steps(loop)
+            if why == ENDED:
+                code = waiting.accept()
+            elif why == CHANGED:
+                go_back(loop)
+                code = GO_ON if reset(loop) else Outcome.WATCHED
+            else:
+                code = READ_EVENTS if why == CROWDED and found.found > 0 else LOOK
+    return code
 
 
-class _EventSteps:
-    """Builds the procedure."""
+@inline
+def review_steps(loop: EventLoop) -> int:
+    """Review the steps that wait, and return why that ended; `begin` is the first that is not reviewed."""
+    waiting, found = loop.waiting, loop.watch.review
+    run, shift = waiting.event_run, 1 - waiting.event_run.before
+    steps = run.count + 1 - shift
+    found.begin, found.end = run.begin - shift, steps
+    found.starts = run.starts if run.begin == 1 else 0
+    found.last = steps - 1 if waiting.times[run.count + 1] == run.final else -1
+    found.rounded = float(waiting.kept_counts[ACCEPTED] + run.count - 1) * (1.0 / NOISE_HALVES)
+    why = review(loop.path(shift, steps), loop.watch)
+    run.begin = found.step + shift
+    run.starts = 0 if run.begin > 1 else run.starts
+    return why
 
-    def __init__(self) -> None:
-        self.p = p = Builder("event_steps", "Take steps up to what the events on them ask for, and return an outcome.")
-        self.given = EventRun(p)
-        self.run, self.review = self.given.run, self.given.review.record
-        self.reals, self.counts = self.given.reals, self.given.counts
 
-    def build(self) -> Procedure:
-        p, run = self.p, self.run
-        with p.repeat(lambda: p.constant(0, WHOLE).equals(0)):
-            with p.when(run.begin > run.count):
-                self.take()
-            with p.when(run.begin <= run.count):
-                why, step = self.look()
-                p.leave_if(why.equals(CROWDED) & (self.review.found > 0), READ_EVENTS)
-                p.leave_if(~why.equals(ENDED) & ~why.equals(CHANGED), LOOK)
-                with p.when(why.equals(CHANGED)) as ways:
-                    self.cut(step)
-                    p.leave_if(~p.call(reset(), *self.given.handed), Outcome.WATCHED)
-                with ways.otherwise():
-                    self.accept()
-        p.leave(Outcome.PAUSED)
-        return p.finish(WHOLE)
+@inline
+def go_back(loop: EventLoop) -> None:
+    """Set the state to the change on the step `begin`; at an end of the step that is the accepted state."""
+    waiting, watch, times = loop.waiting, loop.watch, loop.waiting.times
+    run, n, step, s, slot = (
+        waiting.event_run,
+        waiting.dimension,
+        waiting.event_run.begin,
+        watch.review.place,
+        watch.review.found,
+    )
+    state, end = watch.there[slot * n :], times[step + 1]
+    is_within, kept = s > 0.0 and s < 1.0, step - int(s == 0.0)
+    loop.break_times[run.breaks] = end if is_within else math.nan
+    loop.break_states[run.breaks * n :][:n] = waiting.row(step + 1)[:n]
+    if unlikely(not is_within):
+        at = step + 1 if s > 0.0 else step
+        watch.when[slot] = times[at]
+        state[:n] = waiting.row(at)[:n]
+    waiting.go_back(kept, watch.when[slot], state, end - times[step])
+    waiting.lower_floors(kept)
+    loop.break_rows[run.breaks] = waiting.counts[ACCEPTED] + run.jumps
+    run.due, run.way = watch.review.event + 1, watch.review.way
 
-    def take(self) -> None:
-        """Take the next steps."""
-        p, run, given = self.p, self.run, self.given
-        t = self.reals[number("t")]
-        p.leave_if(t.equals(self.reals[number("end")]), Outcome.DONE)
-        first: Flag = (~run.both.equals(0) & run.before.equals(0)).called("first")
-        waits = first & (run.left < 2) & (run.left < run.budget)
-        p.leave_if((run.left <= 0) | waits, Outcome.PAUSED)
-        p.leave_if(run.breaks >= run.break_room, READ_EVENTS)
-        given.copy(self.reals, given.kept_reals, given.dimension + NUMBERS)
-        given.copy(self.counts, given.kept_counts, COUNTED)
-        given.times[1] = t
-        given.copy(given.y, given.row(1), given.dimension)
-        with p.loop(0, given.dimension) as i:
-            given.driver_work[given.entries[i]] = given.y[i]
-        run.rows, run.proven = self.counts[count("rows")], self.review.found
-        self.counts[count("rows")] = 0
-        tries: Whole = p.smaller(p.smaller(run.ahead, run.left), MOST_STEPS)
-        tries = p.choose(first, p.larger(tries, p.smaller(2, run.left)), tries)
-        outcome = p.variable(self.drive(tries), "outcome")
 
-        def waiting() -> Flag:
-            few: Flag = first & (run.left < run.budget - 1) & (self.counts[count("rows")] < 2)
-            goes_on: Flag = few & outcome.value.equals(Outcome.PAUSED)
-            return goes_on
+@procedure(apart=True, loop=loop_type)
+def reset(loop: EventLoop) -> bool:
+    """Apply the reset that is due at the state, if it is regular; return false, and change nothing, if it is not.
 
-        with p.repeat(waiting):
-            outcome.value = self.drive(p.constant(1, WHOLE))
-        with p.loop(0, given.dimension) as i:
-            given.y[i] = given.driver_work[given.entries[i]]
-        run.count, run.begin, run.outcome = self.counts[count("rows")], 1, outcome.value
-        self.counts[count("rows")] = run.rows
-        with p.when(run.count.equals(0)):
-            run.ahead = p.smaller(run.ahead * 2, run.longest)
-            p.leave_if(~outcome.value.equals(Outcome.PAUSED), outcome.value)
+    In `scratch` are the new state, the events before and after, and the results of all resets.
+    """
+    waiting, n, events = loop.waiting, loop.waiting.dimension, loop.samples.events
+    run, event, t, y = waiting.event_run, waiting.event_run.due - 1, waiting.reals[T], waiting.y
+    after, before_values = loop.scratch, loop.scratch[n:]
+    values, results = before_values[events:], before_values[2 * events :]
+    size, until_end = loop.setting(RESET_SIZE, event)[0], loop.setting(UNTIL_END, event)[0]
+    if unlikely(size == 0 or run.resets == 0 or until_end == 1):
+        return False
+    if unlikely(run.jumps > 0 and not abs(t - run.changed) > CLOSEST * larger(abs(t), EARLIEST)):
+        return False
+    after[:n] = y[:n]
+    if unlikely(loop.resets(t, y, loop.reset_numbers, results)):
+        return False
+    first, entries = loop.setting(RESET_AT, event)[0], loop.settings[events * SETTINGS :]
+    for j in range(first, first + size):
+        after[entries[j]] = results[j]
+        if unlikely(not abs(results[j]) < math.inf):
+            return False
+    if unlikely(loop.values(t, y, loop.value_numbers, before_values)):
+        return False
+    if unlikely(loop.values(t, after, loop.value_numbers, values)):
+        return False
+    total = 0.0
+    for e in range(events):
+        total = fma(0.0, values[e], total)
+    if unlikely(total != 0.0):
+        return False
+    if unlikely(not passes_zero(loop, t, event, after, before_values[event])):
+        return False
+    commit(loop, t, event, after, before_values, values)
+    return True
 
-    def drive(self, tries: Whole) -> Whole:
-        """Try a number of steps, and return their `Outcome`."""
-        given = self.given
-        self.run.left = self.run.left - tries
-        rows: tuple[Memory, Memory] = given.times.at(2), given.row(2)
-        found: Whole = given.drive(given.laws, self.reals, self.counts, given.driver_work, tries, *rows)
-        return found
 
-    def look(self) -> tuple[Whole, Whole]:
-        """Review the steps that wait; return why that ended, and in front of which of them."""
-        p, run, given, review_of = self.p, self.run, self.given, self.review
-        shift: Whole = (1 - run.before).called("shift")
-        steps: Whole = (run.count + 1 - shift).called("steps")
-        review_of.begin, review_of.end = run.begin - shift, steps
-        review_of.starts = p.choose(run.begin.equals(1), run.starts, p.whole(0))
-        ends = given.times[run.count + 1].equals(run.final)
-        review_of.last = p.choose(ends, steps - 1, p.whole(-1))
-        taken = given.kept_counts[count("steps")] + run.count - 1
-        review_of.rounded = p.real(taken) * (1.0 / NOISE_HALVES)
-        path = given.times.at(shift), given.row(shift), steps
-        why = p.call(review(), *given.samples.handed(*path), *given.review.handed).called("why")
-        run.begin = review_of.step + shift
-        run.starts = p.choose(run.begin > 1, p.whole(0), run.starts)
-        return why, run.begin.called("step")
+@inline
+def passes_zero(loop: EventLoop, t: float, event: int, after: In, before: float) -> bool:
+    """Return true if the motion passes zero as its path does, and the mass matrix is regular after the reset.
 
-    def accept(self) -> None:
-        """Write the steps as rows, and go on."""
-        p, run, given = self.p, self.run, self.given
-        self.write_rows(run.count)
-        run.since, run.ahead = run.since + run.count, p.smaller(run.ahead * 2, run.longest)
-        given.times[0] = given.times[run.count]
-        given.copy(given.row(run.count), given.row(0), given.dimension)
-        run.before, run.begin, run.count = 1, 1, 0
-        p.leave_if(~run.outcome.equals(Outcome.PAUSED), run.outcome)
+    The path of a long step may come down to the floor with a velocity that rises already: reset, it would fall.
+    """
+    waiting, samples, n = loop.waiting, loop.path(0, 0), loop.waiting.dimension
+    run, y = waiting.event_run, waiting.y
+    lines, line, half = samples.lines(), samples.block().y, quotient(n, 2) * LANES
+    time, slopes, missed = lines.time, lines.state, lines.missed
+    for b in range(LANES):
+        time[b] = t
+        for j in range(n):
+            new, old = after[j], y[j]
+            line[j * LANES + b] = new if b == 1 else old
+    if samples.law(LANES, time, line, line[half:], samples.law_parameters, slopes) >= 0:
+        return False
+    step, fixed_step = waiting.reals[H], waiting.reals[STEP]
+    h, factor_of_time = (fixed_step if run.fixed != 0 else step) * ALONG, samples.factors[n]
+    for b in range(LANES):
+        # Before and after the state along its slope, and moved by rounding.
+        along = -h if b == 0 else h if b == 1 else 0.0
+        time[b] = t * factor_of_time if b == 2 else t + along
+        for j in range(n):
+            value, slope, factor = y[j], slopes[j * LANES], samples.factors[j]
+            line[j * LANES + b] = value * factor if b == 2 else value + along * slope
+    if samples.kernel(LANES, time, line, line[half:], samples.parameters, missed) >= 0:
+        return False
+    moved = missed[event * LANES :]
+    rise = (moved[1] - moved[0]) * float(run.way)
+    return run.way == 0 or rise > CLEARLY * edge_noise(before, moved[2])
 
-    def write_rows(self, kept: Whole) -> None:
-        """Write the first `kept` waiting steps as rows of the run."""
-        run, given = self.run, self.given
-        given.copy(given.times.at(2), given.row_times.at(run.rows), kept)
-        given.copy(given.row(2), given.row_states.at(run.rows * given.dimension), kept * given.dimension)
-        self.counts[count("rows")] = run.rows + kept
 
-    def cut(self, step: Whole) -> None:
-        """Let the state stand at the change on a step, and the next step begin a motion of its own."""
-        p, run, given, s = self.p, self.run, self.given, self.review.place
-        kept: Whole = (step - p.whole(s.equals(0.0))).called("kept")
-        self.place(step, s)
-        slot = self.review.found
-        t: Real = given.review.when[slot].called("time")
-        state = given.review.there.at(slot * given.dimension)
-        length: Real = (given.times[step + 1] - given.times[step]).called("length")
-        given.times[kept + 1] = t
-        given.copy(state, given.row(kept + 1), given.dimension)
-        given.copy(state, given.y, given.dimension)
-        self.write_rows(kept)
-        self.lower_floors(kept)
-        steps: Whole = (given.kept_counts[count("steps")] + kept).called("accepted")
-        self.counts[count("steps")] = steps
-        for name in ("slope_known", "after_reject", "kept"):
-            self.counts[count(name)] = 0
-        self.reals[number("t")], self.reals[number("previous")] = t, 1.0
-        with p.when(~run.fixed.equals(0)) as ways:
-            self.reals[number("start")] = t - p.real(steps) * self.reals[number("step")]
-        with ways.otherwise():
-            interval = p.larger(AHEAD * abs(t - run.changed), CLOSE * abs(t))
-            size = p.smaller(abs(length), interval)
-            self.reals[number("h")] = p.operation("copysign", size, length)
-        since: Whole = run.since + kept
-        run.ahead = p.larger(1, p.smaller(since, LONGEST_LOOK))
-        run.since, run.count, run.begin, run.before = 0, 0, 1, 0
-        given.break_rows[run.breaks] = steps + run.jumps
-        run.due, run.way = self.review.event + 1, self.review.way
+@inline
+def commit(loop: EventLoop, t: float, event: int, after: In, before_values: In, values: In) -> None:
+    """Keep the event and the new state, and begin a motion there."""
+    waiting, watch, n = loop.waiting, loop.watch, loop.waiting.dimension
+    run, counts = waiting.event_run, waiting.counts
+    watch.which[watch.review.found] = event
+    watch.review.found += 1
+    loop.setting(UNTIL_END, event)[0] -= 1
+    row = counts[ROWS]
+    waiting.row_times[row] = t
+    waiting.row_states[row * n :][:n] = after[:n]
+    waiting.y[:n] = after[:n]
+    counts[ROWS] = row + 1
+    run.interval = abs(t - run.changed)
+    run.changed, run.changed_at = t, counts[ACCEPTED]
+    run.jumps, run.breaks, run.left = run.jumps + 1, run.breaks + 1, run.left - 1
+    missed = loop.path(0, 0).lines().missed
+    for e in range(loop.samples.events):
+        is_due, has_reset, before, value = e == event, loop.setting(RESET_SIZE, e)[0] != 0, before_values[e], values[e]
+        noise = edge_noise(before, missed[e * LANES + 2])
+        begin_side(watch.sign[e:], watch.near[e:], (before, value), noise, is_due=is_due, has_reset=has_reset)
+        watch.stayed[e] = abs(before) if is_due else 0.0
+        others = UNKNOWN if has_reset else ANYHOW
+        watch.came[e] = run.way + 2 if is_due else others
+    run.starts, run.due = 1, 0
 
-    def place(self, step: Whole, s: Real) -> None:
-        """Let a change at an end of a step be at the accepted state; write the end of a step that is cut within."""
-        p, run, given, slot = self.p, self.run, self.given, self.review.found
-        within = (s > 0.0) & (s < 1.0)
-        given.break_times[run.breaks] = p.choose(within, given.times[step + 1], math.nan)
-        given.copy(given.row(step + 1), given.break_states.at(run.breaks * given.dimension), given.dimension)
-        with p.when(~within, likely=False):
-            at = p.choose(s > 0.0, step + 1, step)
-            given.review.when[slot] = given.times[at]
-            given.copy(given.row(at), given.review.there.at(slot * given.dimension), given.dimension)
 
-    def lower_floors(self, kept: Whole) -> None:
-        """Let the floors be those from before the steps, raised by the rows that are left of these."""
-        p, given, first = self.p, self.given, NUMBERS
-        share = self.reals[number("share")]
-        with p.loop(0, given.dimension) as j:
-            size = p.variable(0.0, "size")
-            with p.loop(0, kept) as i:
-                size.value = p.larger(size.value, abs(given.row(i + 2)[j]))
-            self.reals[j + first] = p.larger(given.kept_reals[j + first], share * size.value)
+@inline
+def begin_side(
+    sign: WholesOut, near: WholesOut, values: tuple[float, float], noise: float, *, is_due: bool, has_reset: bool
+) -> None:
+    """Keep the side of an event that the reset leaves unchanged; a passage that is still to count is searched for.
+
+    `values` are those of the event before and after. See `lagrange.trajectory.events.motion_start` for the rule.
+    """
+    (before, after), side, was_near = values, sign[0], near[0]
+    stays = not is_due and abs(after - before) <= noise
+    is_near = 0 if has_reset else was_near
+    is_near = 1 if float(side) * after < 0.0 else is_near
+    sign[0], near[0] = side if stays else 0, is_near if stays else 0

@@ -6,87 +6,63 @@ zero and does not leave at once, or several that change the motion at one time.
 
 from __future__ import annotations
 
-from typing import Any
-
 from lagrange.algorithm.dense.block import LANES
-from lagrange.algorithm.events.step_samples import Samples
-from lagrange.algorithm.events.step_zeros import ENDED, IRREGULAR, ReviewArguments, StepZeros
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import WHOLE, Procedure
-from lagrange.procedure.shared import shared
-from lagrange.procedure.values import Whole
+from lagrange.algorithm.events.step_samples import Lines, Samples, samples_type
+from lagrange.algorithm.events.step_zeros import ENDED, IRREGULAR, Watch, step_zeros
+from lagrange.procedure.front.plain import Bundle, inline, procedure
+from lagrange.procedure.front.vocabulary import WholesOut, unlikely, wholes
 
 QUEUE = 256
 """Steps that are screened before those of them that are doubtful are looked at closely."""
 
 
-@shared
-def review() -> Procedure:
-    """Return the procedure that reviews steps, times (S+1,) and states (S+1, 2n), and returns its end; see `REVIEW`.
+@procedure(samples=samples_type, watch=lambda: Bundle(Watch, {}))
+def review(samples: Samples, watch: Watch) -> int:
+    """Review steps, times (S+1,) and states (S+1, 2n), and return why that ended.
 
     It writes the event, the time and the state of each zero that counts. If a zero that changes the motion ended the
     review, it is written after them and not counted.
     """
-    return _Review().build()
+    lines, end, reached = samples.lines(), watch.review.end, watch.review.begin
+    queue, places = wholes(QUEUE), wholes(LANES)
+    zeros = step_zeros(samples, lines, watch)
+    while reached < end:
+        filled = 0
+        while reached < end and filled <= QUEUE - LANES:
+            filled = queue_block(samples, lines, watch, places, reached, queue, filled)
+            reached += LANES
+        for first in range(0, filled, LANES):
+            for b in range(LANES):
+                places[b] = queue[min(first + b, filled - 1)]
+            is_bad, is_resolved = samples.follow(lines, places), False
+            if unlikely(is_bad or zeros.begin_at_zero(places[0])):
+                watch.review.step = places[0]
+                return IRREGULAR
+            for b in range(min(filled - first, LANES)):
+                if zeros.some_may_vanish(b):
+                    if not is_resolved:
+                        is_bad, is_resolved = samples.sample_fully(lines), True
+                    why = zeros.visit(places[b], b, is_bad)
+                    if unlikely(why != ENDED):
+                        watch.review.step = places[b]
+                        return why
+    watch.review.step = end
+    return ENDED
 
 
-class _Review:
-    """Builds the procedure."""
-
-    def __init__(self) -> None:
-        self.p = p = Builder("review", "Find the zeros of events on steps, up to what is irregular or a change.")
-        self.samples = Samples(p)
-        self.given = ReviewArguments(p)
-        self.record: Any = self.given.record
-
-    def build(self) -> Procedure:
-        p, samples, record = self.p, self.samples, self.record
-        samples.lay_out()
-        self.queue = p.reserve(QUEUE, WHOLE, name="queue")
-        self.zeros = StepZeros(p, samples, self.given)
-        self.end: Whole = record.end.called("end")
-        self.filled = p.variable(0, "filled")
-        reached = p.variable(record.begin, "reached")
-        with p.repeat(lambda: reached.value < self.end):
-            self.filled.value = 0
-            with p.repeat(lambda: (reached.value < self.end) & (self.filled.value <= QUEUE - LANES)):
-                self.queue_block(reached.value)
-                reached.value = reached.value + LANES
-            count = self.filled.value
-            with p.loop(0, count, LANES) as first:
-                with p.loop(0, LANES) as b:
-                    samples.places[b] = self.queue[p.smaller(first + b, count - 1)]
-                samples.follow()
-                self.zeros.leave(IRREGULAR, samples.places[0], condition=samples.bad.value)
-                self.zeros.begin_at_zero(samples.places[0])
-                self.settle(p.smaller(count - first, LANES))
-        record.step = self.end
-        p.leave(ENDED)
-        return p.finish(WHOLE)
-
-    def queue_block(self, first: Whole) -> None:
-        """Put the doubtful steps of a block into the queue, and always the first step of all."""
-        p, samples = self.p, self.samples
-        with p.loop(0, LANES) as b:
-            samples.places[b] = p.smaller(first + b, self.end - 1)
-        with p.when(self.given.screens):
-            samples.sift()
-        with p.loop(0, p.smaller(self.end - first, LANES)) as b:
-            close = samples.is_doubtful(b) | (first + b).equals(self.record.begin)
-            with p.when(~self.given.screens | close):
-                self.queue[self.filled.value] = first + b
-                self.filled.value = self.filled.value + 1
-
-    def settle(self, count: Whole) -> None:
-        """Go through the steps of a block in order, and isolate the zeros of the events that may vanish."""
-        p = self.p
-        resolved = p.variable(p.false, "resolved")
-        with p.loop(0, count) as b:
-            watched = p.variable(p.false, "watched")
-            with p.loop(0, self.samples.events) as e:
-                watched.value = watched.value | self.zeros.may_vanish(b, e)
-            with p.when(watched.value):
-                with p.when(~resolved.value):
-                    self.samples.sample_fully()
-                    resolved.value = p.true
-                self.zeros.visit(self.samples.places[b].called("step"), b)
+@inline
+def queue_block(
+    samples: Samples, lines: Lines, watch: Watch, places: WholesOut, first: int, queue: WholesOut, filled: int
+) -> int:
+    """Add the doubtful steps of a block to the queue, and always the first step of all; return its new length."""
+    end, is_bad = watch.review.end, False
+    for b in range(LANES):
+        places[b] = min(first + b, end - 1)
+    if samples.screens:
+        is_bad = samples.sift(lines, places)
+    for b in range(min(end - first, LANES)):
+        is_close = is_bad or first + b == watch.review.begin or not samples.screens
+        if is_close or samples.some_doubtful(lines, b):
+            queue[filled] = first + b
+            filled += 1
+    return filled

@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from functools import reduce
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-from lagrange.algorithm.dense.block import COLUMNS, LANES, POLYNOMIAL, steps_in
+from lagrange.algorithm.dense.block import COLUMNS, LANES, POLYNOMIAL, OwnStep, steps_in
 from lagrange.algorithm.dense.evaluate import gather
 from lagrange.algorithm.events.chebyshev import COARSE, DEGREE, nodes
 from lagrange.algorithm.events.constants import DENSE_ROUND_OFF, NOISE
-from lagrange.algorithm.events.resolution import keeps_sign, transform
+from lagrange.algorithm.events.resolution import keeps_sign, largest, transform
 from lagrange.algorithm.step.constants import RELATIVE_PERTURBATION
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import WHOLE
-from lagrange.procedure.front.building import Tracer
-from lagrange.procedure.values import Flag, Memory, Real, Whole
-
-Written = Callable[..., Any]
-"""A function of the builder's values: a parameter of the procedure, or a procedure that is called."""
+from lagrange.procedure.form import Array
+from lagrange.procedure.front.plain import Bundle, Stated, inline
+from lagrange.procedure.front.vocabulary import (
+    In,
+    Out,
+    WholesIn,
+    each,
+    fma,
+    larger,
+    magnitude,
+    quotient,
+    reals,
+    unrolled,
+)
 
 SLOPE_AT = 0.5 - 12**-0.5
 """Point of the largest slope of s**2 (1 - s)**2."""
@@ -31,11 +38,13 @@ SAFELY = 4.0
 """Safety factor of the estimated error of a cubic; like all noise it is multiplied by four as well."""
 
 UNRESOLVED = 0.02
-"""A cubic that misses more than this part of how far an entry of the state moves says nothing of a step."""
+"""A cubic that misses more than this fraction of the change of an entry of the state cannot exclude events."""
+
+Reals = tuple[float, ...]
 
 
 class Widths(NamedTuple):
-    """At how many columns a block of steps is sampled.
+    """Number of columns at which a block of steps is sampled.
 
     `wide` are those at first, at the nodes and moved by rounding at both ends, `full` those of the full degree, and
     `part` those of a part of one step.
@@ -51,271 +60,305 @@ class Widths(NamedTuple):
         return cls((COARSE + 3) * columns, (DEGREE + 1) * columns, (DEGREE // columns + 1) * columns)
 
 
-def work_size(dimension: int, events: int, columns: int = LANES) -> int:
-    """Return the number of doubles of work memory of the review, for blocks of `columns` steps."""
-    widths = Widths.of(columns)
-    lines = widths.wide + 2 * widths.full + widths.part + 6 * columns
-    return 2 * columns + (widths.full + widths.part) * (dimension + 1) + lines * events + LANES
+@dataclass(frozen=True)
+class Lines:
+    """Work memory of the samples: times and states by columns, then lines with the columns of each event.
 
-
-class Samples:
-    """The arguments of a procedure that samples events, with its memory, and what it does with a block of steps.
-
-    Vectors are by columns, as in `dense.block`; so are the lines of events. `places` are the steps of the block, and
-    `lines` have the bounds of each event on them. `written` is true for a procedure that takes steps: they are outputs.
+    `far` is 1.0 if a cubic says nothing of a step. `missed` and `moved` are the events at the starts of steps, moved by
+    what the cubic may miss, and by a small part of the range of the state. `noise` and `edge_end` are their errors on
+    a step and at its end, and `doubtful` is 1.0 if an event may vanish.
     """
 
+    t_end: Out
+    far: Out
+    time: Out
+    state: Out
+    part_time: Out
+    part_state: Out
+    missed: Out
+    noise: Out
+    edge_end: Out
+    moved: Out
+    doubtful: Out
+    size: Out
+    coarse: Out
+    fine: Out
+    chebyshev: Out
+    part: Out
+
+
+@inline
+def sizes_of(dimension: int, events: int, columns: int) -> tuple[int, ...]:
+    """Return the size of each array of `Lines`."""
+    wide, full, part = Widths.of(columns)
+    shared = columns, columns, full, dimension * full, part, dimension * part
+    return (*shared, *(events * width for width in (columns,) * 6 + (wide, full, full, part)))
+
+
+def work_size(dimension: int, events: int, columns: int = LANES) -> int:
+    """Return the number of doubles of work memory of the review, for blocks of `columns` steps."""
+    return sum(sizes_of(dimension, events, columns)) + LANES
+
+
+@dataclass(frozen=True)
+class Samples:
+    """Steps of a run and the events along them: what a procedure needs to sample events on blocks of steps.
+
+    `polynomial` writes the dense output of a block, of a `degree`, into `c`; it needs the neighbours of steps if `both`
+    is 1. If it `screens`, cubics by `screen` and the right-hand side, the `law`, come first. `kernel` evaluates the
+    events. `factors` move the entries of a state, and then the time, by `RELATIVE_PERTURBATION`. Vectors of a
+    block are by columns, as in `dense.block`; so are the lines of events.
+    """
+
+    polynomial: Callable[..., Any]
+    given: In
+    degree: int
+    both: int
+    screens: bool
+    screen: Callable[..., Any]
+    screen_given: In
+    law: Callable[..., Any]
+    law_parameters: In
+    own: Out
+    beside: Out
+    path_work: Out
+    c: Out
+    kernel: Callable[..., Any]
+    parameters: In
+    dimension: int
+    events: int
+    factors: In
+    work: Out
+    times: Any
+    states: Any
+    steps: int
+
     columns = LANES
-    """The steps of a block."""
+    """Steps of a block."""
 
-    def __init__(self, p: Builder, *, written: bool = False) -> None:
-        self.p = p
-        self.polynomial: Written = p.function("polynomial", POLYNOMIAL)
-        self.given: Memory = p.array("given", read=True)
-        self.degree, self.both = p.given("degree", WHOLE), p.given("both", WHOLE)
-        self.screen: Written = p.function("screen", POLYNOMIAL)
-        self.screen_given: Memory = p.array("screen_given", read=True)
-        self.law: Written = p.function("law", COLUMNS)
-        self.law_parameters: Memory = p.array("law_parameters", read=True)
-        self.own_memory, self.beside = p.array("own", room=LANES), p.array("beside", room=LANES)
-        self.path_work, self.c = p.array("path_work", room=LANES), p.array("c", room=LANES)
-        self.kernel: Written = p.function("kernel", COLUMNS)
-        self.parameters: Memory = p.array("parameters", read=True)
-        self.dimension, self.events = p.given("dimension", WHOLE), p.given("events", WHOLE)
-        self.factors, self.work = p.array("factors", read=True), p.array("work", room=LANES)
-        self.times, self.states = (p.array(name, read=not written) for name in ("times", "states"))
-        self.steps: Whole = p.given("steps", WHOLE)
+    @inline
+    def lines(self) -> Lines:
+        """Return the arrays in work memory."""
+        arrays: tuple[Any, ...] = ()
+        rest = self.work
+        for size in sizes_of(self.dimension, self.events, self.columns):
+            arrays, rest = (*arrays, rest), rest[size:]
+        return Lines(*arrays)
 
-    def handed(self, times: Memory, states: Memory, steps: Whole) -> tuple[Any, ...]:
-        """Return the arguments for another procedure, with steps of its own."""
-        screen = self.screen, self.screen_given, self.law, self.law_parameters
-        memory = self.own_memory, self.beside, self.path_work, self.c
-        path = self.polynomial, self.given, self.degree, self.both, *screen, *memory
-        events = self.kernel, self.parameters, self.dimension, self.events, self.factors, self.work
-        return (*path, *events, times, states, steps)
+    @inline
+    def block(self) -> OwnStep:
+        """Return the steps of the block."""
+        return steps_in(self.own, self.dimension, self.columns)
 
-    def lay_out(self) -> None:
-        """Give everything its place in memory."""
-        p = self.p
-        self.widths = Widths.of(self.columns)
-        self.bad = p.variable(p.false, "bad")
-        self.total = (self.dimension * self.columns).called("total")
-        self.own = Tracer(p, ()).call(steps_in, self.own_memory, self.dimension, p.whole(self.columns))
-        self.t_end, self.far, self.time = (self.work.at(self.columns * k) for k in range(3))
-        wide, full, part = self.widths
-        self.state = self.time.at(full)
-        self.part_time = self.state.at(self.dimension * full)
-        self.part_state = self.part_time.at(part)
-        lines = self.part_state.at(self.dimension * part)
-        names = dict.fromkeys(("missed", "noise", "edge_end", "moved", "doubtful", "size"), self.columns)
-        names |= {"coarse": wide, "fine": full, "chebyshev": full, "part": part}
-        self.lines: dict[str, Memory] = {}
-        for name, columns in names.items():
-            self.lines[name], lines = lines, lines.at(self.events * columns)
-        self.places = p.reserve(self.columns, WHOLE, name="places")
-        self.nodes = p.reserve(self.widths.part, room=LANES, name="nodes")
-        for k, node in enumerate(nodes().tolist()):
-            self.nodes[k] = node
-        with p.loop(DEGREE + 1, self.widths.part) as spare:
-            self.nodes[spare] = 1.0
+    @inline
+    def each_column(self) -> Iterator[int]:
+        """Go through the steps of the block."""
+        yield from each(self.columns, width=self.columns, disjoint=True)
 
-    def follow(self) -> None:
-        """Write the path of the steps of a block, and say which events may vanish on it."""
-        self.gather(self.both)
-        self.polynomial(self.given, self.columns, self.own_memory, self.beside, self.path_work, self.c)
-        self.bad.value = self.p.false
-        self.look(self.degree, screening=False)
+    @inline
+    def gather(self, lines: Lines, places: WholesIn, both: int) -> None:
+        """Gather the steps of a block, whose numbers are `places`."""
+        run = self.steps, self.times, self.states
+        gather(self.dimension, self.columns, places, *run, both, self.own, self.beside)
+        for b in range(self.columns):
+            lines.t_end[b] = self.times[places[b] + 1]
 
-    def sift(self) -> None:
-        """Say of a block of steps which events may vanish, by the cubics through their ends and by their defects.
+    @inline
+    def follow(self, lines: Lines, places: WholesIn) -> bool:
+        """Write the dense output of a block, and which events may vanish on it; return true if some have no value."""
+        self.gather(lines, places, self.both)
+        self.polynomial(self.given, self.columns, self.own, self.beside, self.path_work, self.c)
+        return self.find_doubtful(lines, self.degree, screening=False)
 
-        A cubic misses K s**2 (1 - s)**2 of the path, its slope most at `SLOPE_AT`: what that misses there tells K.
+    @inline
+    def sift(self, lines: Lines, places: WholesIn) -> bool:
+        """Write which events may vanish on a block, by the cubics through the ends of its steps and their defects.
+
+        A cubic misses K s**2 (1 - s)**2 of the path, and its slope most at `SLOPE_AT`: the defect there gives K. The
+        result is true if events have no value, or a mass matrix is singular.
         """
-        p = self.p
-        self.gather(0)
-        self.screen(self.screen_given, self.columns, self.own_memory, self.beside, self.path_work, self.c)
-        with self.p.each(self.columns, width=self.columns) as b:
-            self.time[b] = p.fma(self.own.h[b], SLOPE_AT, self.own.t[b])
-        with p.loop(0, self.dimension) as j:
-            to, c = (
-                self.part_state.at(j * self.columns),
-                [self.c.at(self.total * k).at(j * self.columns) for k in range(4)],
-            )
-            with p.each(self.columns, width=self.columns) as b:
-                to[b] = p.fma(p.fma(p.fma(c[3][b], SLOPE_AT, c[2][b]), SLOPE_AT, c[1][b]), SLOPE_AT, c[0][b])
-        y, slopes = self.part_state, self.state
-        half = self.dimension // 2 * self.columns
-        singular = self.law(self.columns, self.time, y, y.at(half), self.law_parameters, slopes)
-        self.bad.value = singular >= 0
-        with p.each(self.columns, width=self.columns) as b:
-            self.far[b] = 0.0
-        with p.loop(0, self.dimension) as j:
-            to, c = (
-                self.part_state.at(j * self.columns),
-                [self.c.at(self.total * k).at(j * self.columns) for k in range(4)],
-            )
-            own, slope, factor = self.own.y.at(j * self.columns), slopes.at(j * self.columns), self.moved(j) - 1.0
-            with p.each(self.columns, width=self.columns) as b:
-                expected = p.fma(p.fma(3.0 * SLOPE_AT, c[3][b], 2.0 * c[2][b]), SLOPE_AT, c[1][b])
-                missed = MISSED * abs(self.own.h[b] * slope[b] - expected)
-                to[b] = p.fma(missed, factor, own[b])
-                last = p.fma(p.fma(3.0, c[3][b], 2.0 * c[2][b]), 1.0, c[1][b])
-                moves = p.larger(abs(c[3][b] + c[2][b] + c[1][b]), 0.25 * p.magnitude(c[1][b], last))
-                far = ~(missed <= UNRESOLVED * moves + DENSE_ROUND_OFF * abs(own[b]))
-                self.far[b] = p.choose(far, 1.0, self.far[b])
-        self.evaluate(self.columns, self.own.t, self.part_state, self.lines["missed"])
-        self.look(p.constant(3, WHOLE), screening=True)
+        self.gather(lines, places, 0)
+        self.screen(self.screen_given, self.columns, self.own, self.beside, self.path_work, self.c)
+        columns, total, step = self.columns, self.dimension * self.columns, self.block()
+        y, slopes = lines.part_state, lines.state
+        for b in self.each_column():
+            lines.time[b] = fma(step.h[b], SLOPE_AT, step.t[b])
+        for j in range(self.dimension):
+            to, c = y[j * columns :], tuple(self.c[total * k :][j * columns :] for k in unrolled(4))
+            for b in self.each_column():
+                to[b] = fma(fma(fma(c[3][b], SLOPE_AT, c[2][b]), SLOPE_AT, c[1][b]), SLOPE_AT, c[0][b])
+        half = quotient(self.dimension, 2) * columns
+        is_singular = self.law(columns, lines.time, y, y[half:], self.law_parameters, slopes) >= 0
+        for b in self.each_column():
+            lines.far[b] = 0.0
+        for j in range(self.dimension):
+            to, c = y[j * columns :], tuple(self.c[total * k :][j * columns :] for k in unrolled(4))
+            start, slope, factor = step.y[j * columns :], slopes[j * columns :], self.factors[j] - 1.0
+            for b in self.each_column():
+                expected = fma(fma(3.0 * SLOPE_AT, c[3][b], 2.0 * c[2][b]), SLOPE_AT, c[1][b])
+                missed = MISSED * abs(step.h[b] * slope[b] - expected)
+                to[b] = fma(missed, factor, start[b])
+                last = fma(fma(3.0, c[3][b], 2.0 * c[2][b]), 1.0, c[1][b])
+                moves = larger(abs(c[3][b] + c[2][b] + c[1][b]), 0.25 * magnitude(c[1][b], last))
+                before, is_far = lines.far[b], not missed <= UNRESOLVED * moves + DENSE_ROUND_OFF * abs(start[b])
+                lines.far[b] = 1.0 if is_far else before
+        is_bad = self.evaluate(columns, step.t, y, lines.missed)
+        return self.find_doubtful(lines, 3, screening=True) or is_bad or is_singular
 
-    def gather(self, both: Any) -> None:
-        """Gather the steps of a block."""
-        p = self.p
-        given = self.dimension, p.whole(self.columns), self.places, self.steps, self.times, self.states
-        p.call(gather.form(), *given, both, self.own_memory, self.beside)
-        with p.loop(0, self.columns) as b:
-            self.t_end[b] = self.times[self.places[b] + 1]
-
-    def look(self, degree: Whole, *, screening: bool) -> None:
-        """Sample the events on a block of steps, and say which may vanish; what a screen misses is noise."""
-        p, lines = self.p, self.lines
-        self.sample_coarsely(degree)
-        with p.loop(0, self.events) as e:
-            values, moved = lines["coarse"].at(e * self.widths.wide), lines["moved"].at(e * self.columns)
-            noise, edge_end, doubtful = (lines[name].at(e * self.columns) for name in ("noise", "edge_end", "doubtful"))
-            with p.each(self.columns, width=self.columns) as b:
-                found = [values.at(k * self.columns)[b] for k in range(COARSE + 3)]
-                edge, end = (self.edge(found[k], found[COARSE + 1 + (k > 0)]) for k in (0, COARSE))
+    @inline
+    def find_doubtful(self, lines: Lines, degree: int, screening: bool) -> bool:
+        """Write which events may vanish on a block; what a screen misses is noise. Return true if one has no value."""
+        columns = self.columns
+        is_bad = self.sample_coarsely(lines, degree)
+        for e in range(self.events):
+            values = lines.coarse[e * Widths.of(columns).wide :]
+            of_event = lines.missed, lines.noise, lines.edge_end, lines.moved, lines.doubtful
+            missed, noise, edge_end, moved, doubtful = tuple(line[e * columns :] for line in of_event)
+            for b in self.each_column():
+                found = tuple(values[k * columns :][b] for k in unrolled(COARSE + 3))
+                edge, end = edge_noise(found[0], found[COARSE + 1]), edge_noise(found[COARSE], found[COARSE + 2])
                 edge_end[b] = end
-                owed = self.owed(found[: COARSE + 1], moved[b])
-                noise[b] = p.choose(edge > end, edge, end) + owed
-                coefficients = Tracer(p, ()).call(transform, tuple(found[: COARSE + 1]))
-                wrong = noise[b]
+                wrong = (edge if edge > end else end) + path_noise(found[: COARSE + 1], moved[b])
+                noise[b] = wrong
                 if screening:
-                    missed = lines["missed"].at(e * self.columns)[b]
-                    wrong = wrong + abs(missed - found[0]) * (SAFELY / RELATIVE_PERTURBATION)
-                    wrong = p.choose(self.far[b] > 0.0, math.inf, wrong)
-                sure = Tracer(p, ()).call(keeps_sign, coefficients, wrong)
-                doubtful[b] = p.choose(sure, 0.0, 1.0)
+                    far = lines.far[b]
+                    wrong = wrong + abs(missed[b] - found[0]) * (SAFELY / RELATIVE_PERTURBATION)
+                    wrong = math.inf if far > 0.0 else wrong
+                doubtful[b] = 0.0 if keeps_sign(transform(found[: COARSE + 1]), wrong) else 1.0
+        return is_bad
 
-    def is_doubtful(self, b: Whole) -> Flag:
+    @inline
+    def some_doubtful(self, lines: Lines, b: int) -> bool:
         """Return true if an event may vanish on a step."""
-        p, found = self.p, self.p.variable(self.bad.value)
-        with p.loop(0, self.events) as e:
-            found.value = found.value | ~self.lines["doubtful"][e * self.columns + b].equals(0.0)
-        return Flag.of(found.value)
+        is_doubtful = False
+        for e in range(self.events):
+            doubtful = lines.doubtful[e * self.columns + b]
+            is_doubtful = is_doubtful or doubtful != 0.0
+        return is_doubtful
 
-    def sample_coarsely(self, degree: Whole) -> None:
-        """Evaluate the events at few nodes, at ends that are moved by rounding, and where the range of a step says."""
-        p, thetas = self.p, nodes(COARSE).tolist()
-        with p.each(self.columns, width=self.columns) as b:
-            t, end = self.own.t[b], self.t_end[b]
-            for k, time in enumerate((*self.instants(t, end, thetas), t * self.moved(-1), end * self.moved(-1))):
-                self.time.at(k * self.columns)[b] = time
-        with p.loop(0, self.dimension) as j:
-            to, factor = self.state.at(j * self.widths.wide), self.moved(j)
-            own, new, part = (
-                self.own.y.at(j * self.columns),
-                self.own.new.at(j * self.columns),
-                self.part_state.at(j * self.columns),
-            )
-            with p.each(self.columns, width=self.columns) as b:
-                y, end = own[b], new[b]
-                inside = self.path(self.c.at(j * self.columns), degree, b, thetas[1:-1])
+    @inline
+    def sample_coarsely(self, lines: Lines, degree: int) -> bool:
+        """Evaluate events at few nodes, at ends moved by rounding, and moved by a part of the range of the state."""
+        columns, thetas, step, n = self.columns, nodes(COARSE).tolist(), self.block(), self.dimension
+        wide, total, factor_of_time = Widths.of(columns).wide, n * columns, self.factors[n]
+        for b in self.each_column():
+            t, end = step.t[b], lines.t_end[b]
+            for k, time in enumerate((*times_at(t, end, thetas), t * factor_of_time, end * factor_of_time)):
+                lines.time[k * columns :][b] = time
+        for j in range(n):
+            to, factor, c = lines.state[j * wide :], self.factors[j], self.c[j * columns :]
+            start, new, part = step.y[j * columns :], step.new[j * columns :], lines.part_state[j * columns :]
+            for b in self.each_column():
+                y, end = start[b], new[b]
+                inside = values_at(c, total, degree, b, thetas[1:-1])
                 for k, value in enumerate((y, *inside, end, y * factor, end * factor)):
-                    to.at(k * self.columns)[b] = value
-                low, high = self.range((y, *inside, end))
-                part[b] = p.fma(high - low, factor - 1.0, y)
-        self.evaluate(self.widths.wide, self.time, self.state, self.lines["coarse"])
-        self.evaluate(self.columns, self.own.t, self.part_state, self.lines["moved"])
+                    to[k * columns :][b] = value
+                low, high = extent((y, *inside, end))
+                part[b] = fma(high - low, factor - 1.0, y)
+        is_bad = self.evaluate(wide, lines.time, lines.state, lines.coarse)
+        return self.evaluate(columns, step.t, lines.part_state, lines.moved) or is_bad
 
-    def moved(self, place: Any) -> Real:
-        """Return the factor by which an entry of the state is moved, or with -1 the time."""
-        found: Real = self.factors[self.dimension if place == -1 else place]
-        return found
+    @inline
+    def evaluate(self, columns: int, t: In, y: In, out: Out) -> bool:
+        """Evaluate the events on columns; return true if one has no value."""
+        half = quotient(self.dimension, 2) * columns
+        is_bad: bool = self.kernel(columns, t, y, y[half:], self.parameters, out) >= 0
+        return is_bad
 
-    def instants(self, t: Real, end: Real, thetas: Sequence[float]) -> list[Real]:
-        """Return the times at places in a step, whose ends are as they are."""
-        return [t, *(self.p.fma(end - t, theta, t) for theta in thetas[1:-1]), end]
-
-    def path(self, c: Memory, degree: Whole, b: Whole, thetas: Sequence[float]) -> list[Real]:
-        """Return an entry of the state in a column at places in the step."""
-        p = self.p
-        top = c.at(degree * self.total)[b]
-        sums = [p.variable(top) for _ in thetas]
-        with p.loop(0, degree) as k:
-            coefficient = c.at((degree - 1 - k) * self.total)[b]
-            for one, theta in zip(sums, thetas, strict=True):
-                one.value = p.fma(one.value, theta, coefficient)
-        return [one.value for one in sums]
-
-    def range(self, values: Sequence[Real]) -> tuple[Real, Real]:
-        """Return the least and the largest of some numbers, without NaN."""
-        low = high = values[0]
-        for value in values[1:]:
-            low, high = self.p.choose(value < low, value, low), self.p.choose(value > high, value, high)
-        return low, high
-
-    def evaluate(self, columns: int, t: Memory, y: Memory, out: Memory) -> None:
-        """Evaluate the events on columns."""
-        half = self.dimension // 2 * columns
-        singular = self.kernel(columns, t, y, y.at(half), self.parameters, out)
-        self.bad.value = self.bad.value | (singular >= 0)
-
-    def edge(self, value: Real, moved: Real) -> Real:
-        """Return by how much an event may be wrong for the rounding of an accepted state."""
-        found = abs(moved - value) * (NOISE / RELATIVE_PERTURBATION)
-        return self.p.real(self.p.choose(found < math.inf, found, 0.0))
-
-    def owed(self, values: Sequence[Real], moved: Real) -> Real:
-        """Return by how much an event may be wrong on a step for the round-off of its dense output.
-
-        The error scales with the change of the state, not of the event function: x**2 + v**2 may be constant while x
-        and v change.
-        """
-        p = self.p
-        low, high = self.range(values)
-        spread, gain = high - low, abs(moved - values[0]) * (1.0 / RELATIVE_PERTURBATION)
-        most = p.choose(spread.equals(spread) & ~(gain > spread), spread, gain)
-        return p.real(p.choose(most < math.inf, DENSE_ROUND_OFF * most, 0.0))
-
-    def sample_fully(self) -> None:
+    @inline
+    def sample_fully(self, lines: Lines) -> bool:
         """Write the Chebyshev coefficients of the events on a block at the full degree."""
-        p, thetas = self.p, nodes().tolist()
-        with p.each(self.columns, width=self.columns) as b:
-            for k, time in enumerate(self.instants(self.own.t[b], self.t_end[b], thetas)):
-                self.time.at(k * self.columns)[b] = time
-        with p.loop(0, self.dimension) as j:
-            to, own, new = (
-                self.state.at(j * self.widths.full),
-                self.own.y.at(j * self.columns),
-                self.own.new.at(j * self.columns),
-            )
-            with p.each(self.columns, width=self.columns) as b:
-                inside = self.path(self.c.at(j * self.columns), self.degree, b, thetas[1:-1])
-                for k, value in enumerate((own[b], *inside, new[b])):
-                    to.at(k * self.columns)[b] = value
-        self.evaluate(self.widths.full, self.time, self.state, self.lines["fine"])
-        with p.loop(0, self.events) as e:
-            values, to, size = (
-                self.lines[name].at(e * n)
-                for name, n in (("fine", self.widths.full), ("chebyshev", self.widths.full), ("size", self.columns))
-            )
-            with p.each(self.columns, width=self.columns) as b:
-                found = [values.at(k * self.columns)[b] for k in range(DEGREE + 1)]
-                for k, value in enumerate(Tracer(p, ()).call(transform, tuple(found))):
-                    to.at(k * self.columns)[b] = value
-                size[b] = reduce(p.magnitude, found)
+        columns, thetas, step = self.columns, nodes().tolist(), self.block()
+        full, total = Widths.of(columns).full, self.dimension * columns
+        for b in self.each_column():
+            for k, time in enumerate(times_at(step.t[b], lines.t_end[b], thetas)):
+                lines.time[k * columns :][b] = time
+        for j in range(self.dimension):
+            to, c = lines.state[j * full :], self.c[j * columns :]
+            start, new = step.y[j * columns :], step.new[j * columns :]
+            for b in self.each_column():
+                inside = values_at(c, total, self.degree, b, thetas[1:-1])
+                for k, value in enumerate((start[b], *inside, new[b])):
+                    to[k * columns :][b] = value
+        is_bad = self.evaluate(full, lines.time, lines.state, lines.fine)
+        for e in range(self.events):
+            values, to, size = lines.fine[e * full :], lines.chebyshev[e * full :], lines.size[e * columns :]
+            for b in self.each_column():
+                found = tuple(values[k * columns :][b] for k in unrolled(DEGREE + 1))
+                for k, value in enumerate(transform(found)):
+                    to[k * columns :][b] = value
+                size[b] = largest(found)
+        return is_bad
 
-    def sample_part(self, b: Whole, start: Real, width: Real) -> None:
-        """Evaluate the events at the nodes of a part of a step."""
-        p, t = self.p, self.own.t[b]
-        h = self.t_end[b] - t
-        with p.each(self.widths.part, width=self.columns) as k:
-            self.part_time[k] = p.fma(h, p.fma(width, self.nodes[k], start), t)
-        with p.loop(0, self.dimension) as j:
-            c, to = self.c.at(j * self.columns + b), self.part_state.at(j * self.widths.part)
-            with p.each(self.widths.part, width=self.columns) as k:
-                theta, total = p.fma(width, self.nodes[k], start), p.variable(c[self.degree * self.total])
-                with p.loop(0, self.degree) as power:
-                    total.value = p.fma(total.value, theta, c[(self.degree - 1 - power) * self.total])
-                to[k] = total.value
-        self.evaluate(self.widths.part, self.part_time, self.part_state, self.lines["part"])
+    @inline
+    def sample_part(self, lines: Lines, b: int, start: float, width: float) -> bool:
+        """Evaluate the events at the nodes of a part of a step; spare columns are at its end."""
+        columns, step, part = self.columns, self.block(), Widths.of(self.columns).part
+        total, t = self.dimension * columns, step.t[b]
+        h, places = lines.t_end[b] - t, reals(part, room=LANES)
+        for k in unrolled(part):
+            places[k] = nodes().tolist()[k] if k <= DEGREE else 1.0
+        for k in each(part, width=columns):
+            lines.part_time[k] = fma(h, fma(width, places[k], start), t)
+        for j in range(self.dimension):
+            c, to = self.c[j * columns + b :], lines.part_state[j * part :]
+            for k in each(part, width=columns):
+                theta, value = fma(width, places[k], start), c[self.degree * total]
+                for power in range(self.degree):
+                    value = fma(value, theta, c[(self.degree - 1 - power) * total])
+                to[k] = value
+        return self.evaluate(part, lines.part_time, lines.part_state, lines.part)
+
+
+def samples_type(*without: str) -> Bundle:
+    """Return the type of samples among the arguments of a procedure, without some fields."""
+    types: dict[str, Stated] = {"polynomial": POLYNOMIAL, "screen": POLYNOMIAL, "law": COLUMNS, "kernel": COLUMNS}
+    types |= dict.fromkeys(("own", "beside", "path_work", "c", "work"), Array(room=LANES))
+    types |= dict.fromkeys(("times", "states"), Array(read=True))
+    return Bundle(Samples, types | dict.fromkeys(without))
+
+
+@inline
+def times_at(t: float, end: float, thetas: Sequence[float]) -> Reals:
+    """Return the times at fractions of a step, whose first and last one are its ends."""
+    return (t, *(fma(end - t, theta, t) for theta in thetas[1:-1]), end)
+
+
+@inline
+def values_at(c: In, total: int, degree: int, b: int, thetas: Sequence[float]) -> Reals:
+    """Return an entry of the state in a column at fractions of the step."""
+    top = c[degree * total :][b]
+    sums = tuple(top for _ in thetas)
+    for k in range(degree):
+        coefficient = c[(degree - 1 - k) * total :][b]
+        sums = tuple(fma(value, theta, coefficient) for value, theta in zip(sums, thetas, strict=True))
+    return sums
+
+
+@inline
+def extent(values: Reals) -> tuple[float, float]:
+    """Return the least and the largest of some numbers, without NaN."""
+    low = high = values[0]
+    for value in values[1:]:
+        low, high = value if value < low else low, value if value > high else high
+    return low, high
+
+
+@inline
+def edge_noise(value: float, moved: float) -> float:
+    """Return the error of an event from the rounding of an accepted state."""
+    error = abs(moved - value) * (NOISE / RELATIVE_PERTURBATION)
+    return error if error < math.inf else 0.0
+
+
+@inline
+def path_noise(values: Reals, moved: float) -> float:
+    """Return the error of an event on a step from the round-off of its dense output.
+
+    The error scales with the change of the state, not of the event function: x**2 + v**2 may be constant while x and v
+    change.
+    """
+    low, high = extent(values)
+    spread, gain = high - low, abs(moved - values[0]) * (1.0 / RELATIVE_PERTURBATION)
+    most = spread if spread == spread and not gain > spread else gain
+    return DENSE_ROUND_OFF * most if most < math.inf else 0.0

@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
-from lagrange.algorithm.dense.block import LANES, READ, OwnStep, StepPolynomial, block_size, steps_in
+from lagrange.algorithm.dense.block import LANES, READ, StepPolynomial, block_size, steps_in
 from lagrange.algorithm.taylor.memory import SeriesMemory, TaylorLayout
 from lagrange.algorithm.taylor.sums import increment
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE, Array, Callee, Procedure
 from lagrange.procedure.front.building import Tracer
+from lagrange.procedure.front.plain import inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, generated
 from lagrange.procedure.rewrite import bound
-from lagrange.procedure.values import Memory, Real, Whole
+from lagrange.procedure.values import Memory, Real
 
 PATH = Callee((REAL, REAL, READ, Array(), WHOLE), ())
 """A callback that writes the state at a fraction of a step, or some entries of it. Arguments: the fraction, the length
@@ -60,7 +61,35 @@ class DenseOutput:
     @cached_property
     def column(self) -> Procedure:
         """The right-hand side as a law over columns, for one column."""
-        return _of_column(self.law)
+        return law_of_column.form(law=self.law)
+
+
+@dataclass(frozen=True, eq=False)
+class StepPath:
+    """The polynomial of one step of a member: a kind of dense output, and its procedure for a right-hand side."""
+
+    kind: StepPolynomial
+    procedure: Procedure
+    dimension: int
+
+    @classmethod
+    def of(cls, kind: StepPolynomial, law: Procedure, dimension: int, prefix: str) -> StepPath:
+        """Return the path for a law over columns; `prefix` is added to the names of its procedures."""
+        return cls(kind, bound(kind.procedure, {"law": law}, prefix=prefix), dimension)
+
+    @property
+    def size(self) -> int:
+        """Number of doubles of its work memory."""
+        return self.kind.size(self.dimension, 1)
+
+    @inline
+    def write(self, given: tuple[In, In], columns: int, own: In, beside: In, work: Out, out: Out) -> None:
+        """Write the polynomial of a step; `given` are the numbers of the law and of the method. See `POLYNOMIAL`."""
+        numbers, table = given
+        names = "parameters", "table", "stages", "degree", "dimension", "columns", "own", "beside", "work", "out"
+        layout = self.kind.stages, self.kind.degree, self.dimension, columns
+        arguments = dict(zip(names, (numbers, table, *layout, own, beside, work, out), strict=True))
+        generated(self.procedure, *[arguments[one.name] for one in self.procedure.parameters])
 
 
 class StepCoefficients:
@@ -69,8 +98,7 @@ class StepCoefficients:
     def __init__(self, p: Builder, dense: DenseOutput, dimension: int) -> None:
         kind = dense.kind
         self.p, self.kind, self.dimension = p, kind, dimension
-        functions = {"law": dense.column}
-        self.polynomial = bound(kind.procedure, functions, prefix="path_")
+        self.path = StepPath.of(kind, dense.column, dimension, "path_")
         self.own = p.reserve(block_size(dimension, 1), room=LANES, name="own")
         self.step = Tracer(p, ()).call(steps_in, self.own, p.whole(dimension), p.whole(1))
         self.work = p.reserve(kind.size(dimension, 1), room=LANES, name="path_work")
@@ -78,34 +106,10 @@ class StepCoefficients:
 
     def find(self, table: Memory, numbers: Memory) -> None:
         """Write the polynomial of the step, from the numbers of the method and those of the law."""
-        write_polynomial(self.p, self.kind, self.polynomial, (numbers, table), self.step, self.work, self.c)
+        Tracer(self.p, ()).call(self.path.write, (numbers, table), 1, self.own, self.own, self.work, self.c)
 
 
-def write_polynomial(
-    p: Builder,
-    kind: StepPolynomial,
-    procedure: Procedure,
-    numbers: tuple[Memory, Memory],
-    own: OwnStep,
-    work: Memory,
-    c: Memory,
-) -> None:
-    """Write the polynomial of one step by a procedure of its kind, from the numbers of the law and of the method."""
-    parameters, table = numbers
-    given: dict[str, Any] = {"parameters": parameters, "table": table, "stages": p.whole(kind.stages)}
-    given |= {"degree": p.whole(kind.degree), "dimension": own.dimension, "columns": p.whole(1)}
-    given |= {"own": own.memory, "beside": own.memory, "work": work, "out": c}
-    p.call(procedure, *(given[one.name] for one in procedure.parameters))
-
-
-def _of_column(law: Procedure) -> Procedure:
-    """Return a law of a time and a state as a law over columns, for one column; see `COLUMNS`."""
-    p = Builder("law_of_column", "Write the right-hand side of a column, and return 0 where a matrix is singular.")
-    p.given("columns", WHOLE)
-    t, y = p.array("t", read=True), p.array("q", read=True)
-    p.array("v", read=True)
-    numbers, out = p.array("numbers", read=True), p.array("out")
-    singular = p.call(law, t[0], y, numbers, out)
-    failed: Whole = p.whole(singular)
-    p.leave(failed - 1)
-    return p.finish(WHOLE)
+@procedure
+def law_of_column(_columns: int, t: In, q: In, _v: In, numbers: In, out: Out, *, law: Procedure) -> int:
+    """Write the right-hand side of one column; return 0 if a matrix is singular, else -1. See `COLUMNS`."""
+    return int(generated(law, t[0], q, numbers, out)) - 1

@@ -12,7 +12,7 @@ from lagrange.algorithm.events.constants import NOISE_HALVES
 from lagrange.algorithm.events.step_zeros import ANYHOW, CHANGED, ENDED, MOST_ZEROS, REVIEW
 from lagrange.algorithm.members.occurrences import ENDED_BY_EVENT, FirstOccurrences
 from lagrange.algorithm.members.paths import DenseOutput
-from lagrange.algorithm.members.step_review import StepEvents, review_step
+from lagrange.algorithm.members.step_review import Functions, StepEvents, review_step
 from lagrange.algorithm.outcome import Outcome
 from lagrange.procedure.builder import Builder
 from lagrange.procedure.form import REAL, WHOLE
@@ -51,7 +51,7 @@ class StepOccurrences(FirstOccurrences):
         self.reals |= {"when": p.reserve(ROOM + 1, name="when"), "there": p.reserve((ROOM + 1) * n, name="zeros")}
         self.there = p.reserve(n, name="there")
         self.time, self.part = p.variable(0.0, "time"), p.variable(1.0, "part")
-        self.review = review_step(dense, self.events, n)
+        self.review = review_step.form(functions=Functions(dense, self.events, n))
 
     def begin(self) -> None:
         """Reset the search at the start of a member: no events, and unknown sides."""
@@ -75,7 +75,7 @@ class StepOccurrences(FirstOccurrences):
         record.rounded = p.real(steps - 1) * (1.0 / NOISE_HALVES)
         given: dict[str, Any] = {"review": record, "direction": self.direction, **self.wholes, **self.reals}
         given |= {"numbers": numbers[0], "table": numbers[1], "factors": self.factors}
-        given |= {"own": step.memory, "end": end, "screens": p.true if self.events.screened else p.false}
+        given |= {"own": step.memory, "end": end}
         why = p.call(self.review, *(given[one.name] for one in self.review.parameters)).called("why")
         changed: Flag = why.equals(CHANGED)
         regular = why.equals(ENDED) | changed

@@ -1,27 +1,21 @@
 """The review of one step of a member for events: the same samples and decisions as on the blocks of single runs.
 
-Inputs are the step with its end, and the memory of each event. Results are the zeros that count, and the reason why the
-review ended. See `lagrange.algorithm.events.step_review`.
+See `lagrange.algorithm.events.step_review`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from lagrange.algorithm.dense.block import LANES, StepPolynomial
+from lagrange.algorithm.dense.block import LANES
 from lagrange.algorithm.dense.hermite import hermite_polynomial
-from lagrange.algorithm.events.step_samples import Samples, work_size
-from lagrange.algorithm.events.step_zeros import ENDED, IRREGULAR, ReviewArguments, StepZeros
-from lagrange.algorithm.members.paths import DenseOutput, write_polynomial
-from lagrange.procedure.builder import Builder
-from lagrange.procedure.form import REAL, WHOLE, Procedure
-from lagrange.procedure.rewrite import bound
-from lagrange.procedure.values import Flag, Memory, Real, Whole
-
-ONE = 1
-"""Steps in a block: one, because the lanes hold members."""
+from lagrange.algorithm.events.step_samples import Lines, Samples, work_size
+from lagrange.algorithm.events.step_zeros import ENDED, IRREGULAR, Watch, step_zeros
+from lagrange.algorithm.members.paths import DenseOutput, StepPath
+from lagrange.procedure.form import Array, Procedure
+from lagrange.procedure.front.plain import Bundle, inline, procedure
+from lagrange.procedure.front.vocabulary import In, Out, WholesIn, generated, reals, unlikely, unrolled, wholes
 
 
 @dataclass(frozen=True)
@@ -36,95 +30,88 @@ class StepEvents:
     screened: bool
 
 
-def review_step(dense: DenseOutput, events: StepEvents, dimension: int) -> Procedure:
-    """Return the procedure that reviews a step, and returns the reason for its end; see `review`."""
-    p = Builder("review_step", "Find the zeros of events on a step, and say why that ended.")
-    given = ReviewArguments(p)
-    samples = _StepSamples(p, dense, events, dimension)
-    samples.lay_out()
-    zeros = StepZeros(p, samples, given)
-    step = p.whole(0)
-    first: Flag = (~given.record.starts.equals(0)).called("first")
-    close = p.variable(first, "close")
-    with p.loop(0, events.count) as e:
-        close.value = close.value | given.sign[e].equals(0) | ~given.near[e].equals(0)
-    with p.when(given.screens & ~close.value):
-        samples.sift()
-        close.value = samples.is_doubtful(step)
-    # Branches alone skip members that have left a procedure.
-    with p.when(~given.screens | close.value):
-        samples.follow()
-        zeros.leave(IRREGULAR, step, condition=samples.bad.value)
-        zeros.begin_at_zero(step)
-        watched = p.variable(p.false, "watched")
-        with p.loop(0, events.count) as e:
-            watched.value = watched.value | zeros.may_vanish(step, e)
-        with p.when(watched.value):
-            samples.sample_fully()
-            zeros.visit(step, step)
-    p.leave(ENDED)
-    return p.finish(WHOLE)
+@dataclass(frozen=True, eq=False)
+class Functions:
+    """The dense output, the right-hand side and the events of members, for states of a `dimension`."""
+
+    dense: DenseOutput
+    events: StepEvents
+    dimension: int
+
+    def path(self, prefix: str) -> StepPath:
+        """Return the dense output, in procedures with a prefix to their names."""
+        return StepPath.of(self.dense.kind, self.dense.column, self.dimension, prefix)
+
+    def cubic(self) -> StepPath:
+        """Return the cubic through the ends of a step."""
+        return StepPath.of(hermite_polynomial(3), self.dense.column, self.dimension, "screen_")
+
+    @inline
+    def law(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
+        """Write the right-hand side of a column; see `COLUMNS`."""
+        failed: int = generated(self.dense.column, columns, t, q, v, numbers, out)
+        return failed
+
+    @inline
+    def kernel(self, columns: int, t: In, q: In, v: In, numbers: In, out: Out) -> int:
+        """Write the events of each column; see `COLUMNS`."""
+        return events_of_columns(columns, t, q, numbers, out, functions=self)
 
 
-class _StepSamples(Samples):
-    """Samples of one step, with known laws and paths, in memory of the procedure itself."""
-
-    columns = ONE
-
-    def __init__(self, p: Builder, dense: DenseOutput, events: StepEvents, dimension: int) -> None:
-        self.p = p
-        kind, cubic, n = dense.kind, hermite_polynomial(3), dimension
-        self.parameters = self.law_parameters = p.array("numbers", read=True)
-        self.given = self.screen_given = p.array("table", read=True)
-        self.factors = p.array("factors", read=True)
-        self.own_memory = self.beside = p.array("own", read=True, room=LANES)
-        self.end: Real = p.given("end", REAL)
-        self.dimension, self.events = p.whole(n), p.whole(events.count)
-        self.degree, self.both = p.whole(kind.degree), p.whole(0)
-        law = dense.column
-        self.polynomial, self.screen = self.writing(kind, law, "review_"), self.writing(cubic, law, "screen_")
-        self.law, self.kernel = _calling(p, law), _calling(p, _of_columns(events, n))
-        size = max(kind.size(n, ONE), cubic.size(n, ONE))
-        self.path_work = p.reserve(size, room=LANES, name="path_work")
-        self.c = p.reserve((max(kind.degree, cubic.degree) + 1) * n, room=LANES, name="c")
-        self.work = p.reserve(work_size(n, events.count, ONE), room=LANES, name="work")
-
-    def gather(self, both: Any) -> None:
-        """Do nothing: the caller passes the step."""
-        del both
-        self.t_end[0] = self.end
-
-    def writing(self, kind: StepPolynomial, law: Procedure, prefix: str) -> Callable[..., Any]:
-        """Return the callback that writes the polynomial of a step, with the signature `POLYNOMIAL`."""
-        procedure = bound(kind.procedure, {"law": law}, prefix=prefix)
-
-        def write(table: Memory, columns: int, own: Memory, beside: Memory, work: Memory, c: Memory) -> None:
-            del columns, own, beside
-            write_polynomial(self.p, kind, procedure, (self.parameters, table), self.own, work, c)
-
-        return write
-
-
-def _calling(p: Builder, procedure: Procedure) -> Callable[..., Any]:
-    """Return a Python function that calls a procedure, in the place of a function parameter."""
-    return lambda *args: p.call(procedure, *args)
-
-
-def _of_columns(events: StepEvents, dimension: int) -> Procedure:
-    """Return the values of events as a law over columns; see `COLUMNS`."""
-    p = Builder("events_of_columns", "Write the events of each column; return the first without an acceleration.")
-    columns: Whole = p.given("columns", WHOLE)
-    t, y = p.array("t", read=True), p.array("q", read=True)
-    p.array("v", read=True)
-    numbers, out = p.array("numbers", read=True), p.array("out")
-    state, there = p.reserve(dimension, name="state"), p.reserve(events.count, name="there")
-    failed = p.variable(-1, "failed")
-    with p.loop(0, columns) as b:
-        for j in range(dimension):
+@procedure
+def events_of_columns(columns: int, t: In, y: In, numbers: In, out: Out, *, functions: Functions) -> int:
+    """Write the events of each column; return the first without an acceleration, or -1."""
+    events, n, failed = functions.events, functions.dimension, -1
+    state, values = reals(n), reals(events.count)
+    for b in range(columns):
+        for j in unrolled(n):
             state[j] = y[columns * j + b]
-        singular = p.call(events.values, t[b], state, numbers, there)
-        failed.value = p.choose(singular & (failed.value < 0), b, failed.value)
-        for k in range(events.count):
-            out[columns * k + b] = there[k]
-    p.leave(failed.value)
-    return p.finish(WHOLE)
+        is_singular = generated(events.values, t[b], state, numbers, values)
+        failed = b if is_singular and failed < 0 else failed
+        for k in unrolled(events.count):
+            out[columns * k + b] = values[k]
+    return failed
+
+
+@dataclass(frozen=True)
+class StepSamples(Samples):
+    """Samples of one step, which is in the memory of its block already; lanes hold members."""
+
+    end: float
+    """Time at the end of the step."""
+
+    columns = 1
+
+    @inline
+    def gather(self, lines: Lines, places: WholesIn, both: int) -> None:
+        """Note the end of the step."""
+        lines.t_end[0] = self.end
+
+
+@procedure(watch=lambda: Bundle(Watch, {}), own=lambda: Array(room=LANES))
+def review_step(
+    watch: Watch, numbers: In, table: In, factors: In, own: Out, end: float, *, functions: Functions
+) -> int:
+    """Find the zeros of events on a step, and say why that ended; see `review`."""
+    n, events, degree = functions.dimension, functions.events.count, functions.dense.kind.degree
+    path, cubic, given = functions.path("review_"), functions.cubic(), (numbers, table)
+    work = reals(max(path.size, cubic.size), room=LANES)
+    c, memory = reals((max(degree, 3) + 1) * n, room=LANES), reals(work_size(n, events, 1), room=LANES)
+    paths = path.write, given, degree, 0, functions.events.screened, cubic.write, given, functions.law, numbers
+    watched = functions.kernel, numbers, n, events, factors, memory
+    arguments: Any = *paths, own, own, work, c, *watched, None, None, 0, end
+    samples = StepSamples(*arguments)
+    lines, places, is_close = samples.lines(), wholes(1), watch.review.starts != 0
+    zeros = step_zeros(samples, lines, watch)
+    for e in range(events):
+        sign, near = watch.sign[e], watch.near[e]
+        is_close = is_close or sign == 0 or near != 0
+    if samples.screens and not is_close:
+        is_bad = samples.sift(lines, places)
+        is_close = samples.some_doubtful(lines, 0) or is_bad
+    if not samples.screens or is_close:
+        if unlikely(samples.follow(lines, places) or zeros.begin_at_zero(0)):
+            return IRREGULAR
+        if zeros.some_may_vanish(0):
+            return zeros.visit(0, 0, samples.sample_fully(lines))
+    return ENDED

@@ -87,9 +87,8 @@ class LlvmEventSteps:
             "levels": np.zeros(count),
             "work": workspace(work_size(n, count)),
             "scratch": np.zeros(n + 2 * count + results + LANES),
-            "steps": 0,
         }
-        self._code, self._kept = compiled(event_steps()), given
+        self._code, self._kept = compiled(event_steps.form()), given
         self._words = self._code.words()
         self._code.give(self._words, given)
         self._memory: StepEventMemory | None = None

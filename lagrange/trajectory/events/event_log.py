@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from lagrange.algorithm.events.constants import CLOSEST
 from lagrange.algorithm.step.constants import EARLIEST
 from lagrange.machine.state import DriverState
+from lagrange.trajectory.events.actions import Impact
+from lagrange.trajectory.events.zeros_on_step import EventZero
 from lagrange.trajectory.trajectory import FloatArray
 
 MOST_REPEATS = 3
@@ -113,6 +115,25 @@ class EventLog:
     def __init__(self, events: int, size: int) -> None:
         self.occurrences = [Occurrences(size) for _ in range(events)]
         self.state: DriverState | None = None
+
+    def first_change(
+        self, found: Iterable[EventZero], impacts: Sequence[Impact], surfaces: int = 0
+    ) -> EventZero | None:
+        """Return the first zero that changes the motion: a surface is crossed, an event ends the run or has a reset.
+
+        The first `surfaces` functions are surfaces, and the others are the events `impacts`.
+        """
+        seen = [len(times) for times in self.occurrences]
+        for zero in found:
+            place = zero.which - surfaces
+            if place < 0:
+                if zero.root.rising:
+                    return zero
+            elif impacts[place].counts(zero.root.rising):
+                seen[place] += 1
+                if impacts[place].reset or 0 < impacts[place].terminal <= seen[place]:
+                    return zero
+        return None
 
     @property
     def t_events(self) -> tuple[FloatArray, ...]:

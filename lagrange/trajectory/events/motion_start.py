@@ -29,10 +29,10 @@ from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.end_messages import EventResult, sliding, undefined
 from lagrange.trajectory.events.series_on_step import EventSeries, near, signed_scale, unit
-from lagrange.trajectory.events.shared_watch import EventZero, SharedWatch
+from lagrange.trajectory.events.shared_watch import SharedWatch
 from lagrange.trajectory.events.step_batch import Sample, StepBatch
 from lagrange.trajectory.events.surfaces import Sliding, is_zero, leaving, settled_sides, stated_sides
-from lagrange.trajectory.events.zeros_on_step import Root, Side
+from lagrange.trajectory.events.zeros_on_step import EventZero, Root, Side
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 

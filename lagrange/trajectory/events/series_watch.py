@@ -30,7 +30,7 @@ from lagrange.trajectory.events.end_messages import (
 from lagrange.trajectory.events.event_log import Occurrence
 from lagrange.trajectory.events.motion_start import SeriesStart
 from lagrange.trajectory.events.series_on_step import EventSeries, signed_scale, state_at
-from lagrange.trajectory.events.shared_watch import EventZero, PlannedStep
+from lagrange.trajectory.events.shared_watch import PlannedStep
 from lagrange.trajectory.events.surfaces import (
     SHARE,
     Continuations,
@@ -40,7 +40,7 @@ from lagrange.trajectory.events.surfaces import (
     settled_sides,
     stated_sides,
 )
-from lagrange.trajectory.events.zeros_on_step import Root, Side, may_vanish, roots
+from lagrange.trajectory.events.zeros_on_step import EventZero, Root, Side, may_vanish, roots
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState
@@ -118,7 +118,7 @@ class Watch(SeriesStart):
         for which in look.jumps(s, self.zero_sides):
             self.zero_sides[which] = Side(int(np.sign(look.watched[0, which])))
         found, after = self._roots(look, s, last=whole and h == left)
-        cut = self._first_change(found)
+        cut = self.first_change(found, self.impacts, self.surfaces)
         if cut is not None:
             return self._shorten(cut.root.time, found, look, state)
         self.remember(state)
@@ -198,20 +198,6 @@ class Watch(SeriesStart):
             after.append(side)
         return sorted(found, key=lambda m: m.root.time), after
 
-    def _first_change(self, found: Iterable[EventZero]) -> EventZero | None:
-        """Return the first root that changes the motion: a surface is crossed, an event ends the run or has a reset."""
-        seen = [len(times) for times in self.occurrences]
-        for meeting in found:
-            place = meeting.which - self.surfaces
-            if place < 0:
-                if meeting.root.rising:
-                    return meeting
-            elif self.impacts[place].counts(meeting.root.rising):
-                seen[place] += 1
-                if self.impacts[place].reset or 0 < self.impacts[place].terminal <= seen[place]:
-                    return meeting
-        return None
-
     def _shorten(self, s: float, found: list[EventZero], look: EventSeries, state: DriverState) -> EventResult:
         """End the step at the root at s, whose events are pending until the driver returns there."""
         while True:
@@ -222,7 +208,7 @@ class Watch(SeriesStart):
                 return self._finish(state)
             # The shorter step has better resolved roots, which replace the others; one may change the motion before s.
             found, after = self._roots(look, s, last=False)
-            first = self._first_change(m for m in found if m.root.time < s - close)
+            first = self.first_change((m for m in found if m.root.time < s - close), self.impacts, self.surfaces)
             if first is None:
                 break
             s = first.root.time

@@ -15,16 +15,8 @@ from lagrange.machine.event_memory import EventMemory, Reaction
 from lagrange.machine.state import DriverState
 from lagrange.trajectory.events.actions import Impact
 from lagrange.trajectory.events.event_log import ChangeCounter, EventLog
-from lagrange.trajectory.events.zeros_on_step import Root, Side
+from lagrange.trajectory.events.zeros_on_step import EventZero, Root, Side
 from lagrange.trajectory.trajectory import FloatArray
-
-
-@dataclass(frozen=True)
-class EventZero:
-    """A root of an event function: the index of the function, and the root, in units of the time scale."""
-
-    which: int
-    root: Root
 
 
 @dataclass(frozen=True)

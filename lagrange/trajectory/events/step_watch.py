@@ -1,7 +1,7 @@
 """Events along the steps of a step program, located on the dense output of each step.
 
 Some steps are taken first and then reviewed. If an event on them changes the motion, the run is set back to it, and the
-steps after it are discarded. In long runs machine code treats all regular events.
+steps after it are discarded. In long runs machine code treats all regular events, other steps are reviewed on arrays.
 """
 
 from __future__ import annotations
@@ -9,16 +9,18 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from lagrange.algorithm.events.constants import CLEAR_FACTOR, NOISE_HALVES, TOGETHER
+from lagrange.algorithm.events.constants import CLEAR_FACTOR, FIRST_LOOK, LONGEST_LOOK, NOISE_HALVES, TOGETHER
+from lagrange.algorithm.events.event_steps import GO_ON, LOOK, MOST_STEPS, READ_EVENTS, Waiting
 from lagrange.algorithm.events.roots import roots
 from lagrange.errors import formula
 from lagrange.machine.backend import Driver, Kernel
-from lagrange.machine.state import DriverState
+from lagrange.machine.state import DriverState, Outcome
 from lagrange.machine.step_events import EventSteps
 from lagrange.trajectory.events.actions import rates, reset_state
 from lagrange.trajectory.events.end_messages import (
@@ -40,11 +42,10 @@ from lagrange.trajectory.events.motion_start import (
     sent_through,
     sides_behind,
 )
-from lagrange.trajectory.events.shared_watch import EventZero
 from lagrange.trajectory.events.step_batch import Path, PathOf, Sample, StepBatch, Window, state_noise
-from lagrange.trajectory.events.step_driver import Cut, EventDriver
 from lagrange.trajectory.events.zeros_on_step import (
     SAME_JUMP,
+    EventZero,
     Isolate,
     Root,
     Side,
@@ -59,6 +60,163 @@ from lagrange.trajectory.paths.step_paths import StepPath
 from lagrange.trajectory.trajectory import FloatArray, Status
 
 S = DriverState
+
+
+@dataclass(frozen=True, eq=False)
+class Cut:
+    """The point to which a run is set back: `steps` steps are kept, the last one up to time t and state y (2n,).
+
+    `length` is the length of the step that contains it or follows it. `whole` is the end of a step that is cut inside,
+    or None. A `late` cut is not a change of the motion: the wall time of the run was used up.
+    """
+
+    steps: int
+    t: float
+    y: FloatArray
+    length: float
+    whole: tuple[float, FloatArray] | None = None
+    late: bool = False
+
+
+class EventDriver:
+    """Advances a run like the driver of its steps, but only up to the next change of the motion."""
+
+    def __init__(self, driver: Driver, watch: StepWatch, *, fixed: bool) -> None:
+        self._driver, self._watch, self._fixed = driver, watch, fixed
+        self._memory, self._run = watch.shared, watch.shared.run
+        self._run.ahead = FIRST_LOOK if watch.resets else LONGEST_LOOK
+        self._run.fixed = int(fixed)
+        self._compiled: EventSteps | None = None
+        self._next_left, self._left_to_arrays, self._reviewed = 1, 0, 0
+        self._first = self._stale = True
+
+    def adopt(self, state: DriverState) -> None:
+        """Do nothing: the state stays in its own memory."""
+
+    def advance(self, state: DriverState, budget: int, times: FloatArray, rows: FloatArray) -> Outcome:
+        """Advance a run as `Driver.advance` does; the outcome is WATCHED if the state is at a change of the motion."""
+        run = self._run
+        run.budget = run.left = budget
+        self._memory.keep(state)
+        try:
+            while True:
+                few = self._watch.ends or self._compiled is None
+                run.longest = LONGEST_LOOK if few else MOST_STEPS
+                compiled = self._compiled is not None and not self._left_to_arrays and self._watch.regular
+                outcome = (self._in_loop if compiled else self._on_arrays)(state, times, rows)
+                if outcome is not None:
+                    return outcome
+        except KeyboardInterrupt:
+            self._watch.collect()
+            self._forget(state)
+            raise
+        finally:
+            self._first = False
+
+    def _in_loop(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
+        """Advance the run by machine code; return None if it returned a step for a review on arrays."""
+        if self._compiled is None:
+            raise AssertionError("there is machine code")
+        if self._stale:
+            self._watch.write()
+        code = self._compiled(state, self._memory, times, rows)
+        self._watch.read()
+        self._stale = code in (LOOK, Outcome.WATCHED)
+        if code == READ_EVENTS:
+            return None
+        if code != LOOK:
+            return Outcome(code)
+        if self._memory.reviewed > self._reviewed:
+            self._next_left = 1
+        self._leave_to_arrays()
+        return None
+
+    def _leave_to_arrays(self) -> None:
+        """Choose the number of next steps to review on arrays: one, and twice as many at each repetition."""
+        self._left_to_arrays, self._next_left = self._next_left, min(2 * self._next_left, LONGEST_LOOK)
+
+    def _on_arrays(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Outcome | None:
+        """Take steps if none waits, and review some on arrays; return an outcome, or None if the run continues."""
+        memory, run, waiting = self._memory, self._run, self._waiting(state, times, rows)
+        if not memory.waits:
+            if run.starts and self._is_compiled(state.t, state.count(S.STEPS)):
+                return None
+            code = waiting.take()
+            if code != GO_ON:
+                return Outcome(code)
+            if self._first and self._is_compiled(memory.times[run.count + 1], memory.taken + run.count):
+                return None
+        if self._compiled is not None and not self._left_to_arrays and memory.waits:
+            self._leave_to_arrays()
+        count = run.count - run.begin + 1
+        count = min(count, self._left_to_arrays) if self._compiled is not None else count
+        self._left_to_arrays = max(0, self._left_to_arrays - count)
+        return self._look(state, run.begin + count - 1, waiting)
+
+    def _is_compiled(self, t: float, steps: int) -> bool:
+        """Return True if the loop has just been compiled.
+
+        This is decided only in the first call and at the start of a motion. The number of steps in other calls depends
+        on measured times, and the digits of events must not depend on them.
+        """
+        if self._compiled is None:
+            self._compiled = self._watch.compiled(self._driver, float(t), steps)
+            return self._compiled is not None
+        return False
+
+    def _waiting(self, state: DriverState, times: FloatArray, rows: FloatArray) -> Waiting:
+        """Return the steps that wait, and the driver, for the functions of the loop."""
+        memory, size = self._memory, len(state.y)
+
+        def drive(*given: Any) -> Outcome:
+            try:
+                return self._driver.advance(state, given[4], memory.times[2:], memory.states[2:])
+            except KeyboardInterrupt:
+                state.counts[:], state.reals[:], state.y[:] = memory.kept_counts, memory.kept_reals, memory.states[1]
+                raise
+
+        steps = self._run, size, memory.times, memory.states.reshape(-1), drive, state.counts
+        numbers = state.floats, state.integers, memory.kept_reals, memory.kept_counts
+        arguments: Any = *steps, *numbers, state.y, np.arange(size), state.y, times, rows.reshape(-1)
+        return Waiting(*arguments)
+
+    def _forget(self, state: DriverState) -> None:
+        """Take back the steps that have not been reviewed."""
+        memory, run = self._memory, self._run
+        if memory.waits:
+            state.reals[:], state.counts[:], state.y[:] = memory.kept_reals, memory.kept_counts, memory.states[1]
+            run.count, run.begin, run.before = 0, 1, 0
+            state.fault = None
+
+    def _look(self, state: DriverState, last: int, waiting: Waiting) -> Outcome | None:
+        """Review steps up to number `last` on arrays; accept them once none is left, or set the run back."""
+        memory, run = self._memory, self._run
+        if not memory.waits:
+            return None
+        shift = 1 - run.before
+        here = slice(shift, run.count + 2)
+        path = memory.times[here].copy(), memory.states[here].copy()
+        cut = self._watch.review(*path, run.begin - shift, last + 1 - shift, memory.taken - 1 + shift)
+        if cut is not None:
+            self._set_back(state, cut, cut.steps - 1 + shift, waiting)
+            return Outcome.PAUSED if cut.late else Outcome.WATCHED
+        run.begin, run.starts = last + 1, 0
+        self._reviewed = self._memory.reviewed
+        if memory.waits:
+            return None
+        code = waiting.accept()
+        return None if code == GO_ON else Outcome(code)
+
+    def _set_back(self, state: DriverState, cut: Cut, kept: int, waiting: Waiting) -> None:
+        """Set the state to a cut after `kept` steps; the next step begins a new smooth piece."""
+        memory, run, count = self._memory, self._run, len(state.floors)
+        state.fault = None
+        run.changed = self._watch.changed
+        waiting.go_back(kept, cut.t, cut.y, cut.length)
+        sizes = np.abs(memory.states[2 : kept + 2, :count]).max(axis=0, initial=0.0)
+        np.maximum(memory.kept_reals[S.FLOORS :][:count], state.reals[S.SHARE] * sizes, out=state.floors)
+        run.starts, self._next_left, self._left_to_arrays = 1, 1, 0
+        self._watch.set_back(cut)
 
 
 class StepWatch(EventLog):
@@ -266,7 +424,7 @@ class StepWatch(EventLog):
         found.sort(key=lambda m: m.root.time)
         without = min(traces, key=lambda i: traces[i].until, default=0)
         until = traces[without].until if traces else math.inf
-        first = self._first_change(m for m in found if m.root.time < until)
+        first = self.first_change((m for m in found if m.root.time < until), self.impacts)
         if first is not None:
             self._part(first, found, traces, sample, taken + step)
             return _cut(batch, step, sample, first.root.time)
@@ -322,17 +480,6 @@ class StepWatch(EventLog):
             elif along == 0:
                 self._verdict = at_rest(self.names()[i])
         return bool(self._pending) or self._verdict is not None
-
-    def _first_change(self, found: Iterable[EventZero]) -> EventZero | None:
-        """Return the first zero that changes the motion: an event ends the run or has a reset."""
-        seen = [len(times) for times in self.occurrences]
-        for m in found:
-            one = self.impacts[m.which]
-            if one.counts(m.root.rising):
-                seen[m.which] += 1
-                if one.reset or 0 < one.terminal <= seen[m.which]:
-                    return m
-        return None
 
     def _part(
         self, first: EventZero, found: Sequence[EventZero], traces: Mapping[int, StepZeros], sample: Sample, taken: int

@@ -33,6 +33,14 @@ class Root:
 
 
 @dataclass(frozen=True)
+class EventZero:
+    """A root of an event function: the index of the function, and the root, in units of the time scale."""
+
+    which: int
+    root: Root
+
+
+@dataclass(frozen=True)
 class Side:
     """The side of zero of an event function between two steps, the only information that a step passes to the next.
 
