@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property, lru_cache, partial
 from itertools import islice
+from types import MappingProxyType
 from typing import Any, Protocol, Self, runtime_checkable
 
 import numpy as np
@@ -254,6 +256,16 @@ class Model:
     def parameter_array(self, given: Parameters = None) -> FloatArray:
         """Return the parameters' values (k,) in the order that kernels take; such an array is returned as it is."""
         return self._values.array(given)
+
+    def with_defaults(self, parameters: Mapping[Any, Any]) -> Self:
+        """Return the model with other default values of parameters, by symbol or name; compiled kernels are shared.
+
+        Raises StatementError for an unknown parameter, and for a parameter without a value.
+        """
+        values = MappingProxyType(self.parameter_values(parameters))
+        model = type(self)(replace(self.statement, defaults=values), self.equations, self._made)
+        model._kernels = self._kernels
+        return model
 
     def on_same_machine(self, statement: Statement, kept: Sequence[int] | None = None) -> Any:
         """Return the model of another statement on the machine of this one; `kept` are its independent constraints."""

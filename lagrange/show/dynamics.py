@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
+from lagrange.dynamics.equilibrium_branches import BranchesData, equilibrium_branches
 from lagrange.dynamics.mode_shapes import ModeShapes, mode_shapes
 from lagrange.dynamics.portrait import CELLS as CELLS_OF_PLANE
 from lagrange.dynamics.portrait import PortraitData, portrait
@@ -25,7 +26,7 @@ from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.modes import Modes
 from lagrange.show.figures.modes_figure import plot_modes
 from lagrange.show.figures.portrait_figure import plot_portrait
-from lagrange.show.figures.section_figure import plot_section, plot_sweep
+from lagrange.show.figures.section_figure import plot_branches, plot_section, plot_sweep
 from lagrange.show.files import FILE_DPI
 from lagrange.show.files.atomic_file import write_atomically
 from lagrange.show.files.picture import picture
@@ -52,7 +53,7 @@ ORBIT_STEPS = 20_000
 """Default limit of steps for an orbit of a portrait with an adaptive method: thousands of oscillations."""
 
 _MOST_PLACES = 8
-"""Most equilibria that a card lists."""
+"""Most equilibria and branches that a card lists."""
 
 
 class Drawn(ABC):
@@ -147,6 +148,23 @@ class Bifurcation(Drawn, SweepData):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
+class EquilibriumBranches(Drawn, BranchesData):
+    """Equilibria along a parameter; see `lagrange.bifurcation`."""
+
+    def plot(self, entry: Any = None, *, ax: Any = None, style: str = "light") -> Figure:
+        """Return the figure: a line for each branch, dashed where it is unstable; `entry` is a coordinate."""
+        return plot_branches(self, entry, ax, style)
+
+    def _lines(self) -> list[tuple[str, str]]:
+        lines = [("parameter", f"{self.parameter}, {_range(self.values)}")]
+        for branch in self.branches[:_MOST_PLACES]:
+            stated = zip(self.statement.names, branch.formula.values(), strict=True)
+            where = listing(f"{name} = {x}" for name, x in stated) if branch.formula else "by number"
+            lines.append(("branch", f"{where}; {_stability(branch.values, branch.stable)}"))
+        return lines
+
+
+@dataclass(frozen=True, eq=False, repr=False)
 class ShownModes(Modes):
     """The modes of a system with their picture; see `System.modes`."""
 
@@ -185,6 +203,15 @@ def shown_as(kind: type[_Record], data: Any) -> _Record:
     if base is None:
         raise StatementError(f"a {kind.__name__} is made of what was computed, not of {shown(data)}.")
     return kind(**{field.name: getattr(data, field.name) for field in fields(data)})
+
+
+def _stability(values: np.ndarray, stable: np.ndarray) -> str:
+    """Return the ranges of the parameter in which no eigenvalue of a branch has a positive real part, as text."""
+    within = values[stable == 1]
+    if not len(within):
+        return "unstable"
+    alone = "" if (stable != 0).all() else " alone"
+    return f"no growing motion from {within.min():.4g} to {within.max():.4g}{alone}"
 
 
 def _range(values: np.ndarray) -> str:
@@ -288,7 +315,7 @@ def bifurcation(
     rtol: float | None = None,
     step: float | None = None,
     progress: bool | str = False,
-) -> Bifurcation:
+) -> Bifurcation | EquilibriumBranches:
     """Return the bifurcation diagram of a system along a parameter.
 
     `values` are a list, or (low, high, count), in any order. A system that is driven in time is sampled after each
@@ -298,7 +325,8 @@ def bifurcation(
     orbits of the previous value ended, so that rising and falling values show hysteresis. The result has `states`
     (k, m, points, 2n), and `cycles` (k, m), the number of points after which each orbit repeats.
 
-    Equilibria along a parameter are those of `System.equilibria` and `System.eigenvalues`.
+    For a system without driving and without a section the result shows its equilibria: `branches`, with formulas where
+    they are found, and stability.
 
     Ctrl-C keeps the finished values. Raises StatementError for an unknown parameter, and for an empty range.
     """
@@ -311,10 +339,14 @@ def bifurcation(
     for value in chosen.tolist():
         with_value(runs, place, value)  # refuse an invalid value of the parameter before the first run
     if section is None and not depends_on_time(model.statement):
-        raise StatementError(
-            f"{model.statement.name} is not driven: give section=..., an event at which its motion is looked at. Its "
-            f"equilibria along {name} are those of system.equilibria() and system.eigenvalues({name!r}, values, at)."
-        )
+        if starts is not None:
+            raise StatementError(
+                f"{model.statement.name} is not driven, and its equilibria have no starts: give section=..., an event "
+                "at which its motion is looked at, or leave starts out."
+            )
+        with counter(3, "value", wanted=progress) as report:
+            known = model.with_defaults(parameters or {})
+            return shown_as(EquilibriumBranches, equilibrium_branches(known, name, chosen, report))
     with counter(len(chosen), "value", wanted=progress) as report:
         data = sweep(
             runs, name, chosen, section, starts, count=count, dropped=dropped, followed=followed, progress=report

@@ -1,4 +1,4 @@
-"""Bifurcation diagrams: period doubling at published values, and hysteresis."""
+"""Bifurcation diagrams: period doubling at published values, hysteresis, and branches of equilibria in formulas."""
 
 from __future__ import annotations
 
@@ -6,18 +6,24 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sympy import cos, sin
+from sympy import cos, sin, sinh
 
 import lagrange as lg
 from lagrange.dynamics.runs import Runs, depends_on_time, driving_period
 from lagrange.errors import StatementError
-from lagrange.show.dynamics import Bifurcation
+from lagrange.show.dynamics import Bifurcation, EquilibriumBranches
 from tests.dynamics.planar import F, double_well, driven_linear, duffing, hoop, interrupting, mu, pendulum, w, x
 
 
 def swept(*arguments: Any, **named: Any) -> Bifurcation:
     found = lg.bifurcation(*arguments, **named)
     assert isinstance(found, Bifurcation)
+    return found
+
+
+def branched(*arguments: Any, **named: Any) -> EquilibriumBranches:
+    found = lg.bifurcation(*arguments, **named)
+    assert isinstance(found, EquilibriumBranches)
     return found
 
 
@@ -70,6 +76,40 @@ def test_any_system_is_looked_at_where_an_event_happens() -> None:
     assert found.states[1, :, :, 1] == pytest.approx(np.full((2, 6), 2.614973), rel=1e-6)
     assert found.event is not None
     assert found.periods is None
+
+
+def test_a_bead_leaves_the_bottom_of_a_hoop_at_a_pitchfork() -> None:
+    """theta = acos(g/(r w^2)) exists from w^2 = g/r on, where the bottom loses its stability."""
+    found = branched(hoop(), "w", (2.0, 8.0, 25))
+    critical = np.sqrt(9.81 / 0.5)
+    assert len(found.branches) == 4
+    by_end = sorted(found.branches, key=lambda branch: branch.coordinates[-1, 0])
+    low, bottom, high, top = by_end
+    for branch, sign in ((high, 1), (low, -1)):
+        there = np.isfinite(branch.coordinates[:, 0])
+        assert branch.values[there].min() == pytest.approx(critical, rel=1e-12)
+        wanted = sign * np.arccos(np.minimum(1.0, critical**2 / branch.values[there] ** 2))
+        assert branch.coordinates[there, 0] == pytest.approx(wanted, abs=1e-6)
+        assert (branch.stable[there][1:] == 1).all()
+    assert np.array_equal(bottom.stable == 1, bottom.values < critical)
+    assert (top.stable == 0).all()
+    assert found.axis == "theta"
+
+
+def test_branches_without_formulas_are_followed_from_several_values() -> None:
+    """x'' = mu + x - sinh(x^3) - x' has three equilibria between two folds, and one outside of them."""
+    system = lg.System(
+        kinetic=x.dot**2 / 2, potential=-mu * x - x**2 / 2, forces={x: -sinh(x**3) - x.dot}, parameters={"mu": 0.0}
+    )
+    found = branched(system, "mu", np.linspace(-1, 1, 41))
+    middle = [branch.coordinates[20, 0] for branch in found.branches if np.isfinite(branch.coordinates[20, 0])]
+    assert len(np.unique(np.round(middle, 6))) == 3
+    assert all(not branch.formula for branch in found.branches)
+    for branch in found.branches:
+        there = np.isfinite(branch.coordinates[:, 0])
+        place = branch.coordinates[there, 0]
+        assert np.abs(branch.values[there] + place - np.sinh(place**3)).max() < 1e-9
+        assert np.array_equal(branch.stable[there] == 1, 3 * place**2 * np.cosh(place**3) > 1)
 
 
 def test_the_period_of_a_driving_is_read_from_its_waves() -> None:
@@ -137,7 +177,7 @@ def test_options_that_cannot_be_meant_are_refused() -> None:
         (duffing, {"points": 1}, "points = 1"),
         (duffing, {"skip": -1}, "skip = -1"),
         (duffing, {"follow": 2}, "follow = 2: give True or False"),
-        (hoop, {}, "bead on a hoop is not driven: give section=.*system.equilibria\\(\\) and system.eigenvalues"),
+        (hoop, {"starts": [{}]}, "is not driven, and its equilibria have no starts: give section="),
     )
     for system, more, says in cases:
         name = system().statement.parameters[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -340,6 +341,19 @@ def test_quantities_of_constraints_have_a_row_for_each_constraint() -> None:
     np.testing.assert_allclose(model.evaluate("constraint_bias", q, v), [-2 * 0.3 * 0.4])
     forces = model.evaluate("constraint_forces", q, v)
     np.testing.assert_allclose(forces, model.multipliers(q, v) * np.array([[1.0, 2.0, -4.0, -3.0]]))
+
+
+@pytest.mark.parametrize("target", TARGETS)
+def test_other_defaults_change_the_values_and_compile_nothing(target: str) -> None:
+    first = lg.scene("pendulum").compile(target)
+    before = first.accelerations([0.3], [0.2])
+    other = first.with_defaults({"l": 2.0})
+    assert other.kernel("accelerations") is first.kernel("accelerations")
+    assert other.accelerations([0.3], [0.2]) == first.accelerations([0.3], [0.2], parameters={"l": 2.0}) != before
+    assert first.accelerations([0.3], [0.2]) == before
+    assert pickle.loads(pickle.dumps(other)).statement.defaults == other.statement.defaults
+    with pytest.raises(lg.StatementError, match="mass"):
+        first.with_defaults({"mass": 1.0})
 
 
 # --- refusals -------------------------------------------------------------------------------------------------

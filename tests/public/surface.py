@@ -18,6 +18,7 @@ import lagrange as lg
 from lagrange.evidence.report import Report
 from lagrange.show.dynamics import (
     Bifurcation,
+    EquilibriumBranches,
     PhasePortrait,
     PoincareSection,
     ShownModes,
@@ -92,6 +93,7 @@ DYNAMICS: dict[type, Callable[[], Any]] = {
     PhasePortrait: cache(lambda: lg.phase_portrait(slowed(), starts=[{"x": 1.0}])),
     PoincareSection: cache(lambda: lg.poincare(slowed(), lg.coordinate("x"), [{"x": 1.0}], crossings=3, longest=9.0)),
     Bifurcation: cache(lambda: lg.bifurcation(slowed(), "m", [1.0, 2.0], section=1.0, points=2, skip=1)),
+    EquilibriumBranches: cache(lambda: lg.bifurcation(slowed(), "m", [1.0, 2.0])),
     ShownModes: cache(lambda: slowed().modes()),
 }
 """What functions of dynamics return."""

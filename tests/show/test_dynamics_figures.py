@@ -26,7 +26,7 @@ from lagrange.show.figures.panel import colour_bar, turned_lines
 from lagrange.show.figures.portrait_figure import HEIGHT, WIDTH
 from lagrange.show.figures.style import DARK, style_of
 from lagrange.show.figures.ticks import log_ticks
-from tests.dynamics.planar import damped_pendulum, duffing, pendulum, star, theta, x, y
+from tests.dynamics.planar import damped_pendulum, duffing, hoop, pendulum, star, theta, x, y
 from tests.models import shared_scene
 
 RECORDS: dict[str, Callable[[], Any]] = {
@@ -35,6 +35,7 @@ RECORDS: dict[str, Callable[[], Any]] = {
         star(), lg.event(x, direction=1), [{y: 0.3}], energy=0.1, solve_for=x.dot, crossings=20
     ),
     "sweep": lambda: lg.bifurcation(duffing(), "F", [0.2, 0.28], points=8, skip=100),
+    "branches": lambda: lg.bifurcation(hoop(), "w", (2.0, 8.0, 10)),
 }
 
 
@@ -150,6 +151,17 @@ def test_a_section_draws_the_entries_that_are_asked_for() -> None:
         section.plot(x="z")
     with pytest.raises(StatementError, match="entry names 'z'"):
         recorded("sweep").plot("z")
+    with pytest.raises(StatementError, match="equilibria rest: give one of the coordinates, such as theta"):
+        recorded("branches").plot(theta.dot)
+
+
+def test_branches_meet_where_they_bifurcate() -> None:
+    (axis,) = recorded("branches").plot().axes
+    ends = [line[np.isfinite(line).all(axis=1)][0] for line in lines_of(axis, "#0b6e99")]
+    critical = np.sqrt(9.81 / 0.5)
+    forks = [end for end in ends if end[0] > 2.1]
+    assert len(forks) == 2
+    assert np.array(forks) == pytest.approx(np.array([[critical, 0.0]] * 2), abs=1e-5)
 
 
 def test_modes_are_drawn_as_bars_and_on_the_positions() -> None:

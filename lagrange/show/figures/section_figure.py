@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from lagrange.dynamics.axes import is_angle, row_of, wrapped
+from lagrange.dynamics.equilibrium_branches import BranchesData
 from lagrange.dynamics.section import SectionData, surface
 from lagrange.dynamics.sweep import SweepData
 from lagrange.errors import StatementError
+from lagrange.show.figures.curve import with_neighbours
 from lagrange.show.figures.panel import label_of_entry, panel_on, say_below
 from lagrange.show.figures.style import colours, dress, style_of
 from lagrange.show.figures.ticks import angle_ticks
@@ -109,3 +111,34 @@ def _parameter_axis(axis: Axes, statement: Statement, parameter: str, values: Fl
     low, high = float(values.min()), float(values.max())
     if low < high:
         axis.set_xlim(low, high)
+
+
+def plot_branches(found: BranchesData, entry: Any, ax: Any, style: Any) -> Figure:
+    """Return the figure of branches of equilibria: solid lines where they are stable, dashed lines elsewhere."""
+    look, statement = style_of(style), found.statement
+    row = row_of(statement, found.axis if entry is None else entry, "entry")
+    if row >= len(statement.names) or not found.branches:
+        raise StatementError(
+            f"there is nothing to draw: {found.message}"
+            if not found.branches
+            else f"equilibria rest: give one of the coordinates, such as {statement.names[0]}, and no velocity."
+        )
+    figure, axis = panel_on(ax, look, (7.6, 5.0))
+    for stable, colour, dashes, label in (
+        (1.0, look.colours[0], (1, 0), "no eigenvalue with a positive real part"),
+        (0.0, look.colours[1], (5, 3), "unstable"),
+    ):
+        for branch in found.branches:
+            line = np.where(with_neighbours(branch.stable == stable), branch.coordinates[:, row], np.nan)
+            if np.isfinite(line).any():
+                axis.plot(branch.values, line, color=colour, linewidth=1.8, dashes=dashes, label=label)
+                label = "_"
+    dress(axis, look, f"{statement.name}: equilibria")
+    _parameter_axis(axis, statement, found.parameter, found.values)
+    axis.set_ylabel(label_of_entry(statement, statement.names[row]))
+    if is_angle(statement, row):
+        low, high = axis.get_ylim()
+        angle_ticks(axis.yaxis, low, high)
+    axis.legend(fontsize=8, frameon=False, labelcolor=look.ink)
+    say_below(figure, ax, look, "" if found.status.complete else found.message)
+    return figure

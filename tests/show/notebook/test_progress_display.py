@@ -79,6 +79,7 @@ def test_work_that_raises_leaves_the_bar_where_it_was(display: Display) -> None:
             lambda: lg.bifurcation(PENDULUM, "c", [0.1, 0.2], section=X, points=2, skip=0, progress=True),
             "2 of 2 values, ",
         ),
+        (lambda: lg.bifurcation(PENDULUM, "c", [0.1, 0.2], progress=True), "1 of 3 values, "),
     ],
 )
 def test_each_picture_of_dynamics_shows_how_far_it_is(call: Any, last: str, display: Display) -> None:

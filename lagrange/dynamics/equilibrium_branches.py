@@ -1,0 +1,182 @@
+"""Branches of equilibria: each is followed along a parameter, with its eigenvalues and its stability.
+
+Formulas of equilibria are evaluated at every value. Equilibria without formulas are searched numerically at three
+values, the first, a middle one and the last, and followed from there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import sympy
+
+from lagrange.dynamics.axes import angles, difference
+from lagrange.dynamics.runs import Report
+from lagrange.errors import StatementError, counted
+from lagrange.machine.backend import FloatArray
+from lagrange.machine.model import Model
+from lagrange.mechanics.equilibria import Equilibrium, equilibria
+from lagrange.mechanics.plain_form import number
+from lagrange.mechanics.stability import eigenvalue_path
+from lagrange.statement.statement import Statement
+from lagrange.trajectory.trajectory import Status
+
+SAME = 1e-6
+"""Distance below which two equilibria are the same, relative to the larger of 1 and their size."""
+
+
+@dataclass(frozen=True, eq=False)
+class EquilibriumBranch:
+    """An equilibrium along a parameter: `coordinates` (k, n) and `eigenvalues` (k, 2n), NaN where it does not exist.
+
+    `values` (k,) are those of the parameter, with additional ones where a formula begins or ceases to hold. `formula`
+    has the coordinates as expressions; it is empty if they were found numerically. `stable` (k,) is 1 where no
+    eigenvalue has a positive real part, which is necessary for stability, 0 where one has, and NaN elsewhere.
+    """
+
+    values: FloatArray
+    coordinates: FloatArray
+    eigenvalues: FloatArray
+    formula: dict[Any, Any]
+
+    @property
+    def stable(self) -> FloatArray:
+        """Stability, (k,): 1 if no eigenvalue has a positive real part, 0 if one has, NaN without an equilibrium."""
+        size = np.abs(self.eigenvalues).max(axis=1)
+        found = (self.eigenvalues.real.max(axis=1) <= 1e-6 * size).astype(float)
+        return np.where(np.isfinite(size), found, np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class BranchesData:
+    """The branches of equilibria at values (k,) of a parameter; `axis` is the coordinate that is drawn."""
+
+    statement: Statement
+    parameter: str
+    values: FloatArray
+    branches: tuple[EquilibriumBranch, ...]
+    axis: str
+    status: Status
+    message: str
+
+
+TIP = 12
+"""Number of values added beside a value at which a formula begins to hold."""
+
+
+def equilibrium_branches(
+    model: Model, parameter: str, values: FloatArray, progress: Report | None = None
+) -> BranchesData:
+    """Return the equilibria along a parameter; see `lagrange.bifurcation`. Raises StatementError if none is found.
+
+    The other parameters have the default values of `model`.
+    """
+    statement = model.statement
+    symbol = next(p for p in statement.parameters if p.name == parameter)
+    anchors = list(dict.fromkeys((0, len(values) // 2, len(values) - 1)))
+    made: list[EquilibriumBranch] = []
+    interrupted, refusal = False, ""
+    turns = angles(statement)
+    try:
+        for done, anchor in enumerate(anchors):
+            known = model.with_defaults({symbol: float(values[anchor])})
+            try:
+                places = equilibria(known.statement, None, known)
+            except StatementError as error:
+                refusal = str(error)
+                continue
+            for place in places:
+                _add(made, place, known, (parameter, values, anchor), turns)
+            if progress is not None:
+                progress(float(done + 1))
+            if all(place.exact for place in places):
+                break
+    except KeyboardInterrupt:
+        interrupted = True
+    if not made and not interrupted:
+        raise StatementError(refusal or f"{statement.name} has no equilibrium at these values of {parameter}.")
+    words = f"{counted(len(made), 'branch')} of equilibria.".replace("branchs", "branches")
+    return BranchesData(
+        statement=statement,
+        parameter=parameter,
+        values=values,
+        branches=tuple(made),
+        axis=_axis(statement, made),
+        status=Status.INTERRUPTED if interrupted else Status.SUCCESS,
+        message=f"interrupted: {words[:-1]} are there, and kept." if interrupted else words,
+    )
+
+
+def _add(
+    made: list[EquilibriumBranch],
+    place: Equilibrium,
+    model: Model,
+    along: tuple[str, FloatArray, int],
+    turns: tuple[bool, ...],
+) -> None:
+    """Follow an equilibrium in both directions from a value, unless it already belongs to a branch."""
+    statement, (parameter, values, anchor) = model.statement, along
+    n = len(statement.coordinates)
+    if place.exact:
+        values = _with_ends(place, statement, parameter, values)
+    coordinates = np.full((len(values), n), np.nan)
+    eigenvalues = np.full((len(values), 2 * n), complex("nan"))
+    ways = [np.arange(len(values))] if place.exact else [np.arange(anchor, len(values)), np.arange(anchor, -1, -1)]
+    for way in ways:
+        try:
+            path = eigenvalue_path(statement, parameter, values[way], place.at, model)
+        except StatementError as error:
+            if statement.constraints:
+                raise StatementError(str(error)) from error
+            continue
+        coordinates[way], eigenvalues[way] = path.equilibria, path.eigenvalues
+    if not np.isfinite(coordinates).any():
+        return
+    for other in made:
+        if len(other.values) != len(values) or (other.values != values).any():
+            continue
+        both = np.isfinite(other.coordinates).all(axis=1) & np.isfinite(coordinates).all(axis=1)
+        apart = np.abs(difference(other.coordinates[both], coordinates[both], turns))
+        alone = np.isfinite(coordinates).all(axis=1) & ~np.isfinite(other.coordinates).all(axis=1)
+        if both.any() and not alone.any() and (apart <= SAME * (1 + np.abs(coordinates[both]))).all():
+            return
+    made.append(EquilibriumBranch(values, coordinates, eigenvalues, dict(place.coordinates) if place.exact else {}))
+
+
+def _with_ends(place: Equilibrium, statement: Statement, parameter: str, values: FloatArray) -> FloatArray:
+    """Return the values of a parameter, with more values where a formula begins or ceases to be real.
+
+    A branch may begin with an infinite slope, as a square root does. So distances from that value grow as squares.
+    """
+    known = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
+    chosen = next(p for p in statement.parameters if p.name == parameter)
+
+    def exists(value: float) -> bool:
+        found = [number(x, {**known, chosen: sympy.Rational(value)}) for x in place.at.values()]
+        return all(x == x and abs(x.imag) < 1e-12 for x in found)
+
+    real = [exists(value) for value in values.tolist()]
+    more = []
+    for a, b, before, after in zip(values[:-1].tolist(), values[1:].tolist(), real[:-1], real[1:], strict=True):
+        if before is after:
+            continue
+        outside, inside = (a, b) if after else (b, a)
+        for _ in range(50):
+            middle = outside + (inside - outside) / 2
+            outside, inside = (outside, middle) if exists(middle) else (middle, inside)
+        rest = b if after else a
+        more += (inside + (rest - inside) * np.linspace(0.0, 1.0, TIP, endpoint=False) ** 2).tolist()
+    order = 1 if values[-1] >= values[0] else -1
+    return np.array(sorted({*values.tolist(), *more}, key=lambda value: order * value))
+
+
+def _axis(statement: Statement, made: Sequence[EquilibriumBranch]) -> str:
+    """Return the coordinate in which the branches differ most."""
+    if not made:
+        return statement.names[0]
+    whole = np.concatenate([branch.coordinates for branch in made])
+    whole = whole[np.isfinite(whole).all(axis=1)]
+    return statement.names[int(np.argmax(np.ptp(whole, axis=0)))]
