@@ -145,8 +145,6 @@ def test_reading_runs_imports_opens_and_spawns_nothing(tmp_path: Path) -> None:
     opened = [argument for event, argument in answer["events"] if event == "open"]
     assert opened == [path[:80] for path in [*scenes, str(hostile)]]
     others = {event for event, _ in answer["events"]} - {"open"}
-    # ast.parse compiles to a tree, not to code; SymPy looks at the identity of objects, and at its own methods
-    assert others <= {"compile", "builtins.id", "object.__getattr__"}
-    sources = [argument for event, argument in answer["events"] if event == "compile"]
-    assert all(source.startswith(("b'(", "(")) for source in sources)
+    # SymPy looks at the identity of objects, and at its own methods
+    assert others <= {"builtins.id", "object.__getattr__"}
     assert not canary.exists()

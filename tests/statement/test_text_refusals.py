@@ -72,8 +72,8 @@ REFUSALS = {
     "sin()": (5, "a value is missing before ')'."),
     "2*(x + y": (3, "'(' is never closed: add ')'."),
     "x)": (2, "')' closes nothing: remove it, or add '(' before."),
-    "x if y < 1": (1, "an 'if' has no 'else': write a condition as in a if x < 0 else b."),
-    "(x if y < 1) + 2": (1, "an 'if' has no 'else'"),
+    "x if y < 1": (3, "an 'if' has no 'else': write a condition as in a if x < 0 else b."),
+    "(x if y < 1) + 2": (4, "an 'if' has no 'else'"),
     "x else y": (3, "'else' has no 'if'"),
     # numbers
     "2j*x": (1, "2j is a complex number: energies and forces are real."),
@@ -93,7 +93,7 @@ REFUSALS = {
     "max(" + ",".join("x" * 17) + ")": (1, "max takes 1 to 16 arguments, not 17."),
     "x < y": (1, "a comparison has no value of its own: write a condition as in a if x < 0 else b."),
     "1 if x else 2": (1, "a condition compares two values: write it as in a if x < 0 else b."),
-    "1 if (1 if x < 2 else 3) < 2 else 3": (1, "a condition cannot compare a value that has conditions itself."),
+    "1 if (1 if x < 2 else 3) < 2 else 3": (6, "a condition cannot compare a value that has conditions itself."),
     "x" + " if x < 1 else y" * 33: (1, "a condition has at most 32 branches."),
     "x if 0<x<1 else " * 5 + "y": (1, "more than 4 chained comparisons in a row lead to the same value."),
     # what has no value
@@ -113,10 +113,6 @@ REFUSALS = {
     "(" * 65 + "x" + ")" * 65: (65, "the expression is nested more than 64 deep: state it in parts."),
     "-" * 65 + "x": (65, "nested more than 64 deep"),
     "x**" * 65 + "x": (194, "nested more than 64 deep"),
-    "x" + " if x < 1 else x" * 65: (1027, "nested more than 64 deep"),
-    "x+" * 4999 + "x": (4402, "more than 2200 terms or factors follow each other: group them with parentheses."),
-    "x*" * 2300 + "x": (4402, "more than 2200 terms or factors follow each other"),
-    "x+" * 1500 + "(" + "x/" * 1500 + "x)": (4403, "more than 2200 terms or factors follow each other"),
     "9**9**9": (1, "the exponent 3.8742e+08 is out of bounds: at most 1000 in size."),
     "x**1e9": (1, "the exponent 1e+09 is out of bounds"),
     "(x**999)**2": (1, "the exponent 1998 is out of bounds"),
@@ -127,7 +123,7 @@ REFUSALS = {
     "(2*x)**1000": (1, "an exact number here is longer than 77 digits"),
     "tanh(" + "sqrt(1 + " * 6 + "x" + ")" * 7: (1, "the argument of tanh has more than 5 parts that may be complex"),
     "abs(" + "+".join(f"1/(x+{i})" for i in range(99)) + ")": (1, "more than 200 parts in the argument of abs"),
-    "x if " + "+".join(f"x**{i}" for i in range(99)) + " < 1 else y": (1, "more than 200 parts in the compared values"),
+    "x if " + "+".join(f"x**{i}" for i in range(99)) + " < 1 else y": (6, "more than 200 parts in the compared values"),
     "min(" + ",".join(f"sin(x+{i}*y) + cos(x-{i}*m) + k" for i in range(16)) + ")": (
         1,
         "there are more than 200 parts in the arguments of min: write something shorter.",
@@ -154,29 +150,9 @@ def test_only_a_text_is_read(value: Any) -> None:
         read_expression(value, NAMES)
 
 
-@pytest.mark.parametrize(
-    "node", ["[x]", "x.y", "lambda: x", "x or y", "'x'", "~x", "x % y", "1j", "f(x)", "sin(a=x)", "z"]
-)
-def test_the_tree_is_checked_even_if_the_scanner_lets_something_through(
-    node: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("lagrange.statement.scene.lexer.scan", lambda *_, **__: None)
-    with pytest.raises(SceneError, match=r"cannot stand in|is not a function here|is called by its name|not declared"):
-        read_expression(node, NAMES)
-
-
-def test_what_is_too_deep_for_the_parser_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    def overflow(*_: Any, **__: Any) -> None:
-        raise RecursionError
-
-    monkeypatch.setattr("lagrange.statement.scene.expressions.ast.parse", overflow)
-    assert refusal("x")[1] == "the expression is too long: state it in parts, or group it with parentheses."
-
-
-def test_what_the_parser_refuses_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("lagrange.statement.scene.lexer.scan", lambda *_, **__: None)
-    with pytest.raises(SceneError, match="this is not an expression"):
-        read_expression("x +", NAMES)
+def test_what_nests_too_deeply_for_python_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("lagrange.statement.scene.expressions.DEEPEST", 10_000)
+    assert refusal("(" * 2000 + "x" + ")" * 2000)[1].startswith("the expression is nested too deeply")
 
 
 def test_the_attacks_are_refused_whatever_is_declared() -> None:
@@ -186,7 +162,6 @@ def test_the_attacks_are_refused_whatever_is_declared() -> None:
 
 
 def test_no_warning_is_shown() -> None:
-    # ast.parse warns of 1if; the scanner refuses it before that
     assert refusal("1if x < 2 else 3")[0] == 1
 
 

@@ -36,9 +36,8 @@ from lagrange.statement.number import printable, real_number
 from lagrange.statement.parameters import rate_name
 from lagrange.statement.rotation import Rotation, forces_on_coordinates, rotation_of, shorthands
 from lagrange.statement.run_settings import RunSettings
-from lagrange.statement.scene.expressions import Expressions, read_number
+from lagrange.statement.scene.expressions import MULTIPLIER, Expressions, read_number
 from lagrange.statement.scene.guard import RefusalError
-from lagrange.statement.scene.lexer import MULTIPLIER
 from lagrange.statement.scene.toml_document import LARGEST_FILE, LARGEST_STORED, Document, dotted, kind_of
 from lagrange.statement.scene.unevaluated import UnevaluatedExpressions
 from lagrange.statement.statement import KINDS, REDUNDANT, REFUSE, Link, Statement

@@ -13,7 +13,8 @@ from sympy.logic.boolalg import ITE, And, BooleanAtom, Not, Or
 
 from lagrange.errors import formula
 from lagrange.statement.scene.guard import RefusalError
-from lagrange.statement.scene.lexer import FLOAT, LONGEST, LONGEST_CHAIN, PRODUCT, SUM
+from lagrange.statement.scene.lexer import LONGEST
+from lagrange.statement.scene.unevaluated import FLOAT, PRODUCT, SUM
 from lagrange.statement.vocabulary.words import WORDS
 
 SHARED = 40
@@ -23,7 +24,7 @@ LONG_PART = 400
 """Most characters of a part inside another one. A longer part has a definition."""
 
 DEEP = 12
-"""Most levels of a part; each has at most four of the `lexer.DEEPEST` levels. A deeper part has a definition."""
+"""Most levels of a part; each has at most four of the `expressions.DEEPEST` levels. A deeper part has a definition."""
 
 IF, TERM, FACTOR, BASE, ATOM = range(5)
 """Binding strength of the outermost operation of a text, weakest first."""
@@ -138,7 +139,7 @@ class SharedText:
         for term, part in zip(node.args[1:], parts[1:], strict=True):
             minus = part.text.startswith("-") and _is_signed(term, part)
             text += f" - {part.text[1:]}" if minus else f" + {part.at(FACTOR)}"
-        if len(text) > LONGEST or len(parts) > LONGEST_CHAIN // 2:
+        if len(text) > LONGEST:
             return self._listed(SUM, parts)
         return self._joined(parts, text, TERM)
 
@@ -157,7 +158,7 @@ class SharedText:
                 return self._listed(PRODUCT, parts)
         else:
             factors.insert(0, number)
-        if factors[0] == 1 or isinstance(factors[0], sympy.Mul) or len(node.args) > LONGEST_CHAIN // 2:
+        if factors[0] == 1 or isinstance(factors[0], sympy.Mul):
             return self._listed(PRODUCT, parts)
         first = factors[0]
         head = _number(first) if isinstance(first, sympy.Number) else self._part(first)

@@ -6,9 +6,7 @@ might also take too long for the expressions of a stranger.
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -17,10 +15,24 @@ from sympy.core.relational import Relational
 from sympy.functions.elementary.piecewise import ExprCondPair
 from sympy.logic.boolalg import ITE, And, BooleanAtom, BooleanFunction, Not, Or
 
-from lagrange.statement.scene import lexer
-from lagrange.statement.scene.expressions import COMPARISONS, PREDEFINED_VALUES, ParsedValue, Plan, Reader, spine
+from lagrange.statement.scene.expressions import (
+    COMPARISONS,
+    MULTIPLIER,
+    NO_VALUE,
+    PREDEFINED_VALUES,
+    Branch,
+    Expressions,
+    ParsedValue,
+    Reader,
+    check_arity,
+    term_of,
+)
 from lagrange.statement.scene.guard import Guard, RefusalError, check_arguments, check_power
+from lagrange.statement.scene.lexer import refuse
 from lagrange.statement.vocabulary.words import SYMPY_CLASSES, FunctionWord
+
+SUM, PRODUCT, FLOAT = "sum", "product", "float"
+"""Calls beside those of functions; a name before a parenthesis is always a call."""
 
 MOST_EXPONENT, MOST_PRECISION = 2000, 1000
 """Limits on the exponent of two, and on the bits, of a number in the notation float(mantissa, exponent, bits)."""
@@ -60,17 +72,14 @@ class UnevaluatedGuard(Guard):
             self._computed.add(node)
 
 
-class UnevaluatedExpressions:
+class UnevaluatedExpressions(Expressions):
     """Reader of the unevaluated expressions of one file; `replaced` are the leaves that `UnevaluatedGuard` watches."""
 
     def __init__(self, names: Mapping[str, Any], replaced: Iterable[Any] = (), calls: Collection[str] = ()) -> None:
         self.names = {**names, **PREDEFINED_VALUES}
-        self.calls = lexer.UNEVALUATED_CALLS.union(calls)
+        self.calls = frozenset((MULTIPLIER, SUM, PRODUCT, FLOAT, *calls))
         self.guard = UnevaluatedGuard(replaced)
-
-    def define(self, name: str, text: str) -> None:
-        """Enter the name of the expression or condition that a text states, for the texts that follow."""
-        self.names[name] = self.built(text).expression
+        self.constants = {}
 
     def enter(self, name: str, expression: Any) -> None:
         """Enter the name of an expression that is not stated by a text, such as a table."""
@@ -80,159 +89,126 @@ class UnevaluatedExpressions:
         """Return the expression that a text states. Raises SceneError with the column."""
         expression = self.built(text).expression
         if not isinstance(expression, sympy.Expr):
-            lexer.refuse("this is a condition, which has no value: write a if condition else b.", 0)
+            refuse(f"{NO_VALUE}.", 0)
         return expression
 
     def built(self, text: str) -> ParsedValue:
-        """Return the value of a text."""
-        lexer.scan(text, self.names, calls=self.calls, unevaluated=True)
-        return UnevaluatedReader(text, self.names, self.guard, {}, self.calls).read()
+        """Return the value of a text, which may be a condition."""
+        return UnevaluatedReader(text, self.names, self.guard, self.constants, self.calls).read()
 
 
 class UnevaluatedReader(Reader):
     """Builds one expression. `a/b` of whole numbers is a fraction, `1/x` a power, and `x - 2*y` has the term `-2*y`."""
 
-    def __init__(
-        self,
-        text: str,
-        names: Mapping[str, Any],
-        guard: UnevaluatedGuard,
-        constants: Mapping[str, float],
-        calls: Collection[str] = (),
-    ) -> None:
-        super().__init__(text, names, guard, constants, calls)
-        self.branched = guard.branched
-        self.plans |= {ast.BoolOp: self._logic, ast.Compare: self._comparison}
+    unevaluated = True
+    guard: UnevaluatedGuard
+
+    def logic(self) -> ParsedValue:
+        """Return a condition with and, or and not, or a value."""
+        start, sums, parts = self.token.offset, list[ParsedValue](), list[ParsedValue]()
+        while True:
+            where, negations = self.token.offset, 0
+            while self.at("not", kind="word"):
+                self.take()
+                negations += 1
+            part = self.comparison()
+            for _ in range(negations):
+                part = self.built(where, lambda part=part: ParsedValue(Not(_condition_of(part), evaluate=False)))
+            parts.append(part)
+            if self.at("and", kind="word"):
+                self.take()
+                continue
+            sums.append(self.joined(start, And, parts))
+            if not self.at("or", kind="word"):
+                return self.joined(start, Or, sums)
+            self.take()
+            parts = []
+
+    def joined(self, start: int, build: Any, parts: Sequence[ParsedValue]) -> ParsedValue:
+        """Return the conjunction or disjunction of conditions, or a single part as it is."""
+        if len(parts) == 1:
+            return parts[0]
+        return self.built(start, lambda: ParsedValue(build(*map(_condition_of, parts), evaluate=False)))
+
+    def atom(self) -> ParsedValue:
+        """Return the value of an atom, which may be True or False."""
+        if self.at("True", "False", kind="word"):
+            return ParsedValue(sympy.true if self.take().text == "True" else sympy.false)
+        return super().atom()
 
     def _checked(self, value: ParsedValue) -> ParsedValue:
         self.guard.check(value.expression)
         return value
 
-    def _constant(self, node: ast.Constant) -> Plan:
-        if isinstance(node.value, bool):
-            truth = sympy.true if node.value else sympy.false
-            return [], lambda _: ParsedValue(truth)
-        if type(node.value) not in (int, float):
-            raise RefusalError("write a real number here")
-        number = sympy.Integer(node.value) if isinstance(node.value, int) else sympy.Float(node.value)
-        return [], lambda _: ParsedValue(number)
+    def _number(self, text: str) -> ParsedValue:
+        if text.isdigit():
+            return ParsedValue(sympy.Integer(int(text)), literal=True)
+        return ParsedValue(sympy.Float(float(text)))
 
-    def _sign(self, node: ast.UnaryOp) -> Plan:
-        if isinstance(node.op, ast.Not):
-            return [node.operand], lambda parts: ParsedValue(Not(_condition_of(parts[0]), evaluate=False))
-        if isinstance(node.op, ast.USub):
-            return [node.operand], lambda parts: ParsedValue(_negated(_term_of(parts[0])))
-        return super()._sign(node)
+    def _summed(self, straight: Sequence[bool], parts: Sequence[ParsedValue]) -> ParsedValue:
+        terms = map(term_of, parts)
+        signed = (term if plus else _negated(term) for term, plus in zip(terms, straight, strict=True))
+        return ParsedValue(sympy.Add(*signed, evaluate=False))
 
-    def _operation(self, node: ast.BinOp) -> Plan:
-        if isinstance(node.op, (ast.Add, ast.Sub)):
-            terms, straight = spine(node, ast.Add, ast.Sub)
-            return terms, partial(_sum, straight)
-        if isinstance(node.op, ast.Pow):
-            return [node.left, node.right], lambda parts: ParsedValue(_power(*map(_term_of, parts)))
-        if not isinstance(node.op, (ast.Mult, ast.Div)):
-            return super()._operation(node)
-        if ratio := _ratio(node):
-            return [], lambda _: ParsedValue(ratio)
-        if isinstance(node.op, ast.Div) and isinstance(node.left, ast.Constant) and node.left.value == 1:
-            return [node.right], lambda parts: ParsedValue(_power(_term_of(parts[0]), sympy.S.NegativeOne))
-        factors, straight = spine(node, ast.Mult, ast.Div, stop=_ratio)
-        negative = isinstance(factors[0], ast.UnaryOp) and isinstance(factors[0].op, ast.USub)
-        if isinstance(factors[0], ast.UnaryOp):
-            factors[0] = factors[0].operand
-        return factors, partial(_product, straight, negative)
+    def _multiplied(self, negative: bool, straight: Sequence[bool], parts: Sequence[ParsedValue]) -> ParsedValue:
+        first, *terms = map(term_of, parts)
+        divisors = [not times for times in straight[1:]]
+        if divisors and divisors[0] and parts[0].literal and parts[1].literal and terms[0]:
+            first, terms, divisors = sympy.Rational(first, terms[0]), terms[1:], divisors[1:]
+        elif divisors == [True] and first == 1 and parts[0].literal and not negative:
+            return ParsedValue(_power(terms[0], sympy.S.NegativeOne))
+        factors = [_power(x, sympy.S.NegativeOne) if below else x for x, below in zip(terms, divisors, strict=True)]
+        product = sympy.Mul(first, *factors, evaluate=False) if factors else first
+        return ParsedValue(_negated(product) if negative else product)
 
-    def _call(self, node: ast.Call) -> Plan:
-        match node:
-            case ast.Call(func=ast.Name(id="exp"), args=[ast.Constant(value=1)], keywords=[]):
-                return [], lambda _: ParsedValue(sympy.E)
-        return super()._call(node)
+    def _raised(self, base: ParsedValue, exponent: ParsedValue) -> ParsedValue:
+        return ParsedValue(_power(term_of(base), term_of(exponent)))
 
-    def _other_call(self, name: str, arguments: list[ast.expr]) -> Plan:
-        if name == lexer.FLOAT:
-            number = _binary_number(arguments)
-            return [], lambda _: ParsedValue(number)
-        if name in (lexer.SUM, lexer.PRODUCT):
-            build = sympy.Add if name == lexer.SUM else sympy.Mul
-            return list(arguments), lambda parts: ParsedValue(build(*map(_term_of, parts), evaluate=False))
-        return super()._other_call(name, arguments)
-
-    def _apply(self, word: FunctionWord, parts: list[ParsedValue]) -> ParsedValue:
-        arguments = [_term_of(part) for part in parts]
+    def _applied(self, word: FunctionWord, parts: Sequence[ParsedValue]) -> ParsedValue:
+        """Return the function of the parts; exp(1) is the constant E."""
+        check_arity(word, len(parts))
+        arguments = list(map(term_of, parts))
+        if word.build is sympy.exp and parts[0].literal and arguments == [1]:
+            return ParsedValue(sympy.E)
         options = {"evaluate": False} if word.build in SYMPY_CLASSES or word.build is sympy.sqrt else {}
         return ParsedValue(word.build(*arguments, **options))
 
-    def _condition(self, node: ast.IfExp) -> Plan:
-        """Plan `a if x < 0 else b`: value and condition of each branch, then the last value, which None leaves out."""
-        parts: list[ast.expr] = []
-        last: ast.expr = node
-        while isinstance(last, ast.IfExp):
-            parts += [last.body, last.test]
-            last = last.orelse
-        if not (isinstance(last, ast.Constant) and last.value is None):
-            parts.append(last)
-        return parts, self._branches
+    def _other_call(self, name: str, parts: Sequence[ParsedValue]) -> ParsedValue:
+        """Return a number in binary, a sum or product inside another one, or a function that is not written out."""
+        arguments = list(map(term_of, parts))
+        if name == FLOAT:
+            return ParsedValue(_binary_number(arguments))
+        if name in (SUM, PRODUCT):
+            build = sympy.Add if name == SUM else sympy.Mul
+            return ParsedValue(build(*arguments, evaluate=False))
+        return ParsedValue(sympy.Function(name)(*arguments))
 
-    def _branches(self, parts: list[ParsedValue]) -> ParsedValue:
-        """Join values and conditions, laid out by `_condition`, into a Piecewise, or into ITE for values of logic."""
-        count = len(parts) // 2
-        conditions = [_condition_of(part) for part in parts[1 : 2 * count : 2]]
-        if any(condition in self.branched for condition in conditions):  # SymPy would rewrite it
+    def _branches(self, branches: Sequence[Branch], last: ParsedValue | None) -> ParsedValue:
+        """Return a Piecewise, or ITE for values of logic."""
+        conditions = [_condition_of(condition) for _, condition in branches]
+        if any(condition in self.guard.branched for condition in conditions):  # SymPy would rewrite it
             raise RefusalError("a condition cannot compare a value that has conditions itself")
-        if isinstance(parts[0].expression, _CONDITIONS):
-            if len(parts) != 3:
+        first = branches[0][0].expression
+        if isinstance(first, _CONDITIONS):
+            if last is None or len(branches) > 1:
                 raise RefusalError("a condition that depends on another has the form a if b else c")
-            return ParsedValue(ITE(conditions[0], parts[0].expression, _condition_of(parts[2]), evaluate=False))
-        values = [_term_of(part) for part in parts[: 2 * count : 2]]
+            return ParsedValue(ITE(conditions[0], first, _condition_of(last), evaluate=False))
+        values = [term_of(value) for value, _ in branches]
         pairs = [ExprCondPair(value, condition) for value, condition in zip(values, conditions, strict=True)]
-        if len(parts) % 2:
-            pairs.append(ExprCondPair(_term_of(parts[-1]), sympy.true))
+        pairs += [] if last is None else [ExprCondPair(term_of(last), sympy.true)]
         return ParsedValue(sympy.Piecewise(*pairs, evaluate=False))
 
-    def _logic(self, node: ast.BoolOp) -> Plan:
-        build = And if isinstance(node.op, ast.And) else Or
-        return list(node.values), lambda parts: ParsedValue(build(*map(_condition_of, parts), evaluate=False))
-
-    def _comparison(self, node: ast.Compare) -> Plan:
-        """Plan a comparison, or a chain such as 0 < x < 1, which is the conjunction of its relations."""
-        comparisons: list[Any] = [COMPARISONS.get(type(op)) for op in node.ops]
-
-        def join(parts: list[ParsedValue]) -> ParsedValue:
-            relations = []
-            for compare, (left, right) in zip(comparisons, pairwise(map(_term_of, parts)), strict=True):
-                if compare is None:
-                    raise RefusalError("values compare with < <= > >= == != only")
-                relations.append(compare(left, right, evaluate=False))
-            return ParsedValue(relations[0] if len(relations) == 1 else And(*relations, evaluate=False))
-
-        return [node.left, *node.comparators], join
-
-
-def _term_of(value: ParsedValue) -> Any:
-    if not isinstance(value.expression, sympy.Expr):
-        raise RefusalError("a condition cannot stand where a number is expected: write a if condition else b")
-    return value.expression
+    def _compared(self, signs: Sequence[str], parts: Sequence[ParsedValue]) -> ParsedValue:
+        """Return the condition of a comparison, or of a chain such as 0 < x < 1, the conjunction of its relations."""
+        pairs = zip(signs, pairwise(map(term_of, parts)), strict=True)
+        relations = [COMPARISONS[sign](left, right, evaluate=False) for sign, (left, right) in pairs]
+        return ParsedValue(relations[0] if len(relations) == 1 else And(*relations, evaluate=False))
 
 
 def _condition_of(value: ParsedValue) -> Any:
     if not isinstance(value.expression, _CONDITIONS):
         raise RefusalError("a condition compares two values: write it as in a if x < 0 else b")
     return value.expression
-
-
-def _ratio(node: ast.expr) -> Any:
-    """Return the fraction that a node such as 1/2 or -3/4 states, None for any other node."""
-    match node:
-        case ast.BinOp(op=ast.Div(), left=ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int(above)))):
-            above = -above
-        case ast.BinOp(op=ast.Div(), left=ast.Constant(value=int(above))):
-            pass
-        case _:
-            return None
-    match node.right:
-        case ast.Constant(value=int(below)) if below:
-            return sympy.Rational(above, below)
-    return None
 
 
 def _negated(term: Any) -> Any:
@@ -254,30 +230,11 @@ def _power(base: Any, exponent: Any) -> Any:
     return sympy.Pow(base, exponent, evaluate=False)
 
 
-def _sum(straight: Sequence[bool], parts: list[ParsedValue]) -> ParsedValue:
-    terms = [_term_of(part) if plus else _negated(_term_of(part)) for part, plus in zip(parts, straight, strict=True)]
-    return ParsedValue(sympy.Add(*terms, evaluate=False))
-
-
-def _product(straight: Sequence[bool], negative: bool, parts: list[ParsedValue]) -> ParsedValue:
-    terms = map(_term_of, parts)
-    factors = [x if times else _power(x, sympy.S.NegativeOne) for x, times in zip(terms, straight, strict=True)]
-    product = sympy.Mul(*factors, evaluate=False)
-    return ParsedValue(_negated(product) if negative else product)
-
-
-def _binary_number(arguments: list[ast.expr]) -> Any:
+def _binary_number(numbers: Sequence[Any]) -> Any:
     """Return the number mantissa * 2**exponent of that many bits."""
-    numbers: list[int] = []
-    for argument in arguments:
-        match argument:
-            case ast.Constant(value=int(number)):
-                numbers.append(number)
-            case ast.UnaryOp(op=ast.USub(), operand=ast.Constant(value=int(number))):
-                numbers.append(-number)
-    if len(numbers) != 3 or len(arguments) != 3:
+    if len(numbers) != 3 or not all(isinstance(number, sympy.Integer) for number in numbers):
         raise RefusalError("float takes three whole numbers: mantissa, exponent of two, and bits")
-    mantissa, exponent, precision = numbers
+    mantissa, exponent, precision = map(int, numbers)
     if not (abs(exponent) <= MOST_EXPONENT and 0 < precision <= MOST_PRECISION):
         raise RefusalError(f"a number with the exponent {exponent} and {precision} bits is out of bounds")
     return sympy.Float(sympy.Integer(mantissa) * sympy.Integer(2) ** exponent, precision=precision)

@@ -16,8 +16,8 @@ from lagrange.statement.event import Event
 from lagrange.statement.given.motion import TabulatedFunction, motion_of, table_of
 from lagrange.statement.parameters import label_of, rate_name
 from lagrange.statement.rotation import rotation_of
+from lagrange.statement.scene.expressions import MULTIPLIER
 from lagrange.statement.scene.guard import RefusalError
-from lagrange.statement.scene.lexer import MULTIPLIER
 from lagrange.statement.scene.scene_reader import MOST_RATES, NO_SIGN, OPEN
 from lagrange.statement.scene.shared_text import SharedText
 from lagrange.statement.statement import REFUSE, ROD, Statement
