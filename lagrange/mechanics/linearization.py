@@ -31,14 +31,11 @@ from lagrange.graph.node import Binding, Node
 from lagrange.graph.rebuild import substitute
 from lagrange.machine.model import Model, Stated
 from lagrange.mechanics.expansion import StatedPoint, edges, stated_point, with_inputs_as_parameters
-from lagrange.mechanics.plain_form import PlainForm, numeric, simplest
+from lagrange.mechanics.plain_form import in_decimals, in_fractions, numeric, simplest
 from lagrange.statement.coordinate import t
 from lagrange.statement.given.function import require_values
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
-
-INFINITE = (sympy.nan, sympy.zoo, sympy.oo, sympy.AccumBounds)
-"""SymPy's results for an expression without a finite value."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,79 +159,9 @@ def linearized_at(point: StatedPoint) -> Linearization:
 
     `System.linearize` describes the arguments.
     """
-    if point.form.statement.constraints:
-        return _constrained(point)
-    form = point.form
-    rest = [simplest(r.xreplace(dict.fromkeys(form.a, sympy.S.Zero)).xreplace(point.table)) for r in point.residuals]
-    mass = _matrix(form.a, point)
-    still = dict.fromkeys(form.a, sympy.S.Zero)
-    damping, stiffness = (_matrix(symbols, point, still) for symbols in (form.v, form.q))
-    if any(x.has(*INFINITE) for x in (*rest, *mass, *damping, *stiffness)):
-        raise StatementError(
-            f"the forces of {form.statement.name}, or their derivatives, have no value at {point.where}: choose "
-            "another point, or coordinates that are regular at it."
-        )
-    balanced = all(point.is_zero(r, stiffness) for r in rest)
-    here = still
-    if not balanced:
-        here = dict(zip(form.a, _accelerations(form, mass, rest), strict=True))
-        damping, stiffness = (_matrix(symbols, point, here) for symbols in (form.v, form.q))
-    steady = all(
-        speed == 0 or all(point.is_zero(x, ()) for x in (*stiffness[:, i], *stiffness[i, :]))
-        for i, speed in enumerate(point.v)
-    )
-    eye = sympy.eye(len(form.q))
-    return Linearization(
-        coordinates=form.statement.coordinates,
-        velocity_coordinates=form.statement.coordinates,
-        at=_at(point),
-        M=mass,
-        C=damping,
-        K=stiffness,
-        inputs=tuple(point.inputs),
-        input_matrix=-_matrix(tuple(point.inputs), point, here),
-        basis=eye,
-        velocity_basis=eye,
-        velocity_slope=sympy.zeros(*eye.shape),
-        equilibrium=balanced and steady,
-        note=_note(point, [-r for r in rest], form.statement.names, balanced, steady),
-        statement=point.form.statement,
-    )
-
-
-def _matrix(symbols: Sequence[Any], point: StatedPoint, here: Mapping[Any, Any] | None = None) -> Any:
-    """Return the Jacobian of the residuals with respect to `symbols` at the point, where `here` replaces symbols."""
-    moving, values = set(symbols), (here or {}, point.table)
-    residuals, free = point.residuals, [{x: y for x, y in table.items() if x not in moving} for table in values]
-    if all(moving.isdisjoint(value.free_symbols) for table in free for value in table.values()):
-        # Derivatives of the smaller expressions, with all other symbols replaced, take a tenth of the time.
-        residuals = tuple(r.xreplace(free[0]).xreplace(free[1]) for r in residuals)
-    rows = [[simplest(r.diff(x).xreplace(values[0]).xreplace(values[1])) for x in symbols] for r in residuals]
-    return sympy.Matrix(len(rows), len(symbols), [x for row in rows for x in row])
-
-
-def _accelerations(form: PlainForm, mass: Any, rest: Sequence[Any]) -> tuple[Any, ...]:
-    """Return the accelerations -M^-1 `rest` at a point that is not an equilibrium."""
-    determinant = simplest(mass.det(method="berkowitz"))
-    if determinant == 0:
-        raise StatementError(
-            f"the mass matrix of {form.statement.name} is singular at this point, which is not an equilibrium: its "
-            "accelerations are not determined there. Choose another point."
-        )
-    return tuple(simplest(-x / determinant) for x in mass.adjugate() * sympy.Matrix(rest))
-
-
-def _at(point: StatedPoint) -> Mapping[Any, Any]:
-    """Return the point in the user's symbols: coordinates, non-zero velocities, and inputs."""
-    statement = point.form.statement
-    places = dict(zip(statement.coordinates, point.q, strict=True))
-    speeds = {v: x for v, x in zip(statement.velocities, point.v, strict=True) if x != 0}
-    return MappingProxyType(places | speeds | dict(point.inputs))
-
-
-def _constrained(point: StatedPoint) -> Linearization:
-    """Return the linearization in independent coordinates, about a point on the constraints."""
     statement, parts = point.form.statement, expansion(point)
+    if any(x.has(sympy.Float) for x in (statement.lagrangian, statement.dissipation, *statement.forces)):
+        parts = parts.in_decimals()
     balanced = all(point.is_zero(x, parts.K) for x in parts.left)
     moving = [k for k, i in enumerate(parts.places) if point.v[i] != 0]
     rows = [k for k, i in enumerate(parts.speeds) if point.v[i] != 0]
@@ -256,6 +183,14 @@ def _constrained(point: StatedPoint) -> Linearization:
         note=_note(point, parts.left, [statement.names[i] for i in parts.speeds], balanced, steady),
         statement=statement,
     )
+
+
+def _at(point: StatedPoint) -> Mapping[Any, Any]:
+    """Return the point in the user's symbols: coordinates, non-zero velocities, and inputs."""
+    statement = point.form.statement
+    places = dict(zip(statement.coordinates, point.q, strict=True))
+    speeds = {v: x for v, x in zip(statement.velocities, point.v, strict=True) if x != 0}
+    return MappingProxyType(places | speeds | dict(point.inputs))
 
 
 def _note(point: StatedPoint, left: Sequence[Any], names: Sequence[str], balanced: bool, steady: bool) -> str:
@@ -371,13 +306,21 @@ class ConstrainedEquations:
     speeds: tuple[int, ...]
     left: tuple[Any, ...]
 
+    def in_decimals(self) -> ConstrainedEquations:
+        """Return the equations with decimals in place of long fractions."""
+        names = ("M", "C", "K", "input_matrix", "basis", "velocity_basis", "velocity_slope")
+        return replace(self, **{name: getattr(self, name).applyfunc(in_decimals) for name in names})
+
 
 class AtPoint:
     """Expressions and nodes of a system at a point."""
 
     def __init__(self, point: StatedPoint) -> None:
         self.point, self.form, self.statement = point, point.form, point.form.statement
-        self.equations = euler_lagrange(self.statement)
+        e = euler_lagrange(self.statement.mapped(in_fractions))
+        values = sorted(set().union(*(x.free_symbols for x in point.table.values())), key=str)
+        others = {s: e.graph.symbol(f"value {s.name}", Binding.PARAMETER) for s in values if s not in e.leaves}
+        self.equations = replace(e, leaves={**e.leaves, **others})
         self.n, graph = len(self.form.q), self.equations.graph
         self.a = [graph.symbol(f"acceleration {i}", Binding.ACCELERATION) for i in range(self.n)]
         e = self.equations
@@ -386,19 +329,27 @@ class AtPoint:
 
     def matrix(self, rows: Rows, columns: int) -> Any:
         """Return nodes as a matrix of expressions in parameters."""
-        nodes = substitute([x for row in rows for x in row], self.here)
+        try:
+            nodes = substitute([x for row in rows for x in row], self.here)
+        except StatementError:  # a pole at the point
+            raise self.no_value() from None
         return sympy.Matrix(len(rows), columns, [self._value(x) for x in nodes])
 
     def _value(self, node: Node) -> Any:
         found = self.equations.express(node)
-        if self.point.decimal:
+        if self.point.decimal and not found.is_Integer:
             found = sympy.Float(float(sympy.N(found, 30))) if found.is_number else sympy.N(found, 17)
         if found.has(sympy.nan, sympy.zoo, sympy.oo):
-            raise StatementError(
-                f"the forces or constraints of {self.statement.name}, or their derivatives, have no value at "
-                f"{self.point.where}: choose another point, or coordinates that are regular at it."
-            )
+            raise self.no_value()
         return self.short(found)
+
+    def no_value(self) -> StatementError:
+        """Return the error for a point at which a force, a constraint or a derivative of them has no value."""
+        what = "forces or constraints" if self.statement.constraints else "forces"
+        return StatementError(
+            f"the {what} of {self.statement.name}, or their derivatives, have no value at {self.point.where}: choose "
+            "another point, or coordinates that are regular at it."
+        )
 
     def short(self, given: Any) -> Any:
         """Return an expression in a short form, 0 where it vanishes."""
@@ -568,8 +519,8 @@ def _check(here: AtPoint) -> None:
 
 def _driven(here: AtPoint, mass: Any, left: Any) -> Any:
     """Return the accelerations that forces make of independent velocities."""
-    if left.is_zero_matrix:
-        return left
+    if left.is_zero_matrix or (here.point.decimal and all(here.point.is_zero(x, ()) for x in left)):
+        return sympy.zeros(*left.shape)
     if mass.has(sympy.Float):
         return mass.LUsolve(left)
     determinant = here.short(mass.det(method="berkowitz"))

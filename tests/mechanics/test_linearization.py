@@ -272,12 +272,12 @@ def test_a_key_of_thousands_of_digits_is_refused_in_a_sentence(name: str) -> Non
 
 @pytest.mark.parametrize("symbols", ["q", "inputs"])
 def test_a_wrong_linearization_is_found_by_number(monkeypatch: pytest.MonkeyPatch, symbols: str) -> None:
-    right = linearization._matrix
+    right = linearization.AtPoint.slopes
 
-    def wrong(given: Any, point: Any, here: Any = None) -> Any:
-        off = given == (point.form.q if symbols == "q" else tuple(point.inputs))
-        return right(given, point, here) * (1.001 if off else 1)
+    def wrong(self: Any, nodes: Any, leaves: Any) -> Any:
+        off = leaves is self.equations.q if symbols == "q" else len(leaves) == 1
+        return [[(1.001 if off else 1) * slope for slope in row] for row in right(self, nodes, leaves)]
 
-    monkeypatch.setattr(linearization, "_matrix", wrong)
+    monkeypatch.setattr(linearization.AtPoint, "slopes", wrong)
     with pytest.raises(RunError, match=r"the linearization of cart is wrong: a formula gives .* is compiled, at "):
         cart().linearize({theta: pi}, inputs=[u])
