@@ -106,15 +106,6 @@ class Report(ShownAsPage):
     def __repr__(self) -> str:
         return str(self)
 
-    def __rich__(self) -> Any:
-        from rich.console import Group
-        from rich.table import Table
-
-        table = Table(*HEADINGS, title=self.title(), title_justify="left")
-        for row in self.rows:
-            table.add_row(*row.cells(), style=None if row.holds else "bold red")
-        return Group(table, *self.remarks())
-
     def title(self) -> str:
         """Return the title: the system, the target and the number of points."""
         used = f"{len(self.points)} point" + "s" * (len(self.points) != 1)

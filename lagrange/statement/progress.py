@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import threading
 import time
@@ -17,13 +18,7 @@ SILENT_SECONDS = 2.0
 """Seconds before a line says that something is being compiled or derived."""
 
 LINES = "lines"
-"""Value of `progress` for lines instead of a bar where there is no terminal, as in a log file."""
-
-SECONDS_OF_A_LINE = 10.0
-"""Least time between two such lines, in seconds."""
-
-SECONDS_BETWEEN = 0.1
-"""Least time between two updates in a notebook, in seconds: each is a message to the browser."""
+"""Value of `progress` for lines instead of a bar where there is no terminal, as in a log file: one in ten seconds."""
 
 Report = Callable[[float], None]
 """Progress callback: time reached, or number of finished items."""
@@ -47,51 +42,114 @@ def deriving(name: str) -> AbstractContextManager[None]:
 
 
 @contextmanager
-def _announced(*words: str, wanted: bool) -> Iterator[None]:
+def _announced(doing: str, done: str, *, wanted: bool) -> Iterator[None]:
     """Show the first words after `SILENT_SECONDS` of work; in a notebook the second words replace them at the end."""
-    notebook = wanted and in_notebook()
-    if not notebook and not (wanted and _on_a_terminal()):
+    display = _display_of(wanted)
+    if display is None:
         yield
         return
-    done = threading.Event()
-    tell = _tell_notebook if notebook else _tell
-    teller = threading.Thread(target=tell, args=(words, done, time.perf_counter()), daemon=True)
+    ended, began = threading.Event(), time.perf_counter()
+
+    def tell() -> None:
+        pause = SILENT_SECONDS
+        while not ended.wait(pause):
+            display.show(ProgressState(f"{doing}: {time.perf_counter() - began:.0f} s"))
+            pause = 1.0
+
+    teller = threading.Thread(target=tell, daemon=True)
     teller.start()
     try:
         yield
     finally:
-        done.set()
+        ended.set()
         teller.join()
+        display.end(ProgressState(f"{done} in {time.perf_counter() - began:.1f} s"), stays=False)
 
 
-def _tell(words: tuple[str, ...], done: threading.Event, began: float) -> None:
-    """Rewrite one line on the terminal each second until the work is done, then erase it."""
-    line = ""
-    pause = SILENT_SECONDS
-    while not done.wait(pause):
-        line = f"{words[0]}: {time.perf_counter() - began:.0f} s"
-        sys.stderr.write(f"\r{line}")
+@dataclass(frozen=True)
+class ProgressState:
+    """A text on the work so far, after a bar if the `share` of finished work is known; as HTML or as plain text."""
+
+    text: str
+    share: float | None = None
+
+    def __repr__(self) -> str:
+        return self.text if self.share is None else f"{self.share:4.0%}  {self.text}"
+
+    def _repr_html_(self) -> str:
+        if self.share is None:
+            return escape(self.text)
+        bar = f"<progress value='{self.share:.3f}' max='1' style='width:16em;vertical-align:middle'></progress>"
+        return f"{bar} {escape(self.text)}"
+
+
+class _Terminal:
+    """One line of standard error that is rewritten."""
+
+    seconds_between, timed = 0.1, True
+
+    def __init__(self) -> None:
+        self.length = 0
+
+    def show(self, state: ProgressState) -> None:
+        text = str(state)[: shutil.get_terminal_size().columns - 1]
+        sys.stderr.write(f"\r{text.ljust(self.length)}")
         sys.stderr.flush()
-        pause = 1.0
-    if line:
-        sys.stderr.write(f"\r{' ' * len(line)}\r")
+        self.length = len(text)
+
+    def end(self, state: ProgressState, *, stays: bool) -> None:
+        """Leave the last state as a line, or erase what was shown."""
+        if stays:
+            self.show(state)
+            sys.stderr.write("\n")
+        elif self.length:
+            sys.stderr.write(f"\r{' ' * self.length}\r")
         sys.stderr.flush()
 
 
-def _tell_notebook(words: tuple[str, ...], done: threading.Event, began: float) -> None:
-    """Rewrite one line of the notebook each second until the work is done; it stays, with the time taken."""
-    line: LineDisplay | None = None
-    pause = SILENT_SECONDS
-    while not done.wait(pause):
-        line = line or LineDisplay()
-        line.write(f"{words[0]}: {time.perf_counter() - began:.0f} s")
-        pause = 1.0
-    if line is not None:
-        line.write(f"{words[1]} in {time.perf_counter() - began:.1f} s")
+class _Notebook:
+    """An output of a notebook cell that is rewritten; each update is a message to the browser. It stays at the end."""
+
+    seconds_between, timed = 0.1, True
+
+    def __init__(self) -> None:
+        self.handle: Any = None
+
+    def show(self, state: ProgressState) -> None:
+        from IPython.display import display
+
+        if self.handle is None:
+            self.handle = display(state, display_id=True)
+        else:
+            self.handle.update(state)
+
+    def end(self, state: ProgressState, *, stays: bool) -> None:
+        del stays
+        if self.handle is not None:
+            self.show(state)
 
 
-def _on_a_terminal() -> bool:
-    return sys.stderr is not None and sys.stderr.isatty()
+class _Log:
+    """Lines of standard error, for a file."""
+
+    seconds_between, timed = 10.0, False
+
+    def show(self, state: ProgressState) -> None:
+        sys.stderr.write(f"{state.text}\n")
+        sys.stderr.flush()
+
+    def end(self, state: ProgressState, *, stays: bool) -> None:
+        del stays
+        self.show(state)
+
+
+def _display_of(wanted: bool | str) -> _Terminal | _Notebook | _Log | None:
+    """Return where progress is shown, None if nowhere."""
+    if wanted and in_notebook():
+        return _Notebook()
+    if wanted and sys.stderr is not None and sys.stderr.isatty():
+        return _Terminal()
+    return _Log() if wanted == LINES and sys.stderr is not None else None
 
 
 @contextmanager
@@ -144,48 +202,32 @@ def _bar(
     span: Sequence[float], describe: Callable[[float], str], *, wanted: bool | str, stays: bool
 ) -> Iterator[Report | None]:
     """Yield a callback for the position in the span, which updates a bar, or None if no bar is shown."""
-    start, end = float(span[0]), float(span[1])
-    if wanted and in_notebook():
-        forward = 1.0 if end >= start else -1.0
-        with notebook_bar(abs(end - start), lambda done: describe(start + forward * done)) as update:
-            yield lambda t: update(abs(t - start))
-        return
-    if not wanted or not _on_a_terminal():
-        if wanted == LINES and sys.stderr is not None:
-            with _lines(describe) as report:
-                yield report
-            return
+    display = _display_of(wanted)
+    if display is None:
         yield None
         return
-    from rich.console import Console  # 50 ms, for nothing in a pipe
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    began = last = time.perf_counter()
+    place = start = float(span[0])
+    length = float(span[1]) - start
 
-    columns = (TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=not stays) as progress:
-        task = progress.add_task("compiling", total=abs(end - start) or 1.0)
-        yield lambda t: progress.update(task, completed=abs(t - start), description=describe(t))
+    def state() -> ProgressState:
+        seconds = f", {time.perf_counter() - began:.1f} s" if display.timed else ""
+        share = min(abs((place - start) / length), 1.0) if length else 1.0
+        return ProgressState(f"{describe(place)}{seconds}", share)
 
-
-@contextmanager
-def _lines(describe: Callable[[float], str]) -> Iterator[Report]:
-    """Yield a callback that writes a line to standard error every `SECONDS_OF_A_LINE`, and one at the end."""
-    last, done = time.perf_counter(), 0.0
-
-    def write() -> None:
-        sys.stderr.write(f"{describe(done)}\n")
-        sys.stderr.flush()
-
-    def report(amount: float) -> None:
-        nonlocal last, done
-        done = amount
-        if (now := time.perf_counter()) - last >= SECONDS_OF_A_LINE:
+    def report(reached: float) -> None:
+        nonlocal last, place
+        place = reached
+        if (now := time.perf_counter()) - last >= display.seconds_between:
             last = now
-            write()
+            display.show(state())
 
+    if display.timed:
+        display.show(state())
     try:
         yield report
     finally:
-        write()
+        display.end(state(), stays=stays)
 
 
 def in_notebook() -> bool:
@@ -196,72 +238,3 @@ def in_notebook() -> bool:
 
     shell = get_ipython()
     return shell is not None and shell.has_trait("kernel")
-
-
-@dataclass(frozen=True)
-class ProgressDisplay:
-    """A bar followed by a text, as HTML, or as plain text where HTML is not shown."""
-
-    share: float
-    text: str
-
-    def __repr__(self) -> str:
-        return f"{self.share:4.0%}  {self.text}"
-
-    def _repr_html_(self) -> str:
-        bar = f"<progress value='{self.share:.3f}' max='1' style='width:16em;vertical-align:middle'></progress>"
-        return f"{bar} {escape(self.text)}"
-
-
-@contextmanager
-def notebook_bar(total: float, describe: Callable[[float], str]) -> Iterator[Callable[[float], None]]:
-    """Yield a callback for the finished amount of `total`; `describe` returns the text for an amount.
-
-    The last bar stays in the output with the time taken; it is not full if the work ended early.
-    """
-    from IPython.display import display
-
-    began = last = time.perf_counter()
-    done = 0.0
-
-    def shown() -> ProgressDisplay:
-        share = min(max(done / total, 0.0), 1.0) if total > 0 else 1.0
-        return ProgressDisplay(share, f"{describe(done)}, {time.perf_counter() - began:.1f} s")
-
-    handle: Any = display(shown(), display_id=True)
-
-    def update(amount: float) -> None:
-        nonlocal last, done
-        done = amount
-        if (now := time.perf_counter()) - last >= SECONDS_BETWEEN:
-            last = now
-            handle.update(shown())
-
-    try:
-        yield update
-    finally:
-        handle.update(shown())
-
-
-class LineDisplay:
-    """One line in the output of a notebook cell that can be rewritten."""
-
-    def __init__(self) -> None:
-        self._handle: Any = None
-
-    def write(self, text: str) -> None:
-        """Replace the text of the line."""
-        from IPython.display import display
-
-        if self._handle is None:
-            self._handle = display(_Line(text), display_id=True)
-        else:
-            self._handle.update(_Line(text))
-
-
-@dataclass(frozen=True)
-class _Line:
-    text: str
-
-    def __repr__(self) -> str:
-        return self.text

@@ -3,8 +3,6 @@ from __future__ import annotations
 import json
 import math
 
-from rich.console import Console
-
 from lagrange.evidence.report import ReferenceEntries, Report, ReportRow
 
 GOOD = ReportRow("L", 1.5e-16, "lagrangian", 2, 5, 1.0, 1.0, holds=True)
@@ -65,15 +63,6 @@ def test_it_is_plain_data_for_json() -> None:
     assert data["holds"] is False and data["system"] == "pendulum"
     assert data["rows"][1]["entry"] == "theta" and data["rows"][1]["holds"] is False
     assert data["outside"] == {"logarithm of zero": 3} and len(data["failures"]) == 1
-
-
-def test_a_terminal_gets_a_table() -> None:
-    console = Console(width=200)
-    with console.capture() as captured:
-        console.print(report(GOOD, BAD))
-    shown = captured.get()
-    for word in ("worst error", "accelerations", "FAILS", "found wrong"):
-        assert word in shown
 
 
 def test_sizes_are_converted_once_for_the_states_of_a_batch() -> None:

@@ -102,9 +102,9 @@ def test_a_long_compilation_is_a_line_and_a_short_one_is_none(
     monkeypatch.setattr(progress, "SILENT_SECONDS", 0.01)
     with progress.compiling("<b>", wanted=True):
         time.sleep(0.2)
-    assert repr(display.shown[-1]).startswith("compiled <b> in 0.") and not hasattr(display.shown[-1], "_repr_html_")
+    assert repr(display.shown[-1]).startswith("compiled <b> in 0.") and "&lt;b&gt;" in display.shown[-1]._repr_html_()
 
 
 def test_a_text_is_no_markup_and_outside_of_a_notebook_there_is_none() -> None:
-    assert "&lt;b&gt;" in progress.ProgressDisplay(0.5, "<b>")._repr_html_()
+    assert "&lt;b&gt;" in progress.ProgressState("<b>", 0.5)._repr_html_()
     assert not progress.in_notebook()
