@@ -521,7 +521,7 @@ class System:
         from lagrange.mechanics.equilibria import equilibria
         from lagrange.show.notebook.result_pages import ResultList
 
-        return ResultList(equilibria(self._known, rates, self._model))
+        return ResultList(equilibria(self._known, rates))
 
     def linearize(self, at: Mapping[Any, Any] | None = None, *, inputs: Any = ()) -> Linearization:
         """Return the linear equations of small changes about a point: SymPy matrices M, C, K and A, B.

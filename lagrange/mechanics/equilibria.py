@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from types import MappingProxyType
 from typing import Any
 
@@ -13,163 +12,14 @@ import numpy as np
 import sympy
 
 from lagrange.errors import FAULT, RunError, StatementError, listing, shown
-from lagrange.machine.backend import FloatArray
-from lagrange.machine.model import Model
 from lagrange.mechanics.expansion import StatedPoint, stated_point, with_lengths
 from lagrange.mechanics.linearization import Linearization, linearized_at
 from lagrange.mechanics.plain_form import PlainForm, in_fractions, number, simplest, size_of_terms
+from lagrange.mechanics.roots import STARTS, numeric_roots, solved
 from lagrange.mechanics.stability import Verdict, criterion, ignorable, stability_of
-from lagrange.mechanics.symbolic_roots import solved
 from lagrange.statement.coordinate import t
 from lagrange.statement.notebook_page import ShownAsPage
 from lagrange.statement.statement import Statement
-
-STARTS = 256
-"""Number of starting points of the search. The initial state is one of them."""
-
-STEPS = 60
-"""Largest number of Newton steps from each start; near an equilibrium five suffice."""
-
-CLOSE = 1e-9
-"""Largest last Newton step of a converged start, relative to 1 plus the largest coordinate."""
-
-SAME = 1e-6
-"""Largest distance, in the same measure, between two end points that count as the same equilibrium."""
-
-FLAT = 1e-6
-"""Ratio of the least to the largest singular value of the slopes below which an end point is flat, as for y^3 at 0."""
-
-SAME_FLAT = 1e-3
-"""As `SAME`, for two flat end points: a force like y^3 determines y to about 1e-4 only.
-
-The end point with the smallest force is kept.
-"""
-
-WITHIN = 1e-3
-"""Largest ratio of force to slope at an equilibrium, relative to 1 plus the largest coordinate.
-
-It rejects end points far out, where a force is small but never zero.
-"""
-
-DIFFERENCE = 1e-6
-"""Step of central differences, relative to 1 plus the coordinate: Newton's method then gains nine digits per step."""
-
-SMALL_FORCE = 1e-8
-"""Largest residual force at an equilibrium, relative to the typical forces at the starts."""
-
-
-@dataclass(frozen=True, eq=False)
-class Search:
-    """Numerical search for coordinates at which all forces vanish and the constraints hold.
-
-    `unknowns` are the indices of the k unknown coordinates; `angles` is true for those with period 2 pi. `forces` are
-    the residuals of the equations of motion at rest, `gradient` the rows of G, and `zeros` the constraints, all as
-    expressions of the model's system. `state` (2n,) has the fixed coordinates and the steady velocities.
-    """
-
-    model: Model
-    parameters: FloatArray
-    state: FloatArray
-    unknowns: tuple[int, ...]
-    angles: tuple[bool, ...]
-    forces: tuple[Any, ...]
-    gradient: tuple[tuple[Any, ...], ...]
-    zeros: tuple[Any, ...]
-
-    def found(self) -> list[FloatArray]:
-        """Return the unknowns at distinct equilibria, (k,) each, sorted by their values."""
-        ends: list[FloatArray] = []
-        with np.errstate(all="ignore"):
-            q, good = self._newton(self._starts())
-            left, slopes = np.abs(self._residuals(q)).max(axis=0), self._slopes(q)
-            near = left < WITHIN * np.abs(slopes).max(axis=(1, 2)) * (1 + np.abs(q).max(axis=0))
-        flat: list[bool] = []
-        for i in sorted(np.flatnonzero(good & near), key=lambda i: float(left[i])):
-            here, sizes = self._wrapped(q[:, i]), np.linalg.svd(slopes[i], compute_uv=False)
-            level = bool(sizes[-1] <= FLAT * sizes[0])
-            same = (
-                self._same(here, end, SAME_FLAT if level and flat_end else SAME)
-                for end, flat_end in zip(ends, flat, strict=True)
-            )
-            if not any(same):
-                ends.append(here)
-                flat.append(level)
-        return sorted(ends, key=lambda end: [round(float(x), 6) for x in end])
-
-    def _same(self, end: FloatArray, other: FloatArray, close: float) -> bool:
-        return bool(np.abs(self._wrapped(end - other)).max() <= close * (1 + np.abs(other).max()))
-
-    def _wrapped(self, q: FloatArray) -> FloatArray:
-        """Return coordinates with angles reduced to (-pi, pi] and values below 1e-12 set to zero."""
-        turns = np.ceil(q / (2 * math.pi) - 0.5 - 1e-9)
-        wrapped = np.where(self.angles, q - 2 * math.pi * turns, q)
-        return np.where(np.abs(wrapped) < 1e-12, 0.0, wrapped)
-
-    @cached_property
-    def _scale(self) -> FloatArray:
-        size = max(1.0, float(np.abs(self.state[list(self.unknowns)]).max()))
-        return np.where(self.angles, 1.0, size)
-
-    def _starts(self) -> FloatArray:
-        """Return the starts (k, STARTS): the initial state, zero, and random points of several magnitudes."""
-        draw = np.random.default_rng(0)
-        k = len(self.unknowns)
-        sizes = self._scale[:, None] * 10.0 ** draw.uniform(-1.0, 1.0, STARTS)
-        turns = draw.uniform(-math.pi, math.pi, (k, STARTS))
-        starts = np.where(np.array(self.angles)[:, None], turns, sizes * draw.normal(size=(k, STARTS)))
-        starts[:, 0] = self.state[list(self.unknowns)]
-        starts[:, 1] = 0.0
-        return starts
-
-    def _residuals(self, q: FloatArray) -> FloatArray:
-        """Return the residuals for columns q (k, N): the forces tangent to the constraints, then the constraints."""
-        columns = q.shape[1]
-        y = np.repeat(self.state[:, None], columns, axis=1)
-        y[list(self.unknowns)] = q
-        t = np.zeros(columns)
-
-        def rows(expressions: Sequence[Any]) -> FloatArray:
-            return np.array([self.model.evaluate_expression(e, t, y, self.parameters) for e in expressions])
-
-        forces = rows(self.forces)
-        if not self.zeros:
-            return forces
-        gradient = np.array([rows(row) for row in self.gradient])
-        sound = np.isfinite(gradient).all(axis=(0, 1)) & np.isfinite(forces).all(axis=0)
-        left = np.full_like(forces, np.nan)
-        g, f = np.moveaxis(gradient[:, :, sound], 2, 0), forces[:, sound].T[:, :, None]
-        left[:, sound] = (f - np.linalg.pinv(g) @ (g @ f))[:, :, 0].T
-        return np.vstack([left, rows(self.zeros)])
-
-    def _slopes(self, q: FloatArray) -> FloatArray:
-        """Return the Jacobians of the residuals for columns q (k, N), (N, residuals, k)."""
-        slopes = []
-        for i in range(len(q)):
-            step = np.zeros_like(q)
-            step[i] = DIFFERENCE * (1 + np.abs(q[i]))
-            slopes.append((self._residuals(q + step) - self._residuals(q - step)) / (2 * step[i]))
-        return np.moveaxis(np.array(slopes), (0, 1, 2), (2, 1, 0))
-
-    def _newton(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the end points of Newton's method from q (k, N), and True for each that converged, (N,)."""
-        good = np.zeros(q.shape[1], dtype=bool)
-        first = self._residuals(q)
-        sizes = np.array([np.median(np.abs(row[np.isfinite(row)])) if np.isfinite(row).any() else 1.0 for row in first])
-        for _ in range(STEPS):
-            r, slopes = self._residuals(q), self._slopes(q)
-            sound = np.isfinite(r).all(axis=0) & np.isfinite(slopes).all(axis=(1, 2))
-            step = np.zeros_like(q)
-            if sound.any():
-                step[:, sound] = (np.linalg.pinv(slopes[sound], rcond=1e-10) @ r.T[sound][:, :, None])[:, :, 0].T
-            small = np.abs(r).max(axis=0) <= SMALL_FORCE * max(float(sizes.max()), 1e-300)
-            done = np.abs(step).max(axis=0) <= CLOSE * (1 + np.abs(q).max(axis=0))
-            good = sound & small & done
-            if good.all():
-                break
-            largest = np.abs(step / self._scale[:, None]).max(axis=0)
-            q = q - step * np.minimum(1.0, 1.0 / np.maximum(largest, 1e-300))
-        return q, good
-
 
 FORCE_LEFT = 1e-15
 """Largest residual force at a symbolic equilibrium, relative to its terms, evaluated with 30 digits."""
@@ -228,7 +78,7 @@ def _again(values: dict[str, Any]) -> Equilibrium:
     return Equilibrium(**(values | views))
 
 
-def equilibria(statement: Statement, rates: Any, model: Model) -> list[Equilibrium]:
+def equilibria(statement: Statement, rates: Any) -> list[Equilibrium]:
     """Return the equilibria: symbolic if the equations can be solved, else numerical, sorted by energy.
 
     `rates` maps ignorable coordinates to steady velocities, or is None. Raises StatementError if there are none.
@@ -236,7 +86,7 @@ def equilibria(statement: Statement, rates: Any, model: Model) -> list[Equilibri
     problem = _Problem(statement, rates)
     branches = solved(problem.equations, (*problem.unknowns, *problem.multipliers))
     if branches is None:
-        places = problem.searched(model)
+        places = problem.searched()
         if len(places) > MOST_PLACES:
             raise StatementError(problem.too_many(len(places)))
         records = [problem.record(values, exact=False) for values in places]
@@ -274,7 +124,6 @@ class _Problem:
         self.rows = tuple(places)
         self.multipliers = tuple(sympy.Dummy(constraint.name, real=True) for constraint in statement.constraints)
         self.gradient = [[zero.diff(form.q[i]) for i in range(len(form.q))] for zero in self.zeros]
-        self.forces = forces
         pushed = [
             forces[i] - sympy.Add(*(m * row[i] for m, row in zip(self.multipliers, self.gradient, strict=True)))
             for i in places
@@ -300,9 +149,9 @@ class _Problem:
                 )
         return {form.v[i]: in_fractions(point.q[i]) for i in named}
 
-    def searched(self, model: Model) -> list[dict[Any, Any]]:
+    def searched(self) -> list[dict[Any, Any]]:
         """Return equilibria found numerically, {symbol: value} each. Raises StatementError for missing parameters."""
-        statement, form = self.statement, self.form
+        statement = self.statement
         missing = [p.name for p in statement.parameters if p not in statement.defaults]
         if missing:
             raise StatementError(
@@ -311,21 +160,14 @@ class _Problem:
                 f"parameters={{'{missing[0]}': 1.0}}."
             )
         values = {p: sympy.Rational(x) for p, x in statement.defaults.items()}
-        state = np.zeros(model.layout.size)
-        state[list(self.rows)] = np.array(statement.initial)[list(self.rows)]
-        for i, v in enumerate(form.v, model.layout.v.start):
-            state[i] = number(self.speeds.get(v, sympy.S.Zero), values).real
-        search = Search(
-            model=model,
-            parameters=model.parameter_array(),
-            state=state,
-            unknowns=self.rows,
-            angles=tuple(self.is_angle(q) for q in self.unknowns),
-            forces=tuple(form.written(self.forces[i]) for i in self.rows),
-            gradient=tuple(tuple(form.written(row[i]) for i in self.rows) for row in self.gradient),
-            zeros=tuple(map(form.written, self.zeros)),
+        ends = numeric_roots(
+            [equation.xreplace(values) for equation in self.equations],
+            (*self.unknowns, *self.multipliers),
+            np.array(statement.initial)[list(self.rows)],
+            [self.is_angle(q) for q in self.unknowns],
+            helpers=len(self.multipliers),
         )
-        return [dict(zip(self.unknowns, map(sympy.Float, end), strict=True)) for end in search.found()]
+        return [dict(zip(self.unknowns, map(sympy.Float, end), strict=True)) for end in ends]
 
     def is_angle(self, symbol: Any) -> bool:
         """Return True if L, the forces and the constraints have period 2 pi in a coordinate."""

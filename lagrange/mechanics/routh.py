@@ -244,7 +244,8 @@ def _integral(speed: Callable[[FloatArray], FloatArray], times: FloatArray, name
     lengths = np.diff(times)
     if not len(lengths):
         return np.zeros(1)
-    changes, _, found = quad_vec(
+    rule: Any = quad_vec  # its types know numbers alone, not arrays
+    changes, _, found = rule(
         lambda share: speed(times[:-1] + share * lengths) * lengths,
         0.0,
         1.0,

@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import itertools
-import math
-import random
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -16,153 +13,19 @@ import sympy
 from lagrange.equations.terms import differentiable, printable
 from lagrange.errors import StatementError, listing, shown
 from lagrange.evidence.agreement import compared
-from lagrange.evidence.precise import OutsideDomain, Precise
 from lagrange.machine.backend import FloatArray
 from lagrange.machine.model import Model
-from lagrange.mechanics.plain_form import PlainForm, number, prescribed, real, simplest
+from lagrange.mechanics.plain_form import PlainForm, number, real, simplest
 from lagrange.mechanics.reduction import rewritten
+from lagrange.mechanics.roots import STARTS, numeric_roots
 from lagrange.statement.coordinate import COORDINATES, acceleration_of, name_of, t, velocity_of
 from lagrange.statement.expression import entries, expression
 from lagrange.statement.parameters import coordinate_name, in_own_parameters, label_of
 from lagrange.statement.statement import Statement
 from lagrange.statement.survey import Survey
 
-STARTS = 60
-"""Number of starts of the iteration: zero, then random ones from 0.1 to 10 times the magnitude of the old values."""
-
-STEPS = 60
-"""Largest number of Newton steps from one start; about ten suffice for convergence."""
-
-CLOSE = 1e-12
-"""Largest residual of a solution, relative to the values and to 1: a thousand roundings."""
-
-DIGITS = 20
-"""Digits in which the expressions are evaluated, so that residuals of 1e-12 have no rounding."""
-
-
-@dataclass(frozen=True, eq=False)
-class Preimage:
-    """Solver of x(q) = given for the new coordinates q, where x are old coordinates as functions of new ones.
-
-    - `values` are the expressions x, `slopes` dx/dq by all new coordinates, `drifts` dx/dt; `names` are those of x.
-    - `statement` has the new coordinates. `unknowns` are the indices of those that are solved for.
-    - `angles` and `positive` have a flag for each unknown: it has period 2 pi; it has to be positive.
-    """
-
-    statement: Statement
-    names: tuple[str, ...]
-    unknowns: tuple[int, ...]
-    angles: tuple[bool, ...]
-    positive: tuple[bool, ...]
-    values: tuple[Any, ...]
-    slopes: tuple[tuple[Any, ...], ...]
-    drifts: tuple[Any, ...]
-
-    def solved(self, places: Sequence[float], rates: Sequence[float]) -> tuple[float, ...]:
-        """Return the new initial state (q, v) at which the old one has these values.
-
-        Raises StatementError if no such state is found, or if parameters have no values.
-        """
-        n = len(self.statement.coordinates)
-        missing = [p.name for p in self._parameters if p not in self.statement.defaults]
-        if missing:
-            if any(places) or any(rates):
-                raise StatementError(
-                    f"the initial state is not solved for without a value of {listing(missing)}: give one, or "
-                    f"initial={{{self._new[0]}: ...}} in the new coordinates."
-                )
-            return self.statement.initial
-        q, v = np.array(self.statement.initial[:n]), np.array(self.statement.initial[n:])
-        q[list(self.unknowns)] = self._places(q, np.array(places))
-        slopes, drifts = self._evaluated(self._rates, q)
-        rest = np.array(rates) - drifts - slopes @ v
-        columns = slopes[:, list(self.unknowns)]
-        found = np.linalg.lstsq(columns, rest, rcond=None)[0]
-        scale = max(1.0, float(np.abs(rest).max()))
-        if float(np.abs(columns @ found - rest).max()) > 1e3 * CLOSE * scale:
-            there = ", ".join(f"{name} = {q[i]:.6g}" for name, i in zip(self._new, self.unknowns, strict=True))
-            raise StatementError(
-                f"the initial velocities have no values in the new coordinates: at {there} they are singular. Give "
-                f"another initial state, or initial={{{self._new[0]}: ...}} in the new coordinates."
-            )
-        v[list(self.unknowns)] = found
-        return (*map(float, q), *map(float, v))
-
-    @property
-    def _new(self) -> tuple[str, ...]:
-        return tuple(self.statement.names[i] for i in self.unknowns)
-
-    @cached_property
-    def _parameters(self) -> list[Any]:
-        used = [x.free_symbols for x in (*self.values, *itertools.chain(*self.slopes), *self.drifts)]
-        return [p for p in self.statement.parameters if any(p in symbols for symbols in used)]
-
-    @cached_property
-    def _residual(self) -> Precise:
-        columns = [row[i] for row in self.slopes for i in self.unknowns]
-        return Precise([*self.values, *columns], self.statement, DIGITS)
-
-    @cached_property
-    def _rates(self) -> Precise:
-        return Precise([*self.drifts, *itertools.chain(*self.slopes)], self.statement, DIGITS)
-
-    def _evaluated(self, tape: Precise, q: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the matrix and the vector of a tape at the initial time."""
-        given = {p: self.statement.defaults.get(p, 1.0) for p in self.statement.parameters}
-        numbers = np.array([float(x) for x in tape(list(q), [0.0] * len(q), 0.0, given)])
-        m = len(self.values)
-        return numbers[m:].reshape(m, -1), numbers[:m]
-
-    def _places(self, q: FloatArray, wanted: FloatArray) -> FloatArray:
-        """Return new coordinates at which the old ones equal `wanted`: of several solutions positive and small ones."""
-        found = [u for start in self._starts(wanted) for u in self._newton(q.copy(), start, wanted)]
-        if not found:
-            given = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.names, wanted, strict=True))
-            raise StatementError(
-                f"no values of {listing(self._new)} were found at which {given}, from {STARTS} starts: give "
-                f"initial={{{self._new[0]}: ...}} in the new coordinates."
-            )
-        return min(found, key=self._preference)
-
-    def _preference(self, u: FloatArray) -> tuple[int, float]:
-        """Return a sort key of solutions: those with positive lengths first, then those with small values."""
-        negative = sum(x < -CLOSE for x, angle in zip(u, self.angles, strict=True) if not angle)
-        return negative, round(float(np.abs(u).sum()), 9) - 1e-10 * float(u.sum() > 0)
-
-    def _starts(self, wanted: FloatArray) -> Iterator[FloatArray]:
-        draw = random.Random(0)
-        k, size = len(self.unknowns), max(1.0, float(np.abs(wanted).max()))
-        yield np.zeros(k)
-        for _ in range(STARTS - 1):
-            scale = size * 10.0 ** draw.uniform(-1.0, 1.0)
-            yield np.array([draw.uniform(-3.0, 3.0) if angle else scale * draw.uniform(-1, 1) for angle in self.angles])
-
-    def _newton(self, q: FloatArray, u: FloatArray, wanted: FloatArray) -> Iterator[FloatArray]:
-        """Yield the solution that Newton's method finds from a start, if it finds one."""
-        scale = max(1.0, float(np.abs(wanted).max()))
-        for _ in range(STEPS):
-            q[list(self.unknowns)] = u
-            try:
-                slopes, values = self._evaluated(self._residual, q)
-            except OutsideDomain:
-                return
-            residual = values - wanted
-            off = float(np.abs(residual).max())
-            if not math.isfinite(off) or not np.isfinite(slopes).all():
-                return
-            if off <= CLOSE * scale:
-                u = self._wrapped(u - np.linalg.lstsq(slopes, residual, rcond=None)[0] if off else u)
-                if all(x > 0 for x, above in zip(u, self.positive, strict=True) if above) or not any(wanted):
-                    yield u
-                return
-            step = np.linalg.lstsq(slopes, residual, rcond=None)[0]
-            u = u - step * min(1.0, 10.0 * scale / max(float(np.abs(step).max()), 1e-300))
-
-    def _wrapped(self, u: FloatArray) -> FloatArray:
-        """Return angles between -pi and pi."""
-        turns = np.where(self.angles, np.ceil(u / (2 * math.pi) - 0.5), 0.0)
-        wrapped: FloatArray = u - 2 * math.pi * turns
-        return wrapped
+CLOSE = 1e-9
+"""Largest residual of the new velocities, relative to the old ones and to 1."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,23 +141,60 @@ def _overlaid(kept: Mapping[Any, float], initial: Any) -> dict[Any, Any]:
 
 
 def _start(change: Transformation, made: Statement) -> tuple[float, ...]:
-    """Return the new initial state, computed numerically."""
-    old = change.statement
-    wanted = [old.coordinates.index(q) for q in change.gone]
-    still = dict.fromkeys((change.plain[velocity_of(q)] for q in made.coordinates), sympy.S.Zero)
-    rates = [change.rate(x) for x in change.old]
-    problem = Preimage(
-        statement=made,
-        names=tuple(old.names[i] for i in wanted),
-        unknowns=tuple(made.coordinates.index(q) for q in change.new),
-        angles=tuple(_is_angle(change, q) for q in change.new),
-        positive=tuple(q in change.positive for q in change.new),
-        values=tuple(prescribed(change.back(x)) for x in change.old),
-        slopes=tuple(tuple(prescribed(change.back(entry)) for entry in row) for row in change.slopes.tolist()),
-        drifts=tuple(prescribed(change.back(rate.xreplace(still))) for rate in rates),
-    )
-    n = len(old.coordinates)
-    return problem.solved([old.initial[i] for i in wanted], [old.initial[n + i] for i in wanted])
+    """Return the new initial state (q, v) at which the old one has its values; of several one with small coordinates.
+
+    Raises StatementError if no such state is found, or if parameters have no values.
+    """
+    old, n = change.statement, len(made.coordinates)
+    rows = [old.coordinates.index(q) for q in change.gone]
+    places = np.array([old.initial[i] for i in rows])
+    rates = np.array([old.initial[len(old.coordinates) + i] for i in rows])
+    unknowns = [made.coordinates.index(q) for q in change.new]
+    example = f"initial={{{name_of(change.new[0])}: ...}} in the new coordinates"
+    parameters = {p for x in change.expressions for p in x.free_symbols if p in made.parameters}
+    if missing := [p.name for p in made.parameters if p in parameters and p not in made.defaults]:
+        if any(places) or any(rates):
+            raise StatementError(
+                f"the initial state is not solved for without a value of {listing(missing)}: give one, or {example}."
+            )
+        return made.initial
+    plain = [change.plain[q] for q in made.coordinates]
+    known = {p: sympy.Rational(x) for p, x in made.defaults.items()} | {t: sympy.S.Zero}
+    known |= {x: sympy.Rational(value) for x, value in zip(plain, made.initial[:n], strict=True)}
+    stays = {x: value for x, value in known.items() if x not in [plain[i] for i in unknowns]}
+    zeros = [x.xreplace(stays) - sympy.Rational(place) for x, place in zip(change.old, places.tolist(), strict=True)]
+    angles = [_is_angle(change, q) for q in change.new]
+    lengths = [i for i, q in enumerate(change.new) if q in change.positive]
+    ends = numeric_roots(zeros, [plain[i] for i in unknowns], places, angles)
+    ends = [end for end in ends if all(end[i] > 0 for i in lengths) or not any(places)]
+    if not ends:
+        given = ", ".join(f"{old.names[i]} = {old.initial[i]:.6g}" for i in rows)
+        raise StatementError(
+            f"no values of {listing(map(name_of, change.new))} were found at which {given}, from {STARTS} starts: give "
+            f"{example}."
+        )
+    q, v = np.array(made.initial[:n]), np.array(made.initial[n:])
+    q[unknowns] = min(ends, key=lambda end: _preference(end, angles))
+    here = known | {x: sympy.Float(value, 30) for x, value in zip(plain, q.tolist(), strict=True)}
+    still = dict.fromkeys((change.plain[velocity_of(x)] for x in made.coordinates), sympy.S.Zero)
+    drifts = np.array([real(change.rate(x).xreplace(still), here) for x in change.old])
+    slopes = np.array([[real(x, here) for x in row] for row in change.slopes.tolist()])
+    rest = rates - drifts - slopes @ v
+    found = np.linalg.lstsq(slopes[:, unknowns], rest, rcond=None)[0]
+    if float(np.abs(slopes[:, unknowns] @ found - rest).max()) > CLOSE * max(1.0, float(np.abs(rest).max())):
+        there = ", ".join(f"{name_of(x)} = {q[i]:.6g}" for x, i in zip(change.new, unknowns, strict=True))
+        raise StatementError(
+            f"the initial velocities have no values in the new coordinates: at {there} they are singular. Give "
+            f"another initial state, or {example}."
+        )
+    v[unknowns] = found
+    return (*map(float, q), *map(float, v))
+
+
+def _preference(end: FloatArray, angles: Sequence[bool]) -> tuple[int, float]:
+    """Return a sort key of solutions: those with positive lengths first, then those with small values."""
+    negative = sum(x < -CLOSE for x, angle in zip(end, angles, strict=True) if not angle)
+    return negative, round(float(np.abs(end).sum()), 9) - 1e-10 * float(end.sum() > 0)
 
 
 def _is_angle(change: Transformation, coordinate: Any) -> bool:

@@ -123,7 +123,7 @@ def test_at_rest_in_a_singular_place_there_is_an_initial_state() -> None:
         ({x: away, y: turn}, {"positive": x}, "positive contains x(t), which is not a new coordinate; they are away"),
         (ROUND, {"parameters": 3}, "parameters is 3: give a dict from parameters to values, such as {w: 1.0}."),
         (ROUND, {"initial": 3}, "initial is 3: give a dict in the new coordinates, such as {r: 1.0}."),
-        ({x: exp(u) + 2}, {}, "no values of u were found at which x = 1, from 60 starts: give initial={u: ...}"),
+        ({x: exp(u) + 2}, {}, "no values of u were found at which x = 1, from 256 starts: give initial={u: ...}"),
     ],
 )
 def test_refusals(given: Any, more: Any, words: str) -> None:

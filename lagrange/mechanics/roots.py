@@ -1,7 +1,8 @@
-"""Equations solved in symbols, one unknown after another: every factor of an equation is a branch.
+"""Equations solved in symbols, one unknown after another, or by number from many starts.
 
-A factor is solved if it is linear in an unknown, or of degree two in the unknown, its sine or its cosine. If no such
-factor is left, polynomial equations of low degree are solved together. If that fails, no solution is returned at all.
+In symbols every factor of an equation is a branch. A factor is solved if it is linear in an unknown, or of degree two
+in the unknown, its sine or its cosine. If no such factor is left, polynomial equations of low degree are solved
+together. If that fails, no solution is returned at all.
 """
 
 from __future__ import annotations
@@ -9,9 +10,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import sympy
 
-from lagrange.mechanics.plain_form import simplest, size
+from lagrange.equations.terms import printable
+from lagrange.graph.differentiate import tangents
+from lagrange.graph.evaluate import doubles
+from lagrange.graph.from_sympy import Translator
+from lagrange.graph.node import Binding, Graph
+from lagrange.machine.backend import FloatArray
+from lagrange.mechanics.plain_form import prescribed, simplest, size
 
 MOST_BRANCHES = 64
 """Largest number of branches that are followed; n factors in each of n equations make n^n."""
@@ -243,3 +251,117 @@ def _is_tangled(value: Any) -> bool:
     if size(value) > LONGEST_VALUE:
         return True
     return bool(value.has(sympy.I)) and not (value.is_number and _is_complex(value))
+
+
+STARTS = 256
+"""Number of starting points of a search by number."""
+
+STEPS = 60
+"""Largest number of Newton steps from each start; near a root five suffice."""
+
+CLOSE = 1e-9
+"""Largest last Newton step of a converged start, relative to 1 plus the largest unknown."""
+
+SMALL = 1e-8
+"""Largest residual at a root, relative to the typical residuals at the starts."""
+
+WITHIN = 1e-3
+"""Largest ratio of residual to slope at a root, relative to 1 plus the largest unknown.
+
+It rejects end points far out, where a residual is small but never zero.
+"""
+
+SAME = 1e-6
+"""Largest distance, in the same measure, between two end points that count as the same root."""
+
+FLAT = 1e-6
+"""Ratio of the least to the largest singular value of the slopes below which an end point is flat, as for y^3 at 0."""
+
+SAME_FLAT = 1e-3
+"""As `SAME`, for two flat end points, since y^3 determines y to about 1e-4. The one of smallest residual is kept."""
+
+
+def numeric_roots(
+    equations: Sequence[Any], unknowns: Sequence[Any], start: FloatArray, angles: Sequence[bool], helpers: int = 0
+) -> list[FloatArray]:
+    """Return the roots of equations in numbers and unknowns that Newton's method finds from many starts, sorted.
+
+    The last `helpers` unknowns, such as multipliers, are left out of the results (k,). `start` (k,) is the first start,
+    and `angles` is true for unknowns of period 2 pi.
+    """
+    k, turning = len(start), np.array(angles, dtype=bool)
+    scale = np.where(turning, 1.0, max(1.0, float(np.abs(start).max(initial=0.0))))
+    scale = np.concatenate([scale, np.full(helpers, np.inf)])
+    system = _NumericEquations(equations, unknowns)
+    with np.errstate(all="ignore"):
+        x, good = system.newton(_starts(start, turning, scale[:k], helpers), scale)
+        residuals, slopes = system.at(x)
+        largest, steepest = np.abs(residuals).max(axis=0), np.abs(slopes).max(axis=(1, 2))
+        near = largest < WITHIN * steepest * (1 + np.abs(x).max(axis=0))
+        near |= (largest == 0) & (np.abs(x) <= scale[:, None]).all(axis=0)  # at a corner, which has no slope
+    ends, flat = list[FloatArray](), list[bool]()
+    for i in sorted(np.flatnonzero(good & near), key=lambda i: float(largest[i])):
+        here, sizes = _wrapped(x[:k, i], turning), np.linalg.svd(slopes[i], compute_uv=False)
+        level = bool(sizes[-1] <= FLAT * sizes[0])
+        apart = (np.abs(_wrapped(here - end, turning)).max() / (1 + np.abs(end).max()) for end in ends)
+        if not any(d <= (SAME_FLAT if level and f else SAME) for d, f in zip(apart, flat, strict=True)):
+            ends.append(here)
+            flat.append(level)
+    return sorted(ends, key=lambda end: [round(float(value), 6) for value in end])
+
+
+def _starts(start: FloatArray, turning: Any, scale: FloatArray, helpers: int) -> FloatArray:
+    """Return the starts (k + helpers, STARTS): the first, zero, and random points of several magnitudes."""
+    draw, k = np.random.default_rng(0), len(start)
+    sizes = scale[:, None] * 10.0 ** draw.uniform(-1.0, 1.0, STARTS)
+    turns = draw.uniform(-np.pi, np.pi, (k, STARTS))
+    starts = np.where(turning[:, None], turns, sizes * draw.normal(size=(k, STARTS)))
+    starts[:, 0], starts[:, 1] = start, 0.0
+    return np.vstack([starts, np.zeros((helpers, STARTS))])
+
+
+def _wrapped(x: FloatArray, turning: Any) -> FloatArray:
+    """Return unknowns with angles reduced to (-pi, pi] and values below 1e-12 set to zero."""
+    turns = np.ceil(x / (2 * np.pi) - 0.5 - 1e-9)
+    wrapped = np.where(turning, x - 2 * np.pi * turns, x)
+    return np.where(np.abs(wrapped) < 1e-12, 0.0, wrapped)
+
+
+class _NumericEquations:
+    """Equations and their slopes as nodes of a graph, evaluated in doubles at many points at once."""
+
+    def __init__(self, equations: Sequence[Any], unknowns: Sequence[Any]) -> None:
+        graph = Graph()
+        self.symbols = [graph.symbol(f"unknown {i}", Binding.CONFIGURATION) for i in range(len(unknowns))]
+        translate = Translator(graph, dict(zip(unknowns, self.symbols, strict=True)))
+        self.values = [translate(prescribed(printable(equation))) for equation in equations]
+        columns = [tangents(self.values, {x: graph.one}) for x in self.symbols]
+        self.slopes = [column(value) for value in self.values for column in columns]
+
+    def at(self, x: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the residuals (m, N) and their slopes (N, m, k) at columns x (k, N)."""
+        m, (k, columns) = len(self.values), x.shape
+        rows = doubles([*self.values, *self.slopes], dict(zip(self.symbols, x, strict=True)), columns)
+        return rows[:m], np.moveaxis(rows[m:].reshape(m, k, columns), 2, 0)
+
+    def newton(self, x: FloatArray, scale: FloatArray) -> tuple[FloatArray, Any]:
+        """Return the end points of Newton's method from x (k, N), and True for each that converged, (N,).
+
+        A step is at most as long as `scale` (k,).
+        """
+        good, limit = np.zeros(x.shape[1], dtype=bool), 0.0
+        for _ in range(STEPS):
+            r, slopes = self.at(x)
+            sizes = np.where(np.isfinite(r), np.abs(r), np.nan)
+            limit = limit or SMALL * max(1e-300, *(np.nanmedian(row) for row in sizes if np.isfinite(row).any()))
+            sound = np.isfinite(r).all(axis=0) & np.isfinite(slopes).all(axis=(1, 2))
+            step = np.zeros_like(x)
+            if sound.any():
+                step[:, sound] = (np.linalg.pinv(slopes[sound], rcond=1e-10) @ r.T[sound][:, :, None])[:, :, 0].T
+            short = np.abs(step).max(axis=0) <= CLOSE * (1 + np.abs(x).max(axis=0))
+            good = sound & short & (np.abs(r).max(axis=0) <= limit)
+            if good.all():
+                break
+            largest = np.abs(step / scale[:, None]).max(axis=0)
+            x = x - step * np.minimum(1.0, 1.0 / np.maximum(largest, 1e-300))
+        return x, good
